@@ -1,0 +1,112 @@
+# Everything a person does with a checkout, from nothing: Python 3.11 or newer, make and a C compiler are enough.
+#
+#   make demo     the main job on an embedded bus, with simulated wheels
+#   make test     linters, types, layers, tests: what must pass before a commit
+#   make help     the rest
+
+SHELL := /bin/bash
+.SHELLFLAGS := -eu -o pipefail -c
+.DELETE_ON_ERROR:
+.DEFAULT_GOAL := help
+
+VENV := .venv
+BIN := $(VENV)/bin
+# pytest's workers; the maths is single-threaded by design, so one worker a core.
+CORES := $(shell getconf _NPROCESSORS_ONLN 2>/dev/null || echo 2)
+# Seconds that one test may take before it counts as hung; a slow machine may raise it.
+TEST_TIMEOUT ?= 300
+# More words for pytest, for instance PYTEST_ARGS="-k glr -x".
+PYTEST_ARGS ?=
+
+.PHONY: help
+help: ## says what there is
+	@grep -hE '^[a-z_-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z_-]+):.*## /\1\t/' | sort | while IFS=$$'\t' read -r name words; do printf '  make %-12s %s\n' "$$name" "$$words"; done
+
+
+# ---- the environment -------------------------------------------------------------------------------------------------
+# Two stamps in one environment: the demo needs only the runtime lock, the tests also the tools. The second lock holds
+# every line of the first, so that installing it never changes a version.
+# Hashes are demanded of everything, the build backend included; for that the project itself is installed without
+# dependencies and without an isolated build, which would fetch a backend past the lock.
+
+PIP_INSTALL = $(BIN)/python -m pip install --disable-pip-version-check --quiet
+
+.PHONY: venv venv-runtime
+venv: $(VENV)/.installed-dev ## the environment with all tools, in .venv
+venv-runtime: $(VENV)/.installed-runtime ## the environment with only what the program needs
+
+$(BIN)/python:
+	@python="$$(tools/find_python.sh)"; \
+	echo "making $(VENV) with $$python ($$($$python --version))" >&2; \
+	"$$python" -m venv $(VENV)
+
+$(VENV)/.installed-runtime: requirements.txt pyproject.toml | $(BIN)/python
+	@echo "installing what the program needs (requirements.txt)" >&2
+	@$(PIP_INSTALL) --require-hashes -r requirements.txt
+	@$(PIP_INSTALL) --no-deps --no-build-isolation --editable .
+	@touch $@
+
+$(VENV)/.installed-dev: requirements-dev.txt $(VENV)/.installed-runtime
+	@echo "installing what the tests need (requirements-dev.txt)" >&2
+	@$(PIP_INSTALL) --require-hashes -r requirements-dev.txt
+	@touch $@
+
+
+# ---- the main job ----------------------------------------------------------------------------------------------------
+
+.PHONY: demo
+demo: $(VENV)/.installed-runtime ## the main job: simulated wheels, monitor, recording (DEMO_ARGS="--duration 60")
+	@$(BIN)/rwa-monitor demo $(DEMO_ARGS)
+
+
+# ---- checks ----------------------------------------------------------------------------------------------------------
+# From the quickest to the slowest; the first that fails ends it.
+
+.PHONY: test
+test: lint types layers pytest ## all checks and tests, in that order
+
+.PHONY: lint
+lint: $(VENV)/.installed-dev ## ruff: rules, then formatting
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+
+.PHONY: types
+types: $(VENV)/.installed-dev ## mypy --strict on the package
+	$(BIN)/mypy
+
+.PHONY: layers
+layers: $(VENV)/.installed-dev ## import-linter: the rooms stay pure, the arrows run one way
+	$(BIN)/lint-imports
+
+.PHONY: pytest
+pytest: $(VENV)/.installed-dev ## only the tests (PYTEST_ARGS="-k word")
+	$(BIN)/python -m pytest -n $(CORES) --timeout $(TEST_TIMEOUT) $(PYTEST_ARGS)
+
+.PHONY: format
+format: $(VENV)/.installed-dev ## lets ruff mend and format what it can
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+
+# ---- for maintainers -------------------------------------------------------------------------------------------------
+# The locks are made with uv, which is a tool of the maintainer only: users install them with pip alone.
+# LOCK_ARGS="--upgrade" takes new versions; without it only what pyproject.toml asks for changes.
+# Settings of this machine that point at packages of its own are kept out of the result.
+
+UV_VENV := .uv-venv
+LOCK = env -u PIP_FIND_LINKS -u UV_FIND_LINKS $(UV_VENV)/bin/uv pip compile pyproject.toml --no-config --quiet \
+       --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-emit-find-links --no-annotate \
+       --custom-compile-command "make lock" $(LOCK_ARGS)
+
+.PHONY: lock
+lock: ## writes requirements.txt and requirements-dev.txt anew from pyproject.toml
+	@test -x $(UV_VENV)/bin/uv || { "$$(tools/find_python.sh)" -m venv $(UV_VENV) && $(UV_VENV)/bin/python -m pip install --quiet uv; }
+	$(LOCK) --extra build --extra dashboard --output-file requirements.txt
+	$(LOCK) --extra build --extra dashboard --extra fleet --extra foxglove --extra ccsds --extra dev \
+	  --constraint requirements.txt --output-file requirements-dev.txt
+	@! grep -nE 'https?://|file:|--(extra-)?index-url|--find-links|(^|[ "])/' requirements.txt requirements-dev.txt
+
+.PHONY: clean
+clean: ## removes the environment and everything generated; recordings stay
+	rm -rf $(VENV) $(UV_VENV) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis .benchmarks
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
