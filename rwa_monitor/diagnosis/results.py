@@ -1,0 +1,221 @@
+"""What the four stages hand to each other: plain, immutable results, in the order in which they arise.
+
+Inside the diagnosis everything is normalised (errata 1, 2): with s = sign(ω), the pair
+
+    x = |ω| / nominal speed,        z = s · friction torque / nominal dry torque
+
+follows z = level + f_v · x + noise in both directions of rotation. Samples in the dead band or without a good value
+are *unused*: they hold a slot but enter no sum. Slots are counted within the window; a changepoint's index is the
+first slot of the new level.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final, Literal, Protocol
+
+import numpy as np
+
+from rwa_monitor.samples import FloatArray, IntArray
+
+Method = Literal["joint", "paper"]
+REJECTED: Final = -1  # in Assignment.system: a candidate that is no changepoint
+UNATTRIBUTED: Final = -2  # in Assignment.system: a changepoint that no switching system explains
+
+
+@dataclass(frozen=True, slots=True)
+class Moments:
+    """Sums over the used samples of a range of slots.
+
+    Attributes
+    ----------
+    n, x, z, xx, xz, zz
+        Count, Σx, Σz, Σx², Σxz, Σz². Scalars, or arrays of equal shape for several ranges at once.
+    """
+
+    n: FloatArray
+    x: FloatArray
+    z: FloatArray
+    xx: FloatArray
+    xz: FloatArray
+    zz: FloatArray
+
+
+class RangeSums(Protocol):
+    """Gives the moments of any range of a window's slots from running sums, without a scan of the samples."""
+
+    def between(self, start: IntArray, stop: IntArray) -> Moments:
+        """Return the moments of the slots [start, stop), element by element; int64 arrays of equal shape."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class NoiseEstimate:
+    """The noise of z, in normalised units.
+
+    Attributes
+    ----------
+    std
+        Standard deviation of a single sample.
+    autocovariance
+        float64 (L,), at lags 0 … L-1; entry 0 is std².
+    long_run_factor
+        Variance of a long mean, times its length, over std²; 1 for white noise, (1+φ)/(1-φ) for AR(1).
+    """
+
+    std: float
+    autocovariance: FloatArray
+    long_run_factor: float
+
+
+@dataclass(frozen=True, slots=True)
+class Candidates:
+    """Stage 1: where the level may have jumped; arrays (m,), sorted by index, one entry per index.
+
+    Attributes
+    ----------
+    index
+        First slot of the new level.
+    scale
+        Half-width w of the wGLR that found it [slots].
+    statistic
+        The wGLR divided by the variance of its own contrast: χ² with one degree of freedom where nothing jumps.
+    jump
+        The contrast: level after less level before, normalised.
+    """
+
+    index: IntArray
+    scale: IntArray
+    statistic: FloatArray
+    jump: FloatArray
+
+    def __len__(self) -> int:
+        """Count the candidates."""
+        return int(self.index.size)
+
+
+@dataclass(frozen=True, slots=True)
+class Evidence:
+    """All that later stages see of a window: candidates, sums and noise, never the samples.
+
+    Attributes
+    ----------
+    slots
+        Length of the window [slots].
+    good
+        Slots that hold a good sample.
+    used
+        Good slots outside the dead band.
+    candidates, sums, noise
+        See their classes.
+    threshold
+        The statistic from which a candidate was accepted.
+    """
+
+    slots: int
+    good: int
+    used: int
+    candidates: Candidates
+    sums: RangeSums
+    noise: NoiseEstimate
+    threshold: float
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """Stage 2: friction of the intervals between m changepoints, by least squares.
+
+    Attributes
+    ----------
+    index
+        int64 (m,), the changepoints used.
+    level, level_std
+        float64 (m + 1,), dry friction of each interval and its standard deviation, normalised.
+    viscous, viscous_std
+        Shared viscous coefficient, normalised.
+    rejection_cost
+        float64 (m,), change of -SSE/2σ² when one changepoint is removed and its intervals merged (≤ 0).
+    rmse, excess_rmse
+        Root mean square residual, and the same less the noise's standard deviation, normalised.
+    """
+
+    index: IntArray
+    level: FloatArray
+    level_std: FloatArray
+    viscous: float
+    viscous_std: float
+    rejection_cost: FloatArray
+    rmse: float
+    excess_rmse: float
+
+
+@dataclass(frozen=True, slots=True)
+class Assignment:
+    """Stage 3: which switching system made which jump.
+
+    Attributes
+    ----------
+    index, system, direction
+        int64 (j,): slot, index of the switching system (or REJECTED, UNATTRIBUTED) and +1/-1 for up and down in
+        configuration (0 when rejected). Two systems that jump at once are two entries with one index.
+    jump, jump_std
+        float64 (j,), size of each jump, normalised.
+    confidence
+        float64 (j,), probability of this attribution among the alternatives kept, 0 … 1.
+    configurations
+        For each system: int64 (sojourns,), the configurations visited, in order.
+    starts
+        For each system: int64 (sojourns,), the slot at which each sojourn begins; 0 for the first.
+    log_score
+        Log-likelihood of the best path, up to a constant.
+    states, pruned
+        Work done: states expanded, and whether the state budget cut the search.
+    """
+
+    index: IntArray
+    system: IntArray
+    direction: IntArray
+    jump: FloatArray
+    jump_std: FloatArray
+    confidence: FloatArray
+    configurations: tuple[IntArray, ...]
+    starts: tuple[IntArray, ...]
+    log_score: float
+    states: int
+    pruned: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Components:
+    """Friction split into its parts, normalised.
+
+    Attributes
+    ----------
+    base_dry, base_dry_std
+        Dry friction with all switching systems at rest (q = 0).
+    viscous, viscous_std
+        Viscous coefficient.
+    fss_friction, fss_friction_std
+        For each system: float64 (sojourns,), friction of each sojourn (0 in configuration 0).
+    base_ambiguous
+        True where a system never visits q = 0 in the window, so that base and system are told apart by friction
+        laws or earlier windows only (errata 10).
+    """
+
+    base_dry: float
+    base_dry_std: float
+    viscous: float
+    viscous_std: float
+    fss_friction: tuple[FloatArray, ...]
+    fss_friction_std: tuple[FloatArray, ...]
+    base_ambiguous: bool
+
+
+def no_candidates() -> Candidates:
+    """Return an empty list of candidates."""
+    return Candidates(
+        index=np.zeros(0, dtype=np.int64),
+        scale=np.zeros(0, dtype=np.int64),
+        statistic=np.zeros(0),
+        jump=np.zeros(0),
+    )

@@ -1,0 +1,31 @@
+"""Errors that a user can act on: one clear line, and the exit code that goes with it."""
+
+from __future__ import annotations
+
+
+class RwaMonitorError(Exception):
+    """Base of all errors that the command line shows as one line, without a traceback (exit code 1)."""
+
+
+class InputError(RwaMonitorError):
+    """Input that cannot be used: names the source (file or key), the place in it and the reason (exit code 2).
+
+    Parameters
+    ----------
+    source
+        What was read: a file name, a bus key, an option.
+    reason
+        What is wrong and, where it helps, what would be right.
+    place
+        Where in the source: "row 12, column speed_rad_s", "window.samples", …; empty for the whole of it.
+    """
+
+    def __init__(self, source: str, reason: str, place: str = "") -> None:
+        self.source = source
+        self.place = place
+        self.reason = reason
+        super().__init__(": ".join(part for part in (source, place, reason) if part))
+
+    def __reduce__(self) -> tuple[type[InputError], tuple[str, str, str]]:
+        """Keep all three parts when the error crosses a process border."""
+        return (InputError, (self.source, self.reason, self.place))

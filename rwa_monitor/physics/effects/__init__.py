@@ -1,0 +1,1 @@
+"""The catalogue of effects, one file each; `catalogue.py` collects them."""

@@ -1,0 +1,204 @@
+"""What an effect is: one class that simulates it, gives its regression columns, bounds its parameters, explains itself.
+
+The simulator, the estimator, the live monitor and the discrepancy search share these classes, so that a formula
+stands in one place. Three families: *mean* effects add a torque, *noise* effects change the noise, *switching*
+effects change the jumps. This file has what all share and the mean family; `catalogue.py` collects the classes.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import ClassVar, Literal, Self
+
+import numpy as np
+
+from rwa_monitor.errors import InputError
+from rwa_monitor.samples import BoolArray, FloatArray
+
+Family = Literal["mean", "noise", "switching"]
+
+
+@dataclass(frozen=True, slots=True)
+class Channels:
+    """A wheel's motion on consecutive slots, as effects see it: float64 arrays (n,), NaN where unknown.
+
+    Attributes
+    ----------
+    time_s
+        Time since the start of the record [s].
+    speed_rad_s, acceleration_rad_s2, angle_rad
+        Speed ω [rad/s], dω/dt [rad/s²], and wheel angle ∫ω dt [rad].
+    direction
+        sign(ω): -1, 0 or 1 [-].
+    motor_torque_Nm
+        K_T·I [N m], or None where there is no current.
+    bearing_temperature_degC
+        [°C], or None.
+    dry_level_Nm
+        The dry friction level, jumps included, always positive against motion [N m]; true in the simulator, estimated
+        in the search; None where not known yet.
+    sample_period_s
+        Time from slot to slot [s].
+    good
+        bool (n,), slots that hold a good sample.
+    """
+
+    time_s: FloatArray
+    speed_rad_s: FloatArray
+    direction: FloatArray
+    acceleration_rad_s2: FloatArray
+    angle_rad: FloatArray
+    motor_torque_Nm: FloatArray | None
+    bearing_temperature_degC: FloatArray | None
+    dry_level_Nm: FloatArray | None
+    sample_period_s: float
+    good: BoolArray
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """One parameter of an effect.
+
+    Attributes
+    ----------
+    name
+        With its unit at the end where it has one, as written in wheel.toml.
+    unit
+        "-" for none.
+    low, high
+        Physical bounds: a fit never leaves them (a sign is a bound at 0).
+    typical
+        A usual value, for simulation and as a start.
+    linear
+        True for a strength: the torque is proportional to it and least squares gives it. False for a shape parameter,
+        which the search profiles.
+    choices
+        The allowed values of a discrete shape parameter, empty for a continuous one.
+    """
+
+    name: str
+    unit: str
+    low: float
+    high: float
+    typical: float
+    linear: bool = False
+    choices: tuple[float, ...] = ()
+
+
+class Effect:
+    """Base of all effects: metadata of the class, parameter values of the instance.
+
+    Parameters
+    ----------
+    values
+        A value for every parameter, by name, in SI units as named.
+
+    Raises
+    ------
+    InputError
+        If a parameter is unknown, missing, not finite or out of its bounds.
+    """
+
+    name: ClassVar[str]
+    family: ClassVar[Family]
+    title: ClassVar[str]
+    formula: ClassVar[str]  # LaTeX, without dollar signs
+    description: ClassVar[str]  # one or two sentences: the physics
+    signature: ClassVar[str]  # what shows it in the residual
+    confused_with: ClassVar[tuple[str, ...]] = ()  # catalogue names
+    separate_by: ClassVar[str]  # the manoeuvre or channel that tells it from those
+    source: ClassVar[str]
+    needs: ClassVar[frozenset[str]] = frozenset()  # optional channels: "motor_torque_Nm", "bearing_temperature_degC"
+    parameters: ClassVar[tuple[Parameter, ...]] = ()
+
+    def __init__(self, **values: float) -> None:
+        known = {parameter.name: parameter for parameter in self.parameters}
+        for name in values.keys() ^ known.keys():
+            problem = "is missing" if name in known else f"is unknown; it has {', '.join(known) or 'none'}"
+            raise InputError(f"effect {self.name}", problem, name)
+        for name, value in values.items():
+            parameter = known[name]
+            if not (np.isfinite(value) and parameter.low <= value <= parameter.high):
+                raise InputError(
+                    f"effect {self.name}", f"{value} is outside [{parameter.low}, {parameter.high}]", name
+                )
+            if parameter.choices and value not in parameter.choices:
+                raise InputError(f"effect {self.name}", f"{value} is none of {parameter.choices}", name)
+        self.values: Mapping[str, float] = {name: float(values[name]) for name in known}
+
+    @classmethod
+    def typical(cls, **changes: float) -> Self:
+        """Return the effect at its typical values, some of them changed."""
+        return cls(**{**{parameter.name: parameter.typical for parameter in cls.parameters}, **changes})
+
+    @classmethod
+    def shape_parameters(cls) -> tuple[Parameter, ...]:
+        """Return the parameters that enter non-linearly."""
+        return tuple(parameter for parameter in cls.parameters if not parameter.linear)
+
+    @classmethod
+    def strength_parameters(cls) -> tuple[Parameter, ...]:
+        """Return the parameters that the torque is proportional to, in the order of the columns."""
+        return tuple(parameter for parameter in cls.parameters if parameter.linear)
+
+    def __repr__(self) -> str:
+        """Show name and values."""
+        return f"{type(self).__name__}({', '.join(f'{k}={v:g}' for k, v in self.values.items())})"
+
+
+Memory = FloatArray | None
+
+
+class MeanEffect(Effect):
+    """An effect that adds a torque, positive when it opposes positive rotation, like the friction itself.
+
+    The torque is Σ strength_j · column_j(channels, shape). Effects with memory (a lag, a bristle) carry a small state
+    from one piece of a record to the next, so that a record evaluated piece by piece gives the same values.
+    """
+
+    family: ClassVar[Family] = "mean"
+
+    @classmethod
+    def columns(
+        cls, channels: Channels, shape: Mapping[str, float], memory: Memory = None
+    ) -> tuple[FloatArray, Memory]:
+        """Return the regression columns at unit strength and the memory after the last slot.
+
+        Parameters
+        ----------
+        channels
+            n consecutive slots.
+        shape
+            Values of the shape parameters.
+        memory
+            What an earlier call returned for the slots just before; None at the start of a record.
+
+        Returns
+        -------
+        columns
+            float64 (n, number of strength parameters), NaN where a channel that is needed is unknown.
+        memory
+            None for effects without memory.
+        """
+        raise NotImplementedError
+
+    @classmethod
+    def shape_bounds(cls, channels: Channels) -> dict[str, tuple[float, float]]:
+        """Return the range in which this record can show each shape parameter; inside the physical bounds.
+
+        Default: the physical bounds. Effects with a scale (a speed, a time) narrow it to what the record resolves.
+        """
+        del channels
+        return {parameter.name: (parameter.low, parameter.high) for parameter in cls.shape_parameters()}
+
+    def torque(self, channels: Channels, memory: Memory = None) -> tuple[FloatArray, Memory]:
+        """Return the torque of the effect [N m], float64 (n,), and the memory after the last slot."""
+        shape = {parameter.name: self.values[parameter.name] for parameter in self.shape_parameters()}
+        columns, memory = self.columns(channels, shape, memory)
+        strengths = np.array([self.values[parameter.name] for parameter in self.strength_parameters()])
+        # A sum in fixed order, not a matrix product: the same bits on every machine and however a record is cut.
+        torque = np.zeros(columns.shape[0])
+        for j, strength in enumerate(strengths):
+            torque += strength * columns[:, j]
+        return torque, memory

@@ -1,0 +1,126 @@
+"""Samples: one wheel's telemetry as a struct of arrays, in SI units.
+
+Every room of the program passes telemetry on in this form. Time is int64 nanoseconds of the wheel's own clock, all
+other channels are float64 with NaN where a value was not measured. A channel that was not measured at all is None.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, fields, replace
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rwa_monitor.errors import InputError
+
+NANOSECONDS_PER_SECOND: Final = 1_000_000_000
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+BoolArray = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True)
+class Samples:
+    """Telemetry of one wheel, a struct of arrays of equal length n.
+
+    Attributes
+    ----------
+    time_ns
+        int64 (n,), time of each sample on the wheel's own clock [ns].
+    speed_rad_s
+        float64 (n,), spin rate [rad/s].
+    friction_torque_Nm
+        float64 (n,) or None, friction torque [N m], positive when it opposes positive rotation.
+    motor_current_A, motor_torque_Nm, motor_voltage_V, bearing_temperature_degC
+        float64 (n,) or None, optional channels [A, N m, V, °C].
+
+    Raises
+    ------
+    InputError
+        If the arrays differ in length or are not one-dimensional.
+    """
+
+    time_ns: IntArray
+    speed_rad_s: FloatArray
+    friction_torque_Nm: FloatArray | None = None
+    motor_current_A: FloatArray | None = None
+    motor_torque_Nm: FloatArray | None = None
+    motor_voltage_V: FloatArray | None = None
+    bearing_temperature_degC: FloatArray | None = None
+
+    def __post_init__(self) -> None:
+        """Bring every channel to its one type and check that all have one length."""
+        object.__setattr__(self, "time_ns", np.ascontiguousarray(self.time_ns, dtype=np.int64))
+        for name in CHANNELS:
+            values = getattr(self, name)
+            if values is not None:
+                object.__setattr__(self, name, np.ascontiguousarray(values, dtype=np.float64))
+        for name in ("time_ns", *CHANNELS):
+            values = getattr(self, name)
+            if values is not None and values.shape != (self.time_ns.size,):
+                raise InputError("samples", f"has shape {values.shape}, time_ns has {self.time_ns.shape}", name)
+
+    def __len__(self) -> int:
+        """Count the samples."""
+        return int(self.time_ns.size)
+
+    def __getitem__(self, selection: slice | IntArray | BoolArray) -> Samples:
+        """Select samples by slice, index array or mask; all channels alike."""
+        return replace(
+            self,
+            **{name: values[selection] for name, values in self.channels()},
+        )
+
+    def channels(self) -> Iterator[tuple[str, NDArray[np.int64] | NDArray[np.float64]]]:
+        """Yield (name, array) of every channel that is present, time_ns first."""
+        for field in fields(self):
+            values = getattr(self, field.name)
+            if values is not None:
+                yield field.name, values
+
+    def check_increasing(self, source: str) -> None:
+        """Raise InputError, naming the row, unless the time strictly increases."""
+        steps = np.diff(self.time_ns)
+        if steps.size and steps.min() <= 0:
+            row = int(np.argmax(steps <= 0)) + 1
+            raise InputError(
+                source,
+                f"time does not increase ({self.time_ns[row - 1]} ns, then {self.time_ns[row]} ns)",
+                f"sample {row + 1}",
+            )
+
+
+# The measured channels besides time, in the order in which tables and messages list them.
+CHANNELS: Final = (
+    "speed_rad_s",
+    "friction_torque_Nm",
+    "motor_current_A",
+    "motor_torque_Nm",
+    "motor_voltage_V",
+    "bearing_temperature_degC",
+)
+
+
+def concatenate(parts: list[Samples]) -> Samples:
+    """Join samples in the given order; a channel must be present in all parts or in none.
+
+    Raises
+    ------
+    InputError
+        If there is nothing to join, or a channel is present in some parts only.
+    """
+    if not parts:
+        raise InputError("samples", "nothing to join")
+    joined = {}
+    for name in ("time_ns", *CHANNELS):
+        arrays = [getattr(part, name) for part in parts]
+        missing = sum(array is None for array in arrays)
+        if missing == len(arrays):
+            continue
+        if missing:
+            raise InputError("samples", "is present in some parts and missing in others", name)
+        joined[name] = np.concatenate(arrays)
+    return Samples(**joined)
