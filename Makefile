@@ -11,12 +11,14 @@ SHELL := /bin/bash
 
 VENV := .venv
 BIN := $(VENV)/bin
-# pytest's workers; the maths is single-threaded by design, so one worker a core.
+# pytest gets one worker a core; the linear algebra underneath must then not start a thread a core of its own.
 CORES := $(shell getconf _NPROCESSORS_ONLN 2>/dev/null || echo 2)
 # Seconds that one test may take before it counts as hung; a slow machine may raise it.
 TEST_TIMEOUT ?= 300
 # More words for pytest, for instance PYTEST_ARGS="-k glr -x".
 PYTEST_ARGS ?=
+
+.NOTPARALLEL:
 
 .PHONY: help
 help: ## says what there is
@@ -79,6 +81,8 @@ layers: $(VENV)/.installed-dev ## import-linter: the rooms stay pure, the arrows
 	$(BIN)/lint-imports
 
 .PHONY: pytest
+pytest: export OPENBLAS_NUM_THREADS = 1
+pytest: export OMP_NUM_THREADS = 1
 pytest: $(VENV)/.installed-dev ## only the tests (PYTEST_ARGS="-k word")
 	$(BIN)/python -m pytest -n $(CORES) --timeout $(TEST_TIMEOUT) $(PYTEST_ARGS)
 
