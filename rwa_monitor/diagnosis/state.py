@@ -1,0 +1,268 @@
+"""The carried state: what earlier windows of a wheel tell the next one.
+
+A window alone cannot show everything: where a switching system never rests (q = 0), its friction and the base dry
+friction are one number (errata 10). Earlier windows of the same wheel know better. What they tell is kept here, small,
+normalised as in `results`, and written as JSON with 12 significant digits; a diagnosis is a function of its window and
+this state, whose hash it names.
+
+What is carried never moves a nominal range. Those come from the model alone, so a slowly growing anomaly cannot become
+the new normal: the state only follows what the wheel's friction *is*, normal or not.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Annotated, Final, Self
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from rwa_monitor.diagnosis.canonical import Rounded, canonical_json, content_sha256
+from rwa_monitor.diagnosis.results import Assignment, Components
+from rwa_monitor.errors import InputError
+from rwa_monitor.physics.wheel import Wheel
+from rwa_monitor.samples import FloatArray
+
+STATE_VERSION: Final = 1
+MAX_STATE_BYTES: Final = 200_000  # a state of 8 systems with 16 configurations takes some 20 kB
+
+# Friction of a healthy wheel moves by a few per cent with temperature and age (lubricant: months; bearing temperature:
+# an orbit). From one window to the next the random walk below is allowed, as a part of the value itself.
+DRIFT_PER_WINDOW: Final = 0.01
+# What a configuration's friction was is forgotten with this factor per window, so that about the last 20 windows count.
+REMEMBERED: Final = 0.95
+
+Finite = Annotated[Rounded, Field(allow_inf_nan=False)]
+NotNegative = Annotated[Rounded, Field(ge=0, allow_inf_nan=False)]
+Probability = Annotated[Rounded, Field(ge=0, le=1)]
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class Tracked(_Part):
+    """A value that is followed over windows by a scalar Kalman filter with a random walk.
+
+    Attributes
+    ----------
+    mean, std
+        Current value and its standard deviation, normalised.
+    windows
+        Windows that it was learned from.
+    """
+
+    mean: Finite
+    std: NotNegative
+    windows: Annotated[int, Field(ge=1)]
+
+    def drifted(self) -> Tracked:
+        """Return what is known of the value one window later, before that window is seen."""
+        return Tracked(
+            mean=self.mean, std=math.hypot(self.std, DRIFT_PER_WINDOW * abs(self.mean)), windows=self.windows
+        )
+
+    def updated(self, value: float, std: float) -> Tracked:
+        """Return the value after a window that measured `value` ± `std`."""
+        before = self.drifted()
+        total = before.std**2 + std**2
+        gain = before.std**2 / total if total > 0 else 1.0
+        return Tracked(
+            mean=before.mean + gain * (value - before.mean),
+            std=math.sqrt(max(1.0 - gain, 0.0)) * before.std,
+            windows=self.windows + 1,
+        )
+
+
+class FrictionMemory(_Part):
+    """Friction that a configuration showed lately, each window's share forgotten by `REMEMBERED` per window.
+
+    Attributes
+    ----------
+    count
+        Effective number of sojourns.
+    mean, std
+        Their mean and standard deviation (0 for a single one), normalised by the nominal dry torque.
+    """
+
+    count: NotNegative
+    mean: Finite
+    std: NotNegative
+
+
+class SystemState(_Part):
+    """What earlier windows tell about one switching system.
+
+    Attributes
+    ----------
+    name
+        The system's name in the wheel file.
+    configuration, age
+        Where the system is at the slot at which the next window begins, and for how many slots at least it has been
+        there; None where that is not known.
+    friction
+        One memory for each configuration, None for those not seen.
+    """
+
+    name: str
+    configuration: Annotated[int, Field(ge=0)] | None = None
+    age: Annotated[int, Field(ge=0)] | None = None
+    friction: tuple[FrictionMemory | None, ...] = ()
+
+
+class CarriedState(_Part):
+    """What earlier windows of a wheel tell the next one; all values normalised.
+
+    Attributes
+    ----------
+    version
+        Of this format.
+    windows
+        Windows diagnosed so far.
+    base_dry, viscous
+        The friction coefficients as they are now, normal or not. Learned only from windows that show them.
+    noise_std
+        Noise of the last window.
+    probability
+        For each anomaly the probability after the last window, the prior of the next one.
+    inadequate
+        Windows in a row in which the friction model did not fit.
+    fss
+        One entry per switching system.
+    """
+
+    version: Annotated[int, Field(ge=STATE_VERSION, le=STATE_VERSION)] = STATE_VERSION
+    windows: Annotated[int, Field(ge=0)] = 0
+    base_dry: Tracked | None = None
+    viscous: Tracked | None = None
+    noise_std: NotNegative | None = None
+    probability: dict[str, Probability] = Field(default_factory=dict)
+    inadequate: Annotated[int, Field(ge=0)] = 0
+    fss: tuple[SystemState, ...] = ()
+
+    @classmethod
+    def empty(cls) -> Self:
+        """Return the state before any window."""
+        return cls()
+
+    def system(self, name: str) -> SystemState | None:
+        """Return what is known of the switching system of that name, or None."""
+        return next((system for system in self.fss if system.name == name), None)
+
+    def to_json(self) -> str:
+        """Write the state as canonical JSON."""
+        return canonical_json(self.model_dump(mode="json"))
+
+    @classmethod
+    def from_json(cls, text: str, source: str) -> Self:
+        """Read a state.
+
+        Raises
+        ------
+        InputError
+            If the text is too large, is no JSON, or a field is missing, unknown or out of range; names the field.
+        """
+        if len(text) > MAX_STATE_BYTES:
+            raise InputError(source, f"is larger than {MAX_STATE_BYTES} bytes; this is not a carried state")
+        try:
+            return cls.model_validate_json(text)
+        except ValidationError as error:
+            first = error.errors(include_url=False)[0]
+            raise InputError(source, first["msg"], ".".join(str(part) for part in first["loc"])) from error
+
+    def sha256(self) -> str:
+        """Return the hash of the canonical JSON."""
+        return content_sha256(self.model_dump(mode="json"))
+
+
+def next_state(
+    carried: CarriedState,
+    wheel: Wheel,
+    *,
+    assignment: Assignment,
+    components: Components,
+    noise_std: float,
+    probability: Mapping[str, float],
+    base_known: bool,
+    adequate: bool,
+) -> CarriedState:
+    """Return the state after a window.
+
+    Parameters
+    ----------
+    carried
+        The state before it.
+    wheel
+        Its wheel.
+    assignment, components
+        Results of stage 3.
+    noise_std
+        Noise of the window, normalised.
+    probability
+        Of each anomaly after this window, to be carried on.
+    base_known
+        Whether this window itself shows the base dry friction; otherwise base and the systems' friction are not
+        learned from it.
+    adequate
+        Whether the friction model fits the window.
+    """
+    return CarriedState(
+        windows=carried.windows + 1,
+        base_dry=_track(carried.base_dry, components.base_dry, components.base_dry_std, base_known),
+        viscous=_track(carried.viscous, components.viscous, components.viscous_std, known=True),
+        noise_std=noise_std if math.isfinite(noise_std) else carried.noise_std,
+        probability=dict(probability),
+        inadequate=0 if adequate else carried.inadequate + 1,
+        fss=tuple(
+            _next_system(carried, wheel, s, assignment, components, learn=base_known) for s in range(len(wheel.fss))
+        ),
+    )
+
+
+def _track(before: Tracked | None, value: float, std: float, known: bool) -> Tracked | None:
+    """Follow a value; where the window does not show it, only its uncertainty grows."""
+    if not (known and math.isfinite(value) and math.isfinite(std)):
+        return None if before is None else before.drifted()
+    if before is None:
+        return Tracked(mean=value, std=std, windows=1)
+    return before.updated(value, std)
+
+
+def _next_system(
+    carried: CarriedState, wheel: Wheel, s: int, assignment: Assignment, components: Components, *, learn: bool
+) -> SystemState:
+    system = wheel.fss[s]
+    before = carried.system(system.name)
+    configurations, starts = assignment.configurations[s], assignment.starts[s]
+    remembered = before.friction if before and before.friction else (None,) * system.configurations
+    friction = components.fss_friction[s]
+    memories = tuple(
+        _remember(remembered[q], friction[configurations == q] if learn else np.zeros(0))
+        for q in range(system.configurations)
+    )
+    hop = wheel.window.hop_slots
+    if configurations.size == 0 or hop > wheel.window.samples:
+        return SystemState(name=system.name, friction=memories)
+    # The next window begins `hop` slots after this one: where the windows overlap, the system is asked there.
+    current = int(np.searchsorted(starts, hop, side="right")) - 1
+    current = max(current, 0)
+    age = hop - int(starts[current])
+    if current == 0 and before and before.age is not None and before.configuration == int(configurations[0]):
+        age += before.age
+    return SystemState(name=system.name, configuration=int(configurations[current]), age=age, friction=memories)
+
+
+def _remember(before: FrictionMemory | None, values: FloatArray) -> FrictionMemory | None:
+    """Forget a share of what was and add the new sojourns; sums of weights, values and squares."""
+    values = values[np.isfinite(values)]
+    if before is None and values.size == 0:
+        return None
+    count = REMEMBERED * before.count if before else 0.0
+    total = count * before.mean if before else 0.0
+    squares = count * (before.std**2 + before.mean**2) if before else 0.0
+    count += float(values.size)
+    total += float(values.sum())
+    squares += float((values * values).sum())
+    mean = total / count
+    return FrictionMemory(count=count, mean=mean, std=math.sqrt(max(squares / count - mean**2, 0.0)))
