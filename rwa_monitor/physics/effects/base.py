@@ -42,6 +42,9 @@ class Channels:
         Time from slot to slot [s].
     good
         bool (n,), slots that hold a good sample.
+    motor_torque_rate_Nm_s
+        d(K_T·I)/dt [N m/s], from neighbours that exclude every sample entering the friction of the slot; None where
+        it is not prepared, `current_delay` then takes a backward difference of `motor_torque_Nm`.
     """
 
     time_s: FloatArray
@@ -54,6 +57,11 @@ class Channels:
     dry_level_Nm: FloatArray | None
     sample_period_s: float
     good: BoolArray
+    motor_torque_rate_Nm_s: FloatArray | None = None
+
+    def __len__(self) -> int:
+        """Count the slots."""
+        return int(self.speed_rad_s.size)
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,6 +83,8 @@ class Parameter:
         which the search profiles.
     choices
         The allowed values of a discrete shape parameter, empty for a continuous one.
+    default
+        What an effect takes where the value is not given; None: it must be given.
     """
 
     name: str
@@ -84,6 +94,7 @@ class Parameter:
     typical: float
     linear: bool = False
     choices: tuple[float, ...] = ()
+    default: float | None = None
 
 
 class Effect:
@@ -92,7 +103,7 @@ class Effect:
     Parameters
     ----------
     values
-        A value for every parameter, by name, in SI units as named.
+        A value for every parameter, by name, in SI units as named; those with a default may be left out.
 
     Raises
     ------
@@ -114,6 +125,8 @@ class Effect:
 
     def __init__(self, **values: float) -> None:
         known = {parameter.name: parameter for parameter in self.parameters}
+        defaults = {name: parameter.default for name, parameter in known.items() if parameter.default is not None}
+        values = {**defaults, **values}
         for name in values.keys() ^ known.keys():
             problem = "is missing" if name in known else f"is unknown; it has {', '.join(known) or 'none'}"
             raise InputError(f"effect {self.name}", problem, name)
@@ -158,6 +171,9 @@ class MeanEffect(Effect):
     """
 
     family: ClassVar[Family] = "mean"
+    # What becomes of the torque when the same motion is made in the other direction: it flips ("odd", as friction
+    # does), it stays ("even", as an offset does), or neither.
+    parity: ClassVar[Literal["odd", "even", "none"]] = "odd"
 
     @classmethod
     def columns(
