@@ -1,0 +1,1 @@
+"""Files in and out: sample tables, wheel and model files, labels and truth."""

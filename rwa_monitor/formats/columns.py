@@ -1,0 +1,133 @@
+"""The columns of a sample table, whatever the file: names, units, limits, and the checks that every table must pass."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from rwa_monitor.errors import InputError
+from rwa_monitor.samples import CHANNELS, NANOSECONDS_PER_SECOND, IntArray, Samples
+
+TIME_COLUMNS: Final = ("time_ns", "time_s")  # the exact one first: it counts where a table has both
+REQUIRED_CHANNELS: Final = ("speed_rad_s",)
+MAX_ROWS: Final = 20_000_000  # 29 days at 8 Hz, 1.1 GB with all channels
+MAX_COLUMNS: Final = 1_000
+MAX_SPAN_NS: Final = 2**61  # 73 years: the slot of a sample is reckoned in int64 with twice its time
+
+
+@dataclass(frozen=True, slots=True)
+class SampleTable:
+    """A table as it was read.
+
+    Attributes
+    ----------
+    samples
+        The telemetry; time strictly increases, there is at least one sample.
+    ignored_columns
+        Names of the columns that were left out, in the table's order.
+    """
+
+    samples: Samples
+    ignored_columns: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """Which column of a table holds what.
+
+    Attributes
+    ----------
+    time, channels
+        Name → position in the table, of the time column (one entry) and of the channels in the order of `CHANNELS`.
+    ignored
+        Names of all other columns.
+    """
+
+    time: dict[str, int]
+    channels: dict[str, int]
+    ignored: tuple[str, ...]
+
+
+def lay_out(names: Sequence[str], source: str) -> Layout:
+    """Find the columns of a table by their names.
+
+    Raises
+    ------
+    InputError
+        If a required column is missing, or a known one is there twice.
+    """
+    if len(names) > MAX_COLUMNS:
+        raise InputError(source, f"has {len(names)} columns; the limit is {MAX_COLUMNS}")
+    for name in (*TIME_COLUMNS, *CHANNELS):
+        if names.count(name) > 1:
+            raise InputError(source, "is there twice", f"column {name}")
+    time = [name for name in TIME_COLUMNS if name in names]
+    missing = [name for name in REQUIRED_CHANNELS if name not in names]
+    if not time:
+        missing = [" or ".join(reversed(TIME_COLUMNS)), *missing]
+    if missing:
+        raise InputError(source, _missing_columns(names, missing), f"column {missing[0]}")
+    channels = {name: names.index(name) for name in CHANNELS if name in names}
+    known = {time[0], *channels}
+    ignored = tuple(name for name in names if name not in known)
+    return Layout({time[0]: names.index(time[0])}, channels, ignored)
+
+
+def check_rows(rows: int, source: str) -> None:
+    """Raise InputError unless a table has at least one row and at most `MAX_ROWS`."""
+    if rows == 0:
+        raise InputError(source, "has no rows")
+    if rows > MAX_ROWS:
+        raise InputError(source, f"has {rows:,} rows; the limit is {MAX_ROWS:,}: split it, and use --carry")
+
+
+def check_time(time_ns: IntArray, column: str, source: str, first_row: int) -> None:
+    """Check that time strictly increases over a span that slots can count.
+
+    Parameters
+    ----------
+    time_ns
+        int64 (n,), n ≥ 1 [ns].
+    column, source
+        For messages.
+    first_row
+        The row that the first entry stands in, as a person counts.
+
+    Raises
+    ------
+    InputError
+        If a time is not after the one before; names its row.
+    """
+    late = time_ns[1:] <= time_ns[:-1]
+    if late.any():
+        at = int(np.argmax(late)) + 1
+        before, here = (_as_written(int(time_ns[i]), column) for i in (at - 1, at))
+        raise InputError(
+            source, f"time does not increase ({here} after {before})", f"row {first_row + at}, column {column}"
+        )
+    span_ns = int(time_ns[-1]) - int(time_ns[0])  # Python's integers: the difference may exceed int64
+    if span_ns >= MAX_SPAN_NS:
+        raise InputError(source, f"covers {span_ns / NANOSECONDS_PER_SECOND:.3g} s, more than 73 years", column)
+
+
+def _missing_columns(names: Sequence[str], missing: list[str]) -> str:
+    """Say what is missing, and what the table probably is instead."""
+    reason = "is missing"
+    if len(missing) > 1:
+        reason += f", and so is {', '.join(missing[1:])}"
+    if len(names) == 1 and any(separator in names[0] for separator in ";\t|"):
+        return f"{reason}; columns are separated by commas"
+    shown = ", ".join(repr(name[:40]) for name in names[:8])
+    return f"{reason}; the table has {shown}{', …' if len(names) > 8 else ''}"
+
+
+def _as_written(time_ns: int, column: str) -> str:
+    """Write a time in the unit of its column, exactly."""
+    if column == "time_ns":
+        return f"{time_ns} ns"
+    whole, rest = divmod(abs(time_ns), NANOSECONDS_PER_SECOND)
+    digits = f"{rest:09d}".rstrip("0")
+    return f"{'-' if time_ns < 0 else ''}{whole}{'.' if digits else ''}{digits} s"

@@ -1,0 +1,104 @@
+"""Reading and writing whole files: with a size limit that holds before anything is parsed, and never half-written."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from rwa_monitor.errors import InputError, RwaMonitorError
+
+
+def display_name(path: Path) -> str:
+    """Return a file's name for messages and messages' fields: as given, valid UTF-8 also where the name is not."""
+    return os.fsencode(path).decode("utf-8", "replace")
+
+
+def read_bytes(path: Path, limit: int) -> bytes:
+    """Return a file's content.
+
+    Parameters
+    ----------
+    path
+        The file.
+    limit
+        Size from which the file is refused [bytes]; no more than that is ever read.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read or is larger than `limit`.
+    """
+    try:
+        with path.open("rb") as file:
+            content = file.read(limit + 1)
+    except OSError as error:
+        raise unreadable(path, error) from error
+    if len(content) > limit:
+        raise InputError(display_name(path), f"is larger than the limit of {limit:,} bytes")
+    return content
+
+
+def read_text(path: Path, limit: int) -> str:
+    """Return the content of a UTF-8 file (a byte order mark is dropped); raises InputError as `read_bytes` does."""
+    return decode_utf8(read_bytes(path, limit), path)
+
+
+def decode_utf8(content: bytes, path: Path) -> str:
+    """Return the text of UTF-8 bytes.
+
+    Raises
+    ------
+    InputError
+        If the bytes are not UTF-8; names the row of the first that is not.
+    """
+    try:
+        return content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        if content[:2] in (b"\xff\xfe", b"\xfe\xff"):
+            raise InputError(display_name(path), "is UTF-16 text; UTF-8 is needed") from error
+        row = content.count(b"\n", 0, error.start) + 1
+        reason = f"is no UTF-8 text (byte 0x{content[error.start]:02x} at offset {error.start})"
+        raise InputError(display_name(path), reason, f"row {row}") from error
+
+
+def unreadable(path: Path, error: OSError) -> InputError:
+    """Return the error to raise for a file that the system refuses to read."""
+    return InputError(display_name(path), f"cannot be read: {error.strerror or error}")
+
+
+@contextmanager
+def atomic_write(path: Path) -> Iterator[Path]:
+    """Give a temporary file in the same folder to write to, which takes the name `path` when all went well.
+
+    A reader sees the old file or the whole new one, never a part; after an exception nothing is left behind.
+
+    Raises
+    ------
+    InputError
+        If the folder does not exist or may not be written to: a wrong option, seen before any work is lost.
+    RwaMonitorError
+        If writing fails later, for instance because the disk is full.
+    """
+    # One name a process: what a killed one left is overwritten by the next with its id, and ignored otherwise.
+    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    if path.is_dir():
+        raise InputError(display_name(path), "is a folder, not a file to write to")
+    try:
+        part.touch()
+    except OSError as error:
+        raise InputError(display_name(path), f"cannot be written: {error.strerror or error}") from error
+    try:
+        yield part
+        part.replace(path)
+    except OSError as error:
+        raise RwaMonitorError(f"{display_name(path)}: writing failed: {error.strerror or error}") from error
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a UTF-8 file at once; raises as `atomic_write` does."""
+    with atomic_write(path) as part:
+        part.write_text(text, encoding="utf-8", newline="\n")

@@ -1,0 +1,102 @@
+"""The sample table: telemetry of one wheel as CSV or Parquet, with fixed column names and units.
+
+A table is read whole or refused: with its file, row, column and reason. Columns that are not known are left out and
+returned by name, so that whoever asked can say so. Values that are not finite stay as they are: they are masked
+later, where they are also counted.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Final, Literal
+
+from rwa_monitor.errors import InputError
+from rwa_monitor.formats.columns import SampleTable
+from rwa_monitor.formats.csv_table import read_csv, write_csv
+from rwa_monitor.formats.files import display_name, unreadable
+from rwa_monitor.formats.parquet_table import read_parquet, write_parquet
+from rwa_monitor.physics.wheel import Wheel
+from rwa_monitor.samples import Samples
+
+PARQUET_MAGIC: Final = b"PAR1"
+MCAP_MAGIC: Final = b"\x89MCAP0\r\n"
+
+WRITERS: Final[dict[str, Callable[[Samples, Path], None]]] = {".csv": write_csv, ".parquet": write_parquet}
+
+
+def file_format(path: Path) -> Literal["csv", "parquet", "mcap"]:
+    """Return "parquet", "mcap" or "csv", by a file's first bytes; a CSV has none of its own.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, is empty, or is not what its suffix says.
+    """
+    try:
+        with path.open("rb") as file:
+            head = file.read(len(MCAP_MAGIC))
+    except OSError as error:
+        raise unreadable(path, error) from error
+    if not head:
+        raise InputError(display_name(path), "is empty")
+    if head.startswith(PARQUET_MAGIC):
+        return "parquet"
+    if head == MCAP_MAGIC:
+        return "mcap"
+    suffix = path.suffix.lower()
+    if suffix in (".parquet", ".mcap"):
+        raise InputError(display_name(path), f"is no {suffix[1:]} file (its first bytes are {head[:8]!r})")
+    return "csv"
+
+
+def read_table(path: Path) -> SampleTable:
+    """Read a sample table, CSV or Parquet.
+
+    Raises
+    ------
+    InputError
+        If the table cannot be used; names the file, the row, the column and the reason.
+    """
+    return read_parquet(path) if file_format(path) == "parquet" else read_csv(path)
+
+
+def table_writer(path: Path) -> Callable[[Samples, Path], None]:
+    """Return the function that writes a table of the kind that the file's suffix names.
+
+    Raises
+    ------
+    InputError
+        If the suffix is neither .csv nor .parquet.
+    """
+    writer = WRITERS.get(path.suffix.lower())
+    if writer is None:
+        raise InputError(display_name(path), f"must end in {' or '.join(WRITERS)}: the suffix chooses the format")
+    return writer
+
+
+def check_friction_known(samples: Samples, wheel: Wheel, source: str) -> None:
+    """Check that friction is given or can be derived with this wheel's constants.
+
+    Raises
+    ------
+    InputError
+        If neither is so; says what is missing.
+    """
+    if samples.friction_torque_Nm is not None:
+        return
+    if samples.motor_torque_Nm is not None:
+        missing = [] if wheel.inertia_kg_m2 else ["inertia_kg_m2"]
+    elif samples.motor_current_A is not None:
+        constants = {"inertia_kg_m2": wheel.inertia_kg_m2, "torque_constant_Nm_A": wheel.torque_constant_Nm_A}
+        missing = [name for name, value in constants.items() if value is None]
+    else:
+        raise InputError(
+            source, "is missing, and so are motor_current_A and motor_torque_Nm", "column friction_torque_Nm"
+        )
+    if missing:
+        raise InputError(
+            source,
+            f"is missing and cannot be derived: the wheel {wheel.name!r} has no {' and no '.join(missing)}",
+            "column friction_torque_Nm",
+        )
