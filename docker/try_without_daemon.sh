@@ -22,16 +22,22 @@ for tool in buildah podman runc debootstrap; do
 done
 (($(id -u) == 0)) || { say "debootstrap and the containers need root"; exit 2; }
 
-# An own store, so that nothing here meets the images and containers of whoever runs this. Plain copies instead of an
-# overlay, which does not work inside every sandbox.
-store=(--root "$scratch/store" --runroot "$scratch/run" --storage-driver vfs)
+# An own store, so that nothing here meets the images and containers of whoever runs this. Overlays are quick but do not
+# work inside every sandbox; plain copies always do.
+store=(--root "$scratch/probe" --runroot "$scratch/probe-run" --storage-driver overlay)
+driver=vfs
+if buildah "${store[@]}" mount "$(buildah "${store[@]}" from scratch)" >/dev/null 2>&1; then driver=overlay; fi
+buildah "${store[@]}" rm --all >/dev/null 2>&1 || true
+store=(--root "$scratch/store-$driver" --runroot "$scratch/run" --storage-driver "$driver")
 build() { buildah "${store[@]}" "$@"; }
 pod() { podman "${store[@]}" --runtime runc --cgroup-manager cgroupfs --events-backend file "$@"; }
-# cgroups are left alone (a sandbox may not hand them out), and so is the health check, which needs systemd.
-run() { pod run --cgroups disabled --no-healthcheck --pull never "$@"; }
+# No health check: podman keeps its time with systemd, which a sandbox does not have.
+# Limits of its own: those that podman sets unasked may lie above what a sandbox allows.
+run() { pod run --ulimit nofile=4096:4096 --ulimit nproc=4096:4096 --no-healthcheck --pull never "$@"; }
 
 cleanup() {
-  pod rm --force --time 3 rwa-simulator rwa-monitor rwa-router >/dev/null 2>&1 || true
+  # One by one, the router last: podman removes none of a list in which one is missing, nor one whose network is in use.
+  for name in simulator monitor router; do pod rm --force --ignore --time 3 "rwa-$name" >/dev/null 2>&1 || true; done
   [[ -n "${KEEP:-}" ]] || { build rmi --all --force >/dev/null 2>&1 || true; rm -rf "$scratch"; }
 }
 trap cleanup EXIT
@@ -82,16 +88,20 @@ with zenoh.open(zenoh.Config.from_file("/etc/zenoh/router.json5")):
     signal.pause()
 '
 # All three share the router's network, which has only a loopback: the name "router" leads there.
-run --detach --name rwa-router --network none --add-host router:127.0.0.1 --volume "$PWD/docker/router.json5:/etc/zenoh/router.json5:ro" \
-  --entrypoint python3 rwa-monitor -c "$router_py" >/dev/null
+printf '127.0.0.1 localhost router\n' >"$scratch/hosts"
+on_bus=(--volume "$scratch/hosts:/etc/hosts:ro")
+run --detach --name rwa-router --network none "${on_bus[@]}" \
+  --volume "$PWD/docker/router.json5:/etc/zenoh/router.json5:ro" --entrypoint python3 rwa-monitor -c "$router_py" >/dev/null
 for _ in {1..50}; do
   pod logs rwa-router 2>/dev/null | grep -q "router is up" && break
   sleep 0.2
 done
 
 chown 10001:10001 "$scratch/recordings"
-run --detach --name rwa-monitor --network container:rwa-router --volume "$scratch/recordings:/recordings" rwa-monitor "${monitor[@]}" >/dev/null
-run --detach --name rwa-simulator --network container:rwa-router rwa-monitor "${simulate[@]}" >/dev/null
+on_bus+=(--network container:rwa-router)
+run --detach --name rwa-monitor "${on_bus[@]}" --volume "$scratch/recordings:/recordings" \
+  rwa-monitor "${monitor[@]}" >/dev/null
+run --detach --name rwa-simulator "${on_bus[@]}" rwa-monitor "${simulate[@]}" >/dev/null
 say "router, simulator and monitor run for $seconds s"
 sleep "$seconds"
 
@@ -112,7 +122,8 @@ mapfile -t files < <(find "$scratch/recordings" -name '*.mcap' -size +0 | sort)
 ((${#files[@]})) || { pod logs --tail 20 rwa-monitor >&2; fail "nothing was recorded"; }
 for file in "${files[@]}"; do
   # Read-only, as for a recording that somebody else keeps.
-  run --rm --network none --volume "$scratch/recordings:/recordings:ro" rwa-monitor replay "/recordings/${file#"$scratch/recordings/"}" --verify \
+  run --rm --network none --volume "$scratch/recordings:/recordings:ro" \
+    rwa-monitor replay "/recordings/${file#"$scratch/recordings/"}" --verify \
     || fail "replay --verify of ${file##*/}"
 done
 say "passed: ${#files[@]} recording(s) replayed and verified"
