@@ -133,9 +133,7 @@ class Effect:
         for name, value in values.items():
             parameter = known[name]
             if not (np.isfinite(value) and parameter.low <= value <= parameter.high):
-                raise InputError(
-                    f"effect {self.name}", f"{value} is outside [{parameter.low}, {parameter.high}]", name
-                )
+                raise InputError(f"effect {self.name}", f"{value} is outside [{parameter.low}, {parameter.high}]", name)
             if parameter.choices and value not in parameter.choices:
                 raise InputError(f"effect {self.name}", f"{value} is none of {parameter.choices}", name)
         self.values: Mapping[str, float] = {name: float(values[name]) for name in known}

@@ -1,0 +1,66 @@
+"""All effects, found by importing every module of this package: adding an effect is adding one file."""
+
+from __future__ import annotations
+
+import pkgutil
+from collections.abc import Iterator
+from types import ModuleType
+from typing import Final
+
+from rwa_monitor.errors import InputError
+from rwa_monitor.physics import effects
+from rwa_monitor.physics.effects.base import Effect, MeanEffect
+from rwa_monitor.physics.wheel import EffectBlock, Wheel
+
+
+def _effects_of(module: ModuleType) -> Iterator[type[Effect]]:
+    """Yield the effects that a module defines, not those that it imports or that others are derived from."""
+    for value in vars(module).values():
+        is_effect = isinstance(value, type) and issubclass(value, Effect) and value.__module__ == module.__name__
+        if is_effect and "name" in vars(value):  # a base class of a family has no name
+            yield value
+
+
+def _collect() -> dict[str, type[Effect]]:
+    """Import all modules of the package and return their effects by name, in alphabetical order."""
+    found: dict[str, type[Effect]] = {}
+    this = __name__.rpartition(".")[2]
+    for info in pkgutil.iter_modules(effects.__path__):
+        if info.name == this:
+            continue
+        for effect in _effects_of(pkgutil.resolve_name(f"{effects.__name__}.{info.name}")):
+            if effect.name in found:
+                raise TypeError(f"two effects have the name {effect.name}: {found[effect.name]} and {effect}")
+            found[effect.name] = effect
+    return dict(sorted(found.items()))
+
+
+CATALOGUE: Final[dict[str, type[Effect]]] = _collect()
+MEAN_EFFECTS: Final[dict[str, type[MeanEffect]]] = {
+    name: effect for name, effect in CATALOGUE.items() if issubclass(effect, MeanEffect)
+}
+
+
+def build(block: EffectBlock) -> Effect:
+    """Return the effect that a block of wheel.toml or of a scenario describes.
+
+    Raises
+    ------
+    InputError
+        If the name is not in the catalogue, or a parameter is unknown, missing or out of its bounds.
+    """
+    effect = CATALOGUE.get(block.name)
+    if effect is None:
+        raise InputError("effect", f"is not in the catalogue: {', '.join(CATALOGUE)}", block.name)
+    return effect(**block.parameters)
+
+
+def mean_effects(wheel: Wheel) -> list[MeanEffect]:
+    """Return the mean effects of an extended wheel, in the order of its file; its other effects add no torque."""
+    built = [build(block) for block in wheel.effect]
+    return [effect for effect in built if isinstance(effect, MeanEffect)]
+
+
+def to_block(effect: Effect) -> EffectBlock:
+    """Return the block of wheel.toml that describes an effect; `build` gives it back."""
+    return EffectBlock(name=effect.name, parameters=dict(effect.values))

@@ -1,0 +1,55 @@
+"""Lubricant lag: the drag relaxes after each change of speed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from rwa_monitor.physics.effects.base import Channels, MeanEffect, Memory, Parameter
+from rwa_monitor.physics.effects.columns import stack
+from rwa_monitor.physics.effects.recursions import first_order_lag, start_state
+from rwa_monitor.physics.effects.resolution import duration, narrowed
+from rwa_monitor.samples import FloatArray
+
+
+class LubricantLag(MeanEffect):
+    """Drag that depends on how long ago the speed changed."""
+
+    name = "lubricant_lag"
+    title = "Lubricant lag"
+    formula = r"\tau = b\, (\omega - \omega_f), \qquad T_f\, \dot\omega_f = \omega - \omega_f"
+    description = (
+        "After a change of speed the lubricant needs time to redistribute and to reach its new temperature: the "
+        "drag overshoots (b > 0) or trails (b < 0) and relaxes with a time constant. At constant speed it vanishes."
+    )
+    signature = "An exponential relaxation after each slew, in proportion to the change of speed."
+    confused_with = ("viscosity_temperature", "inertia_error", "run_in_drift")
+    separate_by = "Speed steps after dwells of different length."
+    source = (
+        "The relaxation of oil-lubricated wheel bearings after speed changes is reported from flight (Lee, "
+        "in-flight lubrication of reaction wheels, 2015, as cited in the paper); the first-order form and its range "
+        "10 s to 30 min are working assumptions."
+    )
+    parameters = (
+        Parameter("strength_Nm_s_rad", "N m s/rad", -np.inf, np.inf, 1.0e-6, linear=True),
+        Parameter("time_constant_s", "s", 0.02, 1.0e4, 120.0),
+    )
+
+    @classmethod
+    def columns(
+        cls, channels: Channels, shape: Mapping[str, float], memory: Memory = None
+    ) -> tuple[FloatArray, Memory]:
+        state = start_state() * np.nan if memory is None else memory.copy()
+        usable = channels.good & np.isfinite(channels.speed_rad_s)
+        lagged = first_order_lag(
+            channels.speed_rad_s, usable, channels.sample_period_s, shape["time_constant_s"], state
+        )
+        return stack(channels.speed_rad_s - lagged), state
+
+    @classmethod
+    def shape_bounds(cls, channels: Channels) -> dict[str, tuple[float, float]]:
+        """From ten slots (shorter: like dω/dt) to the length of the record (longer: like ω and a drift)."""
+        bounds = super().shape_bounds(channels)
+        low, high = 10.0 * channels.sample_period_s, duration(channels)
+        return {**bounds, "time_constant_s": narrowed(bounds["time_constant_s"], low, high)}

@@ -1,0 +1,62 @@
+"""Stribeck effect: extra drag near zero speed, where the lubricant film is not yet built up."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Final
+
+import numpy as np
+
+from rwa_monitor.physics.effects.base import Channels, MeanEffect, Memory, Parameter
+from rwa_monitor.physics.effects.columns import stack
+from rwa_monitor.physics.effects.resolution import narrowed, speed_step, used_speed
+from rwa_monitor.samples import FloatArray
+
+GONE_AT: Final = 5.0  # [-] at |ω| = 5 ω_s less than 1 % is left for both exponents
+
+
+class Stribeck(MeanEffect):
+    """Drag that falls from the static to the Coulomb level as the speed grows."""
+
+    name = "stribeck"
+    title = "Stribeck effect"
+    formula = r"\tau = (\tau_S - \tau_C)\, e^{-|\omega/\omega_s|^{\delta}}\, \operatorname{sign}(\omega)"
+    description = (
+        "Near zero speed the balls ride on metal instead of on a film of lubricant (mixed and boundary "
+        "lubrication), and the drag is higher than the Coulomb level by up to the difference to the static "
+        "friction."
+    )
+    signature = "Extra drag near zero, gone by three Stribeck speeds, the same for both signs of dω/dt."
+    confused_with = ("presliding", "speed_dead_zone", "sublinear_viscous")
+    separate_by = "A slow zero crossing, and a ladder of dwells up to ten Stribeck speeds."
+    source = (
+        "B. Armstrong-Hélouvry, Control of Machines with Friction, Kluwer 1991; C. Canudas de Wit, H. Olsson, K. J. "
+        "Åström, P. Lischinsky, A new model for control of systems with friction, IEEE TAC 40(3), 1995. Exponent 1: "
+        "A. Tustin 1947, J. Bo & L. Pavelescu 1982. The range of ω_s for wheel bearings, 1–30 rad/s, is a working "
+        "assumption."
+    )
+    parameters = (
+        Parameter("strength_Nm", "N m", 0.0, np.inf, 5.0e-4, linear=True),
+        Parameter("stribeck_speed_rad_s", "rad/s", 1e-3, 200.0, 8.0),
+        Parameter("exponent", "-", 1.0, 2.0, 2.0, choices=(1.0, 2.0), default=2.0),
+    )
+
+    @classmethod
+    def columns(
+        cls, channels: Channels, shape: Mapping[str, float], memory: Memory = None
+    ) -> tuple[FloatArray, Memory]:
+        del memory
+        ratio = np.abs(channels.speed_rad_s) / shape["stribeck_speed_rad_s"]
+        decay = np.exp(-ratio) if shape["exponent"] == 1.0 else np.exp(-ratio * ratio)
+        return stack(channels.direction * decay), None
+
+    @classmethod
+    def shape_bounds(cls, channels: Channels) -> dict[str, tuple[float, float]]:
+        """From a few speed steps to 0.15 of the largest speed: wider ones are a part of the slope."""
+        speed = used_speed(channels)
+        low = max(3.0 * speed_step(channels), float(speed.min()) / GONE_AT)
+        bounds = super().shape_bounds(channels)
+        return {
+            **bounds,
+            "stribeck_speed_rad_s": narrowed(bounds["stribeck_speed_rad_s"], low, 0.15 * float(speed.max())),
+        }
