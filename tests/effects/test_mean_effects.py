@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import product
+from itertools import pairwise, product
 
 import numpy as np
 import pytest
@@ -27,9 +27,11 @@ def typical_shape(effect: type[MeanEffect]) -> dict[str, float]:
 
 
 def test_the_catalogue_holds_the_mean_effects_of_the_specification() -> None:
-    assert sorted(MEAN_EFFECTS) == sorted(
-        ["stribeck", "presliding", "coulomb_asymmetry", "torque_bias", "viscous_asymmetry", "viscosity_temperature", "sublinear_viscous", "quadratic_drag", "lubricant_lag", "run_in_drift", "load_dependence", "inertia_error", "torque_constant_error", "torque_constant_temperature", "current_delay", "torque_ripple", "speed_dead_zone"]
-    )
+    assert set(MEAN_EFFECTS) == {
+        *("stribeck", "presliding", "coulomb_asymmetry", "torque_bias", "viscous_asymmetry", "viscosity_temperature"),
+        *("sublinear_viscous", "quadratic_drag", "lubricant_lag", "run_in_drift", "load_dependence", "inertia_error"),
+        *("torque_constant_error", "torque_constant_temperature", "current_delay", "torque_ripple", "speed_dead_zone"),
+    }
 
 
 @every_mean_effect
@@ -66,7 +68,7 @@ def test_a_record_in_pieces_gives_the_same_bits(effect: type[MeanEffect], seed: 
     whole, last = effect.columns(channels, shape)
     cuts = [0, *sorted(64 * rng.choice(np.arange(1, 40), size=7, replace=False)), len(channels)]
     parts, memory = [], None
-    for start, stop in zip(cuts, cuts[1:], strict=False):
+    for start, stop in pairwise(cuts):
         part, memory = effect.columns(piece(channels, start, stop), shape, memory)
         parts.append(part)
     assert np.array_equal(np.concatenate(parts), whole, equal_nan=True)
