@@ -1,0 +1,497 @@
+"""One simulated record: true motion, true friction, what the sensors say, and the whole truth beside it.
+
+Order of events, as in the wheel: motion → temperature → switching systems → dry and viscous friction → effects →
+noise → motor torque, current and voltage that the motion then needs → sensors → faults. Every channel follows from
+the same friction, so that K_T·I − J·dω/dt gives it back.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+from typing import Any, Final
+
+import numpy as np
+
+from rwa_monitor.errors import InputError
+from rwa_monitor.physics import torque_balance
+from rwa_monitor.physics.effects.base import Channels, Effect, MeanEffect
+from rwa_monitor.physics.scenario import Anomaly, Scenario
+from rwa_monitor.physics.sensors import bearing_temperature, measure
+from rwa_monitor.physics.speed import ORBIT_S, Motion, simulate_motion
+from rwa_monitor.physics.switching import FrictionFactor, Realisation, simulate_system
+from rwa_monitor.physics.wheel import Wheel
+from rwa_monitor.samples import BoolArray, FloatArray, IntArray, Samples
+
+# A jump counts as visible when an oracle that knows its place, its neighbours and the slope sees it at six standard
+# deviations: λ = (Δ/σ)²·n₁n₂/(n₁+n₂) ≥ 6². A search over 80,000 slots and seven scales (5.6e5 contrasts) that promises
+# at most 0.01 false ones a window needs a threshold of 5.6 σ; below six, no method that keeps the promise can be
+# expected to find the jump.
+VISIBLE_INFORMATION: Final = 36.0
+FALLBACK_DEAD_BAND: Final = 5.0  # speed noises: below, the measured sign of the speed is not the true one
+COUPLING_TOLERANCE: Final = 1.0e-12  # of the largest motor torque: where the loop friction ↔ motor torque has settled
+COUPLING_ROUNDS: Final = 100
+
+
+@dataclass(frozen=True, slots=True)
+class Changepoints:
+    """The true jumps of all switching systems, sorted by slot; arrays (m,).
+
+    Attributes
+    ----------
+    index
+        int64, first slot of the new level.
+    system
+        int64, number of the switching system in the wheel file.
+    jump_Nm
+        Change of dry friction [N m], positive upwards.
+    information
+        λ = (Δ/σ)²·n₁n₂/(n₁+n₂), n the used samples up to the neighbouring true jumps: the squared signal-to-noise
+        ratio of an oracle's contrast.
+    visible
+        bool, λ ≥ 36 and no other jump on the same slot.
+    """
+
+    index: IntArray
+    system: IntArray
+    jump_Nm: FloatArray
+    information: FloatArray
+    visible: BoolArray
+
+    def __len__(self) -> int:
+        """Count the jumps."""
+        return int(self.index.size)
+
+
+@dataclass(frozen=True, slots=True)
+class Truth:
+    """All that the simulator knows of a record of n slots. Slots, not rows: a gap removes rows of the table only.
+
+    Attributes
+    ----------
+    speed_rad_s, acceleration_rad_s2, bearing_temperature_degC
+        float64 (n,), true motion and temperature.
+    friction_torque_Nm
+        float64 (n,), true friction without noise, effects included.
+    noise_Nm
+        float64 (n,), noise of the friction torque.
+    motor_torque_Nm
+        float64 (n,) what the motor gives, noise included; None for a wheel without inertia.
+    base_dry_Nm, viscous_Nm_s_rad
+        float64 (n,), base dry friction (all systems at rest) and viscous coefficient, anomalies included.
+    configuration, fss_friction_Nm
+        By system name: int64 (n,) and float64 (n,) [N m].
+    effect_torque_Nm
+        By effect name, in the order of application: float64 (n,) [N m].
+    used
+        bool (n,), slots in the table, without fault, |ω| outside the dead band.
+    faulty
+        bool (n,), slots hit by a declared fault.
+    changepoints
+        See its class.
+    noise_std_Nm, long_run_std_Nm
+        Standard deviation of a single friction value, and of a long mean times the root of its length [N m].
+    labels
+        By anomaly name: whether it is active at the end of the record.
+    factors
+        By anomaly name: its factor at the end of the record.
+    """
+
+    speed_rad_s: FloatArray
+    acceleration_rad_s2: FloatArray
+    bearing_temperature_degC: FloatArray
+    friction_torque_Nm: FloatArray
+    noise_Nm: FloatArray
+    motor_torque_Nm: FloatArray | None
+    base_dry_Nm: FloatArray
+    viscous_Nm_s_rad: FloatArray
+    configuration: dict[str, IntArray]
+    fss_friction_Nm: dict[str, FloatArray]
+    effect_torque_Nm: dict[str, FloatArray]
+    used: BoolArray
+    faulty: BoolArray
+    changepoints: Changepoints
+    noise_std_Nm: float
+    long_run_std_Nm: float
+    labels: dict[str, bool]
+    factors: dict[str, float]
+
+
+@dataclass(frozen=True, slots=True)
+class Telemetry:
+    """A simulated record: what the monitor gets, and what is true."""
+
+    samples: Samples
+    truth: Truth
+
+
+def simulate(scenario: Scenario, wheel: Wheel, rng: np.random.Generator) -> Telemetry:
+    """Simulate one record of a wheel.
+
+    Each part draws from a stream of its own, so that a change in one (another noise, one fault more) leaves the others
+    as they were; the same generator state gives the same bytes.
+
+    Parameters
+    ----------
+    scenario
+        What happens.
+    wheel
+        Whose constants, nominal friction, switching systems and effects apply.
+    rng
+        Source of all randomness.
+
+    Returns
+    -------
+    Telemetry
+        Samples and truth.
+
+    Raises
+    ------
+    InputError
+        If the scenario asks for what the wheel lacks.
+    """
+    scenario.check(wheel)
+    slots = scenario.slots(wheel)
+    streams = _Streams(*rng.spawn(len(fields(_Streams))))
+    motion = simulate_motion(scenario.speed, wheel, slots, streams.motion)
+    parts = _friction_parts(scenario, wheel, motion, streams)
+    noise = _friction_noise(scenario, wheel, parts, streams)
+    torque = parts.friction + noise.values  # y: what an exact sensor would make of speed and current
+    motor = _motor_torque(wheel, torque, motion)
+    samples = _measure(scenario, wheel, motion, parts, torque, motor, streams)
+    samples, faulty, missing = _apply_faults(scenario, wheel, samples, streams.faults)
+    used = _used(scenario, wheel, samples, faulty)
+    end_s = slots * wheel.sample_period_s
+    truth = Truth(
+        speed_rad_s=motion.speed_rad_s,
+        acceleration_rad_s2=motion.acceleration_rad_s2,
+        bearing_temperature_degC=parts.temperature,
+        friction_torque_Nm=parts.friction,
+        noise_Nm=noise.values,
+        motor_torque_Nm=motor,
+        base_dry_Nm=parts.base_dry,
+        viscous_Nm_s_rad=parts.viscous,
+        configuration={name: system.configuration for name, system in parts.systems.items()},
+        fss_friction_Nm={name: wheel.torque_unit_Nm * system.friction for name, system in parts.systems.items()},
+        effect_torque_Nm=parts.effect_torque,
+        used=used,
+        faulty=faulty,
+        changepoints=_changepoints(list(parts.systems.values()), used, wheel.torque_unit_Nm, noise.long_run_std_Nm),
+        noise_std_Nm=noise.std_Nm,
+        long_run_std_Nm=noise.long_run_std_Nm,
+        labels={name: _anomaly(scenario, name).factor_at(end_s) != 1.0 for name in wheel.anomalies},
+        factors={name: _anomaly(scenario, name).factor_at(end_s) for name in wheel.anomalies},
+    )
+    return Telemetry(samples[~missing], truth)
+
+
+@dataclass(frozen=True, slots=True)
+class _Streams:
+    """One generator for each part of the simulation."""
+
+    motion: np.random.Generator
+    temperature: np.random.Generator
+    systems: np.random.Generator
+    effects: np.random.Generator
+    noise: np.random.Generator
+    sensors: np.random.Generator
+    faults: np.random.Generator
+
+
+@dataclass(frozen=True, slots=True)
+class _Parts:
+    """The friction and what it is made of; arrays (n,) as in Truth, `channels` as the effects see the wheel."""
+
+    channels: Channels
+    temperature: FloatArray
+    base_dry: FloatArray
+    viscous: FloatArray
+    systems: dict[str, Realisation]
+    effects: tuple[Effect, ...]
+    effect_torque: dict[str, FloatArray]
+    friction: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class _Noise:
+    values: FloatArray
+    std_Nm: float
+    long_run_std_Nm: float
+
+
+_NO_ANOMALY: Final = Anomaly(factor=1.0)
+
+
+def _anomaly(scenario: Scenario, name: str) -> Anomaly:
+    return scenario.anomalies.get(name, _NO_ANOMALY)
+
+
+def _factor(anomaly: Anomaly, time_s: FloatArray) -> FloatArray:
+    """Return an anomaly's factor over time, float64 (n,)."""
+    if anomaly.factor == 1.0 or (anomaly.onset_s == 0.0 and anomaly.growth_s == 0.0):
+        return np.full(time_s.size, anomaly.factor)
+    if anomaly.growth_s == 0.0:
+        return np.where(time_s >= anomaly.onset_s, anomaly.factor, 1.0)
+    return 1.0 + (anomaly.factor - 1.0) * np.clip((time_s - anomaly.onset_s) / anomaly.growth_s, 0.0, 1.0)
+
+
+def _by_slot(anomaly: Anomaly, period_s: float) -> FrictionFactor:
+    """Return an anomaly's factor as a function of the slot."""
+    return lambda slot: anomaly.factor_at(slot * period_s)
+
+
+def _friction_parts(scenario: Scenario, wheel: Wheel, motion: Motion, streams: _Streams) -> _Parts:
+    """Put the friction together: switching systems, base dry and viscous friction, effects."""
+    assert wheel.nominal is not None  # noqa: S101 - Scenario.check has seen to it
+    slots = motion.speed_rad_s.size
+    time = np.arange(slots, dtype=np.float64) * wheel.sample_period_s
+    speed = motion.speed_rad_s
+    direction = np.sign(speed)
+    dry = wheel.nominal.dry_torque_Nm * scenario.base.dry * _factor(_anomaly(scenario, "dry"), time)
+    viscous = wheel.nominal.viscous_Nm_s_rad * scenario.base.viscous * _factor(_anomaly(scenario, "viscous"), time)
+
+    systems: dict[str, Realisation] = {}
+    for system, stream in zip(wheel.fss, streams.systems.spawn(len(wheel.fss)), strict=True):
+        anomaly = _anomaly(scenario, system.name)
+        systems[system.name] = simulate_system(system, slots, stream, _by_slot(anomaly, wheel.sample_period_s))
+    level = dry.copy()
+    for realisation in systems.values():
+        level += wheel.nominal.dry_torque_Nm * realisation.friction
+    friction = direction * level + viscous * speed
+    temperature = bearing_temperature(time, friction * speed, ORBIT_S, streams.temperature)
+
+    channels = Channels(
+        time_s=time,
+        speed_rad_s=speed,
+        direction=direction,
+        acceleration_rad_s2=motion.acceleration_rad_s2,
+        angle_rad=_angle(speed, wheel.sample_period_s),
+        motor_torque_Nm=_motor_torque(wheel, friction, motion),
+        bearing_temperature_degC=temperature,
+        dry_level_Nm=level,
+        sample_period_s=wheel.sample_period_s,
+        good=np.ones(slots, dtype=np.bool_),
+    )
+    effects = _effects(wheel, scenario)
+    effect_torque = _couple([effect for effect in effects if isinstance(effect, MeanEffect)], channels)
+    for torque in effect_torque.values():
+        friction = friction + torque
+    return _Parts(channels, temperature, dry, viscous, systems, effects, effect_torque, friction)
+
+
+def _effects(wheel: Wheel, scenario: Scenario) -> tuple[Effect, ...]:
+    """Build the wheel's own effects, then the scenario's."""
+    blocks = (*wheel.effect, *scenario.effect)
+    if not blocks:
+        return ()
+    from rwa_monitor.physics.effects.catalogue import build  # noqa: PLC0415
+
+    return tuple(build(block) for block in blocks)
+
+
+def _angle(speed_rad_s: FloatArray, period_s: float) -> FloatArray:
+    """Return the wheel angle ∫ω dt [rad], float64 (n,), by the trapezoidal rule, 0 at the first slot."""
+    angle = np.zeros(speed_rad_s.size)
+    np.cumsum(0.5 * period_s * (speed_rad_s[1:] + speed_rad_s[:-1]), out=angle[1:])
+    return angle
+
+
+def _motor_torque(wheel: Wheel, friction: FloatArray, motion: Motion) -> FloatArray | None:
+    """Return the motor torque that motion and friction ask for, or None for a wheel without inertia."""
+    if wheel.inertia_kg_m2 is None:
+        return None
+    return torque_balance.motor_torque(friction, motion.acceleration_rad_s2, wheel.inertia_kg_m2)
+
+
+def _couple(effects: list[MeanEffect], channels: Channels) -> dict[str, FloatArray]:
+    """Return the torque of every mean effect, together with the motor torque that they themselves ask for.
+
+    Friction that depends on the motor torque (a load, a wrong torque constant) changes the motor torque in turn. The
+    loop friction → motor torque → friction is a contraction, since no effect hands on more of the motor torque than a
+    part of it; it is repeated until nothing changes. The rate of the motor torque is that of the motion without
+    effects: a delayed current does not delay itself again.
+    """
+    plain = channels.motor_torque_Nm
+    if plain is not None:
+        rate = np.gradient(plain, channels.sample_period_s)
+        channels = replace(channels, motor_torque_rate_Nm_s=rate)
+    coupled = plain is not None and any("motor_torque_Nm" in effect.needs for effect in effects)
+    torques: list[FloatArray] = []
+    for _ in range(COUPLING_ROUNDS if coupled else 1):
+        torques = [effect.torque(channels)[0] for effect in effects]
+        if plain is None or not coupled:
+            break
+        motor = plain + np.sum(torques, axis=0)
+        change = float(np.max(np.abs(motor - channels.motor_torque_Nm)))
+        channels = replace(channels, motor_torque_Nm=motor)
+        if change <= COUPLING_TOLERANCE * float(np.max(np.abs(motor))):
+            break
+    else:
+        raise InputError(
+            "scenario", "its effects feed the motor torque back so strongly that no torque balances", "effect"
+        )
+    named: dict[str, FloatArray] = {}
+    for effect, torque in zip(effects, torques, strict=True):
+        named[effect.name] = named[effect.name] + torque if effect.name in named else torque
+    return named
+
+
+def _friction_noise(scenario: Scenario, wheel: Wheel, parts: _Parts, streams: _Streams) -> _Noise:
+    """Draw the noise of the friction torque.
+
+    Where friction is given, the wheel's noise stands for all that its estimate suffers from. Where it is not, speed and
+    current bring their own noise, and the friction itself has some only if the scenario says so.
+    """
+    std = scenario.noise.std_Nm
+    if std is None:
+        std = (wheel.noise.friction_std_Nm or 0.0) if scenario.friction_given else 0.0
+    values = scenario.noise.draw(std, len(parts.channels), streams.noise)
+    variance, long_run = std**2, scenario.noise.long_run_std(std) ** 2
+    if not scenario.friction_given:
+        sensors = scenario.sensors.for_wheel(wheel)
+        speed = np.hypot(sensors.speed_noise_rad_s or 0.0, (sensors.speed_quantum_rad_s or 0.0) / np.sqrt(12.0))
+        current = np.hypot(sensors.current_noise_A or 0.0, (sensors.current_quantum_A or 0.0) / np.sqrt(12.0))
+        derived = float(torque_balance.derived_noise_autocovariance(wheel, float(speed), float(current))[0])
+        variance, long_run = variance + derived, long_run + derived
+    return _Noise(values, float(np.sqrt(variance)), float(np.sqrt(long_run)))
+
+
+def _measure(
+    scenario: Scenario,
+    wheel: Wheel,
+    motion: Motion,
+    parts: _Parts,
+    torque: FloatArray,
+    motor: FloatArray | None,
+    streams: _Streams,
+) -> Samples:
+    """Return what the sensors say, one row for each slot."""
+    sensors = scenario.sensors.for_wheel(wheel)
+    # A stream for each channel: leaving one out changes none of the others.
+    speed_rng, current_rng, voltage_rng, temperature_rng = streams.sensors.spawn(4)
+    slots = motion.speed_rad_s.size
+    channels: dict[str, Any] = {
+        "speed_rad_s": measure(
+            motion.speed_rad_s, sensors.speed_noise_rad_s or 0.0, sensors.speed_quantum_rad_s or 0.0, speed_rng
+        ),
+        "bearing_temperature_degC": measure(parts.temperature, sensors.temperature_noise_K, 0.0, temperature_rng),
+    }
+    if scenario.friction_given:
+        channels["friction_torque_Nm"] = torque
+    if motor is not None and wheel.torque_constant_Nm_A is not None:
+        current = motor / wheel.torque_constant_Nm_A
+        measured = measure(current, sensors.current_noise_A or 0.0, sensors.current_quantum_A or 0.0, current_rng)
+        channels["motor_current_A"] = measured
+        channels["motor_torque_Nm"] = wheel.torque_constant_Nm_A * measured
+        if wheel.winding_resistance_ohm is not None and wheel.back_emf_constant_V_s_rad is not None:
+            voltage = wheel.winding_resistance_ohm * current + wheel.back_emf_constant_V_s_rad * motion.speed_rad_s
+            channels["motor_voltage_V"] = measure(voltage, sensors.voltage_noise_V, 0.0, voltage_rng)
+    if not scenario.friction_given and "motor_current_A" not in channels:
+        raise InputError(
+            f"wheel {wheel.name}", "inertia_kg_m2 and torque_constant_Nm_A are needed where friction is not given"
+        )
+    if scenario.channels is None:
+        channels.pop("motor_torque_Nm", None)
+    else:
+        for name in scenario.channels:
+            if name not in channels:
+                raise InputError("scenario", f"{name} is not given, or the wheel lacks constants for it", "channels")
+        channels = {name: channels[name] for name in ("speed_rad_s", *scenario.channels)}
+    time_ns = scenario.start_ns + np.arange(slots, dtype=np.int64) * wheel.period_ns
+    return Samples(time_ns=time_ns, **channels)
+
+
+def _apply_faults(
+    scenario: Scenario, wheel: Wheel, samples: Samples, rng: np.random.Generator
+) -> tuple[Samples, BoolArray, BoolArray]:
+    """Return the samples with all declared faults, which slots are faulty, and which are missing from the table."""
+    faulty = np.zeros(len(samples), dtype=np.bool_)
+    missing = np.zeros(len(samples), dtype=np.bool_)
+    for fault, stream in zip(scenario.fault, rng.spawn(len(scenario.fault)), strict=True):
+        hit = fault.slots_hit(len(samples), wheel.sample_period_s, stream)
+        faulty |= hit
+        if fault.kind == "gap":
+            missing |= hit
+            continue
+        values = getattr(samples, fault.channel)
+        if values is None:
+            raise InputError("scenario", f"the record has no {fault.channel}", "fault.channel")
+        changed: dict[str, Any] = {fault.channel: fault.apply(values, hit, stream)}
+        samples = replace(samples, **changed)
+    return samples, faulty, missing
+
+
+def _used(scenario: Scenario, wheel: Wheel, samples: Samples, faulty: BoolArray) -> BoolArray:
+    """Return bool (n,), the slots from which a diagnosis can learn."""
+    dead_band = wheel.window.dead_band_rad_s
+    if dead_band is None:
+        dead_band = FALLBACK_DEAD_BAND * (scenario.sensors.for_wheel(wheel).speed_noise_rad_s or 0.0)
+    speed = np.where(faulty, np.nan, samples.speed_rad_s)
+    used = ~faulty & (np.abs(speed) > dead_band)
+    if not scenario.friction_given:
+        used &= np.isfinite(torque_balance.differentiate(speed, wheel.friction.derivative, wheel.sample_period_s))
+    return used
+
+
+def _changepoints(
+    systems: list[Realisation], used: BoolArray, torque_unit_Nm: float, long_run_std_Nm: float
+) -> Changepoints:
+    """Collect the jumps of all systems and say which of them can be seen."""
+    index = np.concatenate([np.zeros(0, dtype=np.int64), *(system.jump_index for system in systems)])
+    number = np.concatenate(
+        [np.zeros(0, dtype=np.int64), *(np.full(s.jump_index.size, k, dtype=np.int64) for k, s in enumerate(systems))]
+    )
+    jump = np.concatenate([np.zeros(0), *(torque_unit_Nm * system.jump for system in systems)])
+    order = np.lexsort((number, index))
+    index, number, jump = index[order], number[order], jump[order]
+    return _with_information(index, number, jump, used, long_run_std_Nm)
+
+
+def _with_information(
+    index: IntArray, system: IntArray, jump: FloatArray, used: BoolArray, long_run_std_Nm: float
+) -> Changepoints:
+    places, times = np.unique(index[jump != 0.0], return_counts=True)
+    counted = np.concatenate([[0], np.cumsum(used)])
+    edges = np.concatenate([[0], places, [used.size]])
+    before = np.diff(counted[edges])[:-1].astype(np.float64)
+    after = np.diff(counted[edges])[1:].astype(np.float64)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        samples = np.where(before * after > 0.0, before * after / (before + after), 0.0)
+        snr = np.abs(jump) / long_run_std_Nm if long_run_std_Nm > 0.0 else np.where(jump != 0.0, np.inf, 0.0)
+    information = np.zeros(index.size)
+    alone = np.zeros(index.size, dtype=np.bool_)
+    real = jump != 0.0
+    at = np.searchsorted(places, index[real])
+    seen = samples[at] > 0.0
+    information[real] = np.where(seen, np.where(seen, samples[at], 1.0) * snr[real] ** 2, 0.0)
+    alone[real] = times[at] == 1
+    return Changepoints(index, system, jump, information, alone & (information >= VISIBLE_INFORMATION))
+
+
+def cut(telemetry: Telemetry, start: int, stop: int, wheel: Wheel) -> Telemetry:
+    """Return the slots [start, stop) of a record as a record of its own, with what can be seen of its jumps there.
+
+    Labels and factors are kept as they are: the caller knows what the piece is meant to show.
+    """
+    truth = telemetry.truth
+    piece: dict[str, Any] = {}
+    for field in fields(Truth):
+        value = getattr(truth, field.name)
+        if isinstance(value, np.ndarray):
+            piece[field.name] = value[start:stop]
+        elif isinstance(value, dict) and field.name not in ("labels", "factors"):
+            piece[field.name] = {name: array[start:stop] for name, array in value.items()}
+        else:
+            piece[field.name] = value
+    jumps = truth.changepoints
+    inside = (jumps.index > start) & (jumps.index < stop)
+    piece["changepoints"] = _with_information(
+        jumps.index[inside] - start,
+        jumps.system[inside],
+        jumps.jump_Nm[inside],
+        truth.used[start:stop],
+        truth.long_run_std_Nm,
+    )
+    origin = int(telemetry.samples.time_ns[0])
+    first, last = origin + start * wheel.period_ns, origin + stop * wheel.period_ns
+    rows = slice(*np.searchsorted(telemetry.samples.time_ns, [first, last]))
+    return Telemetry(telemetry.samples[rows], Truth(**piece))
