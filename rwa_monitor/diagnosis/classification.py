@@ -1,0 +1,253 @@
+"""Stage 4: which anomalies are there, from the split friction.
+
+`classify_as_paper` is the paper's: one linear support vector machine per anomaly, on the coefficient itself or on the
+histogram of a system's friction.
+
+`classify` is Bayes' rule. Each sojourn of a system, and each of dry and viscous friction, is a measurement with its own
+standard deviation of a value that lies in the nominal or in the anomalous band (`model.Levels`). Wide uncertainty makes
+both densities equal and leaves the prior. Where a system never rests, its friction and the base dry friction share an
+unknown shift: all combinations of anomalies are compared with the shift integrated out, so that the base of a healthy
+wheel, the ranges of friction and earlier windows decide together what the shift can be, and what stays ambiguous stays
+probability (errata 10).
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from scipy import special
+
+from rwa_monitor.diagnosis.features import Features, histogram
+from rwa_monitor.diagnosis.likelihood import (
+    CHANGE_PER_WINDOW,
+    integrate_shift,
+    stray_probability,
+    system_evidence,
+    value_evidence,
+)
+from rwa_monitor.diagnosis.model import AnomalyModel, LinearSvm, Model
+from rwa_monitor.diagnosis.state import CarriedState
+from rwa_monitor.samples import BoolArray, FloatArray
+
+# A value tells nothing when its standard deviation exceeds this share of the distance between nominal and anomalous.
+TELLING_STD: Final = 0.4
+UNLIKE_SHARE: Final = 0.9  # from this probability that a value is a stray, it is called unlike anything learned
+
+
+@dataclass(frozen=True, slots=True)
+class Judged:
+    """Judgement on one anomaly.
+
+    Attributes
+    ----------
+    name
+        Of the anomaly.
+    probability
+        That it is there.
+    telling
+        Whether the window can show it at all; otherwise the probability is that before the window.
+    unlike
+        Whether what was seen is unlike everything learned, nominal or anomalous.
+    """
+
+    name: str
+    probability: float
+    telling: bool
+    unlike: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Judgement:
+    """Judgement on all anomalies of a wheel.
+
+    Attributes
+    ----------
+    anomalies
+        One entry each, in the wheel's order.
+    features
+        The features with the shift that was found most plausible; the given ones where nothing was ambiguous.
+    to_carry
+        For each anomaly the probability that the next window starts from.
+    """
+
+    anomalies: tuple[Judged, ...]
+    features: Features
+    to_carry: dict[str, float]
+
+
+# ---- the paper -------------------------------------------------------------------------------------------------------
+
+
+def svm_features(bins: int, low: float, high: float, values: FloatArray) -> FloatArray:
+    """Return z: the value on the scale of the training data (0 bins), or the histogram of the values."""
+    if bins:
+        return histogram(values, low, high, bins)
+    return (values - low) / (high - low)
+
+
+def decide(svm: LinearSvm, values: FloatArray) -> tuple[float, float]:
+    """Return w·z + b and the calibrated probability, for one coefficient (1,) or a system's friction (sojourns,)."""
+    z = svm_features(svm.bins, svm.low, svm.high, values)
+    decision = float(np.dot(np.asarray(svm.weights), z)) + svm.bias
+    return decision, float(special.expit(svm.slope * decision + svm.offset))
+
+
+def paper_values(features: Features) -> tuple[FloatArray, ...]:
+    """Return the values that the paper classifies, one array per anomaly; a system gives all its sojourns."""
+    return (
+        np.array([features.base_dry]),
+        np.array([features.viscous]),
+        *(system.friction for system in features.systems),
+    )
+
+
+def classify_as_paper(features: Features, models: Sequence[AnomalyModel | None], names: Sequence[str]) -> Judgement:
+    """Judge by one linear support vector machine per anomaly.
+
+    Parameters
+    ----------
+    features
+        Of the window.
+    models
+        What was learned about each anomaly, None where nothing was.
+    names
+        The anomalies' names, in the wheel's order.
+    """
+    judged = []
+    for name, model, values in zip(names, models, paper_values(features), strict=True):
+        if model is None or model.svm is None:
+            judged.append(Judged(name, model.rate if model else 0.5, telling=False, unlike=False))
+            continue
+        decision, probability = decide(model.svm, values)
+        # Active is what the paper says, the sign of the decision; the calibrated probability must not contradict it.
+        probability = max(probability, 0.5) if decision > 0 else min(probability, 0.5)
+        judged.append(Judged(name, probability, telling=True, unlike=False))
+    return Judgement(tuple(judged), features, {entry.name: entry.probability for entry in judged})
+
+
+# ---- the joint classifier --------------------------------------------------------------------------------------------
+
+
+def classify(
+    features: Features,
+    models: Sequence[AnomalyModel | None],
+    names: Sequence[str],
+    model: Model,
+    carried: CarriedState,
+    new_share: float = 1.0,
+) -> Judgement:
+    """Judge all anomalies together.
+
+    Parameters
+    ----------
+    features
+        Of the window.
+    models
+        What was learned about each anomaly of the wheel, None where nothing was.
+    names
+        The anomalies' names, in the wheel's order.
+    model
+        The whole model, for how likely several anomalies at once are.
+    carried
+        What earlier windows tell.
+    new_share
+        Share of the window's slots that no earlier window had; what is carried on counts the evidence by it, so that
+        overlapping windows do not count it twice.
+    """
+    # Systems that never rest are judged together with the base dry friction, all others alone.
+    unrested = [
+        (s, learned)
+        for s, (system, learned) in enumerate(zip(features.systems, models[2:], strict=True))
+        if not system.rests and learned is not None and learned.knows_friction
+    ]
+    combinations = np.array(list(itertools.product((False, True), repeat=len(names))))
+    log_likelihood = np.zeros(len(combinations))
+    for a, rows in enumerate(_evidence_alone(features, models, dry_too=not unrested)):
+        log_likelihood += np.where(combinations[:, a], rows[1], rows[0])
+    shift = integrate_shift(features, models[0], unrested, carried.base_dry) if unrested else None
+    if shift is not None:
+        log_likelihood += shift.log_likelihood[shift.number(combinations)]
+    log_prior = _log_prior(combinations, models, names, model, carried)
+    prior, posterior = special.softmax(log_prior), special.softmax(log_prior + log_likelihood)
+    if shift is not None:
+        features = shift.apply(features, posterior, shift.number(combinations))
+
+    judged, to_carry = [], {}
+    for a, name in enumerate(names):
+        probability = float(posterior[combinations[:, a]].sum())
+        before = float(prior[combinations[:, a]].sum())
+        telling, unlike = _quality(features, models[a], a)
+        judged.append(Judged(name, probability, telling, unlike))
+        gained = new_share * (_logit(probability) - _logit(before))
+        to_carry[name] = float(special.expit(_logit(before) + gained))
+    return Judgement(tuple(judged), features, to_carry)
+
+
+def _evidence_alone(features: Features, models: Sequence[AnomalyModel | None], *, dry_too: bool) -> list[FloatArray]:
+    """Return the log likelihoods (2,) of each anomaly on its own; equal for those that are judged together."""
+    no_shift = np.zeros(1)
+    return [
+        value_evidence(models[0], features.base_dry, features.base_dry_std) if dry_too else np.zeros(2),
+        value_evidence(models[1], features.viscous, features.viscous_std),
+        *(
+            system_evidence(model, system, no_shift)[:, 0] if system.rests else np.zeros(2)
+            for model, system in zip(models[2:], features.systems, strict=True)
+        ),
+    ]
+
+
+def _log_prior(
+    combinations: BoolArray,
+    models: Sequence[AnomalyModel | None],
+    names: Sequence[str],
+    model: Model,
+    carried: CarriedState,
+) -> FloatArray:
+    """Return the log probability of each combination before the window, float64 (combinations,), up to a constant.
+
+    How many anomalies come at once is learned, which ones is equally likely; then each anomaly's odds are multiplied
+    by what earlier windows changed in them.
+    """
+    count = combinations.sum(axis=1)
+    total = combinations.shape[1]
+    known = len(model.simultaneous)
+    of_count = np.array([model.simultaneous[min(k, known - 1)] / math.comb(total, k) for k in range(total + 1)])
+    log_prior = np.log(of_count[count])
+    base = special.softmax(log_prior)
+    for a, (name, learned) in enumerate(zip(names, models, strict=True)):
+        before = float(base[combinations[:, a]].sum())
+        if learned is not None:
+            log_prior += combinations[:, a] * (_logit(learned.rate) - _logit(before))
+            before = learned.rate
+        if name in carried.probability:
+            last = carried.probability[name]
+            now = last + CHANGE_PER_WINDOW * (before - last)
+            log_prior += combinations[:, a] * (_logit(now) - _logit(before))
+    return np.asarray(log_prior, dtype=np.float64)
+
+
+def _quality(features: Features, model: AnomalyModel | None, a: int) -> tuple[bool, bool]:
+    """Return whether the window can show an anomaly, and whether what it shows is unlike everything learned."""
+    if model is None or not model.knows_friction:
+        return False, False
+    if a < 2:
+        value, std = ((features.base_dry, features.base_dry_std), (features.viscous, features.viscous_std))[a]
+        found = [(model.levels[0], value, std)]
+    else:
+        active = features.systems[a - 2].active()
+        found = [(model.levels[q], value, std) for q, value, std in zip(*(x.tolist() for x in active), strict=True)]
+    telling, strays = False, []
+    for levels, value, std in found:
+        if levels is not None and math.isfinite(value) and math.isfinite(std):
+            telling = telling or std < TELLING_STD * levels.reach
+            strays.append(stray_probability(levels, value, std))
+    return telling, bool(strays) and float(np.mean(strays)) > UNLIKE_SHARE
+
+
+def _logit(probability: float) -> float:
+    return float(special.logit(min(max(probability, 1e-9), 1.0 - 1e-9)))

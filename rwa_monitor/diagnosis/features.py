@@ -1,0 +1,116 @@
+"""Features: what stage 3 hands to the classifiers, one set per window.
+
+dry and viscous are single coefficients; a switching system is the list of its sojourns. Where a system never rests in
+the window (q = 0), its friction is known only up to a shift that is missing from the base dry friction (errata 10);
+`rests` says so and the joint classifier integrates over the shift.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rwa_monitor.diagnosis.results import Assignment, Components
+from rwa_monitor.physics.wheel import Wheel
+from rwa_monitor.samples import FloatArray, IntArray
+
+
+@dataclass(frozen=True, slots=True)
+class SystemFeatures:
+    """Sojourns of one switching system.
+
+    Attributes
+    ----------
+    name
+        The system's name.
+    configuration
+        int64 (sojourns,).
+    friction, friction_std
+        float64 (sojourns,), normalised by the nominal dry torque. Where the system never rests, `friction_std` is that
+        of the differences, not of the common shift.
+    rests
+        Whether it visits q = 0, so that friction is absolute.
+    """
+
+    name: str
+    configuration: IntArray
+    friction: FloatArray
+    friction_std: FloatArray
+    rests: bool
+
+    def active(self) -> tuple[IntArray, FloatArray, FloatArray]:
+        """Return configuration, friction and std of the sojourns above q = 0."""
+        above = self.configuration > 0
+        return self.configuration[above], self.friction[above], self.friction_std[above]
+
+    def highest(self) -> tuple[int, float, float]:
+        """Return the highest configuration visited, the mean friction in it and its standard deviation."""
+        if self.configuration.size == 0:
+            return 0, 0.0, 0.0
+        q = int(self.configuration.max())
+        if q == 0:
+            return 0, 0.0, 0.0
+        there = self.configuration == q
+        std = np.sqrt(np.mean(self.friction_std[there] ** 2) / there.sum())
+        return q, float(self.friction[there].mean()), float(std)
+
+
+@dataclass(frozen=True, slots=True)
+class Features:
+    """All that the classifiers see of a window, normalised.
+
+    Attributes
+    ----------
+    base_dry, base_dry_std, viscous, viscous_std
+        The coefficients.
+    systems
+        One entry per switching system, in the wheel's order.
+    """
+
+    base_dry: float
+    base_dry_std: float
+    viscous: float
+    viscous_std: float
+    systems: tuple[SystemFeatures, ...]
+
+    @property
+    def base_known(self) -> bool:
+        """Whether all systems rest at some time, so that the window itself shows the base dry friction."""
+        return all(system.rests for system in self.systems)
+
+
+def features_of(components: Components, assignment: Assignment, wheel: Wheel) -> Features:
+    """Return the features of a window from the results of stage 3."""
+    return Features(
+        base_dry=components.base_dry,
+        base_dry_std=components.base_dry_std,
+        viscous=components.viscous,
+        viscous_std=components.viscous_std,
+        systems=tuple(_system(components, assignment, s, system.name) for s, system in enumerate(wheel.fss)),
+    )
+
+
+def _system(components: Components, assignment: Assignment, s: int, name: str) -> SystemFeatures:
+    configuration = assignment.configurations[s]
+    std = components.fss_friction_std[s]
+    rests = bool((configuration == 0).any())
+    if not rests:
+        # What stage 3 gives here includes the shift that all sojourns share; the differences come from the jumps.
+        jump_std = assignment.jump_std[assignment.system == s]
+        std = np.full(configuration.size, float(jump_std.mean()) if jump_std.size else 0.0)
+    return SystemFeatures(name, configuration, components.fss_friction[s], std, rests)
+
+
+def histogram(values: FloatArray, low: float, high: float, bins: int) -> FloatArray:
+    """Return the normalised histogram of the paper, float64 (bins,), with errata 13.
+
+    Bins are half-open and cover [low, high]; values outside count in the end bins. All zero without values.
+    """
+    counts = np.zeros(bins)
+    values = values[np.isfinite(values)]
+    if values.size == 0 or high <= low:
+        return counts
+    bin_of = np.clip(np.floor((values - low) / (high - low) * bins), 0, bins - 1).astype(np.int64)
+    np.add.at(counts, bin_of, 1.0 / values.size)
+    return counts

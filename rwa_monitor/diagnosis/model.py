@@ -1,0 +1,273 @@
+"""The model: what labelled windows taught about nominal and anomalous friction. Readable JSON, never pickle.
+
+All values are normalised (torque by the nominal dry torque, viscous friction by nominal dry torque over nominal
+speed), so a model serves every wheel whose [nominal] is known. For each anomaly it holds two classifiers, side by
+side: the paper's linear support vector machine, and the densities of the joint classifier (see `classification`).
+"""
+
+from __future__ import annotations
+
+import pkgutil
+from functools import lru_cache
+from typing import Annotated, Final, Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from scipy import special
+
+from rwa_monitor.diagnosis.canonical import Rounded, canonical_json, content_sha256
+from rwa_monitor.errors import InputError
+from rwa_monitor.physics.wheel import RESERVED_ANOMALIES, SwitchingSystem
+from rwa_monitor.samples import FloatArray
+
+MODEL_VERSION: Final = 1
+MAX_MODEL_BYTES: Final = 1_000_000  # the built-in model is some 20 kB
+BUILT_IN_MODEL_FILE: Final = "built_in_model.json"
+
+Finite = Annotated[Rounded, Field(allow_inf_nan=False)]
+Positive = Annotated[Rounded, Field(gt=0, allow_inf_nan=False)]
+Fraction = Annotated[Rounded, Field(ge=0, le=1)]
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class Band(_Part):
+    """Where values of one class lie: uniform on [low, high], the edges softened by a Gaussian of std `soft`.
+
+    It holds both laws that friction follows here: a range (soft small) and a value with scatter (low = high).
+    """
+
+    low: Finite
+    high: Finite
+    soft: Positive
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Self:
+        if self.high < self.low:
+            raise ValueError(f"high ({self.high}) is below low ({self.low})")
+        return self
+
+    @property
+    def middle(self) -> float:
+        """The middle of the band."""
+        return 0.5 * (self.low + self.high)
+
+    def density(self, value: ArrayLike, std: ArrayLike) -> FloatArray:
+        """Return the density of measuring `value` with standard deviation `std`; arrays of one shape."""
+        at = np.asarray(value, dtype=np.float64)
+        sigma = np.hypot(self.soft, np.asarray(std, dtype=np.float64))
+        width = self.high - self.low
+        # A band narrower than its softness is a Gaussian; the difference below would lose all digits.
+        gaussian = np.exp(-0.5 * ((at - self.middle) / sigma) ** 2) / (sigma * np.sqrt(2.0 * np.pi))
+        if width < 1e-3 * self.soft:
+            return np.asarray(gaussian)
+        # The tail with both arguments of one sign, so that the difference keeps its digits on either side.
+        distance = np.abs(at - self.middle)
+        inside = special.ndtr((0.5 * width - distance) / sigma) - special.ndtr((-0.5 * width - distance) / sigma)
+        return np.asarray(inside / width)
+
+
+class Levels(_Part):
+    """Nominal and anomalous values of one coefficient, or of one configuration of a switching system.
+
+    Attributes
+    ----------
+    nominal
+        Band of a healthy wheel.
+    anomalous
+        Band of the learned anomaly, None where none was learned.
+    stray
+        Share of values that lie nowhere near their band, because an earlier stage erred.
+    reach
+        Scale on which other values than the learned ones are spread.
+    median
+        Median of the learned anomaly, None where none was learned.
+    """
+
+    nominal: Band
+    anomalous: Band | None
+    stray: Annotated[Rounded, Field(gt=0, lt=0.5)]
+    reach: Positive
+    median: Finite | None
+
+    @property
+    def nominal_low(self) -> float:
+        """Lower bound of nominal values: two standard deviations of the softness below the band."""
+        return self.nominal.low - 2.0 * self.nominal.soft
+
+    @property
+    def nominal_high(self) -> float:
+        """Upper bound of nominal values."""
+        return self.nominal.high + 2.0 * self.nominal.soft
+
+
+class LinearSvm(_Part):
+    """The paper's classifier: sign(w·z + b) with z the standardised value, or the histogram of a system's friction.
+
+    Attributes
+    ----------
+    bins
+        0 for a single value, else the number of bins over [low, high].
+    low, high
+        For a histogram its range, that of the training data; for a value the range that becomes [0, 1].
+    weights, bias
+        w and b.
+    slope, offset
+        Platt's calibration: probability = 1/(1 + exp(-(slope·decision + offset))).
+    """
+
+    bins: Annotated[int, Field(ge=0, le=1000)]
+    low: Finite
+    high: Finite
+    weights: Annotated[tuple[Finite, ...], Field(min_length=1, max_length=1000)]
+    bias: Finite
+    slope: Finite
+    offset: Finite
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        if len(self.weights) != max(self.bins, 1):
+            raise ValueError(f"{len(self.weights)} weights for {max(self.bins, 1)} features")
+        if self.high <= self.low:
+            raise ValueError(f"high ({self.high}) is not above low ({self.low})")
+        return self
+
+
+class AnomalyModel(_Part):
+    """What was learned about one anomaly.
+
+    Attributes
+    ----------
+    name
+        dry, viscous or the switching system's name.
+    levels
+        One entry for dry and viscous; one per configuration for a system, None for q = 0 and for those never seen.
+    svm
+        The paper's classifier, None where it could not be trained.
+    rate
+        Share of the training windows that have the anomaly: the probability before anything is seen.
+    """
+
+    name: Annotated[str, Field(min_length=1, max_length=64)]
+    levels: Annotated[tuple[Levels | None, ...], Field(min_length=1, max_length=16)]
+    svm: LinearSvm | None
+    rate: Annotated[Rounded, Field(gt=0, lt=1)]
+
+    @property
+    def knows_friction(self) -> bool:
+        """Whether any value was learned."""
+        return any(levels is not None for levels in self.levels)
+
+    def serves(self, system: SwitchingSystem) -> bool:
+        """Say whether what was learned is about this system: same configurations, and friction where stated."""
+        if len(self.levels) != system.configurations:
+            return False
+        if system.friction is None:
+            return True
+        return all(
+            levels is None or levels.nominal_low <= 0.5 * (stated.low + stated.high) <= levels.nominal_high
+            for levels, stated in zip(self.levels, system.friction, strict=True)
+        )
+
+
+class Provenance(_Part):
+    """How a model was trained, enough to do it again."""
+
+    wheel: str
+    wheel_sha256: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
+    windows: Annotated[int, Field(ge=1)]
+    source: str  # the recipe with its seed, or the label file's name
+    command: str
+
+
+class Model(_Part):
+    """All classifiers of a wheel.
+
+    Attributes
+    ----------
+    version
+        Of this format.
+    trained
+        How.
+    anomalies
+        One entry per anomaly.
+    simultaneous
+        Probability of 0, 1, 2, … anomalies at once in the training windows, smoothed so that none is impossible.
+    undecided
+        (low, high): a probability between them is inconclusive.
+    """
+
+    version: Annotated[int, Field(ge=MODEL_VERSION, le=MODEL_VERSION)] = MODEL_VERSION
+    trained: Provenance
+    anomalies: Annotated[tuple[AnomalyModel, ...], Field(min_length=1, max_length=10)]
+    simultaneous: Annotated[tuple[Annotated[Rounded, Field(gt=0, le=1)], ...], Field(min_length=2, max_length=11)]
+    undecided: tuple[Fraction, Fraction]
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        names = [anomaly.name for anomaly in self.anomalies]
+        if tuple(names[:2]) != RESERVED_ANOMALIES or len(set(names)) != len(names):
+            raise ValueError(f"anomalies must be dry, viscous and switching systems, each once, not {', '.join(names)}")
+        if any(anomaly.levels[0] is None for anomaly in self.anomalies[:2]):
+            raise ValueError("dry and viscous need a nominal range")
+        if len(self.simultaneous) != len(names) + 1:
+            raise ValueError(f"simultaneous has {len(self.simultaneous)} entries for {len(names)} anomalies")
+        if not self.undecided[0] <= 0.5 <= self.undecided[1]:
+            raise ValueError("undecided must enclose 0.5")
+        return self
+
+    def anomaly(self, name: str) -> AnomalyModel | None:
+        """Return what was learned about one anomaly, or None."""
+        return next((anomaly for anomaly in self.anomalies if anomaly.name == name), None)
+
+    def to_json(self) -> str:
+        """Write the model as readable JSON, keys sorted, numbers with 12 significant digits."""
+        return self.model_dump_json(indent=1) + "\n"
+
+    @classmethod
+    def from_json(cls, text: str | bytes, source: str) -> Self:
+        """Read a model.
+
+        Parameters
+        ----------
+        text
+            The file's content.
+        source
+            Its name, for messages.
+
+        Raises
+        ------
+        InputError
+            If the text is too large, is no JSON, or a field is missing, unknown or out of range; names the field.
+        """
+        if len(text) > MAX_MODEL_BYTES:
+            raise InputError(source, f"is larger than {MAX_MODEL_BYTES} bytes; this is not a model file")
+        try:
+            return cls.model_validate_json(text)
+        except ValidationError as error:
+            first = error.errors(include_url=False)[0]
+            place = ".".join(str(part) for part in first["loc"])
+            raise InputError(source, f"is no model: {first['msg']}", place) from error
+
+    def canonical(self) -> str:
+        """Return the canonical JSON: the model's meaning, independent of the file's layout."""
+        return canonical_json(self.model_dump(mode="json"))
+
+    def sha256(self) -> str:
+        """Return the hash of the canonical JSON."""
+        return content_sha256(self.model_dump(mode="json"))
+
+
+@lru_cache(maxsize=1)
+def built_in_model() -> Model:
+    """Return the model that ships with the package, trained for the built-in wheel.
+
+    The file is a part of the program, as a constant is; `pkgutil` reads it from wherever the package is installed.
+    """
+    text = pkgutil.get_data("rwa_monitor.diagnosis", BUILT_IN_MODEL_FILE)
+    if text is None:
+        raise InputError(BUILT_IN_MODEL_FILE, "is missing from the installed package")
+    return Model.from_json(text, BUILT_IN_MODEL_FILE)
