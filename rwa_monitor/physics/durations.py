@@ -7,7 +7,7 @@ and the mass below 1 is put on 1. Every law gives what the assignment needs: log
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, Final, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,6 +15,9 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from scipy import special
 
 from rwa_monitor.samples import FloatArray, IntArray
+
+LONGEST: Final = 10**12  # slots; four thousand years at 8 Hz: longer is a wrong unit, and would leave exact integers
+EXACT_TERMS: Final = 200_000  # terms of a sum over durations that are added one by one
 
 
 class _Law(BaseModel):
@@ -51,15 +54,17 @@ class _Law(BaseModel):
 
     def survival_sum(self, start: int) -> float:
         """Return Σ_{r ≥ start} P(τ ≥ r) [slots]; the mean duration for start = 1."""
-        # Summed on a grid that is exact for short laws and trapezoidal (error below 1e-4) for long ones.
         end = int(np.ceil(self.longest())) + 1
         if start >= end:
             return 0.0
-        count = end - start + 1
-        if count <= 1_000_000:
-            return float(self.survival(np.arange(start, end + 1)).sum())
-        at = np.linspace(start, end, 1_000_001)
-        return float(np.trapezoid(self.survival(at), at) + 0.5 * float(self.survival(start)))
+        head = min(end, start + EXACT_TERMS)
+        total = float(self.survival(np.arange(start, head + 1)).sum())
+        if head < end:
+            # The rest of a very long law: Euler–Maclaurin on a grid that grows with the duration, error below 1e-4.
+            at = np.geomspace(head, end, EXACT_TERMS)
+            survival = self.survival(at)
+            total += float(np.trapezoid(survival, at) - 0.5 * (survival[0] - survival[-1]))
+        return total
 
     def mean(self) -> float:
         """Return the mean duration [slots]."""
@@ -70,8 +75,8 @@ class Uniform(_Law):
     """Every whole number of slots from `low` to `high`, both included, equally likely."""
 
     law: Literal["uniform"] = "uniform"
-    low: Annotated[int, Field(ge=1)]
-    high: Annotated[int, Field(ge=1)]
+    low: Annotated[int, Field(ge=1, le=LONGEST)]
+    high: Annotated[int, Field(ge=1, le=LONGEST)]
 
     @model_validator(mode="after")
     def _ordered(self) -> Uniform:
@@ -94,7 +99,7 @@ class Geometric(_Law):
     """Memoryless: P(τ = k) = p (1 - p)^(k-1) with p = 1 / mean."""
 
     law: Literal["geometric"] = "geometric"
-    mean_slots: Annotated[float, Field(ge=1, alias="mean")]
+    mean_slots: Annotated[float, Field(ge=1, le=LONGEST, alias="mean")]
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, populate_by_name=True)
 
@@ -128,15 +133,16 @@ class _RoundedContinuous(_Law):
         return np.where(at <= 1, 1.0, self._tail(np.maximum(at - 0.5, 0.5)))
 
     def sample(self, rng: np.random.Generator, size: int) -> IntArray:
-        return np.maximum(np.rint(self._draw(rng, size)), 1).astype(np.int64)
+        slots: IntArray = np.clip(np.rint(self._draw(rng, size)), 1, LONGEST).astype(np.int64)
+        return slots
 
 
 class Weibull(_RoundedContinuous):
     """P(x > t) = exp(-(t / scale)^shape), rounded to slots."""
 
     law: Literal["weibull"] = "weibull"
-    shape: Annotated[float, Field(gt=0)]
-    scale: Annotated[float, Field(gt=0)]
+    shape: Annotated[float, Field(ge=0.1, le=1_000)]
+    scale: Annotated[float, Field(gt=0, le=LONGEST)]
 
     def _tail(self, value: FloatArray) -> FloatArray:
         return np.exp(-np.power(value / self.scale, self.shape))
@@ -152,8 +158,8 @@ class Lognormal(_RoundedContinuous):
     """log x ~ N(mu, sigma²), rounded to slots."""
 
     law: Literal["lognormal"] = "lognormal"
-    mu: float
-    sigma: Annotated[float, Field(gt=0)]
+    mu: Annotated[float, Field(ge=-30, le=30)]  # exp(30) slots is ten times LONGEST
+    sigma: Annotated[float, Field(gt=0, le=5)]
 
     def _tail(self, value: FloatArray) -> FloatArray:
         return np.asarray(special.ndtr(-(np.log(value) - self.mu) / self.sigma), dtype=np.float64)
@@ -169,7 +175,7 @@ class Histogram(_Law):
     """Bins [edges[i], edges[i+1]) of whole slots with weights; equally likely within a bin. What `identify` writes."""
 
     law: Literal["histogram"] = "histogram"
-    edges: Annotated[tuple[int, ...], Field(min_length=2)]
+    edges: Annotated[tuple[Annotated[int, Field(le=LONGEST)], ...], Field(min_length=2)]
     weights: Annotated[tuple[float, ...], Field(min_length=1)]
 
     @model_validator(mode="after")
