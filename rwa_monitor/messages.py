@@ -1,0 +1,583 @@
+"""The messages on the bus: their fields, their JSON, their schemas.
+
+Every message is one JSON object on the key rwa/{spacecraft}/{wheel}/{kind}, with the Zenoh encoding
+application/json;rwa.<Message>; in a recording the same name is the schema. Times are integer nanoseconds of the wheel's
+own clock. `schemas/` is generated from here (`make schemas`) and is the contract for every field.
+
+What we write is deterministic: fixed order of keys, shortest decimal form of every number, no NaN. What we read is
+limited in size before it is parsed, and a message that does not fit its model is refused with the place and the reason.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Final, Literal, Self, TypeVar
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic.json_schema import SkipJsonSchema
+
+from rwa_monitor.diagnosis.results import Method
+from rwa_monitor.diagnosis.window_diagnosis import AnomalyDiagnosis, Value, WindowDiagnosis
+from rwa_monitor.errors import InputError
+from rwa_monitor.samples import CHANNELS, FloatArray, Samples
+
+MAX_MESSAGE_BYTES: Final = 8 * 2**20  # 100,000 samples of three channels are some 6 MB
+MAX_SAMPLES: Final = 100_000  # of one message: 3.5 hours at 8 Hz
+MAX_TIME_NS: Final = 4_000_000_000_000_000_000  # the year 2096, if the clock counts from 1970
+MAX_COUNT: Final = 2**53  # integers that every JSON reader keeps exactly
+
+Count = Annotated[int, Field(ge=0, le=MAX_COUNT)]
+TimeNs = Annotated[int, Field(ge=0, le=MAX_TIME_NS)]
+Number = Annotated[float, Field(allow_inf_nan=False)]
+Name = Annotated[str, Field(max_length=200)]
+Verdict = Literal["nominal", "anomalous", "inconclusive"]
+
+
+class Message(BaseModel):
+    """Base of all messages."""
+
+    model_config = ConfigDict(frozen=True, strict=True, extra="ignore")
+
+    kind: ClassVar[str]  # last part of the key
+
+    @classmethod
+    def schema_name(cls) -> str:
+        """Return the name of the schema, such as rwa.Diagnosis."""
+        return f"rwa.{cls.__name__}"
+
+    @classmethod
+    def encoding(cls) -> str:
+        """Return the Zenoh encoding."""
+        return f"application/json;{cls.schema_name()}"
+
+    @classmethod
+    def json_schema(cls) -> dict[str, Any]:
+        """Return the JSON Schema (draft 2020-12) of the message."""
+        mode: Literal["validation", "serialization"] = "validation" if cls.kind == "samples" else "serialization"
+        schema = cls.model_json_schema(mode=mode)
+        schema["title"] = cls.schema_name()
+        return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}
+
+    @classmethod
+    def parse(cls, payload: bytes, source: str) -> Self:
+        """Read a message.
+
+        Raises
+        ------
+        InputError
+            If it is too large, is no JSON, or a field is missing or wrong; names the field.
+        """
+        if len(payload) > MAX_MESSAGE_BYTES:
+            raise InputError(source, f"has {len(payload)} bytes, more than {MAX_MESSAGE_BYTES}")
+        try:
+            return cls.model_validate_json(payload)
+        except ValidationError as error:
+            first = error.errors(include_url=False, include_context=False)[0]
+            raise InputError(source, first["msg"], ".".join(str(part) for part in first["loc"])) from error
+
+    def to_json(self) -> bytes:
+        """Write the message; the same values always give the same bytes."""
+        return dump_json(self.model_dump(mode="python"))
+
+
+def dump_json(content: Any) -> bytes:
+    """Write plain content as compact JSON, keys in their own order.
+
+    Raises
+    ------
+    ValueError
+        If a number is not finite.
+    """
+    return json.dumps(content, separators=(",", ":"), allow_nan=False, ensure_ascii=False).encode()
+
+
+# ---- samples ---------------------------------------------------------------------------------------------------------
+
+# NaN and Infinity are no JSON, but some writers use them: they are read, and masked, like null.
+Readings = Annotated[list[float | None], Field(max_length=MAX_SAMPLES)]
+
+
+class SamplesMessage(Message):
+    """Telemetry of a wheel: arrays of one length, null where a value was not measured.
+
+    `publisher` is a random name per start of a publisher and `batch` counts its messages, so that a gap shows; any
+    publisher that writes the arrays is served without them.
+    """
+
+    kind: ClassVar[str] = "samples"
+
+    publisher: Annotated[str, Field(max_length=64)] = ""
+    batch: Count | SkipJsonSchema[None] = None
+    time_ns: Annotated[list[TimeNs], Field(min_length=1, max_length=MAX_SAMPLES)]
+    speed_rad_s: Readings
+    friction_torque_Nm: Readings | SkipJsonSchema[None] = None
+    motor_current_A: Readings | SkipJsonSchema[None] = None
+    motor_torque_Nm: Readings | SkipJsonSchema[None] = None
+    motor_voltage_V: Readings | SkipJsonSchema[None] = None
+    bearing_temperature_degC: Readings | SkipJsonSchema[None] = None
+
+    @classmethod
+    def schema_name(cls) -> str:
+        return "rwa.Samples"
+
+    @model_validator(mode="after")
+    def _equal_lengths(self) -> Self:
+        for name in CHANNELS:
+            values = getattr(self, name)
+            if values is not None and len(values) != len(self.time_ns):
+                raise ValueError(f"{name} has {len(values)} values, time_ns has {len(self.time_ns)}")
+        return self
+
+    def samples(self) -> Samples:
+        """Return the samples as arrays, NaN where a value was not measured."""
+        channels = {
+            name: np.array(values, dtype=np.float64)  # None becomes NaN
+            for name in CHANNELS
+            if (values := getattr(self, name)) is not None
+        }
+        return Samples(time_ns=np.array(self.time_ns, dtype=np.int64), **channels)
+
+
+def samples_json(samples: Samples, publisher: str, batch: int) -> bytes:
+    """Write samples as the JSON of a `SamplesMessage`, null where a value is not finite."""
+    content: dict[str, Any] = {"publisher": publisher, "batch": batch, "time_ns": samples.time_ns.tolist()}
+    for name in CHANNELS:
+        values: FloatArray | None = getattr(samples, name)
+        if values is not None:
+            finite = np.isfinite(values)
+            readings: list[float | None] = values.tolist()
+            if not finite.all():
+                for i in np.flatnonzero(~finite):
+                    readings[i] = None
+            content[name] = readings
+    return dump_json(content)
+
+
+# ---- diagnosis -------------------------------------------------------------------------------------------------------
+
+
+class Quantity(Message):
+    """A value with its standard deviation; null where the window does not show it."""
+
+    value: Number | None
+    std: Number | None
+    unit: str
+
+
+class Anomaly(Message):
+    """One possible anomaly; severity 0 at the nominal bound, 1 at the median of the learned anomaly."""
+
+    active: bool
+    probability: Annotated[float, Field(ge=0, le=1)]
+    severity: Number | None
+    severity_std: Number | None
+    estimate: Number | None
+    nominal_low: Number | None
+    nominal_high: Number | None
+    unit: str
+
+
+class Sojourns(Message):
+    """What one switching system did in the window: configuration, friction and first slot of each sojourn."""
+
+    configuration: list[int]
+    friction_Nm: list[Number]
+    start_index: list[int]
+
+
+class Friction(Message):
+    """Friction split into its parts."""
+
+    base_dry: Quantity
+    viscous: Quantity
+    fss: dict[str, Sojourns]
+
+
+class AttributedChangepoint(Message):
+    """A jump of friction: first slot of the new level, size, and the switching system that made it."""
+
+    index: int
+    time_ns: int
+    jump_Nm: Number
+    std_Nm: Number
+    fss: str
+    confidence: Annotated[float, Field(ge=0, le=1)]
+
+
+class Residuals(Message):
+    """How well the friction model fits the window; null where too few samples tell."""
+
+    rmse_Nm: Number | None
+    excess_rmse_Nm: Number | None
+    noise_std_Nm: Number | None
+
+
+class Provenance(Message):
+    """What the diagnosis was made with; `prior_sha256` is the hash of the state carried over from earlier windows."""
+
+    software: str
+    method: Method
+    model_sha256: str
+    wheel_sha256: str
+    prior_sha256: str
+
+
+class Diagnosis(Message):
+    """The diagnosis of one window, [window_start_ns, window_end_ns). Nothing in it depends on the wall clock.
+
+    `samples` is the window's length in slots, `coverage` the share of slots with a good sample.
+    """
+
+    kind: ClassVar[str] = "diagnosis"
+
+    spacecraft: Name
+    wheel: Name
+    source: str | SkipJsonSchema[None] = None
+    window_start_ns: int
+    window_end_ns: int
+    samples: Count
+    coverage: Annotated[float, Field(ge=0, le=1)]
+    partial: bool
+    verdict: Verdict
+    reason: str
+    anomalies: dict[str, Anomaly]
+    friction: Friction
+    changepoints: list[AttributedChangepoint]
+    fit: Residuals
+    model_adequate: bool
+    suspected_effect: str | None
+    explanation: str
+    provenance: Provenance
+
+    def content(self) -> dict[str, Any]:
+        """Return the message as plain content; `source` only where there is one."""
+        content = self.model_dump(mode="python")
+        if self.source is None:
+            del content["source"]
+        return content
+
+    def to_json(self) -> bytes:
+        return dump_json(self.content())
+
+
+def diagnosis_message(
+    diagnosis: WindowDiagnosis,
+    *,
+    spacecraft: str,
+    wheel: str,
+    window_start_ns: int,
+    window_end_ns: int,
+    period_ns: int,
+    partial: bool,
+    software: str,
+    source: str | None = None,
+) -> Diagnosis:
+    """Turn the diagnosis of a window into its message.
+
+    Parameters
+    ----------
+    diagnosis
+        What the diagnosis room says.
+    spacecraft, wheel
+        From the bus key; "" and the wheel's name for a table.
+    window_start_ns, window_end_ns, period_ns, partial
+        Where the window lies, as in `live.core.WindowDiagnosed`.
+    software
+        Name and version.
+    source
+        File, only for tables.
+    """
+    return Diagnosis(
+        spacecraft=spacecraft,
+        wheel=wheel,
+        source=source,
+        window_start_ns=window_start_ns,
+        window_end_ns=window_end_ns,
+        samples=diagnosis.slots,
+        coverage=diagnosis.coverage,
+        partial=partial,
+        verdict=diagnosis.verdict,
+        reason=diagnosis.reason,
+        anomalies={anomaly.name: _anomaly(anomaly) for anomaly in diagnosis.anomalies},
+        friction=Friction(
+            base_dry=_quantity(diagnosis.base_dry),
+            viscous=_quantity(diagnosis.viscous),
+            fss={
+                system.name: Sojourns(
+                    configuration=list(system.configuration),
+                    friction_Nm=list(system.friction_Nm),
+                    start_index=list(system.start_index),
+                )
+                for system in diagnosis.fss
+            },
+        ),
+        changepoints=[
+            AttributedChangepoint(
+                index=changepoint.index,
+                time_ns=window_start_ns + changepoint.index * period_ns,
+                jump_Nm=changepoint.jump_Nm,
+                std_Nm=changepoint.std_Nm,
+                fss=changepoint.fss,
+                confidence=changepoint.confidence,
+            )
+            for changepoint in diagnosis.changepoints
+        ],
+        fit=Residuals(
+            rmse_Nm=diagnosis.fit.rmse_Nm,
+            excess_rmse_Nm=diagnosis.fit.excess_rmse_Nm,
+            noise_std_Nm=diagnosis.fit.noise_std_Nm,
+        ),
+        model_adequate=diagnosis.model_adequate,
+        suspected_effect=diagnosis.suspected_effect,
+        explanation=diagnosis.explanation,
+        provenance=Provenance(
+            software=software,
+            method=diagnosis.method,
+            model_sha256=diagnosis.model_sha256,
+            wheel_sha256=diagnosis.wheel_sha256,
+            prior_sha256=diagnosis.prior_sha256,
+        ),
+    )
+
+
+def _quantity(value: Value) -> Quantity:
+    return Quantity(value=value.value, std=value.std, unit=value.unit)
+
+
+def _anomaly(anomaly: AnomalyDiagnosis) -> Anomaly:
+    return Anomaly(
+        active=anomaly.active,
+        probability=anomaly.probability,
+        severity=anomaly.severity,
+        severity_std=anomaly.severity_std,
+        estimate=anomaly.estimate,
+        nominal_low=anomaly.nominal_low,
+        nominal_high=anomaly.nominal_high,
+        unit=anomaly.unit,
+    )
+
+
+# ---- the other messages of the monitor -------------------------------------------------------------------------------
+
+
+class ProvisionalJump(Message):
+    """A jump as soon as it is confirmed; `statistic` is χ² with one degree of freedom where nothing jumps."""
+
+    index: int
+    time_ns: int
+    jump_Nm: Number
+    scale: int
+    statistic: Number
+
+
+class Changepoints(Message):
+    """Jumps of the running window, provisional until its diagnosis."""
+
+    kind: ClassVar[str] = "changepoints"
+
+    spacecraft: Name
+    wheel: Name
+    window_start_ns: int
+    changepoints: list[ProvisionalJump]
+
+
+class Health(Message):
+    """A wheel's health in brief: `severity` of its worst active anomaly, `alarms` the names of all of them."""
+
+    kind: ClassVar[str] = "health"
+
+    spacecraft: Name
+    wheel: Name
+    verdict: Verdict
+    severity: Number
+    reason: str
+    window_end_ns: int
+    alarms: list[str]
+
+
+def health_message(diagnosis: Diagnosis) -> Health:
+    """Return the wheel's health as its latest diagnosis tells it."""
+    active = {name: anomaly for name, anomaly in diagnosis.anomalies.items() if anomaly.active}
+    alarmed = diagnosis.verdict == "anomalous"
+    return Health(
+        spacecraft=diagnosis.spacecraft,
+        wheel=diagnosis.wheel,
+        verdict=diagnosis.verdict,
+        severity=max((anomaly.severity or 0.0 for anomaly in active.values()), default=0.0) if alarmed else 0.0,
+        reason=diagnosis.reason,
+        window_end_ns=diagnosis.window_end_ns,
+        alarms=list(active) if alarmed else [],
+    )
+
+
+class Status(Message):
+    """How the monitor of a wheel is doing: received = used + masked + late + duplicate + rejected + queued samples.
+
+    `messages_rejected` and `messages_missed` count this wheel's messages, `messages_dropped` and `queue_depth` those of
+    the process. `window_fill` is the share of the running window that has passed, `recording` the file, null without
+    one. Times of the monitor's own clock end in `_wall_ns`, durations in `_s`.
+    """
+
+    kind: ClassVar[str] = "status"
+
+    spacecraft: Name
+    wheel: Name
+    samples_received: Count
+    samples_used: Count
+    samples_masked: Count
+    samples_late: Count
+    samples_duplicate: Count
+    samples_rejected: Count
+    samples_queued: Count
+    slots_missed: Count
+    messages_rejected: Count
+    messages_dropped: Count
+    messages_missed: Count
+    queue_depth: Count
+    window_fill: Annotated[float, Field(ge=0, le=1)]
+    last_error: str | None
+    recording: str | None
+    software: str
+    model_sha256: str
+    publisher: str
+    windows: Count
+    last_sample_ns: int | None
+    diagnosis_s: Number | None
+    now_wall_ns: Count
+
+
+class Uncertain(Message):
+    """A parameter of an effect."""
+
+    value: Number
+    std: Number | None
+    unit: str
+
+
+class FoundEffect(Message):
+    """An effect that the wheel's model lacks."""
+
+    name: str
+    family: Literal["mean", "noise", "switching"]
+    equivalent: list[str]
+    separate_by: str
+    parameters: dict[str, Uncertain]
+    p_value: Annotated[float, Field(ge=0, le=1)]
+    delta_deviance: Number
+
+
+class Unexplained(Message):
+    """Something is left that no known effect explains."""
+
+    signature: str
+    size_Nm: Number
+
+
+class Untested(Message):
+    """An effect that this data cannot test, and the channel or manoeuvre it lacks."""
+
+    effect: str
+    missing: str
+
+
+class DiagnosisQuality(Message):
+    """Detection and false positive rates of the diagnosis."""
+
+    detection: Number
+    false_positive: Number
+
+
+class DiagnosisGain(Message):
+    """Quality of the diagnosis without and with the effects found."""
+
+    before: DiagnosisQuality
+    after: DiagnosisQuality
+
+
+class Gain(Message):
+    """What the effects found are worth on held-out data."""
+
+    rmse_base_Nm: Number
+    rmse_extended_Nm: Number
+    log_score_base: Number
+    log_score_extended: Number
+    noise_std_Nm: Number
+    changepoints_base: Count
+    changepoints_extended: Count
+    diagnosis: DiagnosisGain | None
+
+
+class Discrepancy(Message):
+    """What the simulation of a wheel gets wrong, the strongest effect first."""
+
+    kind: ClassVar[str] = "discrepancy"
+
+    spacecraft: Name
+    wheel: Name
+    verdict: Literal["adequate", "inadequate", "untestable"]
+    effects: list[FoundEffect]
+    unexplained: Unexplained | None
+    untested: list[Untested]
+    gain: Gain | None
+
+
+MESSAGES: Final[tuple[type[Message], ...]] = (SamplesMessage, Status, Changepoints, Diagnosis, Discrepancy, Health)
+
+
+# ---- keys ------------------------------------------------------------------------------------------------------------
+
+KEY_PREFIX: Final = "rwa"
+# What a spacecraft or wheel may be called on the bus: no wildcards of key expressions, nothing that a path could use.
+_NAME: Final = re.compile(r"[A-Za-z0-9_@+~-][A-Za-z0-9_.@+~-]{0,99}")
+
+MessageType = TypeVar("MessageType", bound=Message)
+
+
+def key_of(message: type[Message], spacecraft: str, wheel: str) -> str:
+    """Return the key, and topic, of a message."""
+    return f"{KEY_PREFIX}/{spacecraft}/{wheel}/{message.kind}"
+
+
+def split_key(key: str) -> tuple[str, str, str]:
+    """Return spacecraft, wheel and kind of a key.
+
+    Raises
+    ------
+    InputError
+        If the key is not rwa/{spacecraft}/{wheel}/{kind}, or a name holds more than letters, digits and _.@+~-.
+    """
+    parts = key.split("/")
+    if len(parts) != 4 or parts[0] != KEY_PREFIX or not all(_NAME.fullmatch(part) for part in parts[1:]):
+        raise InputError(
+            key, "is no key of the form rwa/{spacecraft}/{wheel}/{kind}, names of letters, digits and _.@+~-"
+        )
+    return parts[1], parts[2], parts[3]
+
+
+# ---- schemas ---------------------------------------------------------------------------------------------------------
+
+
+def schema_files() -> dict[str, str]:
+    """Return the JSON Schemas of all messages as file name and text, as they stand in `schemas/`."""
+    return {
+        f"{message.schema_name()}.json": json.dumps(message.json_schema(), indent=2, ensure_ascii=False) + "\n"
+        for message in MESSAGES
+    }
+
+
+def write_schemas(arguments: Sequence[str] = ("schemas",)) -> None:
+    """Write the schemas of all messages into a folder (`python -m rwa_monitor.messages [FOLDER]`)."""
+    folder = Path(arguments[0]) if arguments else Path("schemas")
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, text in schema_files().items():
+        (folder / name).write_text(text, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    import sys
+
+    write_schemas(sys.argv[1:])
