@@ -190,9 +190,10 @@ class Histogram(_Law):
 
     def survival(self, slots: ArrayLike) -> FloatArray:
         weights = np.asarray(self.weights)
-        at_edges = np.concatenate([[1.0], 1.0 - np.cumsum(weights) / weights.sum()])
-        at_edges[-1] = 0.0
-        return np.interp(np.asarray(slots, dtype=np.float64), np.asarray(self.edges, dtype=np.float64), at_edges)
+        # Tails summed from the end, so that the last is exactly 0 and none is negative.
+        tails = np.concatenate([np.cumsum(weights[::-1])[::-1], [0.0]])
+        at = np.asarray(slots, dtype=np.float64)
+        return np.asarray(np.interp(at, np.asarray(self.edges, dtype=np.float64), tails / tails[0]))
 
     def sample(self, rng: np.random.Generator, size: int) -> IntArray:
         weights = np.asarray(self.weights)
