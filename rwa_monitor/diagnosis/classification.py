@@ -36,6 +36,7 @@ from rwa_monitor.samples import BoolArray, FloatArray
 
 # A value tells nothing when its standard deviation exceeds this share of the distance between nominal and anomalous.
 TELLING_STD: Final = 0.4
+UNKNOWN: Final = 0.5  # probability of an anomaly about which nothing is known
 UNLIKE_SHARE: Final = 0.9  # from this probability that a value is a stray, it is called unlike anything learned
 
 
@@ -49,6 +50,8 @@ class Judged:
         Of the anomaly.
     probability
         That it is there.
+    active
+        Whether it is diagnosed.
     telling
         Whether the window can show it at all; otherwise the probability is that before the window.
     unlike
@@ -57,6 +60,7 @@ class Judged:
 
     name: str
     probability: float
+    active: bool
     telling: bool
     unlike: bool
 
@@ -78,6 +82,12 @@ class Judgement:
     anomalies: tuple[Judged, ...]
     features: Features
     to_carry: dict[str, float]
+
+
+def unjudged(features: Features, names: Sequence[str]) -> Judgement:
+    """Return the judgement where nothing is known: neither active nor not."""
+    judged = tuple(Judged(name, UNKNOWN, active=False, telling=False, unlike=False) for name in names)
+    return Judgement(judged, features, {})
 
 
 # ---- the paper -------------------------------------------------------------------------------------------------------
@@ -121,12 +131,13 @@ def classify_as_paper(features: Features, models: Sequence[AnomalyModel | None],
     judged = []
     for name, model, values in zip(names, models, paper_values(features), strict=True):
         if model is None or model.svm is None:
-            judged.append(Judged(name, model.rate if model else 0.5, telling=False, unlike=False))
+            rate = model.rate if model else UNKNOWN
+            judged.append(Judged(name, rate, active=False, telling=False, unlike=False))
             continue
         decision, probability = decide(model.svm, values)
         # Active is what the paper says, the sign of the decision; the calibrated probability must not contradict it.
         probability = max(probability, 0.5) if decision > 0 else min(probability, 0.5)
-        judged.append(Judged(name, probability, telling=True, unlike=False))
+        judged.append(Judged(name, probability, active=decision > 0, telling=True, unlike=False))
     return Judgement(tuple(judged), features, {entry.name: entry.probability for entry in judged})
 
 
@@ -182,7 +193,7 @@ def classify(
         probability = float(posterior[combinations[:, a]].sum())
         before = float(prior[combinations[:, a]].sum())
         telling, unlike = _quality(features, models[a], a)
-        judged.append(Judged(name, probability, telling, unlike))
+        judged.append(Judged(name, probability, active=probability > 0.5, telling=telling, unlike=unlike))
         gained = new_share * (_logit(probability) - _logit(before))
         to_carry[name] = float(special.expit(_logit(before) + gained))
     return Judgement(tuple(judged), features, to_carry)

@@ -58,12 +58,14 @@ class SystemFeatures:
 
 @dataclass(frozen=True, slots=True)
 class Features:
-    """All that the classifiers see of a window, normalised.
+    """All that the classifiers see of a window, each coefficient in units of its nominal value.
 
     Attributes
     ----------
-    base_dry, base_dry_std, viscous, viscous_std
-        The coefficients.
+    base_dry, base_dry_std
+        Base dry friction, by the nominal dry torque.
+    viscous, viscous_std
+        Viscous friction, by the nominal viscous friction (where the wheel has one).
     systems
         One entry per switching system, in the wheel's order.
     """
@@ -82,13 +84,21 @@ class Features:
 
 def features_of(components: Components, assignment: Assignment, wheel: Wheel) -> Features:
     """Return the features of a window from the results of stage 3."""
+    nominal_viscous = normalised_nominal_viscous(wheel)
     return Features(
         base_dry=components.base_dry,
         base_dry_std=components.base_dry_std,
-        viscous=components.viscous,
-        viscous_std=components.viscous_std,
+        viscous=components.viscous / nominal_viscous,
+        viscous_std=components.viscous_std / nominal_viscous,
         systems=tuple(_system(components, assignment, s, system.name) for s, system in enumerate(wheel.fss)),
     )
+
+
+def normalised_nominal_viscous(wheel: Wheel) -> float:
+    """Return the nominal viscous friction in the stages' units, dry torque over nominal speed; 1 without one."""
+    if wheel.nominal is None or wheel.nominal.viscous_Nm_s_rad == 0:
+        return 1.0
+    return wheel.nominal.viscous_Nm_s_rad * wheel.speed_unit_rad_s / wheel.torque_unit_Nm
 
 
 def _system(components: Components, assignment: Assignment, s: int, name: str) -> SystemFeatures:

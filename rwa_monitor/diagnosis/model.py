@@ -25,6 +25,13 @@ MODEL_VERSION: Final = 1
 MAX_MODEL_BYTES: Final = 1_000_000  # the built-in model is some 20 kB
 BUILT_IN_MODEL_FILE: Final = "built_in_model.json"
 
+# Where a system's healthy friction is stated in the wheel file and no anomaly was learned: softness of the stated
+# edges and scale of anomalies, as shares of the middle; share of strays; probability before anything is seen.
+STATED_SOFT: Final = 0.03
+STATED_REACH: Final = 0.4
+STATED_STRAY: Final = 0.02
+STATED_RATE: Final = 0.1
+
 Finite = Annotated[Rounded, Field(allow_inf_nan=False)]
 Positive = Annotated[Rounded, Field(gt=0, allow_inf_nan=False)]
 Fraction = Annotated[Rounded, Field(ge=0, le=1)]
@@ -259,6 +266,26 @@ class Model(_Part):
     def sha256(self) -> str:
         """Return the hash of the canonical JSON."""
         return content_sha256(self.model_dump(mode="json"))
+
+
+def from_stated_friction(system: SwitchingSystem) -> AnomalyModel | None:
+    """Return what a wheel file says of a system's healthy friction, as a model without a learned anomaly.
+
+    None where it does not say it, or not for any configuration above q = 0.
+    """
+    if system.friction is None or all(stated.high <= 0 for stated in system.friction[1:]):
+        return None
+    levels: list[Levels | None] = [None]
+    for stated in system.friction[1:]:
+        middle = 0.5 * (stated.low + stated.high)
+        if middle <= 0:
+            levels.append(None)
+            continue
+        band = Band(low=stated.low, high=stated.high, soft=STATED_SOFT * middle)
+        levels.append(
+            Levels(nominal=band, anomalous=None, stray=STATED_STRAY, reach=STATED_REACH * middle, median=None)
+        )
+    return AnomalyModel(name=system.name, levels=tuple(levels), svm=None, rate=STATED_RATE)
 
 
 @lru_cache(maxsize=1)

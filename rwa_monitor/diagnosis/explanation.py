@@ -1,0 +1,122 @@
+"""Words for an operator: the reason in one sentence, and two or three sentences to act on. They name numbers."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from rwa_monitor.diagnosis.adequacy import Adequacy
+from rwa_monitor.diagnosis.window_diagnosis import DRY_UNIT, AnomalyDiagnosis, Verdict
+
+# What to look at, by anomaly. Dry friction is contact, viscous friction the lubricant (paper, section III-A).
+_ACTION = {
+    "dry": "Check the bearing's lubrication; keep the wheel away from zero speed until the cause is understood.",
+    "viscous": "Check the lubricant: compare with bearing temperature and age before blaming wear.",
+}
+_ACTION_SYSTEM = "Check for cage or oil-pocket trouble: compare the size and rate of its jumps with earlier windows."
+_NEVER_RESTED = (
+    "A switching system never rested in this window, so base dry friction and its own were told apart by learned"
+    " ranges and earlier windows only."
+)
+
+
+def quantity(value: float | None, unit: str) -> str:
+    """Write a value with three significant digits; torques with a prefix, as in `1.62 mN m`."""
+    if value is None or not math.isfinite(value):
+        return "unknown"
+    if unit != DRY_UNIT or value == 0:
+        return f"{value:.3g} {unit}"
+    for scale, prefix in ((1.0, ""), (1e3, "m"), (1e6, "µ")):
+        if abs(value) * scale >= 0.1:
+            return f"{value * scale:.3g} {prefix}{unit}"
+    return f"{value:.3g} {unit}"
+
+
+def span(low: float | None, high: float | None, unit: str) -> str:
+    """Write a range, as in `1.51 mN m to 1.69 mN m`."""
+    return f"{quantity(low, unit)} to {quantity(high, unit)}"
+
+
+def percent(probability: float) -> str:
+    """Write a probability without claiming certainty."""
+    if probability > 0.999:
+        return "more than 99.9 %"
+    if probability < 0.001:
+        return "less than 0.1 %"
+    return f"{100.0 * probability:.3g} %"
+
+
+def title(name: str) -> str:
+    """Return what an anomaly's friction is called in a sentence."""
+    return {"dry": "base dry friction", "viscous": "viscous friction"}.get(name, f"friction of switching system {name}")
+
+
+def reason_anomalous(active: Sequence[AnomalyDiagnosis]) -> str:
+    """Return the reason of an anomalous verdict: every anomaly with its numbers, the most severe first."""
+    parts = [
+        f"{title(anomaly.name)} is {quantity(anomaly.estimate, anomaly.unit)}"
+        f" (nominal {span(anomaly.nominal_low, anomaly.nominal_high, anomaly.unit)}, probability of an anomaly"
+        f" {percent(anomaly.probability)})"
+        for anomaly in sorted(active, key=lambda anomaly: -(anomaly.severity or 0.0))
+    ]
+    return _sentence("; ".join(parts))
+
+
+def reason_nominal(anomalies: Sequence[AnomalyDiagnosis]) -> str:
+    """Return the reason of a nominal verdict."""
+    worst = max(anomalies, key=lambda anomaly: anomaly.probability)
+    return _sentence(
+        f"all friction is nominal; the most suspect, {title(worst.name)}, is {quantity(worst.estimate, worst.unit)}"
+        f" (nominal {span(worst.nominal_low, worst.nominal_high, worst.unit)}, probability of an anomaly"
+        f" {percent(worst.probability)})"
+    )
+
+
+def explain(
+    verdict: Verdict,
+    reason: str,
+    anomalies: Sequence[AnomalyDiagnosis],
+    *,
+    base_known: bool,
+    windows_before: int,
+    adequacy: Adequacy,
+) -> str:
+    """Return two or three plain sentences an operator can act on.
+
+    Parameters
+    ----------
+    verdict, reason, anomalies
+        Of the diagnosis.
+    base_known
+        Whether the window itself tells base dry friction from the switching systems'.
+    windows_before
+        Earlier windows that were used.
+    adequacy
+        Whether the friction model fits.
+    """
+    active = [anomaly for anomaly in anomalies if anomaly.active]
+    sentences = [reason]
+    if verdict == "anomalous":
+        worst = max(active, key=lambda anomaly: anomaly.severity or 0.0)
+        if worst.severity is not None and worst.severity_std is not None:
+            sentences.append(
+                f"Severity of {worst.name} is {worst.severity:.2g} ± {worst.severity_std:.1g}"
+                " (0 at the nominal bound, 1 at the typical learned anomaly)."
+            )
+        sentences.append(_ACTION.get(worst.name, _ACTION_SYSTEM))
+    elif verdict == "nominal":
+        before = f"{windows_before} earlier windows agree with this state" if windows_before else "no earlier window"
+        sentences.append(f"No action is needed ({before}).")
+    else:
+        sentences.append("Wait for the next window, or give this one more samples, before acting.")
+    if not adequacy.adequate:
+        suspect = f"; {adequacy.suspected_effect} is suspected" if adequacy.suspected_effect else ""
+        doubt = f"Trust it less than usual: the friction model does not fit, {adequacy.finding}{suspect}"
+        sentences[1:2] = [f"{doubt} (rwa-monitor discrepancy tells more)."]
+    elif not base_known and verdict != "inconclusive":
+        sentences[1:2] = [_NEVER_RESTED]
+    return " ".join(sentences[:3])
+
+
+def _sentence(text: str) -> str:
+    return f"{text[0].upper()}{text[1:]}."

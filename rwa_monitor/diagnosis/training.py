@@ -1,0 +1,252 @@
+"""Training: labelled windows in, a model out. Deterministic: the same windows give the same model.
+
+For the paper's classifier one linear support vector machine is fitted per anomaly. For the joint classifier the bands
+of nominal and anomalous values are fitted by maximum likelihood, with the uncertainty of each value and with strays.
+scikit-learn is needed here only; a diagnosis needs no more than an inner product.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from scipy import optimize, special
+
+from rwa_monitor.diagnosis.classification import paper_values, svm_features
+from rwa_monitor.diagnosis.features import Features
+from rwa_monitor.diagnosis.model import AnomalyModel, Band, Levels, LinearSvm, Model, Provenance
+from rwa_monitor.errors import InputError
+from rwa_monitor.physics.wheel import RESERVED_ANOMALIES, Wheel
+from rwa_monitor.samples import BoolArray, FloatArray
+
+BINS: Final = 40  # errata 13
+# Cost of a margin violation. Both kinds of feature lie in [0, 1]; histograms of 40 bins need a large cost to use them.
+SVM_COST: Final = 100.0
+MIN_WINDOWS: Final = 2  # of each class, below which an anomaly is not learned
+# No band is softer than this share of the distance between nominal and anomalous: a data set knows its nominal values
+# far better than a wheel in orbit keeps them.
+MIN_SOFT: Final = 0.05
+MIN_SOFT_SYSTEM: Final = 0.02  # the same for a system's friction, whose band has a width of its own
+STRAYS: Final = (0.002, 0.2)  # share of strays: the least assumed, the most accepted
+# Where no anomaly was seen in training, other values are spread on this share of the nominal middle.
+REACH_UNSEEN: Final = 0.3
+UNDECIDED: Final = (0.4, 0.6)
+# Windows added to each number of simultaneous anomalies, so that none is impossible.
+PSEUDO_WINDOWS: Final = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class LabelledFeatures:
+    """One window's features by both methods, and for each anomaly whether it is there."""
+
+    joint: Features
+    paper: Features
+    labels: Mapping[str, bool]
+
+
+def train(windows: Sequence[LabelledFeatures], wheel: Wheel, source: str, command: str) -> Model:
+    """Learn a model.
+
+    Parameters
+    ----------
+    windows
+        Features and labels of the training windows.
+    wheel
+        Whose windows they are; names the anomalies.
+    source
+        Where the windows come from: a recipe with its seed, a label file's name.
+    command
+        The command that trains this model again.
+
+    Raises
+    ------
+    InputError
+        If a label is missing, or no window is without anomalies of a kind (then nothing nominal can be learned).
+    """
+    names = wheel.anomalies
+    labels = {name: np.array([_label(window, name, source) for window in windows], dtype=bool) for name in names}
+    for name in names:
+        if not (~labels[name]).any():
+            raise InputError(source, "has no window without this anomaly: nothing nominal can be learned", name)
+    anomalies = tuple(_train_anomaly(windows, wheel, name, a, labels[name]) for a, name in enumerate(names))
+    return Model(
+        trained=Provenance(
+            wheel=wheel.name, wheel_sha256=wheel.sha256(), windows=len(windows), source=source, command=command
+        ),
+        anomalies=anomalies,
+        simultaneous=_simultaneous(np.stack([labels[name] for name in names])),
+        undecided=UNDECIDED,
+    )
+
+
+def _label(window: LabelledFeatures, name: str, source: str) -> bool:
+    if name not in window.labels:
+        raise InputError(source, "has no label for this anomaly of the wheel", name)
+    return window.labels[name]
+
+
+def _simultaneous(labels: BoolArray) -> tuple[float, ...]:
+    """Return the smoothed share of windows with 0, 1, 2, … anomalies at once."""
+    counts = np.bincount(labels.sum(axis=0), minlength=len(labels) + 1) + PSEUDO_WINDOWS
+    return tuple(float(share) for share in counts / counts.sum())
+
+
+def _train_anomaly(
+    windows: Sequence[LabelledFeatures], wheel: Wheel, name: str, a: int, label: BoolArray
+) -> AnomalyModel:
+    rate = (label.sum() + PSEUDO_WINDOWS) / (label.size + 2.0 * PSEUDO_WINDOWS)
+    svm = train_svm([paper_values(window.paper)[a] for window in windows], label, bins=0 if a < 2 else BINS)
+    if name in RESERVED_ANOMALIES:
+        known = [window.joint.base_known or a == 1 for window in windows]
+        value, std = (
+            np.array([getattr(window.joint, field) for window in windows])
+            for field in (("base_dry", "base_dry_std"), ("viscous", "viscous_std"))[a]
+        )
+        levels = fit_levels(value[known], std[known], label[known], MIN_SOFT)
+        if levels is None:
+            raise InputError("training windows", "show no nominal value", name)
+        return AnomalyModel(name=name, levels=(levels,), svm=svm, rate=rate)
+
+    per_configuration: list[Levels | None] = [None]
+    for q in range(1, wheel.fss[a - 2].configurations):
+        value, std, labels = _sojourns(windows, a - 2, q, label)
+        per_configuration.append(fit_levels(value, std, labels, MIN_SOFT_SYSTEM))
+    return AnomalyModel(name=name, levels=tuple(per_configuration), svm=svm, rate=rate)
+
+
+def _sojourns(
+    windows: Sequence[LabelledFeatures], s: int, q: int, label: BoolArray
+) -> tuple[FloatArray, FloatArray, BoolArray]:
+    """Return friction, std and label of all sojourns in a configuration, of windows in which the system rests."""
+    values, stds, labels = [np.zeros(0)], [np.zeros(0)], [np.zeros(0, dtype=bool)]
+    for window, anomalous in zip(windows, label, strict=True):
+        system = window.joint.systems[s]
+        if not system.rests:
+            continue
+        there = system.configuration == q
+        values.append(system.friction[there])
+        stds.append(system.friction_std[there])
+        labels.append(np.full(int(there.sum()), anomalous))
+    return np.concatenate(values), np.concatenate(stds), np.concatenate(labels)
+
+
+# ---- the joint classifier --------------------------------------------------------------------------------------------
+
+
+def fit_levels(value: FloatArray, std: FloatArray, anomalous: BoolArray, min_soft: float) -> Levels | None:
+    """Fit the bands of nominal and anomalous values; None without nominal values.
+
+    Parameters
+    ----------
+    value, std, anomalous
+        (n,): measured values, their standard deviations, and the class of each.
+    min_soft
+        The least softness of a band, as a share of the distance between the classes.
+    """
+    finite = np.isfinite(value) & np.isfinite(std)
+    value, std, anomalous = value[finite], std[finite], anomalous[finite]
+    healthy, ill = value[~anomalous], value[anomalous]
+    if healthy.size < MIN_WINDOWS:
+        return None
+    middle = float(np.median(healthy))
+    median = float(np.median(ill)) if ill.size >= MIN_WINDOWS else None
+    reach = REACH_UNSEEN * abs(middle) if median is None else abs(median - middle)
+    reach = max(reach, 1e-3)
+    nominal, stray = _fit_band(healthy, std[~anomalous], reach, min_soft)
+    band = None if median is None else _fit_band(ill, std[anomalous], reach, min_soft)[0]
+    return Levels(nominal=nominal, anomalous=band, stray=stray, reach=reach, median=median)
+
+
+def _fit_band(value: FloatArray, std: FloatArray, reach: float, min_soft: float) -> tuple[Band, float]:
+    """Fit a band and the share of strays by maximum likelihood; the strays are spread as in `log_densities`."""
+    centre = float(np.median(value))
+    quartiles = np.quantile(value, [0.25, 0.75])
+    spread = max(float(quartiles[1] - quartiles[0]), min_soft * reach)
+
+    def unpack(parameters: FloatArray) -> tuple[Band, float]:
+        middle, log_width, log_soft, logit_stray = parameters
+        half = 0.5 * np.exp(log_width)
+        soft = np.hypot(min_soft * reach, np.exp(log_soft))
+        share = STRAYS[0] + (STRAYS[1] - STRAYS[0]) * special.expit(logit_stray)
+        return Band(low=float(middle - half), high=float(middle + half), soft=float(soft)), float(share)
+
+    def cost(parameters: FloatArray) -> float:
+        band, share = unpack(np.clip(parameters, lowest, highest))
+        scale = np.hypot(reach, std)
+        stray = 0.5 / scale / (1.0 + np.abs(value - band.middle) / scale) ** 2
+        return -float(np.log((1.0 - share) * band.density(value, std) + share * stray).sum())
+
+    # Widths and softness stay between a hundredth of the least softness and ten times the spread.
+    narrowest, widest = np.log(0.01 * min_soft * reach), np.log(10.0 * spread + reach)
+    lowest = np.array([centre - 5.0 * spread, narrowest, narrowest, -8.0])
+    highest = np.array([centre + 5.0 * spread, widest, widest, 8.0])
+    starts = (
+        np.array([centre, np.log(2.0 * spread), np.log(0.1 * spread), -3.0]),  # a range
+        np.array([centre, np.log(0.1 * spread), np.log(0.7 * spread), -3.0]),  # a value with scatter
+    )
+    fits = [
+        optimize.minimize(cost, start, method="Nelder-Mead", options={"maxiter": 2000, "xatol": 1e-5, "fatol": 1e-7})
+        for start in starts
+    ]
+    band, share = unpack(np.clip(min(fits, key=lambda fit: float(fit.fun)).x, lowest, highest))
+    # The likelihood ends the band at the outermost value seen; the true end lies beyond it by about width/n.
+    beyond = (band.high - band.low) / (value.size + 1)
+    return Band(low=band.low - beyond, high=band.high + beyond, soft=band.soft), share
+
+
+# ---- the paper's classifier ------------------------------------------------------------------------------------------
+
+
+def train_svm(
+    values: Sequence[FloatArray], anomalous: BoolArray, bins: int, cost: float = SVM_COST
+) -> LinearSvm | None:
+    """Train a linear support vector machine; None where a class has too few windows.
+
+    Parameters
+    ----------
+    values
+        For each window the coefficient (1,), or the friction of a system's sojourns.
+    anomalous
+        bool (windows,).
+    bins
+        Of the histogram; 0 for a coefficient.
+    cost
+        C of the support vector machine.
+    """
+    if min(int(anomalous.sum()), int((~anomalous).sum())) < MIN_WINDOWS:
+        return None
+    everything = np.concatenate(list(values))
+    everything = everything[np.isfinite(everything)]
+    if everything.size == 0 or np.ptp(everything) == 0:
+        return None
+    low, high = float(everything.min()), float(everything.max())
+    features = np.stack([svm_features(bins, low, high, value) for value in values])
+    from sklearn.svm import SVC  # noqa: PLC0415  - only training needs scikit-learn, which takes a second to import
+
+    machine = SVC(kernel="linear", C=cost).fit(features, anomalous)
+    weights, bias = machine.coef_[0], float(machine.intercept_[0])
+    slope, offset = _calibrate(features @ weights + bias, anomalous)
+    return LinearSvm(
+        bins=bins,
+        low=low,
+        high=high,
+        weights=tuple(float(weight) for weight in weights),
+        bias=bias,
+        slope=slope,
+        offset=offset,
+    )
+
+
+def _calibrate(decision: FloatArray, anomalous: BoolArray) -> tuple[float, float]:
+    """Return slope and offset of Platt's calibration (1999), with his smoothed targets."""
+    positive, negative = int(anomalous.sum()), int((~anomalous).sum())
+    target = np.where(anomalous, (positive + 1.0) / (positive + 2.0), 1.0 / (negative + 2.0))
+
+    def cost(parameters: FloatArray) -> float:
+        z = parameters[0] * decision + parameters[1]
+        return float((np.logaddexp(0.0, z) - target * z).sum())
+
+    fit = optimize.minimize(cost, np.array([1.0, 0.0]), method="Nelder-Mead", options={"xatol": 1e-8, "fatol": 1e-10})
+    return float(fit.x[0]), float(fit.x[1])

@@ -1,0 +1,366 @@
+"""From the evidence of a closed window to its diagnosis: the stages after detection, in order.
+
+evidence → assignment (with estimation inside) → components → features → classification → words
+
+Everything inside is normalised; what leaves is in SI units. A diagnosis is a function of the evidence, the wheel, the
+model and the carried state, of nothing else.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+
+from rwa_monitor.diagnosis import adequacy, explanation
+from rwa_monitor.diagnosis.adequacy import Adequacy
+from rwa_monitor.diagnosis.assignment import assign
+from rwa_monitor.diagnosis.classification import Judged, Judgement, classify, classify_as_paper, unjudged
+from rwa_monitor.diagnosis.components import split
+from rwa_monitor.diagnosis.features import Features, SystemFeatures, features_of
+from rwa_monitor.diagnosis.model import AnomalyModel, Levels, Model, from_stated_friction
+from rwa_monitor.diagnosis.paper_assignment import assign_as_paper, split_as_paper
+from rwa_monitor.diagnosis.results import (
+    REJECTED,
+    UNATTRIBUTED,
+    Assignment,
+    Components,
+    Estimate,
+    Evidence,
+    Method,
+)
+from rwa_monitor.diagnosis.state import CarriedState, next_state
+from rwa_monitor.diagnosis.window_diagnosis import (
+    DRY_UNIT,
+    VISCOUS_UNIT,
+    AnomalyDiagnosis,
+    Changepoint,
+    Fit,
+    SystemFriction,
+    Value,
+    Verdict,
+    WindowDiagnosis,
+)
+from rwa_monitor.physics.wheel import Wheel
+
+MIN_COVERAGE: Final = 0.5  # share of the slots that must be used; below, the window says little about what it missed
+MIN_USED: Final = 16  # samples below which nothing is estimated at all
+
+
+@dataclass(frozen=True, slots=True)
+class _Case:
+    """What a diagnosis is a function of."""
+
+    evidence: Evidence
+    wheel: Wheel
+    model: Model | None
+    carried: CarriedState
+    method: Method
+
+    def provenance(self) -> dict[str, Any]:
+        """Return the fields of the diagnosis that say what it was made from."""
+        return {
+            "slots": self.evidence.slots,
+            "good": self.evidence.good,
+            "used": self.evidence.used,
+            "coverage": self.evidence.good / self.evidence.slots if self.evidence.slots else 0.0,
+            "method": self.method,
+            "model_sha256": self.model.sha256() if self.model else "",
+            "wheel_sha256": self.wheel.sha256(),
+            "prior_sha256": self.carried.sha256(),
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class _Stages:
+    """Results of stages 2 and 3."""
+
+    assignment: Assignment
+    estimate: Estimate
+    components: Components
+    features: Features
+
+
+def diagnose_window(
+    evidence: Evidence,
+    wheel: Wheel,
+    model: Model | None,
+    carried: CarriedState,
+    method: Method = "joint",
+) -> tuple[WindowDiagnosis, CarriedState]:
+    """Diagnose one window.
+
+    Parameters
+    ----------
+    evidence
+        Stage 1: candidates, running sums, noise.
+    wheel
+        The wheel.
+    model
+        What was learned; None gives the friction and its parts, with an inconclusive verdict. What the model does not
+        know about this wheel is taken from the wheel file where it says it (friction of the configurations).
+    carried
+        What earlier windows tell; `CarriedState.empty()` for the first. The method `paper` ignores it.
+    method
+        joint or paper.
+
+    Returns
+    -------
+    tuple[WindowDiagnosis, CarriedState]
+        The diagnosis, and the state for the next window. A window with too few samples to estimate anything leaves the
+        state as it was.
+    """
+    case = _Case(evidence, wheel, model, carried, method)
+    models = models_for(wheel, model)
+    if evidence.used < MIN_USED:
+        return _too_few(case, models), carried
+    stages = _run_stages(case)
+    judgement = _judge(case, models, stages.features)
+    fits = adequacy.check(evidence, stages.estimate, stages.assignment, len(wheel.fss))
+    diagnosis = _diagnosis(case, models, stages, judgement, fits)
+    state = next_state(
+        carried,
+        wheel,
+        assignment=stages.assignment,
+        components=stages.components,
+        noise_std=evidence.noise.std,
+        probability=judgement.to_carry if model is not None else {},
+        base_known=stages.features.base_known,
+        adequate=fits.adequate,
+    )
+    return diagnosis, state
+
+
+def models_for(wheel: Wheel, model: Model | None) -> list[AnomalyModel | None]:
+    """Return what is known about each anomaly of a wheel, in the wheel's order; None where nothing is.
+
+    A system that the model does not know, or knows with other configurations, is judged by the friction that the wheel
+    file states for it: nominal within the stated ranges, without a learned anomaly.
+    """
+    if model is None or wheel.nominal is None:
+        return [None] * len(wheel.anomalies)
+    models: list[AnomalyModel | None] = [
+        model.anomaly("dry"),
+        model.anomaly("viscous") if wheel.nominal.viscous_Nm_s_rad > 0 else None,
+    ]
+    for system in wheel.fss:
+        learned = model.anomaly(system.name)
+        models.append(learned if learned and learned.serves(system) else from_stated_friction(system))
+    return models
+
+
+def _run_stages(case: _Case) -> _Stages:
+    evidence, wheel = case.evidence, case.wheel
+    if case.method == "paper":
+        assignment, estimate = assign_as_paper(evidence, wheel)
+        components = split_as_paper(assignment, estimate, evidence, wheel)
+    else:
+        assignment, estimate = assign(evidence, wheel, case.carried)
+        components = split(assignment, estimate, evidence, wheel, case.carried)
+    return _Stages(assignment, estimate, components, features_of(components, assignment, wheel))
+
+
+def _judge(case: _Case, models: Sequence[AnomalyModel | None], features: Features) -> Judgement:
+    names = case.wheel.anomalies
+    if case.model is None:
+        return unjudged(features, names)
+    if case.method == "paper":
+        return classify_as_paper(features, models, names)
+    window = case.wheel.window
+    new_share = min(1.0, window.hop_slots / window.samples) if case.carried.windows else 1.0
+    return classify(features, models, names, case.model, case.carried, new_share)
+
+
+# ---- the verdict -----------------------------------------------------------------------------------------------------
+
+
+def _verdict(case: _Case, judged: Sequence[Judged], anomalies: Sequence[AnomalyDiagnosis]) -> tuple[Verdict, str]:
+    """Return the verdict and its reason. A found anomaly stands; what keeps a window from being nominal comes after."""
+    if case.wheel.nominal is None:
+        return "inconclusive", "The wheel file has no [nominal], so there is nothing to compare the friction with."
+    if case.model is None:
+        return "inconclusive", "There is no model, so no nominal range to compare the friction with."
+    used = case.evidence.used / case.evidence.slots
+    if used < MIN_COVERAGE:
+        return "inconclusive", (
+            f"Only {100.0 * used:.0f} % of the window's slots hold a usable sample"
+            f" ({100.0 * MIN_COVERAGE:.0f} % are needed)."
+        )
+    low, high = case.model.undecided if case.method == "joint" else (0.5, 0.5)
+    certain = [a for a, entry in zip(anomalies, judged, strict=True) if entry.active and entry.probability >= high]
+    if certain:
+        return "anomalous", explanation.reason_anomalous(certain)
+    for anomaly, entry in zip(anomalies, judged, strict=True):
+        what = explanation.title(entry.name)
+        if low < entry.probability < high:
+            return "inconclusive", (
+                f"Whether {what} is anomalous cannot be decided: it is"
+                f" {explanation.quantity(anomaly.estimate, anomaly.unit)}"
+                f" (nominal {explanation.span(anomaly.nominal_low, anomaly.nominal_high, anomaly.unit)}),"
+                f" probability of an anomaly {explanation.percent(entry.probability)}."
+            )
+        if entry.unlike:
+            return "inconclusive", (
+                f"The {what}, {explanation.quantity(anomaly.estimate, anomaly.unit)}, is unlike anything learned,"
+                f" nominal ({explanation.span(anomaly.nominal_low, anomaly.nominal_high, anomaly.unit)}) or anomalous."
+            )
+    silent = [entry.name for entry in judged if not entry.telling]
+    if silent:
+        return "inconclusive", f"Nothing else is anomalous, but the window does not show {_list(silent)}."
+    return "nominal", explanation.reason_nominal(anomalies)
+
+
+def _list(names: Sequence[str]) -> str:
+    titles = [explanation.title(name) for name in names]
+    return titles[0] if len(titles) == 1 else f"{', '.join(titles[:-1])} and {titles[-1]}"
+
+
+# ---- into SI units ---------------------------------------------------------------------------------------------------
+
+
+def viscous_unit(wheel: Wheel) -> float:
+    """Return what one normalised unit of viscous friction is [N m s/rad]."""
+    return wheel.torque_unit_Nm / wheel.speed_unit_rad_s
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None
+
+
+def _scaled(value: float, unit: float) -> float | None:
+    return _finite(value * unit)
+
+
+def _value(value: float, std: float, unit: float, name: str) -> Value:
+    return Value(_scaled(value, unit), _scaled(std, unit), name)
+
+
+def _anomaly(wheel: Wheel, judged: Judged, model: AnomalyModel | None, features: Features, a: int) -> AnomalyDiagnosis:
+    """Return one entry of the diagnosis: estimate, nominal range and severity in SI units."""
+    levels: Levels | None
+    if a == 0:
+        value, std, unit, name = features.base_dry, features.base_dry_std, wheel.torque_unit_Nm, DRY_UNIT
+        levels = model.levels[0] if model else None
+    elif a == 1:
+        nominal = wheel.nominal.viscous_Nm_s_rad if wheel.nominal else 0.0
+        value, std, name = features.viscous, features.viscous_std, VISCOUS_UNIT
+        unit = nominal if nominal > 0 else viscous_unit(wheel)
+        levels = model.levels[0] if model else None
+    else:
+        q, value, std = features.systems[a - 2].highest()
+        unit, name = wheel.torque_unit_Nm, DRY_UNIT
+        if q == 0 and model is not None:
+            # At rest a system has no friction, healthy or not; its severity could be anything up to the learned one.
+            return AnomalyDiagnosis(judged.name, judged.active, judged.probability, 0.0, 1.0, 0.0, 0.0, 0.0, name)
+        levels = model.levels[q] if model else None
+    severity = severity_std = None
+    if levels is not None and levels.median is not None and levels.median > levels.nominal_high:
+        width = levels.median - levels.nominal_high
+        severity = _finite(max(0.0, (value - levels.nominal_high) / width))
+        severity_std = _finite(std / width)
+    return AnomalyDiagnosis(
+        name=judged.name,
+        active=judged.active,
+        probability=judged.probability,
+        severity=severity,
+        severity_std=severity_std,
+        estimate=_scaled(value, unit),
+        nominal_low=levels.nominal_low * unit if levels else None,
+        nominal_high=levels.nominal_high * unit if levels else None,
+        unit=name,
+    )
+
+
+def _diagnosis(
+    case: _Case,
+    models: Sequence[AnomalyModel | None],
+    stages: _Stages,
+    judgement: Judgement,
+    fits: Adequacy,
+) -> WindowDiagnosis:
+    wheel, features = case.wheel, judgement.features
+    torque, viscous = wheel.torque_unit_Nm, viscous_unit(wheel)
+    anomalies = tuple(
+        _anomaly(wheel, judged, learned, features, a)
+        for a, (judged, learned) in enumerate(zip(judgement.anomalies, models, strict=True))
+    )
+    verdict, reason = _verdict(case, judgement.anomalies, anomalies)
+    return WindowDiagnosis(
+        verdict=verdict,
+        reason=reason,
+        anomalies=anomalies,
+        base_dry=_value(features.base_dry, features.base_dry_std, torque, DRY_UNIT),
+        viscous=_value(stages.components.viscous, stages.components.viscous_std, viscous, VISCOUS_UNIT),
+        fss=tuple(
+            SystemFriction(
+                system.name,
+                tuple(int(q) for q in system.configuration),
+                tuple(float(friction) * torque for friction in system.friction),
+                tuple(int(start) for start in starts),
+            )
+            for system, starts in zip(features.systems, stages.assignment.starts, strict=True)
+        ),
+        changepoints=_changepoints(stages.assignment, wheel),
+        fit=Fit(
+            _scaled(stages.estimate.rmse, torque),
+            _scaled(stages.estimate.excess_rmse, torque),
+            _scaled(case.evidence.noise.std, torque),
+        ),
+        model_adequate=fits.adequate,
+        suspected_effect=fits.suspected_effect,
+        explanation=explanation.explain(
+            verdict,
+            reason,
+            anomalies,
+            base_known=stages.features.base_known,
+            windows_before=case.carried.windows if case.method == "joint" else 0,
+            adequacy=fits,
+        ),
+        **case.provenance(),
+    )
+
+
+def _changepoints(assignment: Assignment, wheel: Wheel) -> tuple[Changepoint, ...]:
+    names = {REJECTED: "rejected", UNATTRIBUTED: "unattributed"}
+    names |= {s: system.name for s, system in enumerate(wheel.fss)}
+    torque = wheel.torque_unit_Nm
+    order = np.argsort(assignment.index, kind="stable")
+    return tuple(
+        Changepoint(
+            index=int(assignment.index[j]),
+            jump_Nm=float(assignment.jump[j]) * torque,
+            std_Nm=float(assignment.jump_std[j]) * torque,
+            fss=names[int(assignment.system[j])],
+            confidence=float(assignment.confidence[j]),
+        )
+        for j in order
+    )
+
+
+def _too_few(case: _Case, models: Sequence[AnomalyModel | None]) -> WindowDiagnosis:
+    """Return the diagnosis of a window that holds next to nothing: all there is to say is that."""
+    systems = case.wheel.fss
+    no_sojourns = SystemFeatures("", np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros(0), rests=True)
+    features = Features(math.nan, math.nan, math.nan, math.nan, (no_sojourns,) * len(systems))
+    judged = unjudged(features, case.wheel.anomalies).anomalies
+    reason = f"Only {case.evidence.used} of the window's {case.evidence.slots} slots hold a usable sample."
+    return WindowDiagnosis(
+        verdict="inconclusive",
+        reason=reason,
+        anomalies=tuple(
+            _anomaly(case.wheel, entry, learned, features, a)
+            for a, (entry, learned) in enumerate(zip(judged, models, strict=True))
+        ),
+        base_dry=Value(None, None, DRY_UNIT),
+        viscous=Value(None, None, VISCOUS_UNIT),
+        fss=tuple(SystemFriction(system.name, (), (), ()) for system in systems),
+        changepoints=(),
+        fit=Fit(None, None, None),
+        model_adequate=True,
+        suspected_effect=None,
+        explanation=f"{reason} Check the telemetry link and the sensors before the wheel.",
+        **case.provenance(),
+    )
