@@ -18,7 +18,7 @@ from scipy import special
 
 from rwa_monitor.diagnosis.canonical import Rounded, canonical_json, content_sha256
 from rwa_monitor.errors import InputError
-from rwa_monitor.physics.wheel import RESERVED_ANOMALIES, SwitchingSystem
+from rwa_monitor.physics.wheel import RESERVED_ANOMALIES, SwitchingSystem, Wheel
 from rwa_monitor.samples import FloatArray
 
 MODEL_VERSION: Final = 1
@@ -286,6 +286,24 @@ def from_stated_friction(system: SwitchingSystem) -> AnomalyModel | None:
             Levels(nominal=band, anomalous=None, stray=STATED_STRAY, reach=STATED_REACH * middle, median=None)
         )
     return AnomalyModel(name=system.name, levels=tuple(levels), svm=None, rate=STATED_RATE)
+
+
+def models_for(wheel: Wheel, model: Model | None) -> list[AnomalyModel | None]:
+    """Return what is known about each anomaly of a wheel, in the wheel's order; None where nothing is.
+
+    A system that the model does not know, or knows with other configurations, is judged by the friction that the wheel
+    file states for it: nominal within the stated ranges, without a learned anomaly.
+    """
+    if model is None or wheel.nominal is None:
+        return [None] * len(wheel.anomalies)
+    models: list[AnomalyModel | None] = [
+        model.anomaly("dry"),
+        model.anomaly("viscous") if wheel.nominal.viscous_Nm_s_rad > 0 else None,
+    ]
+    for system in wheel.fss:
+        learned = model.anomaly(system.name)
+        models.append(learned if learned and learned.serves(system) else from_stated_friction(system))
+    return models
 
 
 @lru_cache(maxsize=1)

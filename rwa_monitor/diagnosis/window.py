@@ -21,7 +21,7 @@ from rwa_monitor.diagnosis.assignment import assign
 from rwa_monitor.diagnosis.classification import Judged, Judgement, classify, classify_as_paper, unjudged
 from rwa_monitor.diagnosis.components import split
 from rwa_monitor.diagnosis.features import Features, SystemFeatures, features_of
-from rwa_monitor.diagnosis.model import AnomalyModel, Levels, Model, from_stated_friction
+from rwa_monitor.diagnosis.model import AnomalyModel, Levels, Model, models_for
 from rwa_monitor.diagnosis.paper_assignment import assign_as_paper, split_as_paper
 from rwa_monitor.diagnosis.results import (
     REJECTED,
@@ -132,24 +132,6 @@ def diagnose_window(
         adequate=fits.adequate,
     )
     return diagnosis, state
-
-
-def models_for(wheel: Wheel, model: Model | None) -> list[AnomalyModel | None]:
-    """Return what is known about each anomaly of a wheel, in the wheel's order; None where nothing is.
-
-    A system that the model does not know, or knows with other configurations, is judged by the friction that the wheel
-    file states for it: nominal within the stated ranges, without a learned anomaly.
-    """
-    if model is None or wheel.nominal is None:
-        return [None] * len(wheel.anomalies)
-    models: list[AnomalyModel | None] = [
-        model.anomaly("dry"),
-        model.anomaly("viscous") if wheel.nominal.viscous_Nm_s_rad > 0 else None,
-    ]
-    for system in wheel.fss:
-        learned = model.anomaly(system.name)
-        models.append(learned if learned and learned.serves(system) else from_stated_friction(system))
-    return models
 
 
 def _run_stages(case: _Case) -> _Stages:
