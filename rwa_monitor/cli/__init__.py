@@ -1,0 +1,1 @@
+"""The command line: each command parses, calls the rooms below, prints. Nothing else happens here."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
@@ -49,24 +49,12 @@ def read_labels(path: Path) -> list[LabelledFile]:
     return labelled
 
 
-def write_labels(labelled: Iterable[tuple[str, Mapping[str, bool]]], names: Iterable[str], path: Path) -> None:
-    """Write a labels.csv.
-
-    Parameters
-    ----------
-    labelled
-        File name relative to the folder of `path`, and its anomalies; one that is not named is absent (0).
-    names
-        Of the anomalies, in the order of the columns: dry, viscous, switching systems.
-    path
-        The file to write.
-    """
-    columns = list(names)
+def write_labels(header: Sequence[str], rows: Iterable[Sequence[str]], path: Path) -> None:
+    """Write a labels.csv from its header and rows, as `physics.datasets.label_columns` and `label_row` give them."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["file", *columns])
-    for file, anomalies in labelled:
-        writer.writerow([file, *(int(anomalies.get(name, False)) for name in columns)])
+    writer.writerow(header)
+    writer.writerows(rows)
     write_text(path, text.getvalue())
 
 

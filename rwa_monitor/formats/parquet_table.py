@@ -31,7 +31,7 @@ def read_parquet(path: Path) -> SampleTable:
     """
     source = display_name(path)
     try:
-        with pq.ParquetFile(path) as file:
+        with pq.ParquetFile(path, page_checksum_verification=True) as file:
             names = file.schema_arrow.names
             layout = lay_out(names, source)
             check_rows(file.metadata.num_rows, source)  # said by the footer, before anything is unpacked
@@ -52,8 +52,10 @@ def read_parquet(path: Path) -> SampleTable:
 def write_parquet(samples: Samples, path: Path) -> None:
     """Write samples as a Parquet table that `read_parquet` gives back bit for bit; NaN stays NaN."""
     names, arrays = zip(*samples.channels(), strict=True)
+    table = pa.table([pa.array(values) for values in arrays], names=names)
     with atomic_write(path) as part:
-        pq.write_table(pa.table([pa.array(values) for values in arrays], names=names), part, compression="zstd")
+        # With checksums, a bit that flips on a disk is an error when the table is read, not another number.
+        pq.write_table(table, part, compression="zstd", write_page_checksum=True)
 
 
 def _numbers(column: Column, name: str, source: str) -> FloatArray:

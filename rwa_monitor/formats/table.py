@@ -16,7 +16,6 @@ from rwa_monitor.formats.columns import SampleTable
 from rwa_monitor.formats.csv_table import read_csv, write_csv
 from rwa_monitor.formats.files import display_name, unreadable
 from rwa_monitor.formats.parquet_table import read_parquet, write_parquet
-from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import Samples
 
 PARQUET_MAGIC: Final = b"PAR1"
@@ -73,30 +72,3 @@ def table_writer(path: Path) -> Callable[[Samples, Path], None]:
     if writer is None:
         raise InputError(display_name(path), f"must end in {' or '.join(WRITERS)}: the suffix chooses the format")
     return writer
-
-
-def check_friction_known(samples: Samples, wheel: Wheel, source: str) -> None:
-    """Check that friction is given or can be derived with this wheel's constants.
-
-    Raises
-    ------
-    InputError
-        If neither is so; says what is missing.
-    """
-    if samples.friction_torque_Nm is not None:
-        return
-    if samples.motor_torque_Nm is not None:
-        missing = [] if wheel.inertia_kg_m2 else ["inertia_kg_m2"]
-    elif samples.motor_current_A is not None:
-        constants = {"inertia_kg_m2": wheel.inertia_kg_m2, "torque_constant_Nm_A": wheel.torque_constant_Nm_A}
-        missing = [name for name, value in constants.items() if value is None]
-    else:
-        raise InputError(
-            source, "is missing, and so are motor_current_A and motor_torque_Nm", "column friction_torque_Nm"
-        )
-    if missing:
-        raise InputError(
-            source,
-            f"is missing and cannot be derived: the wheel {wheel.name!r} has no {' and no '.join(missing)}",
-            "column friction_torque_Nm",
-        )

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
 
 from rwa_monitor.errors import InputError
-from rwa_monitor.formats.files import atomic_write, read_bytes, read_text
+from rwa_monitor.formats.files import atomic_write, display_name, read_bytes, read_text
 from rwa_monitor.formats.labels import read_labels, write_labels
 from rwa_monitor.formats.wheel_file import read_wheel, write_wheel
 from rwa_monitor.physics.wheel import MAX_WHEEL_FILE_BYTES, built_in_wheel
@@ -67,7 +68,7 @@ def test_labels_come_back_with_paths_beside_them(tmp_path: Path) -> None:
     for name in ("a.csv", "b, c.csv"):
         (tmp_path / name).touch()
     path = tmp_path / "labels.csv"
-    write_labels([("a.csv", {"fss_1": True}), ("b, c.csv", {"dry": True})], ["dry", "viscous", "fss_1"], path)
+    write_labels(("file", "dry", "viscous", "fss_1"), [("a.csv", "0", "0", "1"), ("b, c.csv", "1", "0", "0")], path)
     assert path.read_text() == 'file,dry,viscous,fss_1\na.csv,0,0,1\n"b, c.csv",1,0,0\n'
     first, second = read_labels(path)
     assert first.path == tmp_path / "a.csv"
@@ -94,3 +95,7 @@ def test_bad_labels_are_refused(tmp_path: Path, text: str, message: str) -> None
     path.write_text(text)
     with pytest.raises(InputError, match=message):
         read_labels(path)
+
+
+def test_a_file_name_that_is_no_utf8_can_still_be_shown() -> None:
+    assert display_name(Path(os.fsdecode(b"caf\xe9.csv"))) == "caf\ufffd.csv"

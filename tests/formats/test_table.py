@@ -14,8 +14,7 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from rwa_monitor.errors import InputError
-from rwa_monitor.formats.table import check_friction_known, file_format, read_table, table_writer
-from rwa_monitor.physics.wheel import Wheel, built_in_wheel
+from rwa_monitor.formats.table import file_format, read_table, table_writer
 from rwa_monitor.samples import CHANNELS, Samples
 
 # Each example writes its own file in the one folder, so sharing that folder between examples is harmless.
@@ -309,22 +308,3 @@ def test_a_damaged_parquet_is_a_table_or_refused(tmp_path: Path, data: st.DataOb
     path.write_bytes(content[: data.draw(st.integers(0, len(content)))])
     samples = read_or_refuse(path)
     assert samples is None or (len(samples) > 0 and (np.diff(samples.time_ns) > 0).all())
-
-
-# ---- friction, given or derivable ------------------------------------------------------------------------------------
-
-
-def test_friction_must_be_given_or_derivable() -> None:
-    time_ns, one = np.array([0]), np.ones(1)
-    bare = Wheel(name="bare", sample_period_s=0.1)
-    given = Samples(time_ns=time_ns, speed_rad_s=one, friction_torque_Nm=one)
-    from_current = Samples(time_ns=time_ns, speed_rad_s=one, motor_current_A=one)
-    check_friction_known(given, bare, "table.csv")
-    check_friction_known(from_current, built_in_wheel(), "table.csv")
-    with pytest.raises(InputError, match="no inertia_kg_m2 and no torque_constant_Nm_A"):
-        check_friction_known(from_current, bare, "table.csv")
-    from_torque = Samples(time_ns=time_ns, speed_rad_s=one, motor_torque_Nm=one)
-    with pytest.raises(InputError, match=r"no inertia_kg_m2$"):
-        check_friction_known(from_torque, bare, "table.csv")
-    with pytest.raises(InputError, match="column friction_torque_Nm: is missing, and so are motor_current_A"):
-        check_friction_known(Samples(time_ns=time_ns, speed_rad_s=one), built_in_wheel(), "table.csv")

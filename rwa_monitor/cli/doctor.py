@@ -1,0 +1,136 @@
+"""`doctor`: checks an installation, a configuration, a bus connection, and says what to do about what is wrong."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from rwa_monitor import __version__
+from rwa_monitor.cli.options import bus_options, model_option, wheel_option
+from rwa_monitor.errors import RwaMonitorError
+
+if TYPE_CHECKING:
+    from rwa_monitor.live.bus import BusOptions
+
+MIN_PYTHON = (3, 11)
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """One thing to look at: `look` returns what it found, or raises what is wrong."""
+
+    name: str
+    look: Callable[[], str]
+
+
+@click.command(name="doctor")
+@wheel_option
+@model_option
+@bus_options
+@click.pass_context
+def command(ctx: click.Context, wheel_file: Path | None, model_file: Path | None, bus: BusOptions) -> None:
+    """Check this installation, a wheel and model, and, with -e or -l, the bus connection.
+
+    One line for each check on stdout. Exit code 1 if one failed.
+    """
+    checks = [
+        Check("python", _python),
+        Check("packages", _packages),
+        Check("kernels", _kernels),
+        Check("wheel", lambda: _wheel(wheel_file)),
+        Check("model", lambda: _model(model_file, wheel_file)),
+    ]
+    if bus.connect or bus.listen or bus.config:
+        checks.append(Check("bus", lambda: _bus(bus)))
+    failed = 0
+    for check in checks:
+        try:
+            found = f"ok      {check.name}: {check.look()}"
+        except (RwaMonitorError, ImportError) as error:
+            found = f"FAILED  {check.name}: {' '.join(str(error).split())}"
+            failed += 1
+        click.echo(found)
+    ctx.exit(1 if failed else 0)
+
+
+def _python() -> str:
+    """Check the interpreter."""
+    version = ".".join(str(part) for part in sys.version_info[:3])
+    if sys.version_info < MIN_PYTHON:
+        raise RwaMonitorError(f"{version}; 3.11 or newer is needed")
+    return f"{version}, rwa-monitor {__version__}"
+
+
+def _packages() -> str:
+    """Check that every package that the program needs is there."""
+    import re
+    from importlib.metadata import PackageNotFoundError, requires, version
+
+    try:
+        requirements = requires("rwa-monitor") or []
+    except PackageNotFoundError as error:
+        raise RwaMonitorError("rwa-monitor itself is not installed; run `pip install .` in its folder") from error
+    needed = [re.split(r"[^A-Za-z0-9._-]", line, maxsplit=1)[0] for line in requirements if "extra ==" not in line]
+    missing = []
+    for name in needed:
+        try:
+            version(name)
+        except PackageNotFoundError:
+            missing.append(name)
+    if missing:
+        raise RwaMonitorError(f"{', '.join(missing)} missing; run `pip install .` again")
+    return ", ".join(f"{name} {version(name)}" for name in needed)
+
+
+def _kernels() -> str:
+    """Diagnose a small simulated window: the compiled kernels, and all rooms below them, do their work."""
+    import time
+
+    import numpy as np
+
+    from rwa_monitor.live.core import diagnose_samples
+    from rwa_monitor.physics.scenario import Scenario
+    from rwa_monitor.physics.telemetry import simulate
+    from rwa_monitor.physics.wheel import built_in_wheel
+
+    wheel = built_in_wheel()
+    telemetry = simulate(Scenario(duration_s=250.0), wheel, np.random.default_rng(0))
+    began = time.perf_counter()
+    (window,) = diagnose_samples(telemetry.samples, wheel, None)
+    elapsed = time.perf_counter() - began
+    return f"{window.diagnosis.slots} simulated slots diagnosed in {elapsed:.1f} s, compiling included"
+
+
+def _wheel(wheel_file: Path | None) -> str:
+    """Check that the wheel file can be used, and say what it lacks."""
+    from rwa_monitor.formats.wheel_file import read_wheel
+
+    wheel = read_wheel(wheel_file)
+    notes = wheel.missing()
+    return f"{wheel.name}, {len(wheel.fss)} switching systems; {'; '.join(notes) if notes else 'complete'}"
+
+
+def _model(model_file: Path | None, wheel_file: Path | None) -> str:
+    """Check that the model can be used, and with this wheel."""
+    from rwa_monitor.formats.model_file import read_model
+    from rwa_monitor.formats.wheel_file import read_wheel
+
+    model, wheel = read_model(model_file), read_wheel(wheel_file)
+    known = {anomaly.name for anomaly in model.anomalies}
+    unknown = [name for name in wheel.anomalies if name not in known]
+    taught = f"{', '.join(sorted(known))}, from {model.trained.windows} windows ({model.trained.source})"
+    return taught + (f"; knows nothing of this wheel's {', '.join(unknown)}" if unknown else "")
+
+
+def _bus(bus: BusOptions) -> str:
+    """Check that the bus can be reached as the options say."""
+    from rwa_monitor.live.bus import open_session
+
+    with open_session(bus) as session:
+        routers, peers = list(session.info.routers_zid()), list(session.info.peers_zid())
+        return f"open, with {len(routers)} routers and {len(peers)} peers connected"

@@ -1,0 +1,99 @@
+"""The command `rwa-monitor`: finds the command's module when it is called for, and turns errors into exit codes.
+
+Exit codes: 0 done; 1 failed, or a check found a difference; 2 wrong use or bad input; 3 done, but bytes of the input
+could not be read; 130 interrupted. An error that a user can act on is one line on stderr. Any other is a fault of this
+program and shows its traceback.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Sequence
+from importlib import import_module
+from typing import Any, Final
+
+import click
+
+from rwa_monitor import __version__
+from rwa_monitor.errors import InputError, RwaMonitorError
+
+PROGRAM: Final = "rwa-monitor"
+FAILED: Final = 1
+WRONG_USE: Final = 2
+INTERRUPTED: Final = 130  # as a shell reports a program that SIGINT ended
+
+# Each command is `command` in a module of this name. Modules import what they need when the command runs, not before,
+# so that --help and a mistyped option answer at once.
+COMMANDS: Final = ("simulate", "doctor")
+
+
+class Program(click.Group):
+    """The group of all commands, loaded one by one, with the exit codes of this program."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        del ctx
+        return list(COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        del ctx
+        if cmd_name not in COMMANDS:
+            return None
+        command: click.Command = import_module(f"rwa_monitor.cli.{cmd_name}").command
+        return command
+
+    def main(
+        self,
+        args: Sequence[str] | None = None,
+        prog_name: str | None = None,
+        complete_var: str | None = None,
+        standalone_mode: bool = True,
+        **extra: Any,
+    ) -> Any:
+        """Run the program; outside `standalone_mode`, as click does, errors are raised and the result is returned."""
+        if not standalone_mode:
+            return super().main(args, prog_name, complete_var, standalone_mode=False, **extra)
+        try:
+            status = super().main(args, prog_name or PROGRAM, complete_var, standalone_mode=False, **extra)
+            sys.stdout.flush()  # here, where a reader that is gone is quietly the end, and not while Python shuts down
+        except InputError as error:
+            status = _complain(str(error), WRONG_USE)
+        except RwaMonitorError as error:
+            status = _complain(str(error), FAILED)
+        except click.UsageError as error:
+            where = error.ctx.command_path if error.ctx else PROGRAM
+            status = _complain(f"{error.format_message()} (see '{where} --help')", WRONG_USE)
+        except click.ClickException as error:
+            status = _complain(error.format_message(), error.exit_code)
+        except click.Abort:
+            status = INTERRUPTED
+        except BrokenPipeError:
+            # Whoever read our output has gone; what Python still flushes at its end goes nowhere, without a complaint.
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            status = FAILED
+        sys.exit(status or 0)
+
+
+def _complain(message: str, status: int) -> int:
+    """Say on stderr, in one line, what is wrong, and return the exit code."""
+    click.echo(f"{PROGRAM}: {' '.join(message.split())}", err=True)
+    return status
+
+
+@click.group(
+    name=PROGRAM,
+    cls=Program,
+    invoke_without_command=True,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+)
+@click.version_option(__version__, prog_name=PROGRAM, message="%(prog)s %(version)s")
+@click.pass_context
+def main(ctx: click.Context) -> None:
+    """Watch reaction wheels through their friction.
+
+    Splits a wheel's friction into its physical parts, says which part is anomalous and why, and says when its own
+    model of the wheel is wrong. `rwa-monitor demo` shows all of it on simulated wheels.
+    """
+    if ctx.invoked_subcommand is None:
+        click.echo(ctx.get_help(), err=True)
+        ctx.exit(WRONG_USE)

@@ -1,0 +1,55 @@
+"""Options that several commands share, each written once."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, Final, TypeVar
+
+import click
+
+Decorated = TypeVar("Decorated", bound=Callable[..., Any])
+
+# Whether a file exists and can be used is said by whoever reads it, with the reason; click only makes it a Path.
+FILE: Final = click.Path(path_type=Path)
+
+wheel_option = click.option(
+    "--wheel", "wheel_file", type=FILE, metavar="W.toml", help="Constants of the wheel.  [default: the built-in wheel]"
+)
+model_option = click.option(
+    "--model", "model_file", type=FILE, metavar="M.json", help="Trained classifiers.  [default: the built-in model]"
+)
+method_option = click.option(
+    "--method",
+    type=click.Choice(["joint", "paper"]),
+    default="joint",
+    show_default=True,
+    help="Assign jumps jointly, or as printed in the paper.",
+)
+
+
+def bus_options(command: Decorated) -> Decorated:
+    """Add the Zenoh options to a command; it gets them as `bus`, a `rwa_monitor.live.bus.BusOptions`."""
+
+    @click.option("-m", "--mode", type=click.Choice(["peer", "client", "router"]), help="Role in the Zenoh network.")
+    @click.option("-e", "--connect", multiple=True, metavar="ENDPOINT", help="Endpoint to connect to (repeatable).")
+    @click.option("-l", "--listen", multiple=True, metavar="ENDPOINT", help="Endpoint to listen on (repeatable).")
+    @click.option("-c", "--config", type=FILE, metavar="FILE", help="Zenoh configuration file.")
+    @click.option(
+        "--no-multicast-scouting", is_flag=True, help="Never look for others by multicast (the default here)."
+    )
+    @functools.wraps(command)
+    def with_bus(
+        mode: Any,
+        connect: tuple[str, ...],
+        listen: tuple[str, ...],
+        config: Path | None,
+        no_multicast_scouting: bool,
+        **rest: Any,
+    ) -> Any:
+        from rwa_monitor.live.bus import BusOptions
+
+        return command(bus=BusOptions(mode, connect, listen, config, no_multicast_scouting), **rest)
+
+    return with_bus  # type: ignore[return-value]

@@ -1,0 +1,166 @@
+"""`simulate`: telemetry of wheels that do not exist, with the whole truth, to files or onto the bus."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Final
+
+import click
+
+from rwa_monitor.cli.options import FILE, bus_options, wheel_option
+from rwa_monitor.cli.progress import track
+
+if TYPE_CHECKING:
+    from rwa_monitor.live.bus import BusOptions
+    from rwa_monitor.physics.datasets import LabelledWindow
+
+DEFAULT_KEY: Final = "rwa/simulated/wheel_1/samples"
+
+scenario_option = click.option(
+    "--scenario",
+    "scenario_file",
+    type=FILE,
+    metavar="S.toml",
+    help="What happens to the wheel.  [default: a healthy wheel in orbit]",
+)
+seed_option = click.option(
+    "--seed", type=click.IntRange(0), default=0, show_default=True, help="The same seed gives the same bytes."
+)
+output_option = click.option("-o", "--output", type=FILE, required=True, metavar="PATH", help="Where to write.")
+
+
+@click.group(name="simulate", no_args_is_help=False)
+def command() -> None:
+    """Simulate telemetry: one recording, a labelled data set, or a live wheel."""
+
+
+@command.command()
+@scenario_option
+@wheel_option
+@seed_option
+@output_option
+def recording(scenario_file: Path | None, wheel_file: Path | None, seed: int, output: Path) -> None:
+    """Write one recording, CSV or Parquet by the suffix of -o FILE.
+
+    The truth lies beside it: FILE.truth.json (labels, jumps, scenario) and FILE.truth.pq (every slot, as Parquet); so
+    does the wheel where it is not the built-in one: FILE.wheel.toml.
+    """
+    from rwa_monitor.formats.table import table_writer
+    from rwa_monitor.formats.truth import write_truth
+
+    write = table_writer(output)
+    window = _simulate(scenario_file, wheel_file, seed, output.stem)
+    write(window.telemetry.samples, output)
+    write_truth(window, output, seed=seed)
+    _write_wheel_beside(window, output)
+    click.echo(f"{len(window.telemetry.samples)} samples in {output}, the truth beside it", err=True)
+
+
+@command.command()
+@click.option("--recipe", required=True, metavar="NAME", help="What the windows are like; a wrong name lists them.")
+@click.option("--count", type=click.IntRange(1), required=True, help="Windows to make.")
+@seed_option
+@output_option
+@click.option(
+    "--format",
+    "suffix",
+    type=click.Choice(["parquet", "csv"]),
+    default="parquet",
+    show_default=True,
+    help="Of the sample tables.",
+)
+def dataset(recipe: str, count: int, seed: int, output: Path, suffix: str) -> None:
+    """Write labelled windows into the folder -o DIR: one sample table each, labels.csv, and the truth of each.
+
+    The wheel of each window lies beside its table, for the recipes draw wheels too.
+    """
+    from rwa_monitor.errors import InputError
+    from rwa_monitor.formats.files import display_name
+    from rwa_monitor.formats.labels import write_labels
+    from rwa_monitor.formats.table import table_writer
+    from rwa_monitor.formats.truth import write_truth
+    from rwa_monitor.physics.datasets import generate, label_columns, label_row
+
+    windows = track(generate(recipe, count, seed), count, "simulating")
+    rows: list[tuple[str, ...]] = []
+    header: tuple[str, ...] = ()
+    for window in windows:
+        if not rows:
+            # Only now: a recipe that does not exist leaves no empty folder behind.
+            header = label_columns(window.wheel)
+            try:
+                output.mkdir(parents=True, exist_ok=True)
+            except OSError as error:
+                raise InputError(display_name(output), f"cannot be made: {error.strerror}") from error
+        table = output / f"{window.name}.{suffix}"
+        table_writer(table)(window.telemetry.samples, table)
+        write_truth(window, table, recipe=recipe, seed=seed)
+        _write_wheel_beside(window, table)
+        rows.append(label_row(window, table.name))
+    write_labels(header, rows, output / "labels.csv")
+    click.echo(f"{len(rows)} windows in {output}, labels in {output / 'labels.csv'}", err=True)
+
+
+@command.command()
+@scenario_option
+@wheel_option
+@seed_option
+@click.option(
+    "--speed", type=click.FloatRange(0, min_open=True), default=1.0, show_default=True, help="Times real time; or inf."
+)
+@click.option("--key", default=DEFAULT_KEY, show_default=True, metavar="KEY", help="The wheel's samples on the bus.")
+@click.option(
+    "--batch", type=click.IntRange(1, 100_000), default=256, show_default=True, help="Samples of one message."
+)
+@click.option("--linger", type=click.FloatRange(0), default=2.0, show_default=True, help="Stay on at the end [s].")
+@bus_options
+def publish(
+    scenario_file: Path | None,
+    wheel_file: Path | None,
+    seed: int,
+    speed: float,
+    key: str,
+    batch: int,
+    linger: float,
+    bus: BusOptions,
+) -> None:
+    """Publish one recording on the bus in the pace of its own time, as a satellite's computer would.
+
+    Ends when the scenario does, or on SIGINT or SIGTERM. The same scenario, wheel and seed give the samples of
+    `simulate recording`.
+    """
+    from rwa_monitor.cli.signals import stop_on_signals
+    from rwa_monitor.live.bus import open_session
+    from rwa_monitor.live.publisher import publish as publish_samples
+
+    if math.isnan(speed):
+        raise click.BadParameter("nan is not a speed", param_hint="--speed")
+    samples = _simulate(scenario_file, wheel_file, seed, "published").telemetry.samples
+    with stop_on_signals() as stop, open_session(bus) as session:
+        sent = publish_samples({key: samples}, session, speed=speed, batch_samples=batch, linger_s=linger, stop=stop)
+    click.echo(f"{sent} of {len(samples)} samples published on {key}", err=True)
+
+
+def _simulate(scenario_file: Path | None, wheel_file: Path | None, seed: int, name: str) -> LabelledWindow:
+    """Simulate what the options ask for."""
+    import numpy as np
+
+    from rwa_monitor.formats.scenario_file import read_scenario
+    from rwa_monitor.formats.wheel_file import read_wheel
+    from rwa_monitor.physics.datasets import LabelledWindow
+    from rwa_monitor.physics.telemetry import simulate
+
+    scenario, wheel = read_scenario(scenario_file), read_wheel(wheel_file)
+    telemetry = simulate(scenario, wheel, np.random.default_rng(seed))
+    return LabelledWindow(name, wheel, scenario, telemetry, dict(telemetry.truth.labels))
+
+
+def _write_wheel_beside(window: LabelledWindow, table: Path) -> None:
+    """Write the wheel of a recording beside it, unless everyone has it anyway."""
+    from rwa_monitor.formats.truth import beside
+    from rwa_monitor.formats.wheel_file import write_wheel
+    from rwa_monitor.physics.wheel import built_in_wheel
+
+    if window.wheel != built_in_wheel():
+        write_wheel(window.wheel, beside(table, ".wheel.toml"))

@@ -1,0 +1,136 @@
+"""The command as a user meets it: help, version, exit codes, one line for what is wrong."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import click
+import pytest
+from click.testing import CliRunner
+
+from rwa_monitor import __version__
+from rwa_monitor.cli.main import COMMANDS, main
+from rwa_monitor.errors import InputError, RwaMonitorError
+
+PROGRAM = [sys.executable, "-m", "rwa_monitor.cli"]
+
+
+def all_commands() -> list[list[str]]:
+    """Return the words of every command and sub-command."""
+    context = click.Context(main)
+    found = []
+    for name in main.list_commands(context):
+        command = main.get_command(context, name)
+        found.append([name])
+        if isinstance(command, click.Group):
+            found += [[name, sub] for sub in command.commands]
+    return found
+
+
+@pytest.mark.parametrize("words", all_commands(), ids=" ".join)
+def test_every_command_has_a_help_that_says_what_it_does(words: list[str]) -> None:
+    result = CliRunner().invoke(main, [*words, "--help"])
+    assert result.exit_code == 0
+    assert result.stdout.startswith(f"Usage: rwa-monitor {' '.join(words)} ")
+    _, first_sentence, *_ = (part.strip() for part in result.stdout.split("\n\n"))
+    assert first_sentence.endswith((".", "]"))
+
+
+def test_help_lists_every_command() -> None:
+    result = CliRunner().invoke(main, ["--help"])
+    assert result.exit_code == 0
+    for name in COMMANDS:
+        assert f"\n  {name} " in result.stdout
+
+
+def test_version() -> None:
+    result = CliRunner().invoke(main, ["--version"])
+    assert (result.exit_code, result.stdout) == (0, f"rwa-monitor {__version__}\n")
+
+
+def test_help_loads_nothing_heavy() -> None:
+    """The figure in seconds is information; what decides is what was loaded."""
+    code = (
+        "import sys\nfrom rwa_monitor.cli.main import main\n"
+        "try: main(['--help'])\nexcept SystemExit: pass\n"
+        "heavy = {'numba', 'numpy', 'scipy', 'sklearn', 'zenoh', 'matplotlib', 'pyarrow', 'pydantic', 'mcap', 'rich'}\n"
+        "print(sorted(heavy & set(sys.modules)), file=sys.stderr)\n"
+    )
+    began = time.perf_counter()
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60, check=True)
+    print(f"--help: {time.perf_counter() - began:.3f} s")
+    assert done.stderr == "[]\n"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["nonsense"], "No such command 'nonsense'"),
+        (["--nonsense"], "--nonsense"),
+        (["simulate"], "Missing command"),
+        (["simulate", "recording"], "Missing option '-o'"),
+        (["simulate", "recording", "-o", "x.csv", "--seed", "-1"], "-1 is not in the range"),
+        (["simulate", "recording", "-o", "x.csv", "--seed", "one"], "'one' is not a valid integer range"),
+    ],
+)
+def test_wrong_use_is_one_line_and_exit_2(arguments: list[str], message: str) -> None:
+    result = CliRunner().invoke(main, arguments)
+    assert result.exit_code == 2
+    assert result.stdout == ""
+    (line,) = result.stderr.splitlines()
+    assert line.startswith("rwa-monitor: ")
+    assert message in line
+
+
+def test_without_a_command_the_help_is_shown_and_it_is_wrong_use() -> None:
+    result = CliRunner().invoke(main, [])
+    assert result.exit_code == 2
+    assert "Commands:" in result.stderr
+
+
+# ---- errors and exit codes -------------------------------------------------------------------------------------------
+
+
+def run_raising(error: BaseException, monkeypatch: pytest.MonkeyPatch) -> tuple[int, str]:
+    """Run the program with a command that raises; return the exit code and stderr."""
+
+    @click.command()
+    def raising() -> None:
+        raise error
+
+    monkeypatch.setattr(main, "get_command", lambda ctx, name: raising)
+    result = CliRunner().invoke(main, ["raising"])
+    if result.exception and not isinstance(result.exception, SystemExit):
+        raise result.exception
+    return result.exit_code, result.stderr
+
+
+def test_bad_input_is_one_line_even_where_the_reason_has_many(monkeypatch: pytest.MonkeyPatch) -> None:
+    error = InputError("a\nfile", "is\n  bad", "row 3")
+    assert run_raising(error, monkeypatch) == (2, "rwa-monitor: a file: row 3: is bad\n")
+
+
+def test_a_failure_that_is_no_fault_of_the_input(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert run_raising(RwaMonitorError("the disk is full"), monkeypatch) == (1, "rwa-monitor: the disk is full\n")
+
+
+def test_an_interrupt(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert run_raising(KeyboardInterrupt(), monkeypatch)[0] == 130
+
+
+def test_a_fault_of_the_program_is_not_hidden(monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(ZeroDivisionError):
+        run_raising(ZeroDivisionError(), monkeypatch)
+
+
+def test_a_reader_that_leaves_early_is_no_error_worth_a_word(tmp_path: Path) -> None:
+    """`head` closes the pipe: no traceback and no complaint while Python shuts down."""
+    producer = subprocess.Popen([*PROGRAM, "--help"], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    assert producer.stdout is not None
+    producer.stdout.close()
+    _, complaint = producer.communicate(timeout=60)
+    assert complaint == b""
+    assert producer.returncode == 1
