@@ -10,6 +10,7 @@ from typing import Final
 from rwa_monitor.errors import InputError
 from rwa_monitor.physics import effects
 from rwa_monitor.physics.effects.base import Effect, MeanEffect
+from rwa_monitor.physics.effects.noise_base import NoiseEffect
 from rwa_monitor.physics.wheel import EffectBlock, Wheel
 
 
@@ -38,6 +39,9 @@ def _collect() -> dict[str, type[Effect]]:
 CATALOGUE: Final[dict[str, type[Effect]]] = _collect()
 MEAN_EFFECTS: Final[dict[str, type[MeanEffect]]] = {
     name: effect for name, effect in CATALOGUE.items() if issubclass(effect, MeanEffect)
+}
+NOISE_EFFECTS: Final[dict[str, type[NoiseEffect]]] = {
+    name: effect for name, effect in CATALOGUE.items() if issubclass(effect, NoiseEffect)
 }
 
 
