@@ -31,6 +31,7 @@ class CoulombAsymmetry(MeanEffect):
         "friction). The range of 1–10 % for wheels is a working assumption."
     )
     parity = "even"
+    uses_level = True
     parameters = (Parameter("strength", "-", -1.0, 1.0, 0.05, linear=True),)
 
     @classmethod

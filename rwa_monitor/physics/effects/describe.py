@@ -1,0 +1,78 @@
+"""An effect explained, as Markdown: the pages of the documentation are generated from the classes themselves."""
+
+from __future__ import annotations
+
+import math
+
+from rwa_monitor.physics.effects.base import Effect, MeanEffect, Parameter
+
+PARITY = {
+    "odd": "flips with the direction of rotation",
+    "even": "does not flip with the direction of rotation",
+    "none": "has no symmetry between the two directions of rotation",
+}
+
+
+def describe(effect: type[Effect]) -> str:
+    """Return the page of an effect: formula, physics, parameters, signature, look-alikes, source.
+
+    Parameters
+    ----------
+    effect
+        A class of the catalogue.
+
+    Returns
+    -------
+    str
+        Markdown, ending with a line feed; the formula between double dollar signs.
+    """
+    lines = [
+        f"# {effect.title}",
+        "",
+        f"`{effect.name}` · {effect.family} effect",
+        "",
+        effect.description,
+        "",
+        f"$${effect.formula}$$",
+        "",
+    ]
+    if issubclass(effect, MeanEffect):
+        lines += [f"The torque {PARITY[effect.parity]}.", ""]
+    if effect.parameters:
+        lines += ["| parameter | unit | kind | range | typical |", "|---|---|---|---|---|"]
+        lines += [_row(parameter) for parameter in effect.parameters]
+        lines.append("")
+    lines += [f"**What shows it.** {effect.signature}", ""]
+    if effect.confused_with:
+        others = ", ".join(f"[`{name}`]({name}.md)" for name in effect.confused_with)
+        lines += [f"**Looks like** {others}.", ""]
+    lines += [f"**Told apart by.** {effect.separate_by}", ""]
+    if effect.needs:
+        lines += [f"**Needs** {', '.join(f'`{channel}`' for channel in sorted(effect.needs))}.", ""]
+    lines += [f"**Source.** {effect.source}", ""]
+    return "\n".join(lines)
+
+
+def _row(parameter: Parameter) -> str:
+    """Return one row of the table of parameters."""
+    kind = "strength" if parameter.linear else "shape"
+    typical = f"{parameter.typical:g}"
+    if parameter.default is not None:
+        typical += f" (default {parameter.default:g})"
+    return f"| `{parameter.name}` | {parameter.unit} | {kind} | {_range(parameter)} | {typical} |"
+
+
+def _range(parameter: Parameter) -> str:
+    """Return the range of a parameter in words."""
+    if parameter.choices:
+        if len(parameter.choices) > 4:
+            return f"{parameter.choices[0]:g}, {parameter.choices[1]:g} … {parameter.choices[-1]:g}"
+        return " or ".join(f"{choice:g}" for choice in parameter.choices)
+    bounded = math.isfinite(parameter.low), math.isfinite(parameter.high)
+    if bounded == (True, True):
+        return f"{parameter.low:g} … {parameter.high:g}"
+    if bounded == (True, False):
+        return f"≥ {parameter.low:g}"
+    if bounded == (False, True):
+        return f"≤ {parameter.high:g}"
+    return "any"
