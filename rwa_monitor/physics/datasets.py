@@ -215,8 +215,8 @@ def _example_wheel(rng: np.random.Generator) -> Wheel:
 def _hard_wheel(rng: np.random.Generator) -> Wheel:
     """Three systems with small jumps and duration laws of three kinds."""
     wheel = built_in_wheel()
-    assert wheel.nominal is not None  # noqa: S101 - the built-in wheel is complete
-    assert wheel.noise.friction_std_Nm is not None  # noqa: S101
+    assert wheel.nominal is not None
+    assert wheel.noise.friction_std_Nm is not None
     sigma = wheel.noise.friction_std_Nm / wheel.nominal.dry_torque_Nm
     low, high = (sigma * jump for jump in HARD_JUMP_SIGMAS)
     middle = 0.5 * (low + high)

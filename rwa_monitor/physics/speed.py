@@ -30,6 +30,7 @@ ACTIVITY_TONES: Final = 8  # enough lines that the activity does not repeat with
 ROUNDED: Final = 0.2  # share of a move over which the acceleration rises, and falls
 CURRENT_RESERVE: Final = 0.8  # share of the maximum current that a planned acceleration may take
 SPEED_RESERVE: Final = 0.97  # share of the maximum speed that a profile may reach
+AT_REST: Final = 1.0e-12  # of the nominal speed
 UNLIMITED_ACCELERATION_S: Final = 30.0  # s, from rest to the nominal speed, where no maximum current is known
 
 
@@ -107,12 +108,14 @@ def simulate_motion(profile: SpeedProfile, wheel: Wheel, slots: int, rng: np.ran
     _PROFILES[profile.kind](plan, profile, rng)
     limit = wheel.limits.max_speed_rad_s
     plan.shrink_to(np.inf if limit is None else SPEED_RESERVE * limit / unit)
+    # Moves that add up to nothing leave rounding errors; a wheel at rest has no direction.
+    plan.speed[np.abs(plan.speed) < AT_REST] = 0.0
     return Motion(plan.speed * unit, plan.acceleration * unit)
 
 
 def largest_acceleration(wheel: Wheel) -> float:
     """Return the acceleration that a planned move may use [rad/s²]: what the maximum current leaves after friction."""
-    assert wheel.nominal is not None  # noqa: S101 - checked by the caller, told to the type checker
+    assert wheel.nominal is not None
     unit = wheel.nominal.nominal_speed_rad_s
     if wheel.limits.max_current_A is None or wheel.torque_constant_Nm_A is None or wheel.inertia_kg_m2 is None:
         return unit / UNLIMITED_ACCELERATION_S
@@ -280,4 +283,4 @@ _PROFILES: Final[dict[ProfileKind, Callable[[_Plan, SpeedProfile, np.random.Gene
     "constant": _constant,
     "from_rest": _from_rest,
 }
-assert set(_PROFILES) == set(get_args(ProfileKind))  # noqa: S101 - one function for each kind
+assert set(_PROFILES) == set(get_args(ProfileKind))

@@ -8,13 +8,16 @@ the same friction, so that K_T·I − J·dω/dt gives it back.
 from __future__ import annotations
 
 from dataclasses import dataclass, fields, replace
-from typing import Any, Final
+from typing import Any, Final, TypeGuard
 
 import numpy as np
 
 from rwa_monitor.errors import InputError
 from rwa_monitor.physics import torque_balance
 from rwa_monitor.physics.effects.base import Channels, Effect, MeanEffect
+from rwa_monitor.physics.effects.catalogue import build
+from rwa_monitor.physics.effects.noise_base import NoiseEffect
+from rwa_monitor.physics.effects.speed_dead_zone import SpeedDeadZone
 from rwa_monitor.physics.scenario import Anomaly, Scenario
 from rwa_monitor.physics.sensors import bearing_temperature, measure
 from rwa_monitor.physics.speed import ORBIT_S, Motion, simulate_motion
@@ -30,6 +33,8 @@ VISIBLE_INFORMATION: Final = 36.0
 FALLBACK_DEAD_BAND: Final = 5.0  # speed noises: below, the measured sign of the speed is not the true one
 COUPLING_TOLERANCE: Final = 1.0e-12  # of the largest motor torque: where the loop friction ↔ motor torque has settled
 COUPLING_ROUNDS: Final = 100
+QUANTUM_STD: Final = 12.0**-0.5  # of the rounding error, in steps: uniform over one step
+LONG_RUN_SLOTS: Final = 64  # block from which the long-run noise is taken where a noise effect has shaped it
 
 
 @dataclass(frozen=True, slots=True)
@@ -241,7 +246,7 @@ def _by_slot(anomaly: Anomaly, period_s: float) -> FrictionFactor:
 
 def _friction_parts(scenario: Scenario, wheel: Wheel, motion: Motion, streams: _Streams) -> _Parts:
     """Put the friction together: switching systems, base dry and viscous friction, effects."""
-    assert wheel.nominal is not None  # noqa: S101 - Scenario.check has seen to it
+    assert wheel.nominal is not None
     slots = motion.speed_rad_s.size
     time = np.arange(slots, dtype=np.float64) * wheel.sample_period_s
     speed = motion.speed_rad_s
@@ -272,20 +277,26 @@ def _friction_parts(scenario: Scenario, wheel: Wheel, motion: Motion, streams: _
         good=np.ones(slots, dtype=np.bool_),
     )
     effects = _effects(wheel, scenario)
-    effect_torque = _couple([effect for effect in effects if isinstance(effect, MeanEffect)], channels)
+    effect_torque = _couple([effect for effect in effects if _adds_torque(effect, scenario)], channels)
     for torque in effect_torque.values():
         friction = friction + torque
     return _Parts(channels, temperature, dry, viscous, systems, effects, effect_torque, friction)
 
 
+def _adds_torque(effect: Effect, scenario: Scenario) -> TypeGuard[MeanEffect]:
+    """Say whether an effect adds a torque.
+
+    A dead zone of the tachometer changes only what is worked out with its speed: a friction that is given, but not the
+    current from which friction is still to be derived.
+    """
+    if isinstance(effect, SpeedDeadZone):
+        return scenario.friction_given
+    return isinstance(effect, MeanEffect)
+
+
 def _effects(wheel: Wheel, scenario: Scenario) -> tuple[Effect, ...]:
     """Build the wheel's own effects, then the scenario's."""
-    blocks = (*wheel.effect, *scenario.effect)
-    if not blocks:
-        return ()
-    from rwa_monitor.physics.effects.catalogue import build  # noqa: PLC0415
-
-    return tuple(build(block) for block in blocks)
+    return tuple(build(block) for block in (*wheel.effect, *scenario.effect))
 
 
 def _angle(speed_rad_s: FloatArray, period_s: float) -> FloatArray:
@@ -339,20 +350,45 @@ def _friction_noise(scenario: Scenario, wheel: Wheel, parts: _Parts, streams: _S
     """Draw the noise of the friction torque.
 
     Where friction is given, the wheel's noise stands for all that its estimate suffers from. Where it is not, speed and
-    current bring their own noise, and the friction itself has some only if the scenario says so.
+    current bring their own noise, and the friction itself has some only if the scenario, or a noise effect, says so.
     """
+    shaping = [
+        effect
+        for effect in parts.effects
+        if isinstance(effect, NoiseEffect) and (scenario.friction_given or not _changes_reading(effect))
+    ]
     std = scenario.noise.std_Nm
     if std is None:
-        std = (wheel.noise.friction_std_Nm or 0.0) if scenario.friction_given else 0.0
+        std = (wheel.noise.friction_std_Nm or 0.0) if scenario.friction_given or shaping else 0.0
     values = scenario.noise.draw(std, len(parts.channels), streams.noise)
-    variance, long_run = std**2, scenario.noise.long_run_std(std) ** 2
-    if not scenario.friction_given:
-        sensors = scenario.sensors.for_wheel(wheel)
-        speed = np.hypot(sensors.speed_noise_rad_s or 0.0, (sensors.speed_quantum_rad_s or 0.0) / np.sqrt(12.0))
-        current = np.hypot(sensors.current_noise_A or 0.0, (sensors.current_quantum_A or 0.0) / np.sqrt(12.0))
-        derived = float(torque_balance.derived_noise_autocovariance(wheel, float(speed), float(current))[0])
-        variance, long_run = variance + derived, long_run + derived
-    return _Noise(values, float(np.sqrt(variance)), float(np.sqrt(long_run)))
+    long_run = scenario.noise.long_run_std(std)
+    for effect, stream in zip(shaping, streams.effects.spawn(len(shaping)), strict=True):
+        values = effect.apply(values, parts.channels, stream)
+    if shaping:
+        std, long_run = float(np.std(values)), _long_run_std(values)
+    if scenario.friction_given:
+        return _Noise(values, std, long_run)
+    sensors = scenario.sensors.for_wheel(wheel)
+    speed = np.hypot(sensors.speed_noise_rad_s or 0.0, (sensors.speed_quantum_rad_s or 0.0) * QUANTUM_STD)
+    for effect in parts.effects:
+        if isinstance(effect, NoiseEffect) and _changes_reading(effect):
+            speed = np.std(effect.read_speed(parts.channels.speed_rad_s) - parts.channels.speed_rad_s)
+    current = np.hypot(sensors.current_noise_A or 0.0, (sensors.current_quantum_A or 0.0) * QUANTUM_STD)
+    derived = float(torque_balance.derived_noise_autocovariance(wheel, float(speed), float(current))[0])
+    return _Noise(values, float(np.sqrt(std**2 + derived)), float(np.sqrt(long_run**2 + derived)))
+
+
+def _changes_reading(effect: Effect) -> bool:
+    """Say whether a noise effect is one of the tachometer: it then changes the speed that is read."""
+    return isinstance(effect, NoiseEffect) and type(effect).read_speed is not NoiseEffect.read_speed
+
+
+def _long_run_std(noise: FloatArray) -> float:
+    """Return the standard deviation of block means times the root of the block's length [N m]."""
+    blocks = noise[: noise.size - noise.size % LONG_RUN_SLOTS].reshape(-1, LONG_RUN_SLOTS)
+    if len(blocks) < 2:
+        return float(np.std(noise))
+    return float(np.sqrt(LONG_RUN_SLOTS) * np.std(np.mean(blocks, axis=1)))
 
 
 def _measure(
@@ -369,10 +405,14 @@ def _measure(
     # A stream for each channel: leaving one out changes none of the others.
     speed_rng, current_rng, voltage_rng, temperature_rng = streams.sensors.spawn(4)
     slots = motion.speed_rad_s.size
+    speed = measure(motion.speed_rad_s, sensors.speed_noise_rad_s or 0.0, sensors.speed_quantum_rad_s or 0.0, speed_rng)
+    for effect in parts.effects:
+        if isinstance(effect, NoiseEffect) and _changes_reading(effect):
+            speed = effect.read_speed(motion.speed_rad_s)  # such a tachometer's steps replace the usual noise
+        elif isinstance(effect, SpeedDeadZone):
+            speed = effect.read_speed(speed)
     channels: dict[str, Any] = {
-        "speed_rad_s": measure(
-            motion.speed_rad_s, sensors.speed_noise_rad_s or 0.0, sensors.speed_quantum_rad_s or 0.0, speed_rng
-        ),
+        "speed_rad_s": speed,
         "bearing_temperature_degC": measure(parts.temperature, sensors.temperature_noise_K, 0.0, temperature_rng),
     }
     if scenario.friction_given:

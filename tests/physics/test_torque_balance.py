@@ -1,0 +1,121 @@
+"""The torque balance, its derivative filter and the noise that it leaves."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy import signal
+
+from rwa_monitor.errors import InputError
+from rwa_monitor.physics import torque_balance as tb
+from rwa_monitor.physics.wheel import Derivative, FrictionFilter, built_in_wheel
+
+PERIOD = 0.125
+GOLAY = Derivative(method="savitzky_golay", window_s=2.0)
+CENTRAL = Derivative(method="central")
+derivatives = pytest.mark.parametrize("derivative", [GOLAY, CENTRAL], ids=["savitzky_golay", "central"])
+
+
+def test_friction_resists_positive_rotation():
+    """A wheel coasting down from positive speed has positive friction; the motor holding it up gives it."""
+    assert tb.friction_torque(np.array([0.0]), np.array([-0.2]), 0.01) == pytest.approx([0.002])
+    assert tb.friction_torque(np.array([0.002]), np.array([0.0]), 0.01) == pytest.approx([0.002])
+
+
+@given(st.floats(-1, 1), st.floats(-10, 10), st.floats(1e-4, 1))
+def test_motor_torque_is_the_inverse(friction, acceleration, inertia):
+    motor = tb.motor_torque(np.array([friction]), np.array([acceleration]), inertia)
+    assert tb.friction_torque(motor, np.array([acceleration]), inertia) == pytest.approx([friction], abs=1e-12)
+
+
+@pytest.mark.parametrize("window_s", [0.01, 0.3, 1.0, 2.0, 2.1, 7.7])
+def test_taps_are_those_of_savitzky_and_golay(window_s):
+    taps = tb.derivative_taps(Derivative(window_s=window_s), PERIOD)
+    assert taps.size % 2 == 1
+    oracle = signal.savgol_coeffs(taps.size, 2, deriv=1, delta=PERIOD, use="dot")
+    assert taps == pytest.approx(oracle, abs=1e-10)
+
+
+def test_taps_are_odd_to_the_last_bit():
+    for derivative in (GOLAY, CENTRAL):
+        taps = tb.derivative_taps(derivative, PERIOD)
+        assert np.array_equal(taps, -taps[::-1])
+    assert tb.derivative_taps(CENTRAL, PERIOD) == pytest.approx([-4.0, 0.0, 4.0])
+
+
+@derivatives
+def test_exact_on_parabolas(derivative):
+    time = np.arange(100) * PERIOD
+    half = tb.half_width(derivative, PERIOD)
+    found = tb.differentiate(3.0 - 2.0 * time + 0.5 * time**2, derivative, PERIOD)
+    assert found[half:-half] == pytest.approx((-2.0 + time)[half:-half])
+    assert np.all(np.isnan(found[:half]))
+    assert np.all(np.isnan(found[-half:]))
+
+
+@derivatives
+def test_a_missing_sample_touches_its_stencil_and_nothing_else(derivative):
+    speed = np.sin(np.arange(200) / 9.0)
+    whole = tb.differentiate(speed, derivative, PERIOD)
+    half = tb.half_width(derivative, PERIOD)
+    speed[90] = np.nan
+    found = tb.differentiate(speed, derivative, PERIOD)
+    touched = np.abs(np.arange(200) - 90) <= half
+    assert np.all(np.isnan(found[touched]))
+    assert np.array_equal(found[~touched], whole[~touched], equal_nan=True)
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(20, 180), st.sampled_from([GOLAY, CENTRAL]))
+def test_the_cut_of_a_record_changes_no_bit(seed, cut, derivative):
+    rng = np.random.default_rng(seed)
+    speed, motor = rng.normal(size=200) * 100, rng.normal(size=200)
+    wheel = built_in_wheel().model_copy(update={"friction": FrictionFilter(derivative=derivative)})
+    half = tb.half_width(derivative, PERIOD)
+    whole = tb.derive_friction(speed, motor, wheel)
+    first = tb.derive_friction(speed[: cut + half], motor[: cut + half], wheel)[:cut]
+    rest = tb.derive_friction(speed[cut - half :], motor[cut - half :], wheel)[half:]
+    assert np.array_equal(np.concatenate([first, rest]), whole, equal_nan=True)
+
+
+def test_records_shorter_than_the_stencil_have_no_derivative():
+    for size in (0, 1, 16):
+        assert np.all(np.isnan(tb.differentiate(np.zeros(size), GOLAY, PERIOD)))
+    assert np.isfinite(tb.differentiate(np.zeros(17), GOLAY, PERIOD)).sum() == 1
+
+
+@derivatives
+def test_noise_autocovariance_is_that_of_simulated_noise(derivative):
+    wheel = built_in_wheel().model_copy(update={"friction": FrictionFilter(derivative=derivative)})
+    rng = np.random.default_rng(8)
+    speed_std, current_std, n = 0.01, 2e-4, 400_000
+    noise = tb.derive_friction(
+        speed_std * rng.standard_normal(n), wheel.torque_constant_Nm_A * current_std * rng.standard_normal(n), wheel
+    )
+    noise = noise[np.isfinite(noise)]
+    expected = tb.derived_noise_autocovariance(wheel, speed_std, current_std)
+    for lag, value in enumerate(expected):
+        found = np.mean(noise[lag:] * noise[: noise.size - lag])
+        # Bartlett: the spread of a sample autocovariance is at most √(Σγ²·2/n) for this short memory.
+        spread = np.sqrt(2.0 * (expected[0] ** 2 + 2.0 * np.sum(expected[1:] ** 2)) / noise.size)
+        assert abs(found - value) < 5.0 * spread, lag
+
+
+def test_central_difference_makes_the_noise_of_errata_17():
+    """σ of 0.4 in normalised units at 8 Hz and 0.01 rad/s, correlated −0.5 at lag 2."""
+    wheel = built_in_wheel().model_copy(update={"friction": FrictionFilter(derivative=CENTRAL)})
+    lags = tb.derived_noise_autocovariance(wheel, 0.01)
+    assert np.sqrt(lags[0]) / wheel.nominal.dry_torque_Nm == pytest.approx(0.41, abs=0.01)
+    assert lags[2] / lags[0] == pytest.approx(-0.5)
+    assert np.all(lags[[1, 3, 4]] == 0.0)
+
+
+def test_what_the_wheel_lacks_is_named():
+    wheel = built_in_wheel().model_copy(update={"inertia_kg_m2": None, "torque_constant_Nm_A": None})
+    with pytest.raises(InputError, match="inertia_kg_m2"):
+        tb.derive_friction(np.zeros(3), np.zeros(3), wheel)
+    with pytest.raises(InputError, match="torque_constant_Nm_A"):
+        tb.torque_constant_of(wheel)
+    with pytest.raises(InputError, match=r"friction\.derivative\.window_s"):
+        tb.half_width(Derivative(window_s=1e9), PERIOD)
