@@ -301,6 +301,7 @@ def _diagnosis(
             windows_before=case.carried.windows if case.method == "joint" else 0,
             adequacy=fits,
         ),
+        features=stages.features,
         **case.provenance(),
     )
 
@@ -344,5 +345,6 @@ def _too_few(case: _Case, models: Sequence[AnomalyModel | None]) -> WindowDiagno
         model_adequate=True,
         suspected_effect=None,
         explanation=f"{reason} Check the telemetry link and the sensors before the wheel.",
+        features=features,
         **case.provenance(),
     )

@@ -8,6 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+from rwa_monitor.diagnosis.features import Features
 from rwa_monitor.diagnosis.results import Method
 
 Verdict = Literal["nominal", "anomalous", "inconclusive"]
@@ -129,6 +130,8 @@ class WindowDiagnosis:
         Of the model used, "" without one.
     wheel_sha256, prior_sha256
         Of the wheel and of the carried state before this window.
+    features
+        What the classifiers saw, for training; it does not leave the program.
     """
 
     slots: int
@@ -150,6 +153,7 @@ class WindowDiagnosis:
     model_sha256: str
     wheel_sha256: str
     prior_sha256: str
+    features: Features
 
     def anomaly(self, name: str) -> AnomalyDiagnosis:
         """Return the entry of one anomaly; KeyError if the wheel has none of that name."""
