@@ -1,0 +1,517 @@
+"""The evidence of one window, gathered sample by sample: stage 1 as it runs live.
+
+A `WindowAccumulator` takes the slots of one window in any pieces and keeps their running sums, the wGLR's peaks at all
+scales and what is known of the noise, in memory of fixed size. `close` makes the window's `Evidence` of them without
+another look at the samples, but for a few around each candidate.
+
+Nothing depends on how the slots arrive: work is done in steps that end at fixed slots of the window, with settings
+(variances, floors) that change at fixed slots only.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numba
+import numpy as np
+from scipy import special
+
+from rwa_monitor.diagnosis.changepoints import (
+    TESTS_PER_SLOT,
+    select_candidates,
+    suppress,
+    threshold_for,
+    variance_table,
+)
+from rwa_monitor.diagnosis.estimation import (
+    SlopePrior,
+    default_exclusion,
+    estimate,
+    nominal_slope_prior,
+)
+from rwa_monitor.diagnosis.noise import (
+    BLOCK,
+    LAGS,
+    SMALLEST_STD,
+    Tails,
+    block_differences,
+    estimate_noise,
+    estimate_tails,
+    scale_variances,
+)
+from rwa_monitor.diagnosis.results import Candidates, Evidence, Method, NoiseEstimate
+from rwa_monitor.diagnosis.running_sums import RunningSums
+from rwa_monitor.diagnosis.wglr import (
+    BINS,
+    CHUNK,
+    COUNT_CONFIRMED,
+    COUNT_PEAKS,
+    COUNT_SETTLED,
+    HISTORY,
+    PEAK_CONFIRMED,
+    PEAK_INDEX,
+    PEAK_JUMP,
+    PEAK_SCALE,
+    PEAK_STATISTIC,
+    PREFIXES,
+    STEP,
+    scan,
+)
+from rwa_monitor.physics.wheel import Wheel
+from rwa_monitor.samples import BoolArray, FloatArray, IntArray
+
+JOINT_SCALES: Final = (1, 2, 4, 8, 16, 32, 64, 128)
+PAPER_SCALES: Final = (50,)
+PAPER_WEIGHT: Final = 1e-4  # W_b, in the paper's units
+SMALLEST_WEIGHT: Final = 1e-12  # W_b where nothing is known of the slope: only keeps 0/0 away
+
+CONFIRMED_RATE: Final = 1e-9  # false-alarm probability of a sample, as in the paper
+KEPT_STATISTIC: Final = 12.0  # peaks below are not kept: no threshold at the close is as low
+MOST_PEAKS: Final = 12_288  # peaks kept at most; a window with more is pruned to the strongest half
+PEAKS_PER_CHUNK: Final = 2_700  # CHUNK · Σ 2/(w + 1) over the scales: no data gives more
+FALSE_CANDIDATES: Final = 1.0  # wanted in a window without a jump; the assignment sorts them out
+CERTAIN_STATISTIC: Final = 30.0  # peaks that split the window while its slope is first estimated
+SMALLEST_SLOPE_SPREAD: Final = 0.05  # [of the slope] the slope known so far is never trusted further than that
+SPEED_NOISES: Final = 5.0  # dead band in standard deviations of the speed's noise: the sign of ω is certain beyond
+
+
+@dataclass(frozen=True, slots=True)
+class ConfirmedCandidate:
+    """A jump that is certain while its window is still open; provisional until the window's diagnosis.
+
+    Attributes
+    ----------
+    index
+        Slot within the window, the first of the new level.
+    jump, std
+        Its size and standard deviation, normalised.
+    confidence
+        Probability that the noise alone has no such jump in a whole window.
+    """
+
+    index: int
+    jump: float
+    std: float
+    confidence: float
+
+
+class WindowAccumulator:
+    """Gathers the evidence of one window.
+
+    Parameters
+    ----------
+    wheel
+        The wheel: units, nominal slope and noise, dead band.
+    method
+        "joint": several scales, each by the variance of its own contrast. "paper": one scale, contiguous runs.
+    slots
+        Length of the window; the wheel's where None.
+    slope_prior
+        What earlier windows say of the viscous coefficient; the wheel's nominal one where None.
+    false_candidates
+        Candidates wanted by chance in a window without a jump (joint).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from rwa_monitor.physics.wheel import built_in_wheel
+    >>> rng = np.random.default_rng(1)
+    >>> speed = 200.0 + np.sin(np.arange(4000) / 500.0)
+    >>> torque = 1.6e-3 + 5.333e-6 * speed + 3.9e-5 * rng.standard_normal(4000)
+    >>> torque[2500:] += 8e-4  # half the nominal dry torque
+    >>> window = WindowAccumulator(built_in_wheel(), slots=4000)
+    >>> [event.index for event in window.append(speed, torque, np.ones(4000, dtype=np.bool_))]
+    [2500]
+    >>> window.close().candidates.index.tolist()
+    [2500]
+    """
+
+    def __init__(
+        self,
+        wheel: Wheel,
+        method: Method = "joint",
+        slots: int | None = None,
+        slope_prior: SlopePrior | None = None,
+        false_candidates: float = FALSE_CANDIDATES,
+    ) -> None:
+        self.wheel = wheel
+        self.method: Method = method
+        self.slots = wheel.window.samples if slots is None else slots
+        self.filled = 0
+        self.good = 0
+        self.slope_prior = nominal_slope_prior(wheel) if slope_prior is None else slope_prior
+        self.false_candidates = false_candidates
+        self._speed_unit = wheel.speed_unit_rad_s
+        self._torque_unit = wheel.torque_unit_Nm
+        start_std = wheel.noise.friction_std_Nm
+        self._start_std = None if start_std is None else start_std / self._torque_unit
+
+        self._x: FloatArray = np.zeros(self.slots)
+        self._z: FloatArray = np.zeros(self.slots)
+        self._good: BoolArray = np.zeros(self.slots, dtype=np.bool_)
+        self._used: BoolArray = np.zeros(self.slots, dtype=np.bool_)
+        self._sums = RunningSums(self._x, self._z, self._used)
+        self._done = 0  # slots that detection has seen
+        self._closed = False
+
+        scales: tuple[int, ...] = PAPER_SCALES if method == "paper" else JOINT_SCALES
+        if self.slope_prior is None:
+            # Without any idea of the slope, two neighbouring samples say nothing about a jump.
+            scales = tuple(w for w in scales if w > 1)
+        self._scales: IntArray = np.array(scales, dtype=np.int64)
+        self._strides: IntArray = np.maximum(self._scales // 4, 1)
+        self._variances: FloatArray = np.full(self._scales.size, np.nan)
+        self._floors: FloatArray = np.full(self._scales.size, np.inf)
+        self._sure: FloatArray = np.full(self._scales.size, np.inf)  # statistic of a confirmed candidate
+        self._histogram = np.zeros((self._scales.size, BINS), dtype=np.int64)
+        self._weight = PAPER_WEIGHT
+        self._slope = 0.0 if self.slope_prior is None else self.slope_prior.mean
+        self._band = np.inf  # dead band, normalised; known once the first chunk is there
+
+        self._prefix: FloatArray = np.zeros((PREFIXES, HISTORY + CHUNK + 1))
+        self._statistic: FloatArray = np.empty(STEP)
+        self._bits = self._statistic.view(np.int64)
+        self._jump: FloatArray = np.empty(STEP)
+        self._counters: IntArray = np.zeros(3, dtype=np.int64)
+        self._open_peaks: IntArray = np.full((self._scales.size, 3), -1, dtype=np.int64)
+        self._room_for_peaks(PEAKS_PER_CHUNK)
+        self._announced: list[tuple[int, int]] = []
+
+        # Short windows let the blocks of the noise estimate overlap.
+        self._hop = BLOCK if self.slots <= 128 * BLOCK else 4 * BLOCK
+        blocks = max(0, (self.slots - BLOCK - LAGS) // self._hop + 1)
+        self._blocks = 0
+        self._block_sums: FloatArray = np.zeros((blocks, LAGS))
+        self._block_pairs: FloatArray = np.zeros((blocks, LAGS))
+
+    # ---- samples in ------------------------------------------------------------------------------------------------
+
+    def append(self, speed_rad_s: FloatArray, torque_Nm: FloatArray, good: BoolArray) -> list[ConfirmedCandidate]:
+        """Take the next slots and return the jumps that became certain.
+
+        Parameters
+        ----------
+        speed_rad_s, torque_Nm
+            float64 (n,), speed and resisting friction torque of consecutive slots; anything where not good.
+        good
+            bool (n,), slots that hold a good sample; a value that is not finite is not good.
+
+        Raises
+        ------
+        ValueError
+            If the window cannot hold that many slots, or is closed.
+        """
+        count = speed_rad_s.size
+        if self._closed or self.filled + count > self.slots:
+            raise ValueError(f"{count} more slots do not fit into a window with {self.filled} of {self.slots}")
+        self.good += _normalise(
+            speed_rad_s,
+            torque_Nm,
+            good,
+            self._speed_unit,
+            self._torque_unit,
+            self._x[self.filled : self.filled + count],
+            self._z[self.filled : self.filled + count],
+            self._good[self.filled : self.filled + count],
+        )
+        self.filled += count
+        return self._advance(self.filled - self.filled % STEP)
+
+    def close(self) -> Evidence:
+        """End the window, full or not, and return its evidence.
+
+        Raises
+        ------
+        ValueError
+            If the window is closed already.
+        """
+        if self._closed:
+            raise ValueError("the window is closed already")
+        self._advance(self.filled, last=True)
+        self._closed = True
+        self._refresh()
+        noise = estimate_noise(
+            self._block_sums[: self._blocks],
+            self._block_pairs[: self._blocks],
+            self._scales,
+            self._variances,
+            self._sums.count,
+            self._start_std,
+        )
+        evidence = self._evidence(noise, self._peaks(self._threshold()))
+        return replace(evidence, candidates=self._choose(evidence))
+
+    def _evidence(self, noise: NoiseEstimate, candidates: Candidates) -> Evidence:
+        """Return the evidence of the slots seen so far."""
+        return Evidence(
+            slots=self._done,
+            good=self.good,
+            used=self._sums.count,
+            candidates=candidates,
+            sums=self._sums,
+            noise=noise,
+            threshold=self._threshold(),
+        )
+
+    # ---- detection -------------------------------------------------------------------------------------------------
+
+    def _advance(self, ready: int, last: bool = False) -> list[ConfirmedCandidate]:
+        """Detect in all slots up to `ready`. Begins when a chunk is there to learn the noise from."""
+        if self._done == 0:
+            if ready < CHUNK and not last:
+                return []
+            self._start(min(ready, CHUNK))
+        events: list[ConfirmedCandidate] = []
+        while self._done < ready:
+            begin, end = self._done, min(ready, self._done - self._done % CHUNK + CHUNK)
+            if begin >= CHUNK:
+                self._mark_used(begin, end)
+            self._sums.extend(end)
+            self._room_for_peaks(PEAKS_PER_CHUNK)
+            self._scan(begin, end, count_bins=begin >= CHUNK)
+            events.extend(self._announce())
+            self._done = end
+            self._measure_blocks()
+            chunks, rest = divmod(end, CHUNK)
+            if rest == 0 and chunks > 1 and chunks & (chunks - 1) == 0:
+                self._refresh()  # after 2, 4, 8 … chunks
+                self._learn_slope()
+        return events
+
+    def _start(self, stop: int) -> None:
+        """Learn dead band, weight of the prior and first variances from the slots [0, stop)."""
+        self._band = self._dead_band(stop)
+        self._mark_used(0, stop)
+        if self.slope_prior is None:
+            self._weight = SMALLEST_WEIGHT
+        elif self.method == "joint":
+            std = self._start_std if self._start_std is not None else self._difference_std(stop)
+            self._weight = max(std, SMALLEST_STD) ** 2 / self.slope_prior.std**2
+        self._scan(0, stop, count_bins=True)
+        self._refresh()
+
+    def _dead_band(self, stop: int) -> float:
+        """Return the dead band, normalised: the wheel's, or from the noise of the speed at the window's start."""
+        if self.wheel.window.dead_band_rad_s is not None:
+            return self.wheel.window.dead_band_rad_s / self._speed_unit
+        speed = self._x[:stop][self._good[:stop]]
+        if speed.size < 3:
+            return 0.0
+        # The second difference of a smooth speed is noise, of √6 times its standard deviation.
+        return float(SPEED_NOISES * np.median(np.abs(np.diff(speed, 2))) / (_NORMAL_MEDIAN * np.sqrt(6.0)))
+
+    def _difference_std(self, stop: int) -> float:
+        """Return the noise's standard deviation as neighbour differences show it in the slots [0, stop)."""
+        there = self._used[:stop]
+        residual = self._z[:stop][there] - self._slope * self._x[:stop][there]
+        if residual.size < 2:
+            return 0.0
+        return float(np.median(np.abs(np.diff(residual))) / (_NORMAL_MEDIAN * np.sqrt(2.0)))
+
+    def _mark_used(self, start: int, stop: int) -> None:
+        """Decide which slots are used: good, outside the dead band, turning."""
+        x = self._x[start:stop]
+        self._used[start:stop] = self._good[start:stop] & (x >= self._band) & (x > 0.0)
+
+    def _scan(self, start: int, stop: int, count_bins: bool) -> None:
+        scan(
+            self._x,
+            self._z,
+            self._used,
+            start,
+            stop,
+            self._scales,
+            self._weight,
+            self._slope,
+            self._prefix,
+            self._statistic,
+            self._bits,
+            self._jump,
+            self._histogram,
+            count_bins,
+            self._floors,
+            self.method == "paper",
+            self._peak_slots,
+            self._peak_values,
+            self._open_peaks,
+            self._counters,
+            self._confirmed,
+        )
+
+    def _measure_blocks(self) -> None:
+        """Measure the noise of all blocks that are complete."""
+        complete = min(max(0, (self._done - BLOCK - LAGS) // self._hop + 1), self._block_sums.shape[0])
+        if complete > self._blocks:
+            block_differences(
+                self._x,
+                self._z,
+                self._used,
+                self._blocks,
+                complete,
+                self._hop,
+                self._slope,
+                self._weight,
+                self._block_sums,
+                self._block_pairs,
+            )
+            self._blocks = complete
+
+    def _refresh(self) -> None:
+        """Bring the variance of each scale, and what is kept and announced, up to date."""
+        start = None if self._start_std is None else self._start_std**2
+        self._variances = scale_variances(self._histogram, self._scales, self._strides, start)
+        known = np.isfinite(self._variances)
+        by_chance = np.where(known, self._tails().largest_outlier ** 2 / (2.0 * self._scales), np.inf)
+        variances = np.where(known, self._variances, np.inf)
+        sure = float(special.chdtri(1, CONFIRMED_RATE))
+        # A tail is known to a factor: twice the largest outlier by chance is sure, half of it is worth keeping.
+        self._sure = np.maximum(sure * variances, 4.0 * by_chance)
+        self._floors = (
+            self._sure if self.method == "paper" else np.maximum(KEPT_STATISTIC * variances, 0.25 * by_chance)
+        )
+
+    def _learn_slope(self) -> None:
+        """Centre the slope's prior on what the window has shown so far; takes effect with the next chunk."""
+        variance = float(np.nanmax(self._variances)) if np.isfinite(self._variances).any() else 0.0
+        if self.method == "paper" or variance == 0.0 or self._sums.count < CHUNK:
+            return
+        noise = NoiseEstimate(float(np.sqrt(variance)), np.full(1, variance), 1.0)
+        so_far = self._evidence(noise, self._peaks(CERTAIN_STATISTIC))
+        fit = estimate(so_far, suppress(so_far.candidates), STEP // 4, self.slope_prior)
+        if np.isfinite(fit.viscous_std):
+            self._slope = fit.viscous
+            spread = max(fit.viscous_std, SMALLEST_SLOPE_SPREAD * abs(fit.viscous), SMALLEST_STD)
+            self._weight = max(variance / spread**2, SMALLEST_WEIGHT)
+
+    def _tails(self) -> Tails:
+        if self.method == "paper" or not np.isfinite(self._variances[0]):
+            return Tails(np.inf, 0.0)  # the paper takes the noise as Gaussian
+        return estimate_tails(self._histogram[0], float(self._variances[0]), self.slots)
+
+    # ---- peaks -----------------------------------------------------------------------------------------------------
+
+    def _room_for_peaks(self, more: int) -> None:
+        """Make room for `more` peaks, by growth or, beyond MOST_PEAKS, by leaving out the weaker half."""
+        count = int(self._counters[COUNT_PEAKS])
+        if count == 0 and not hasattr(self, "_peak_slots"):
+            self._peak_slots: IntArray = np.zeros((more, 3), dtype=np.int64)
+            self._peak_values: FloatArray = np.zeros((more, 2))
+            self._confirmed: IntArray = np.zeros(more, dtype=np.int64)
+            return
+        if count + more <= self._peak_slots.shape[0]:
+            return
+        if count > MOST_PEAKS - more:
+            self._prune(count)
+            return
+        size = min(max(2 * self._peak_slots.shape[0], count + more), MOST_PEAKS)
+        grown = size - self._peak_slots.shape[0]
+        self._peak_slots = np.concatenate((self._peak_slots, np.zeros((grown, 3), dtype=np.int64)))
+        self._peak_values = np.concatenate((self._peak_values, np.zeros((grown, 2))))
+        self._confirmed = np.zeros(size, dtype=np.int64)
+
+    def _prune(self, count: int) -> None:
+        """Keep the stronger half of the confirmed peaks and all that are still open."""
+        slots, values = self._peak_slots[:count], self._peak_values[:count]
+        strength = values[:, PEAK_STATISTIC] / self._variances[slots[:, PEAK_SCALE]]
+        is_open = slots[:, PEAK_CONFIRMED] == 0
+        is_open[self._open_peaks[:, :2][self._open_peaks[:, :2] >= 0]] = True
+        kept = np.flatnonzero(is_open | (strength >= np.median(strength)))[: MOST_PEAKS - PEAKS_PER_CHUNK]
+        place = np.full(count, -1, dtype=np.int64)
+        place[kept] = np.arange(kept.size)
+        self._peak_slots[: kept.size] = slots[kept]
+        self._peak_values[: kept.size] = values[kept]
+        last = self._open_peaks[:, :2]
+        self._open_peaks[:, :2] = np.where(last >= 0, place[last], -1)
+        self._counters[COUNT_PEAKS] = kept.size
+        self._counters[COUNT_SETTLED] = 0
+
+    def _announce(self) -> list[ConfirmedCandidate]:
+        """Return the newly confirmed peaks that are sure, unless a narrower scale has announced the same jump."""
+        events = []
+        for p in self._confirmed[: self._counters[COUNT_CONFIRMED]]:
+            s = int(self._peak_slots[p, PEAK_SCALE])
+            statistic = float(self._peak_values[p, PEAK_STATISTIC])
+            if statistic <= self._sure[s]:
+                continue
+            index, scale = int(self._peak_slots[p, PEAK_INDEX]), int(self._scales[s])
+            if any(abs(index - other) <= scale for other, _ in self._announced[-STEP:]):
+                continue
+            self._announced.append((index, scale))
+            normalised = statistic / float(self._variances[s])
+            jump = float(self._peak_values[p, PEAK_JUMP])
+            chance = TESTS_PER_SLOT * self.slots * float(special.chdtrc(1, normalised))
+            events.append(
+                ConfirmedCandidate(
+                    index=index,
+                    jump=jump,
+                    std=abs(jump) / float(np.sqrt(normalised)),
+                    confidence=max(0.0, 1.0 - chance),
+                )
+            )
+        return events
+
+    def _peaks(self, threshold: float) -> Candidates:
+        """Return the peaks of all scales whose normalised statistic reaches `threshold`."""
+        count = int(self._counters[COUNT_PEAKS])
+        place = self._peak_slots[:count, PEAK_SCALE]
+        statistic = self._peak_values[:count, PEAK_STATISTIC] / self._variances[place]
+        chosen = np.flatnonzero(statistic >= threshold)
+        chosen = chosen[np.lexsort((place[chosen], self._peak_slots[chosen, PEAK_INDEX]))]
+        return Candidates(
+            index=self._peak_slots[chosen, PEAK_INDEX],
+            scale=self._scales[place[chosen]],
+            statistic=statistic[chosen],
+            jump=self._peak_values[chosen, PEAK_JUMP],
+        )
+
+    # ---- at the close ----------------------------------------------------------------------------------------------
+
+    def _threshold(self) -> float:
+        if self.method == "paper":
+            return float(special.chdtri(1, CONFIRMED_RATE))
+        return max(threshold_for(self.false_candidates, TESTS_PER_SLOT * self._sums.count), KEPT_STATISTIC)
+
+    def _choose(self, evidence: Evidence) -> Candidates:
+        """Return the candidates: the paper's runs as they are; else those that stand beside all others."""
+        peaks = evidence.candidates
+        if self.method == "paper" or len(peaks) == 0:
+            return peaks
+        known = np.isfinite(self._variances)
+        table = variance_table(self._scales[known], self._variances[known])
+        index = suppress(peaks)
+        margin: IntArray | int = STEP // 4
+        candidates = peaks
+        for _ in range(3):
+            fit = estimate(evidence, index, margin, self.slope_prior)
+            candidates = select_candidates(peaks, self._sums, fit.viscous, table, evidence.threshold, self._tails())
+            if np.array_equal(candidates.index, index):
+                break
+            index = candidates.index
+            margin = default_exclusion(candidates.scale)
+        return candidates
+
+
+_NORMAL_MEDIAN: Final = float(special.ndtri(0.75))  # median of |N(0, 1)|
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def _normalise(
+    speed: FloatArray,
+    torque: FloatArray,
+    good: BoolArray,
+    speed_unit: float,
+    torque_unit: float,
+    x: FloatArray,
+    z: FloatArray,
+    is_good: BoolArray,
+) -> int:
+    """Write x = |ω|/unit, z = sign(ω)·torque/unit and whether the slot is good; return the number of good slots."""
+    count = 0
+    for k in range(speed.size):
+        is_good[k] = good[k] and np.isfinite(speed[k]) and np.isfinite(torque[k])
+        if is_good[k]:
+            count += 1
+            x[k] = abs(speed[k]) / speed_unit
+            z[k] = np.sign(speed[k]) * torque[k] / torque_unit
+    return count

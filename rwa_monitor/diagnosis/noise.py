@@ -1,0 +1,285 @@
+"""The noise of a window, measured beside its jumps: variance of each scale's contrast, autocovariance, tails.
+
+Three robust views, all incremental and of fixed size:
+
+* The wGLR of each scale goes into a histogram. Where nothing jumps it is v·χ² with one degree of freedom, whatever the
+  colour of the noise, so the histogram's lower part gives v, the variance of this scale's own contrast (errata 17).
+* Differences (e_{k+l} - e_k)² at lags 1 … 64, averaged over short blocks, give the autocovariance: their level at long
+  lags is the variance, what short lags lack is the covariance. A block with a jump in it stands out and is left out.
+* The histogram of neighbour differences tells light from heavy tails: how large the largest outlier of a window is.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numba
+import numpy as np
+from scipy import special
+
+from rwa_monitor.diagnosis.results import NoiseEstimate
+from rwa_monitor.diagnosis.wglr import BINS, BINS_PER_OCTAVE, LOWEST_EXPONENT
+from rwa_monitor.samples import BoolArray, FloatArray, IntArray
+
+LAGS: Final = 64  # lags 1 … 64 of the differences; the autocovariance is given at 0 … 63
+BLOCK: Final = 64  # base slots of a block; a block reads BLOCK + LAGS samples
+OUTLIERS: Final = 0.2  # outliers by chance in a window that are bearable; each looks like two jumps
+SMALLEST_STD: Final = 1e-9  # normalised; the rounding errors of noise-free data lie far below
+
+# The lowest three quarters of v·χ²₁ have the mean v · P(χ²₃ < q) / 0.75, with q the quantile of χ²₁ at 0.75.
+_KEPT: Final = 0.75
+_KEPT_MEAN: Final = float(special.gammainc(1.5, 0.5 * float(special.chdtri(1, 1 - _KEPT))) / _KEPT)
+_JUMPED: Final = 12.0  # a statistic beyond 12 v has probability 5e-4 without a jump
+_JUMPED_RATE: Final = float(special.chdtrc(1, _JUMPED))
+_MOST_JUMPED: Final = 0.3  # beyond that share the estimate is not corrected further
+_BORROWED: Final = 30.0  # worth of the next narrower scale's variance, in independent contrasts
+
+_BIN: Final = np.arange(BINS)
+_BIN_EDGES: Final = np.ldexp(
+    1.0 + (_BIN % BINS_PER_OCTAVE) / BINS_PER_OCTAVE, _BIN // BINS_PER_OCTAVE + LOWEST_EXPONENT
+)
+_BIN_WIDTHS: Final = np.ldexp(1.0 / BINS_PER_OCTAVE, _BIN // BINS_PER_OCTAVE + LOWEST_EXPONENT)
+_BIN_MIDDLES: Final = _BIN_EDGES + 0.5 * _BIN_WIDTHS
+
+# Differences of two Student-t variables: 99.5 % quantile of the square over its median, against the degrees of
+# freedom (numerical convolution), and the t's scale over the difference's robust standard deviation of one sample.
+_TAIL_RATIO: Final = np.array(
+    [17.32, 18.53, 19.25, 20.07, 22.06, 23.92, 27.94, 32.25, 41.24, 50.24, 67.07, 104.8, 183.0]
+)
+_TAIL_SCALE: Final = np.array([1, 0.977, 0.966, 0.955, 0.933, 0.917, 0.890, 0.869, 0.838, 0.817, 0.789, 0.752, 0.711])
+_TAIL_INVERSE_FREEDOM: Final = 1.0 / np.array([np.inf, 30, 20, 15, 10, 8, 6, 5, 4, 3.5, 3, 2.5, 2.1])
+_LIGHT_TAIL: Final = 1.05  # a ratio this close to the Gaussian's is one: its standard error is 1.5 % in a long window
+
+
+@dataclass(frozen=True, slots=True)
+class Tails:
+    """How heavy the noise's tails are.
+
+    Attributes
+    ----------
+    degrees_of_freedom
+        Of a Student t with the same tails; infinite for Gaussian noise.
+    largest_outlier
+        Size that OUTLIERS samples of a window exceed by chance, normalised.
+    """
+
+    degrees_of_freedom: float
+    largest_outlier: float
+
+
+def scale_variances(
+    histogram: IntArray, scales: IntArray, strides: IntArray, start_variance: float | None
+) -> FloatArray:
+    """Estimate the variance of each scale's contrast from the histogram of its statistic.
+
+    Parameters
+    ----------
+    histogram
+        int (S, BINS), counts of the unnormalised statistic.
+    scales
+        int64 (S,), ascending.
+    strides
+        int64 (S,), slots from one counted statistic to the next.
+    start_variance
+        Variance expected before any data; None if not known.
+
+    Returns
+    -------
+    float64 (S,), v with statistic / v ~ χ² with one degree of freedom. With few independent contrasts it leans on the
+    next narrower scale's (the narrowest: on `start_variance`). NaN where nothing was counted and nothing is known.
+    """
+    variances = np.full(scales.size, np.nan)
+    borrowed = np.nan if start_variance is None else start_variance
+    for s in range(scales.size):
+        counts = histogram[s].astype(np.float64)
+        total = counts.sum()
+        if total > 0:
+            measured = max(_trimmed_variance(counts, total), SMALLEST_STD**2)
+            if np.isnan(borrowed):
+                borrowed = measured
+            independent = total * strides[s] / scales[s]
+            share = independent / (independent + _BORROWED)
+            borrowed = float(np.exp(share * np.log(measured) + (1 - share) * np.log(borrowed)))
+        variances[s] = borrowed
+    return variances
+
+
+def _trimmed_variance(counts: FloatArray, total: float) -> float:
+    """Return v from the mean of the lowest three quarters, jumps set aside by how many lie far out."""
+    cumulative = np.cumsum(counts)
+    weighted = np.cumsum(counts * _BIN_MIDDLES)
+    jumped = 0.0
+    variance = 0.0
+    for _ in range(4):
+        kept = _KEPT * (1.0 - jumped) * total
+        last = int(np.searchsorted(cumulative, kept))
+        before = cumulative[last - 1] if last else 0.0
+        below = weighted[last - 1] if last else 0.0
+        part = (kept - before) / counts[last]
+        # Within a bin counts are taken as evenly spread.
+        tail = (kept - before) * (_BIN_EDGES[last] + 0.5 * part * _BIN_WIDTHS[last])
+        variance = float(below + tail) / kept / _KEPT_MEAN
+        beyond = total - np.interp(_JUMPED * variance, _BIN_EDGES + _BIN_WIDTHS, cumulative)
+        jumped = float(np.clip(beyond / total - _JUMPED_RATE, 0.0, _MOST_JUMPED))
+    return variance
+
+
+def estimate_tails(counts: IntArray, variance: float, samples: int) -> Tails:
+    """Estimate the tails from the histogram of the statistic at scale 1 (half the squared neighbour difference).
+
+    Parameters
+    ----------
+    counts
+        int (BINS,).
+    variance
+        The robust variance of a sample.
+    samples
+        Used samples of the window.
+    """
+    total = float(counts.sum())
+    level = max(OUTLIERS / max(samples, 2), 1e-9)
+    gaussian = Tails(np.inf, float(np.sqrt(variance) * -special.ndtri(0.5 * level)))
+    if total < 200:
+        return gaussian
+    cumulative = np.cumsum(counts) / total
+    median, far = (float(_BIN_MIDDLES[np.searchsorted(cumulative, p)]) for p in (0.5, 0.995))
+    # The 99.5 % quantile has a relative standard error of about 0.225/√(0.005 n).
+    if far <= _TAIL_RATIO[0] * (_LIGHT_TAIL + 3 * 0.225 / np.sqrt(0.005 * total)) * median:
+        return gaussian
+    freedom = 1.0 / float(np.interp(far / median, _TAIL_RATIO, _TAIL_INVERSE_FREEDOM))
+    # Statistic = difference²/2; its median over that of χ²₁ is the robust variance of a Gaussian sample.
+    robust_std = np.sqrt(median / (2.0 * special.erfinv(0.5) ** 2))
+    scale = robust_std * float(np.interp(far / median, _TAIL_RATIO, _TAIL_SCALE))
+    return Tails(freedom, float(-scale * special.stdtrit(freedom, 0.5 * level)))
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def block_differences(
+    x: FloatArray,
+    z: FloatArray,
+    used: BoolArray,
+    first: int,
+    last: int,
+    hop: int,
+    slope: float,
+    weight: float,
+    sums: FloatArray,
+    pairs: FloatArray,
+) -> None:
+    """Sum the squared differences of blocks first … last - 1 at lags 1 … LAGS.
+
+    Parameters
+    ----------
+    x, z, used
+        (slots,), the window's samples.
+    first, last
+        Blocks; block b reads the slots [b·hop, b·hop + BLOCK + LAGS).
+    hop
+        Slots from one block to the next.
+    slope, weight
+        Prior of the block's own slope, which is taken out: a slew is not noise.
+    sums, pairs
+        Outputs: float64 (B, LAGS), sum of (e_{k+l} - e_k)²/2 and number of pairs of used samples.
+    """
+    length = BLOCK + LAGS
+    e = np.zeros(length)
+    good = np.zeros(length)
+    for b in range(first, last):
+        start = b * hop
+        n, sx, sz, sxx, sxz = 0.0, 0.0, 0.0, 0.0, 0.0
+        x_centre, z_centre = x[start], z[start]
+        for i in range(length):
+            good[i] = 1.0 if used[start + i] else 0.0
+            u = (x[start + i] - x_centre) * good[i]
+            v = (z[start + i] - z_centre) * good[i]
+            n += good[i]
+            sx += u
+            sz += v
+            sxx += u * u
+            sxz += u * v
+        share = 1.0 / max(n, 1.0)
+        own = (sxz - sx * sz * share + weight * slope) / (max(sxx - sx * sx * share, 0.0) + weight)
+        for i in range(length):
+            e[i] = good[i] * ((z[start + i] - z_centre) - own * (x[start + i] - x_centre))
+        for lag in range(1, LAGS + 1):
+            total = 0.0
+            count = 0.0
+            for i in range(BLOCK):
+                both = good[i] * good[i + lag]
+                difference = e[i + lag] - e[i]
+                total += both * difference * difference
+                count += both
+            sums[b, lag - 1] = 0.5 * total
+            pairs[b, lag - 1] = count
+
+
+def estimate_noise(
+    sums: FloatArray, pairs: FloatArray, scales: IntArray, variances: FloatArray, samples: int, start_std: float | None
+) -> NoiseEstimate:
+    """Combine the block differences and the scales' variances to the noise of the window.
+
+    Parameters
+    ----------
+    sums, pairs
+        float64 (B, LAGS), see `block_differences`.
+    scales, variances
+        (S,), see `scale_variances`.
+    samples
+        Used samples of the window.
+    start_std
+        Standard deviation expected before any data; used when there are no blocks and no variances.
+    """
+    autocovariance = np.zeros(LAGS)
+    full = pairs.min(axis=1) >= 8 if pairs.size else np.zeros(0, dtype=np.bool_)
+    if not full.any():
+        known = [value for value in (float(variances[0]), (start_std or np.nan) ** 2) if np.isfinite(value)]
+        autocovariance[0] = max(known[0] if known else 0.0, SMALLEST_STD**2)
+        return NoiseEstimate(float(np.sqrt(autocovariance[0])), autocovariance, 1.0)
+    sums, pairs = sums[full], pairs[full]
+    score = sums.sum(axis=1) / pairs.sum(axis=1)
+    middle = np.median(score)
+    spread = 1.4826 * np.median(np.abs(score - middle))
+    quiet = score <= middle + 4.0 * spread
+    counts = pairs[quiet].sum(axis=0)
+    levels = sums[quiet].sum(axis=0) / counts  # γ(0) - γ(l)
+
+    variance = float(levels[3 * LAGS // 4 :].mean())
+    last = 0  # the last lag whose correlation is certain
+    for _ in range(2):
+        correlation = 1.0 - levels / max(variance, SMALLEST_STD**2)
+        error = np.sqrt((1.0 + 2.0 * float(np.square(correlation[:last]).sum())) / counts)
+        certain = np.flatnonzero(np.abs(correlation[: 3 * LAGS // 4]) > 4.0 * error[: 3 * LAGS // 4])
+        last = int(certain[-1]) + 1 if certain.size else 0
+        variance = float(np.average(levels[last:], weights=counts[last:]))
+    variance = max(variance, SMALLEST_STD**2)
+    autocovariance[0] = variance
+    # Beyond the last certain lag the autocovariance is noise of the estimate: 63 such lags would swamp the long run.
+    autocovariance[1 : last + 1] = variance - levels[:last]
+    factor = 1.0 + 2.0 * float(autocovariance[1:].sum()) / variance
+
+    # The widest scale with enough independent contrasts bounds the long run from its own side.
+    independent = samples / scales
+    wide = np.flatnonzero(np.isfinite(variances) & (independent >= 100) & (scales >= 16))
+    if wide.size:
+        s = wide[-1]
+        error = 3.0 * 1.5 * np.sqrt(2.0 / independent[s])
+        ratio = float(variances[s]) / variance
+        factor = float(np.clip(factor, ratio * max(1.0 - error, 0.2), ratio * (1.0 + error)))
+    return NoiseEstimate(float(np.sqrt(variance)), autocovariance, max(factor, 1e-3))
+
+
+def mean_variance_factor(noise: NoiseEstimate, count: FloatArray) -> FloatArray:
+    """Return n·Var(mean of n neighbouring samples) / variance, float64, the shape of `count`; 1 for white noise.
+
+    For long ranges it tends to the long-run factor.
+    """
+    n = np.maximum(np.asarray(count, dtype=np.float64), 1.0)
+    lags = np.arange(1, noise.autocovariance.size)
+    correlation = noise.autocovariance[1:] / noise.autocovariance[0]
+    within = np.minimum(lags, n[..., None]) / n[..., None]
+    short = 1.0 + 2.0 * ((1.0 - within) * correlation).sum(axis=-1)
+    missing = noise.long_run_factor - (1.0 + 2.0 * correlation.sum())
+    # What the autocovariance does not show of the long run comes in once a range is longer than its lags.
+    factor: FloatArray = np.maximum(short + missing * n / (n + noise.autocovariance.size), 1e-3)
+    return factor

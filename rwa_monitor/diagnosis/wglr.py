@@ -1,0 +1,370 @@
+"""The windowed generalised likelihood ratio (paper, section IV-A), at several scales, from short running sums.
+
+For a scale w the two hypotheses at slot k are one dry level over [k-w, k+w), or one over each half; both share a
+slope with the Gaussian prior W_b (f_v - f̃_v)². With e = z - f̃_v x, and means and centred sums per half, the fall of
+the penalised squared error is exactly (errata 3)
+
+    statistic = jump² · λ,   jump = ē₂ - ē₁ - (x̄₂ - x̄₁) S_xe / (S_xx + W_b),
+                             1/λ  = 1/n₁ + 1/n₂ + (x̄₂ - x̄₁)² / (S_xx + W_b),
+
+in units of torque²; S_xx and S_xe are pooled over the halves, n₁ and n₂ count the used samples in them.
+
+The sums of a range are differences of prefix sums over a short stretch of slots, which begin anew, with a new centre,
+at every CHUNK-th slot of the window: the cost of a slot does not depend on the window, and rounding does not build
+up. Every value is computed from the same prefix sums by the same operations however the slots are cut, so streaming
+and batch agree to the last bit. Kernels are plain functions over arrays; `.py_func` runs them without a compiler.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numba
+import numpy as np
+
+from rwa_monitor.samples import BoolArray, FloatArray, IntArray
+
+CHUNK: Final = 1024  # slots after which the prefix sums begin anew: a quarter more work for 50 kB of memory
+STEP: Final = 64  # slots after which peaks are confirmed; CHUNK is a multiple of it
+MAX_SCALE: Final = 128
+HISTORY: Final = 2 * MAX_SCALE  # slots before a chunk that its first statistics reach back to
+PREFIXES: Final = 5  # n, x, e, xx, xe
+NOT_EVALUATED: Final = -1.0  # a half holds too few used samples
+
+# Histogram of the statistic: 16 bins an octave, straight from the bits of the float, from 2⁻⁶⁰ to 2³⁶ torque².
+BINS_PER_OCTAVE: Final = 16
+OCTAVES: Final = 96
+BINS: Final = OCTAVES * BINS_PER_OCTAVE
+LOWEST_EXPONENT: Final = -60
+_BIN_SHIFT: Final = 48  # of 52 mantissa bits, 4 stay
+_FIRST_BIN: Final = (1023 + LOWEST_EXPONENT) * BINS_PER_OCTAVE
+
+# Columns of the list of peaks.
+PEAK_SCALE: Final = 0
+PEAK_INDEX: Final = 1
+PEAK_CONFIRMED: Final = 2
+PEAK_STATISTIC: Final = 0
+PEAK_JUMP: Final = 1
+# Entries of the list's counters.
+COUNT_PEAKS: Final = 0
+COUNT_SETTLED: Final = 1
+COUNT_CONFIRMED: Final = 2
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def fill_prefix(
+    prefix: FloatArray, x: FloatArray, z: FloatArray, used: BoolArray, chunk: int, start: int, stop: int, slope: float
+) -> None:
+    """Extend the prefix sums of a chunk by the slots [start, stop); begins anew where start is the chunk's first slot.
+
+    Parameters
+    ----------
+    prefix
+        float64 (5, HISTORY + CHUNK + 1); column HISTORY + k - chunk holds the sums of (n, x, e, xx, xe) before slot k.
+    x, z, used
+        (slots,), the window's samples.
+    chunk
+        First slot of the chunk, a multiple of CHUNK.
+    start, stop
+        Slots to add, within the chunk.
+    slope
+        f̃_v, the centre of the slope's prior.
+    """
+    begin = start
+    if start == chunk:
+        begin = max(0, chunk - HISTORY)
+        prefix[:, : HISTORY + begin - chunk + 1] = 0.0
+    # The centre is the first used sample that the sums of this chunk may hold.
+    x_centre = 0.0
+    z_centre = 0.0
+    for k in range(max(0, chunk - HISTORY), stop):
+        if used[k]:
+            x_centre = x[k]
+            z_centre = z[k]
+            break
+    column = HISTORY + begin - chunk
+    n, sx, se, sxx, sxe = (
+        prefix[0, column],
+        prefix[1, column],
+        prefix[2, column],
+        prefix[3, column],
+        prefix[4, column],
+    )
+    for k in range(begin, stop):
+        if used[k]:
+            u = x[k] - x_centre
+            e = (z[k] - z_centre) - slope * u
+            n += 1.0
+            sx += u
+            se += e
+            sxx += u * u
+            sxe += u * e
+        column += 1
+        prefix[0, column] = n
+        prefix[1, column] = sx
+        prefix[2, column] = se
+        prefix[3, column] = sxx
+        prefix[4, column] = sxe
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def evaluate(
+    prefix: FloatArray, column: int, count: int, w: int, weight: float, statistic: FloatArray, jump: FloatArray
+) -> None:
+    """Evaluate the statistic of one scale at `count` neighbouring slots.
+
+    Parameters
+    ----------
+    prefix
+        As `fill_prefix` makes it.
+    column
+        Column of the first slot's end k + w.
+    count
+        Slots to evaluate.
+    w
+        The scale.
+    weight
+        W_b, with a positive floor.
+    statistic, jump
+        float64, outputs in [:count]; statistic is NOT_EVALUATED where a half has fewer than max(1, w/2) used samples.
+    """
+    left, middle, right = column - 2 * w, column - w, column
+    n0, n1, n2 = prefix[0, left : left + count], prefix[0, middle : middle + count], prefix[0, right : right + count]
+    x0, x1, x2 = prefix[1, left : left + count], prefix[1, middle : middle + count], prefix[1, right : right + count]
+    e0, e1, e2 = prefix[2, left : left + count], prefix[2, middle : middle + count], prefix[2, right : right + count]
+    xx0, xx2 = prefix[3, left : left + count], prefix[3, right : right + count]
+    xe0, xe2 = prefix[4, left : left + count], prefix[4, right : right + count]
+    if n2[count - 1] - n0[0] == 2 * w + count - 1:
+        # Nothing is masked. The same operations as below, so that it does not matter which branch a slot takes.
+        share = 1.0 / w
+        for j in range(count):
+            xl, xr = x1[j] - x0[j], x2[j] - x1[j]
+            el, er = e1[j] - e0[j], e2[j] - e1[j]
+            dx = xr * share - xl * share
+            spread = (xx2[j] - xx0[j]) - xl * (xl * share) - xr * (xr * share)
+            tilt = (xe2[j] - xe0[j]) - xl * (el * share) - xr * (er * share)
+            inverse = 1.0 / (max(spread, 0.0) + weight)
+            difference = (er * share - el * share) - dx * (tilt * inverse)
+            jump[j] = difference
+            statistic[j] = difference * difference / (share + share + dx * dx * inverse)
+        return
+    need = max(1.0, 0.5 * w)
+    for j in range(count):
+        nl, nr = n1[j] - n0[j], n2[j] - n1[j]
+        left_share, right_share = 1.0 / max(nl, 1.0), 1.0 / max(nr, 1.0)
+        xl, xr = x1[j] - x0[j], x2[j] - x1[j]
+        el, er = e1[j] - e0[j], e2[j] - e1[j]
+        dx = xr * right_share - xl * left_share
+        spread = (xx2[j] - xx0[j]) - xl * (xl * left_share) - xr * (xr * right_share)
+        tilt = (xe2[j] - xe0[j]) - xl * (el * left_share) - xr * (er * right_share)
+        inverse = 1.0 / (max(spread, 0.0) + weight)
+        difference = (er * right_share - el * left_share) - dx * (tilt * inverse)
+        jump[j] = difference
+        value = difference * difference / (left_share + right_share + dx * dx * inverse)
+        statistic[j] = value if nl >= need and nr >= need else NOT_EVALUATED
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def _count_bins(histogram: IntArray, bits: IntArray, first: int, count: int, stride: int) -> None:
+    """Count the statistics of the slots first … first + count - 1 that are multiples of `stride`."""
+    skip = (-first) % stride
+    for j in range(skip, count, stride):
+        pattern = bits[j]
+        if pattern >= 0:  # the sign bit marks what was not evaluated
+            place = (pattern >> _BIN_SHIFT) - _FIRST_BIN
+            histogram[min(max(place, 0), BINS - 1)] += 1
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def _keep_peaks(  # noqa: PLR0913, PLR0917 - a kernel takes its state array by array
+    statistic: FloatArray,
+    jump: FloatArray,
+    first: int,
+    count: int,
+    scale: int,
+    reach: int,
+    floor: float,
+    peak_slots: IntArray,
+    peak_values: FloatArray,
+    open_peaks: IntArray,
+    counters: IntArray,
+) -> None:
+    """Add local maxima above `floor` to the list of peaks.
+
+    A slot belongs to the last peak of its sign when it lies within `reach` of it: the larger of the two stays. With
+    reach 0 (the paper), it belongs to it when the run above the floor is unbroken.
+    """
+    for j in range(count):
+        if statistic[j] <= floor:
+            continue
+        k = first + j
+        sign = 1 if jump[j] > 0.0 and reach > 0 else 0
+        last = open_peaks[scale, sign]
+        belongs = False
+        if last >= 0:
+            belongs = k - peak_slots[last, PEAK_INDEX] <= reach if reach > 0 else open_peaks[scale, 2] == k - 1
+        open_peaks[scale, 2] = k
+        if not belongs:
+            last = counters[COUNT_PEAKS]
+            counters[COUNT_PEAKS] += 1
+            open_peaks[scale, sign] = last
+            peak_slots[last, PEAK_SCALE] = scale
+            peak_slots[last, PEAK_CONFIRMED] = 0
+        elif statistic[j] <= peak_values[last, PEAK_STATISTIC]:
+            continue
+        peak_slots[last, PEAK_INDEX] = k
+        peak_values[last, PEAK_STATISTIC] = statistic[j]
+        peak_values[last, PEAK_JUMP] = jump[j]
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def confirm_peaks(
+    stop: int,
+    scales: IntArray,
+    runs: bool,
+    peak_slots: IntArray,
+    open_peaks: IntArray,
+    counters: IntArray,
+    out: IntArray,
+) -> None:
+    """List the peaks that no later slot can replace, each once, in `out`; `stop` is the end of what was scanned."""
+    settled = counters[COUNT_SETTLED]
+    for p in range(settled, counters[COUNT_PEAKS]):
+        if peak_slots[p, PEAK_CONFIRMED] == 0:
+            scale = peak_slots[p, PEAK_SCALE]
+            evaluated = stop - scales[scale]  # the last slot with a statistic
+            if runs:
+                final = open_peaks[scale, 0] != p or open_peaks[scale, 2] < evaluated
+            else:
+                final = peak_slots[p, PEAK_INDEX] + scales[scale] <= evaluated
+            if final:
+                peak_slots[p, PEAK_CONFIRMED] = 1
+                out[counters[COUNT_CONFIRMED]] = p
+                counters[COUNT_CONFIRMED] += 1
+    while settled < counters[COUNT_PEAKS] and peak_slots[settled, PEAK_CONFIRMED] == 1:
+        settled += 1
+    counters[COUNT_SETTLED] = settled
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def scan(  # noqa: PLR0913, PLR0917 - a kernel takes its state array by array
+    x: FloatArray,
+    z: FloatArray,
+    used: BoolArray,
+    start: int,
+    stop: int,
+    scales: IntArray,
+    weight: float,
+    slope: float,
+    prefix: FloatArray,
+    statistic: FloatArray,
+    bits: IntArray,
+    jump: FloatArray,
+    histogram: IntArray,
+    count_bins: bool,
+    floors: FloatArray,
+    runs: bool,
+    peak_slots: IntArray,
+    peak_values: FloatArray,
+    open_peaks: IntArray,
+    counters: IntArray,
+    confirmed: IntArray,
+) -> None:
+    """Advance the detection over the slots [start, stop), which lie in one chunk.
+
+    Parameters
+    ----------
+    x, z, used
+        (slots,), the window's samples; read from `start - HISTORY` on.
+    start, stop
+        The new slots; both multiples of STEP, but for a window's last slot. The statistic of scale w is evaluated at
+        k = t - w for every new t, the end of its right half.
+    scales
+        int64 (S,), ascending.
+    weight, slope
+        The slope's prior: W_b and f̃_v.
+    prefix
+        State, see `fill_prefix`.
+    statistic, bits, jump
+        Work space: float64 (STEP,), the same memory as int64, float64 (STEP,).
+    histogram
+        State: int32 (S, BINS), the statistic at every (w/4)-th slot.
+    count_bins
+        Whether to add to the histogram (not when slots are scanned a second time).
+    floors
+        float64 (S,), the statistic from which a peak is kept; infinite to keep none.
+    runs
+        Keep the maximum of each contiguous run (the paper) instead of the maxima within ±w.
+    peak_slots, peak_values, open_peaks, counters
+        State: the list of peaks, int64 (P, 3) and float64 (P, 2); for each scale the last peak of each sign and the
+        last slot above the floor, int64 (S, 3); counters, int64 (3,).
+    confirmed
+        Output: int64 (P,), rows of the peaks that became final; counters[COUNT_CONFIRMED] of them.
+    """
+    chunk = start - start % CHUNK
+    counters[COUNT_CONFIRMED] = 0
+    for begin in range(start, stop, STEP):
+        end = min(begin + STEP, stop)
+        fill_prefix(prefix, x, z, used, chunk, begin, end, slope)
+        for s in range(scales.size):
+            w = scales[s]
+            right = max(begin + 1, 2 * w)  # the first slot's end k + w, with both halves in the window
+            count = end - right + 1
+            if count <= 0:
+                continue
+            evaluate(prefix, HISTORY + right - chunk, count, w, weight, statistic, jump)
+            first = right - w
+            if count_bins:
+                _count_bins(histogram[s], bits, first, count, max(1, w // 4))
+            if floors[s] < np.inf:
+                reach = 0 if runs else w
+                _keep_peaks(
+                    statistic,
+                    jump,
+                    first,
+                    count,
+                    s,
+                    reach,
+                    floors[s],
+                    peak_slots,
+                    peak_values,
+                    open_peaks,
+                    counters,
+                )
+        confirm_peaks(end, scales, runs, peak_slots, open_peaks, counters, confirmed)
+
+
+def wglr(
+    x: FloatArray, z: FloatArray, used: BoolArray, scale: int, weight: float, slope: float
+) -> tuple[FloatArray, FloatArray]:
+    """Evaluate one scale at every slot of a whole array, with the kernels of the live detection.
+
+    Parameters
+    ----------
+    x, z, used
+        (n,), normalised speed and friction, and which samples to use.
+    scale
+        Half-width w [slots], at most MAX_SCALE.
+    weight, slope
+        The slope's prior: W_b and its centre f̃_v.
+
+    Returns
+    -------
+    statistic, jump
+        float64 (n,), unnormalised [torque²] and [torque]; NaN where a half leaves the array or lacks samples.
+    """
+    prefix = np.zeros((PREFIXES, HISTORY + CHUNK + 1))
+    statistic, jump = np.full(x.size, np.nan), np.full(x.size, np.nan)
+    values, differences = np.empty(CHUNK), np.empty(CHUNK)
+    for chunk in range(0, x.size, CHUNK):
+        stop = min(chunk + CHUNK, x.size)
+        fill_prefix(prefix, x, z, used, chunk, chunk, stop, slope)
+        end = max(chunk + 1, 2 * scale)
+        count = stop - end + 1
+        if count > 0:
+            evaluate(prefix, HISTORY + end - chunk, count, scale, weight, values, differences)
+            there = slice(end - scale, end - scale + count)
+            evaluated = values[:count] != NOT_EVALUATED
+            statistic[there] = np.where(evaluated, values[:count], np.nan)
+            jump[there] = np.where(evaluated, differences[:count], np.nan)
+    return statistic, jump
