@@ -365,13 +365,13 @@ def _anomaly(anomaly: AnomalyDiagnosis) -> Anomaly:
 
 
 class ProvisionalJump(Message):
-    """A jump as soon as it is confirmed; `statistic` is χ² with one degree of freedom where nothing jumps."""
+    """A jump as soon as it is confirmed; `confidence` that noise alone has no such jump in a whole window."""
 
     index: int
     time_ns: int
     jump_Nm: Number
-    scale: int
-    statistic: Number
+    std_Nm: Number
+    confidence: Annotated[float, Field(ge=0, le=1)]
 
 
 class Changepoints(Message):

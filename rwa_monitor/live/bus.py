@@ -1,10 +1,45 @@
-"""The Zenoh bus with secure defaults: nothing listens and nothing is searched for unless told."""
+"""The Zenoh bus with secure defaults: nothing listens and nothing is searched for unless told.
+
+Callbacks run in Zenoh's threads and only append to a bounded inbox; one thread of ours takes from it. When the inbox is
+full, the newest message is dropped and counted: a publisher with a history could be asked for it again, and nothing in
+Zenoh's threads may wait. Memory stays bounded in any case.
+"""
 
 from __future__ import annotations
 
+import json
+from collections import deque
+from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from threading import Event, Lock
+from types import TracebackType
+from typing import Any, Final, Literal, Self
+
+import zenoh
+from zenoh import ext
+
+from rwa_monitor.errors import InputError, RwaMonitorError
+from rwa_monitor.messages import MAX_MESSAGE_BYTES, Message
+
+INBOX_MESSAGES: Final = 65_536
+INBOX_BYTES: Final = 128 * 2**20  # some 8,700 messages of 256 samples: 77 hours of one wheel at 8 Hz
+MAX_QUERIES: Final = 1_000  # questions that wait for an answer; more are left to time out
+OUTPUT_HISTORY: Final = 100  # diagnoses, changepoints and so on of each wheel that a late subscriber gets
+MAX_CONFIG_BYTES: Final = 1_000_000
+
+# What Zenoh does unless told, and what we do instead. A configuration file that speaks of a section is left its say.
+_SECURE: Final[tuple[tuple[str, str, Any], ...]] = (
+    ("listen", "listen/endpoints", []),
+    ("scouting", "scouting/multicast/enabled", False),
+    ("scouting", "scouting/gossip/enabled", False),
+    # A killed publisher leaves its segment behind, and a read-only /dev/shm makes `open` fail.
+    ("shared_memory", "transport/shared_memory/enabled", False),
+    ("max_message_size", "transport/link/rx/max_message_size", 2 * MAX_MESSAGE_BYTES),
+    # A subscriber that is stuck may hold us up for one second [µs], not for five.
+    ("wait_before_close", "transport/link/tx/queue/congestion_control/block/wait_before_close", 1_000_000),
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -14,7 +49,7 @@ class BusOptions:
     Attributes
     ----------
     mode
-        -m: peer, client or router.
+        -m: peer, client or router; peer unless told.
     connect, listen
         -e, -l: endpoints such as "tcp/127.0.0.1:7447". Neither: embedded, the process talks to itself without a socket.
     config
@@ -30,6 +65,222 @@ class BusOptions:
     no_multicast_scouting: bool = False
 
 
-def open_session(options: BusOptions) -> Any:
-    """Open a Zenoh session (use it with `with`); raises InputError naming the option or endpoint that does not work."""
-    raise NotImplementedError
+def session_config(options: BusOptions) -> zenoh.Config:
+    """Return the Zenoh configuration of the options; raises InputError naming the option that is wrong."""
+    text = ""
+    config = zenoh.Config()
+    if options.config is not None:
+        try:
+            with open(options.config, encoding="utf-8") as file:
+                text = file.read(MAX_CONFIG_BYTES)
+            config = zenoh.Config.from_file(options.config)
+        except (OSError, UnicodeDecodeError, zenoh.ZError) as error:
+            raise InputError(str(options.config), f"is no Zenoh configuration: {error}") from error
+    for section, key, value in _SECURE:
+        if section not in text:
+            config.insert_json5(key, json.dumps(value))
+    if options.no_multicast_scouting:
+        config.insert_json5("scouting/multicast/enabled", "false")
+    settings: dict[str, tuple[str, Any]] = {
+        "--mode": ("mode", options.mode or (None if "mode" in text else "peer")),
+        "--connect": ("connect/endpoints", list(options.connect) or None),
+        "--listen": ("listen/endpoints", list(options.listen) or None),
+    }
+    for option, (key, value) in settings.items():
+        if value is None:
+            continue
+        try:
+            config.insert_json5(key, json.dumps(value))
+        except zenoh.ZError as error:
+            raise InputError(option, f"{value} is not understood: {error}") from error
+    return config
+
+
+def open_session(options: BusOptions) -> zenoh.Session:
+    """Open a Zenoh session; use it with `with`, an open one keeps the process from ending.
+
+    Raises
+    ------
+    InputError
+        If an option or the configuration file is wrong.
+    RwaMonitorError
+        If the bus cannot be reached, or an address is taken.
+    """
+    config = session_config(options)
+    if options.mode == "client" and not options.connect and options.config is None:
+        raise InputError("--mode", "a client needs to know where to connect (-e tcp/HOST:PORT)")
+    zenoh.init_log_from_env_or("error")
+    try:
+        return zenoh.open(config)
+    except zenoh.ZError as error:
+        where = ", ".join((*options.connect, *options.listen)) or str(options.config or "embedded")
+        raise RwaMonitorError(f"the bus cannot be opened ({where}): {error}") from error
+
+
+# ---- in --------------------------------------------------------------------------------------------------------------
+
+
+class Inbox:
+    """A bounded queue from Zenoh's threads to ours.
+
+    Parameters
+    ----------
+    max_messages, max_bytes
+        What it holds at most; what comes beyond is dropped and counted.
+
+    Attributes
+    ----------
+    dropped
+        Messages dropped so far.
+    wake
+        Set when something has arrived.
+    """
+
+    def __init__(self, max_messages: int = INBOX_MESSAGES, max_bytes: int = INBOX_BYTES) -> None:
+        self.max_messages = max_messages
+        self.max_bytes = max_bytes
+        self.dropped = 0
+        self.wake = Event()
+        self._messages: deque[tuple[str, bytes]] = deque()
+        self._bytes = 0
+        self._lock = Lock()  # held for a few operations only
+
+    def __len__(self) -> int:
+        """Count the messages that wait."""
+        return len(self._messages)
+
+    def put(self, key: str, payload: bytes) -> None:
+        """Append a message, or drop and count it when full; never waits."""
+        with self._lock:
+            if len(self._messages) >= self.max_messages or self._bytes + len(payload) > self.max_bytes:
+                self.dropped += 1
+            else:
+                self._messages.append((key, payload))
+                self._bytes += len(payload)
+        self.wake.set()
+
+    def take(self) -> tuple[str, bytes] | None:
+        """Return the oldest message, or None when there is none."""
+        with self._lock:
+            if not self._messages:
+                return None
+            key, payload = self._messages.popleft()
+            self._bytes -= len(payload)
+            return key, payload
+
+
+# ---- the monitor's end of the bus ------------------------------------------------------------------------------------
+
+
+class MonitorBus:
+    """What the monitor does on a session: takes samples, publishes messages, answers questions about health.
+
+    Parameters
+    ----------
+    session
+        An open session; it is left open at the end.
+    inbox
+        Where samples go.
+
+    Attributes
+    ----------
+    missed
+        Messages that Zenoh itself found missing and could not recover.
+    queries
+        Questions on rwa/**/health that wait for `answer`.
+    """
+
+    def __init__(self, session: zenoh.Session, inbox: Inbox) -> None:
+        self.session = session
+        self.inbox = inbox
+        self.missed = 0
+        self.queries: deque[zenoh.Query] = deque(maxlen=MAX_QUERIES)
+        self._open = True  # callbacks go on after undeclare(): they look here
+        self._declared: list[Any] = []
+        self._publishers: dict[str, Any] = {}
+
+    def __enter__(self) -> Self:
+        """Enter; nothing is declared yet."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Undeclare everything."""
+        self.close()
+
+    def subscribe(self, key_expression: str) -> None:
+        """Take samples from now on, and what their publishers still hold of before.
+
+        Raises
+        ------
+        InputError
+            If the key expression is none.
+        """
+        try:
+            subscriber = ext.declare_advanced_subscriber(
+                self.session,
+                key_expression,
+                self._on_sample,
+                history=ext.HistoryConfig(detect_late_publishers=True),
+                recovery=ext.RecoveryConfig(periodic_queries=None, heartbeat=True),
+            )
+        except zenoh.ZError as error:
+            raise InputError("--wheels", f"{key_expression!r} is no key expression: {error}") from error
+        self._declared += [subscriber, subscriber.sample_miss_listener(self._on_miss)]
+
+    def offer_health(self) -> None:
+        """Answer questions on rwa/**/health, and show that the monitor is alive by a liveliness token."""
+        queryable: Any = self.session.declare_queryable("rwa/**/health", self._on_query)
+        token = self.session.liveliness().declare_token(f"rwa/@monitor/{self.session.zid()}/alive")
+        self._declared += [queryable, token]
+
+    def publish(self, key: str, message: type[Message], payload: bytes) -> None:
+        """Publish a message; all but `status` reliably and with a history for late subscribers."""
+        if key not in self._publishers:
+            if message.kind == "status":
+                self._publishers[key] = self.session.declare_publisher(key, encoding=message.encoding())
+            else:
+                self._publishers[key] = ext.declare_advanced_publisher(
+                    self.session,
+                    key,
+                    encoding=message.encoding(),
+                    congestion_control=zenoh.CongestionControl.BLOCK,
+                    cache=ext.CacheConfig(max_samples=1 if message.kind == "health" else OUTPUT_HISTORY),
+                    sample_miss_detection=ext.MissDetectionConfig(heartbeat=None, sporadic_heartbeat=0.5),
+                    publisher_detection=True,
+                )
+        self._publishers[key].put(payload)
+
+    def answer(self, encoding: str, latest: Callable[[], dict[str, bytes]]) -> None:
+        """Answer the questions that wait with the latest message of each key that they ask for."""
+        while self.queries:
+            query = self.queries.popleft()
+            for key, payload in latest().items():
+                if query.key_expr.intersects(zenoh.KeyExpr(key)):
+                    query.reply(key, payload, encoding=encoding)
+            query.drop()  # type: ignore[no-untyped-call]
+
+    def close(self) -> None:
+        """Undeclare everything; what still arrives is ignored."""
+        self._open = False
+        for entity in [*reversed(self._declared), *self._publishers.values()]:
+            with suppress(zenoh.ZError):  # the session may have been closed under us
+                entity.undeclare()
+        self._declared.clear()
+        self._publishers.clear()
+        self.queries.clear()
+
+    # Called in Zenoh's threads: append, and nothing else.
+
+    def _on_sample(self, sample: zenoh.Sample) -> None:
+        if self._open and sample.kind == zenoh.SampleKind.PUT:
+            self.inbox.put(str(sample.key_expr), sample.payload.to_bytes()[: MAX_MESSAGE_BYTES + 1])
+
+    def _on_miss(self, miss: ext.Miss) -> None:
+        self.missed += miss.nb
+
+    def _on_query(self, query: zenoh.Query) -> None:
+        if self._open:
+            self.queries.append(query)
+            self.inbox.wake.set()

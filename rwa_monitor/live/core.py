@@ -73,20 +73,18 @@ class ProvisionalChangepoint:
         Of the window it lies in.
     index, time_ns
         First slot of the new level, within the window, and its time.
-    jump_Nm
-        Size, positive up.
-    scale
-        Half-width of the detector that found it [slots].
-    statistic
-        χ² with one degree of freedom where nothing jumps.
+    jump_Nm, std_Nm
+        Size, positive up, and its standard deviation.
+    confidence
+        Probability that noise alone has no such jump in a whole window.
     """
 
     window_start_ns: int
     index: int
     time_ns: int
     jump_Nm: float
-    scale: int
-    statistic: float
+    std_Nm: float
+    confidence: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -259,7 +257,6 @@ class WheelCore:
         self._done = 0  # slots whose friction has gone into the open windows
         self._next_start = 0  # first slot of the next window to open
         self._last_end = 0  # first slot after the last window that was closed
-        self._last_confirmed = -1  # slot of the last changepoint that was told
         self._open: list[_OpenWindow] = []
         self._angle_rad = 0.0
         self._last_speed = 0.0
@@ -358,13 +355,12 @@ class WheelCore:
         friction = self._friction(start, stop)
         self._ring.overwrite("torque_Nm", start, friction)
         good = np.isfinite(speed) & np.isfinite(friction)
-        events: list[Event] = []
-        for position, window in enumerate(self._open):
-            for candidate in window.accumulator.append(speed, friction, good):
-                if position == 0 and window.start + candidate.index > self._last_confirmed:
-                    self._last_confirmed = window.start + candidate.index
-                    events.append(self._provisional(window.start, candidate))
-        return events
+        confirmed = [window.accumulator.append(speed, friction, good) for window in self._open]
+        if not confirmed:
+            return []
+        # Where windows overlap, the first one to hold a slot tells of it.
+        first = self._open[0].start
+        return [self._provisional(first, jump) for jump in confirmed[0] if first + jump.index >= self._last_end]
 
     def _friction(self, start: int, stop: int) -> FloatArray:
         """Return the friction torque of the slots [start, stop) without the wheel's effects [N m]."""
@@ -423,11 +419,11 @@ class WheelCore:
     def _provisional(self, window_start: int, candidate: ConfirmedCandidate) -> ProvisionalChangepoint:
         return ProvisionalChangepoint(
             window_start_ns=self._grid.time_of(window_start),
-            index=int(candidate.index),
-            time_ns=self._grid.time_of(window_start + int(candidate.index)),
-            jump_Nm=float(candidate.jump) * self.wheel.torque_unit_Nm,
-            scale=int(candidate.scale),
-            statistic=float(candidate.statistic),
+            index=candidate.index,
+            time_ns=self._grid.time_of(window_start + candidate.index),
+            jump_Nm=candidate.jump * self.wheel.torque_unit_Nm,
+            std_Nm=candidate.std * self.wheel.torque_unit_Nm,
+            confidence=candidate.confidence,
         )
 
     def _close(self, window: _OpenWindow) -> WindowDiagnosed:

@@ -1,0 +1,280 @@
+"""Reads recordings: MCAP files in which every byte that is believed has passed its checksum.
+
+The mcap package's own readers check no CRC unless told to, skip those of attachments always, and give nothing of a file
+that was cut. This reader walks over the records itself (one byte opcode, eight bytes length, content), keeps what is
+whole, and says what is not.
+"""
+
+from __future__ import annotations
+
+import json
+import zlib
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from hashlib import sha256
+from io import BytesIO
+from pathlib import Path
+from typing import Any, Final
+
+import zstandard
+from mcap.data_stream import ReadDataStream
+from mcap.opcode import Opcode
+from mcap.records import Attachment, Channel, Chunk, Schema
+from mcap.records import Message as McapMessage
+from mcap.stream_reader import breakup_chunk
+from mcap.writer import MCAP0_MAGIC
+
+from rwa_monitor.errors import InputError
+
+MAX_CHUNK_BYTES: Final = 64 * 2**20  # uncompressed; ours have some 64 kB, or one message of at most 8 MB
+MAX_RECORD_BYTES: Final = 256 * 2**20  # an attached checkpoint of 8 open windows of 80,000 slots is some 30 MB
+_HEAD_BYTES: Final = 9  # opcode and length
+_FOOTER_BYTES: Final = _HEAD_BYTES + 8 + 8 + 4
+_COMPRESSION_OFFSET: Final = _HEAD_BYTES + 8 + 8 + 8 + 4  # of the compression's name in a chunk record
+_ZSTD_NAME: Final = b"\x04\x00\x00\x00zstd"
+CHANNELS_ATTACHMENT: Final = "channels.json"
+
+
+@dataclass(frozen=True, slots=True)
+class RecordedMessage:
+    """One message of a recording."""
+
+    topic: str
+    schema: str
+    log_time: int
+    publish_time: int
+    data: bytes
+
+
+@dataclass(slots=True)
+class Recording:
+    """The content of one recording.
+
+    Attributes
+    ----------
+    path
+        The file.
+    finished
+        Whether it was closed in order; a recording without an end can still be whole up to its last flush.
+    problems
+        One line for each part that could not be read.
+    attachments
+        Content by name, the last one where a name occurs twice.
+    messages
+        All messages that passed their checksum, in file order.
+    """
+
+    path: Path
+    finished: bool = False
+    problems: list[str] = field(default_factory=list)
+    attachments: dict[str, bytes] = field(default_factory=dict)
+    messages: list[RecordedMessage] = field(default_factory=list)
+
+    def settings(self) -> dict[str, Any]:
+        """Return the settings attached by the recorder; raises InputError where there are none."""
+        return self.json_attachment("settings.json")
+
+    def json_attachment(self, name: str) -> dict[str, Any]:
+        """Return a JSON attachment; raises InputError where it is missing or no JSON object."""
+        if name not in self.attachments:
+            raise InputError(
+                str(self.path), "is missing: this is no recording of rwa-monitor run", f"attachment {name}"
+            )
+        try:
+            content = json.loads(self.attachments[name])
+        except (ValueError, RecursionError) as error:
+            raise InputError(str(self.path), f"is no JSON: {error}", f"attachment {name}") from error
+        if not isinstance(content, dict):
+            raise InputError(str(self.path), "is no JSON object", f"attachment {name}")
+        return content
+
+
+def read_recording(path: Path) -> Recording:
+    """Read a recording, as much of it as is whole.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be opened or does not begin as an MCAP file.
+    """
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise InputError(str(path), f"cannot be read: {error.strerror}") from error
+    if data[: len(MCAP0_MAGIC)] != MCAP0_MAGIC:
+        raise InputError(str(path), "is no MCAP file")
+    recording = Recording(path)
+    _Walk(recording, data).run()
+    return recording
+
+
+class _Walk:
+    """Goes over the records of a file and collects what is whole."""
+
+    def __init__(self, recording: Recording, data: bytes) -> None:
+        self.recording = recording
+        self.data = data
+        self.schemas: dict[int, str] = {}
+        self.channels: dict[int, tuple[str, str]] = {}  # topic and schema
+        self.lost_messages = 0
+
+    def run(self) -> None:
+        position = len(MCAP0_MAGIC)
+        while position < len(self.data) and not self.recording.finished:
+            stop = self._record_end(position)
+            if stop is None or not self._record(position, stop):
+                stop = self._next_chunk(position + 1)
+                self.recording.problems.append(f"bytes {position} to {stop} of {len(self.data)} cannot be read")
+            position = stop
+        if self.lost_messages:
+            self.recording.problems.append(
+                f"{self.lost_messages} messages of channels whose description cannot be read"
+            )
+
+    def _record_end(self, position: int) -> int | None:
+        """Return where the record at `position` ends, None where no record can be."""
+        if position + _HEAD_BYTES > len(self.data):
+            return None
+        length = int.from_bytes(self.data[position + 1 : position + _HEAD_BYTES], "little")
+        stop = position + _HEAD_BYTES + length
+        return stop if length <= MAX_RECORD_BYTES and stop <= len(self.data) else None
+
+    def _record(self, position: int, stop: int) -> bool:
+        """Take in one record; False where it is damaged."""
+        opcode = self.data[position]
+        content = self.data[position + _HEAD_BYTES : stop]
+        if opcode == Opcode.CHUNK:
+            return self._chunk(content)
+        if opcode == Opcode.ATTACHMENT:
+            return self._attachment(content)
+        if opcode == Opcode.DATA_END:
+            self.recording.finished = self._summary_is_whole(stop)
+            return self.recording.finished
+        return opcode in _IGNORED
+
+    def _chunk(self, content: bytes) -> bool:
+        try:
+            chunk = Chunk.read(ReadDataStream(BytesIO(content)))
+            if not _believable(chunk):
+                return False
+            records = breakup_chunk(chunk, validate_crc=True)
+        # The parsers raise whatever a damaged byte leads them to.
+        except Exception:  # noqa: BLE001
+            return False
+        for record in records:
+            if isinstance(record, Schema):
+                self.schemas[record.id] = record.name
+            elif isinstance(record, Channel):
+                self.channels[record.id] = (record.topic, self.schemas.get(record.schema_id, ""))
+            elif isinstance(record, McapMessage):
+                self._message(record)
+        return True
+
+    def _message(self, record: McapMessage) -> None:
+        if record.channel_id not in self.channels:
+            self.lost_messages += 1
+            return
+        topic, schema = self.channels[record.channel_id]
+        self.recording.messages.append(
+            RecordedMessage(topic, schema, record.log_time, record.publish_time, record.data)
+        )
+
+    def _attachment(self, content: bytes) -> bool:
+        if len(content) < 4 or zlib.crc32(content[:-4]) != int.from_bytes(content[-4:], "little"):
+            return False
+        try:
+            attachment = Attachment.read(ReadDataStream(BytesIO(content)))
+            if attachment.name == CHANNELS_ATTACHMENT:
+                for key, (topic, schema) in json.loads(attachment.data).items():
+                    self.channels.setdefault(int(key), (str(topic), str(schema)))
+        except (ValueError, TypeError, AttributeError):
+            return False
+        self.recording.attachments[attachment.name] = attachment.data
+        return True
+
+    def _summary_is_whole(self, start: int) -> bool:
+        """Check what follows the data: it only repeats it, but a damaged one may not be the end at all."""
+        end = len(self.data) - len(MCAP0_MAGIC)
+        footer = end - _FOOTER_BYTES
+        if footer < start or self.data[footer] != Opcode.FOOTER or self.data[end:] != MCAP0_MAGIC:
+            return False
+        return zlib.crc32(self.data[start : end - 4]) == int.from_bytes(self.data[end - 4 : end], "little")
+
+    def _next_chunk(self, position: int) -> int:
+        """Return where the next whole chunk begins, the file's end where there is none."""
+        while (found := self.data.find(_ZSTD_NAME, position + _COMPRESSION_OFFSET)) >= 0:
+            start = found - _COMPRESSION_OFFSET
+            stop = self._record_end(start) if self.data[start] == Opcode.CHUNK else None
+            if stop is not None and self._is_chunk(self.data[start + _HEAD_BYTES : stop]):
+                return start
+            position = start + 1
+        return len(self.data)
+
+    def _is_chunk(self, content: bytes) -> bool:
+        try:
+            chunk = Chunk.read(ReadDataStream(BytesIO(content)))
+            return _believable(chunk) and bool(breakup_chunk(chunk, validate_crc=True))
+        except Exception:  # noqa: BLE001 - as above
+            return False
+
+
+# Records without a checksum of their own: nothing is taken from them, so that a flipped bit in them harms nobody.
+_IGNORED: Final = frozenset({Opcode.HEADER, Opcode.MESSAGE_INDEX, Opcode.METADATA})
+
+
+def _believable(chunk: Chunk) -> bool:
+    """Tell whether a chunk has a checksum, and a size that may be unpacked."""
+    if chunk.uncompressed_crc == 0 or chunk.uncompressed_size > MAX_CHUNK_BYTES:
+        return False
+    if chunk.compression == "zstd":
+        return bool(zstandard.get_frame_parameters(chunk.data).content_size == chunk.uncompressed_size)
+    return chunk.compression == ""
+
+
+# ---- chains ----------------------------------------------------------------------------------------------------------
+
+RECORDING_SUFFIX: Final = ".mcap"
+
+
+def recordings_of(paths: Path | Sequence[Path]) -> list[Path]:
+    """Return the recordings that a file, several files or a folder stand for, in the order of their names.
+
+    Raises
+    ------
+    InputError
+        If a path does not exist, or a folder holds no recording.
+    """
+    found: list[Path] = []
+    for path in [paths] if isinstance(paths, Path) else paths:
+        if path.is_dir():
+            inside = sorted(entry for entry in path.iterdir() if entry.suffix == RECORDING_SUFFIX and entry.is_file())
+            if not inside:
+                raise InputError(str(path), f"holds no recording (*{RECORDING_SUFFIX})")
+            found += inside
+        elif path.is_file():
+            found.append(path)
+        else:
+            raise InputError(str(path), "does not exist")
+    return found
+
+
+def read_chain(paths: Path | Sequence[Path]) -> Iterator[Recording]:
+    """Read the recordings that a file, several files or a folder stand for, each after its predecessor.
+
+    Raises
+    ------
+    InputError
+        As `recordings_of` and `read_recording`.
+    """
+    # The names count up, so that the order of names is the order of the chain; replay checks the links.
+    for path in recordings_of(paths):
+        yield read_recording(path)
+
+
+def file_sha256(path: Path) -> str:
+    """Return the hash of a file's content."""
+    digest = sha256()
+    with path.open("rb") as file:
+        while block := file.read(2**20):
+            digest.update(block)
+    return digest.hexdigest()
