@@ -169,10 +169,10 @@ class MeanEffect(Effect):
     """
 
     family: ClassVar[Family] = "mean"
-    # What becomes of the torque when the same motion is made in the other direction: it flips ("odd", as friction
-    # does), it stays ("even", as an offset does), or neither.
     # True where the columns depend on `Channels.dry_level_Nm`.
     uses_level: ClassVar[bool] = False
+    # What becomes of the torque when the same motion is made in the other direction: it flips ("odd", as friction
+    # does), it stays ("even", as an offset does), or neither.
     parity: ClassVar[Literal["odd", "even", "none"]] = "odd"
 
     @classmethod

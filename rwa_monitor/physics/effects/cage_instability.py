@@ -7,7 +7,8 @@ from typing import Final
 import numpy as np
 
 from rwa_monitor.physics.effects.base import Channels, Parameter
-from rwa_monitor.physics.effects.noise_base import NoiseEffect, NoiseFit, usable_residuals
+from rwa_monitor.physics.effects.likelihood import LikelihoodFit
+from rwa_monitor.physics.effects.noise_base import NoiseEffect, usable_residuals
 from rwa_monitor.samples import BoolArray, FloatArray
 
 BAND_CENTRES: Final = 48  # tried over the speed range
@@ -54,7 +55,7 @@ class CageInstability(NoiseEffect):
         return drag + noise_Nm * np.where(burst, 1.0 + values["noise_strength"], 1.0)
 
     @classmethod
-    def fit(cls, residual_Nm: FloatArray, channels: Channels, good: BoolArray) -> NoiseFit:
+    def fit(cls, residual_Nm: FloatArray, channels: Channels, good: BoolArray) -> LikelihoodFit:
         """Scan bands of |ω| for another mean (along the motion) and another variance inside than outside.
 
         What is fitted is the average over bursts and pauses in the band, so drag and noise are those of the average.
@@ -128,12 +129,12 @@ def _compare(
 
 def _band_fit(
     found: tuple[float, float, float, float], centre: float, half_width: float, inside: int, count: int
-) -> NoiseFit:
+) -> LikelihoodFit:
     gain, mean, std_in, std_out = found
     ratio = std_in / std_out
     values = CageInstability.typical(burst_s=30.0, quiet_s=0.0).values
     unknown = float("nan")
-    return NoiseFit(
+    return LikelihoodFit(
         values={
             **values,
             "strength_Nm": mean,

@@ -6,7 +6,8 @@ import numba
 import numpy as np
 
 from rwa_monitor.physics.effects.base import Channels, Parameter
-from rwa_monitor.physics.effects.noise_base import NoiseEffect, NoiseFit, usable_residuals
+from rwa_monitor.physics.effects.likelihood import LikelihoodFit
+from rwa_monitor.physics.effects.noise_base import NoiseEffect, usable_residuals
 from rwa_monitor.samples import BoolArray, FloatArray
 
 
@@ -48,7 +49,7 @@ class ColouredNoise(NoiseEffect):
         return coloured
 
     @classmethod
-    def fit(cls, residual_Nm: FloatArray, channels: Channels, good: BoolArray) -> NoiseFit:
+    def fit(cls, residual_Nm: FloatArray, channels: Channels, good: BoolArray) -> LikelihoodFit:
         """Fit φ by the conditional likelihood of each sample given its neighbour, where both are good."""
         usable = usable_residuals(residual_Nm, channels, good)
         pairs = usable[1:] & usable[:-1]
@@ -58,7 +59,7 @@ class ColouredNoise(NoiseEffect):
         before, after = residual_Nm[:-1][pairs], residual_Nm[1:][pairs]
         energy = float(np.sqrt(np.sum(before**2) * np.sum(after**2)))
         phi = float(np.clip(np.sum(before * after) / energy, 0.0, 0.99)) if energy > 0 else 0.0
-        return NoiseFit(
+        return LikelihoodFit(
             values={"ar_coefficient": phi},
             std={"ar_coefficient": float(np.sqrt((1 - phi**2) / count))},
             log_likelihood_gain=float(-0.5 * count * np.log1p(-(phi**2))),

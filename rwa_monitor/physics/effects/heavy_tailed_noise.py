@@ -8,7 +8,8 @@ import numpy as np
 from scipy import optimize, special
 
 from rwa_monitor.physics.effects.base import Channels, Parameter
-from rwa_monitor.physics.effects.noise_base import NoiseEffect, NoiseFit, curvature_std, usable_residuals
+from rwa_monitor.physics.effects.likelihood import LikelihoodFit, curvature_std
+from rwa_monitor.physics.effects.noise_base import NoiseEffect, usable_residuals
 from rwa_monitor.samples import BoolArray, FloatArray
 
 SCALE_ROUNDS: Final = 25  # of the EM iteration for the scale; it gains a digit every few rounds
@@ -43,7 +44,7 @@ class HeavyTailedNoise(NoiseEffect):
         return noise_Nm * np.sqrt((nu - 2.0) / mixing)
 
     @classmethod
-    def fit(cls, residual_Nm: FloatArray, channels: Channels, good: BoolArray) -> NoiseFit:
+    def fit(cls, residual_Nm: FloatArray, channels: Channels, good: BoolArray) -> LikelihoodFit:
         """Fit ν by the profile likelihood: for each ν the scale that maximises it."""
         usable = usable_residuals(residual_Nm, channels, good)
         count = int(usable.sum())
@@ -62,7 +63,7 @@ class HeavyTailedNoise(NoiseEffect):
         )
         log_nu = float(found.x)
         nu = float(np.exp(log_nu))
-        return NoiseFit(
+        return LikelihoodFit(
             values={"degrees_of_freedom": nu},
             std={"degrees_of_freedom": nu * curvature_std(gain, log_nu, 0.02)},
             log_likelihood_gain=max(-float(found.fun), 0.0),

@@ -9,7 +9,8 @@ import numpy as np
 from scipy import optimize
 
 from rwa_monitor.physics.effects.base import Channels, Parameter
-from rwa_monitor.physics.effects.noise_base import NoiseEffect, NoiseFit, curvature_std, usable_residuals
+from rwa_monitor.physics.effects.likelihood import LikelihoodFit, curvature_std
+from rwa_monitor.physics.effects.noise_base import NoiseEffect, usable_residuals
 from rwa_monitor.samples import BoolArray, FloatArray
 
 BINS: Final = 200  # of |ω|: the likelihood needs only count and mean square in each
@@ -48,7 +49,7 @@ class SpeedDependentNoise(NoiseEffect):
         return noise_Nm * spread_factor(np.abs(channels.speed_rad_s), self.values)
 
     @classmethod
-    def fit(cls, residual_Nm: FloatArray, channels: Channels, good: BoolArray) -> NoiseFit:
+    def fit(cls, residual_Nm: FloatArray, channels: Channels, good: BoolArray) -> LikelihoodFit:
         """Fit growth alone and a band alone; return the one that is better by BIC."""
         usable = usable_residuals(residual_Nm, channels, good)
         count = int(usable.sum())
@@ -100,7 +101,7 @@ def _values(growth: float, strength: float, speed: float, width: float) -> dict[
 _UNKNOWN: Final = float("nan")
 
 
-def _fit_growth(binned: _Binned) -> NoiseFit:
+def _fit_growth(binned: _Binned) -> LikelihoodFit:
     """Fit σ₀ (1 + c|ω|): c from a thousandth of, to a thousand times, one over the largest speed."""
 
     def gain(log_growth: float) -> float:
@@ -111,10 +112,10 @@ def _fit_growth(binned: _Binned) -> NoiseFit:
     found = optimize.minimize_scalar(lambda x: -gain(x), bounds=bounds, method="bounded")
     growth = float(np.exp(found.x))
     std = _values(growth * curvature_std(gain, float(found.x), 0.02), _UNKNOWN, _UNKNOWN, _UNKNOWN)
-    return NoiseFit(_values(growth, 0.0, 100.0, 10.0), std, max(-float(found.fun), 0.0), 1, binned.samples)
+    return LikelihoodFit(_values(growth, 0.0, 100.0, 10.0), std, max(-float(found.fun), 0.0), 1, binned.samples)
 
 
-def _fit_band(binned: _Binned) -> NoiseFit:
+def _fit_band(binned: _Binned) -> LikelihoodFit:
     """Fit a band: a coarse scan over its speed and width, then a local search."""
     span = binned.high - binned.low
 
@@ -129,7 +130,7 @@ def _fit_band(binned: _Binned) -> NoiseFit:
     best = found.x if found.fun < loss(start) else start
     strength, width = float(np.exp(best[0])), span * float(np.exp(best[2]))
     std = [curvature_std(lambda v, i=i: -loss(_with(best, i, v)), float(best[i]), 0.01) for i in range(3)]  # type: ignore[misc]
-    return NoiseFit(
+    return LikelihoodFit(
         _values(0.0, strength, binned.low + span * float(best[1]), width),
         _values(_UNKNOWN, strength * std[0], span * std[1], width * std[2]),
         max(-loss(best), 0.0),

@@ -8,7 +8,8 @@ import numpy as np
 from scipy import signal
 
 from rwa_monitor.physics.effects.base import Channels, Parameter
-from rwa_monitor.physics.effects.noise_base import NoiseEffect, NoiseFit, usable_residuals
+from rwa_monitor.physics.effects.likelihood import LikelihoodFit
+from rwa_monitor.physics.effects.noise_base import NoiseEffect, usable_residuals
 from rwa_monitor.samples import BoolArray, FloatArray
 
 SMOOTHING_SLOTS: Final = 15  # of the parabola that stands for the true speed under the steps
@@ -56,7 +57,7 @@ class TachometerQuantisation(NoiseEffect):
         return step * np.rint(speed_rad_s / step)
 
     @classmethod
-    def fit(cls, residual_Nm: FloatArray, channels: Channels, good: BoolArray) -> NoiseFit:
+    def fit(cls, residual_Nm: FloatArray, channels: Channels, good: BoolArray) -> LikelihoodFit:
         """Find the lattice of the speed readings; regress the residual on the derivative of the rounding errors."""
         usable = usable_residuals(residual_Nm, channels, good)
         step = lattice_step(channels.speed_rad_s[usable])
@@ -73,7 +74,7 @@ class TachometerQuantisation(NoiseEffect):
     @classmethod
     def _regress(
         cls, residual: FloatArray, error: FloatArray, usable: BoolArray, period_s: float, step: float, stencil: int
-    ) -> NoiseFit:
+    ) -> LikelihoodFit:
         """Regress on the central differences of the error over 1 … `stencil` slots; their coefficients add up to -J."""
         size = residual.size
         inner = slice(stencil, size - stencil)
@@ -95,7 +96,7 @@ class TachometerQuantisation(NoiseEffect):
         inertia = max(-float(np.sum(coefficients / scale)), 0.0)
         information = design[rows].T @ design[rows]
         variance = left / (count - stencil) * float(np.linalg.pinv(information).sum())
-        return NoiseFit(
+        return LikelihoodFit(
             values={"step_rad_s": step, "inertia_kg_m2": inertia},
             std={"step_rad_s": 0.0, "inertia_kg_m2": float(np.sqrt(max(variance, 0.0)))},
             # A fit that leaves nothing at all would have an infinite likelihood: rounding is the least noise there is.
