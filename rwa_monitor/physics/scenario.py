@@ -35,6 +35,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_valida
 from rwa_monitor.errors import InputError
 from rwa_monitor.physics.sensors import Fault, FrictionNoise, Sensors
 from rwa_monitor.physics.speed import SpeedProfile
+from rwa_monitor.physics.torque_balance import inertia_of, torque_constant_of
 from rwa_monitor.physics.wheel import EffectBlock, Wheel
 from rwa_monitor.samples import CHANNELS
 
@@ -145,6 +146,9 @@ class Scenario(_Part):
                 raise InputError("scenario", f"this wheel has {', '.join(wheel.anomalies)}", f"anomalies.{name}")
         if wheel.nominal is None:
             raise InputError(f"wheel {wheel.name}", "is missing; friction cannot be simulated without it", "nominal")
+        if not self.friction_given:
+            inertia_of(wheel)
+            torque_constant_of(wheel)
         for fault in self.fault:
             if fault.kind != "gap" and fault.channel not in CHANNELS:
                 raise InputError("scenario", f"{fault.channel!r} is none of {', '.join(CHANNELS)}", "fault.channel")

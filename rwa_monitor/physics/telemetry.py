@@ -355,7 +355,7 @@ def _friction_noise(scenario: Scenario, wheel: Wheel, parts: _Parts, streams: _S
     shaping = [
         effect
         for effect in parts.effects
-        if isinstance(effect, NoiseEffect) and (scenario.friction_given or not _changes_reading(effect))
+        if isinstance(effect, NoiseEffect) and (scenario.friction_given or effect not in _tachometers(parts.effects))
     ]
     std = scenario.noise.std_Nm
     if std is None:
@@ -370,17 +370,17 @@ def _friction_noise(scenario: Scenario, wheel: Wheel, parts: _Parts, streams: _S
         return _Noise(values, std, long_run)
     sensors = scenario.sensors.for_wheel(wheel)
     speed = np.hypot(sensors.speed_noise_rad_s or 0.0, (sensors.speed_quantum_rad_s or 0.0) * QUANTUM_STD)
-    for effect in parts.effects:
-        if isinstance(effect, NoiseEffect) and _changes_reading(effect):
-            speed = np.std(effect.read_speed(parts.channels.speed_rad_s) - parts.channels.speed_rad_s)
+    for tachometer in _tachometers(parts.effects):
+        speed = np.std(tachometer.read_speed(parts.channels.speed_rad_s) - parts.channels.speed_rad_s)
     current = np.hypot(sensors.current_noise_A or 0.0, (sensors.current_quantum_A or 0.0) * QUANTUM_STD)
     derived = float(torque_balance.derived_noise_autocovariance(wheel, float(speed), float(current))[0])
     return _Noise(values, float(np.sqrt(std**2 + derived)), float(np.sqrt(long_run**2 + derived)))
 
 
-def _changes_reading(effect: Effect) -> bool:
-    """Say whether a noise effect is one of the tachometer: it then changes the speed that is read."""
-    return isinstance(effect, NoiseEffect) and type(effect).read_speed is not NoiseEffect.read_speed
+def _tachometers(effects: tuple[Effect, ...]) -> list[NoiseEffect]:
+    """Return the noise effects that are a tachometer's: they change the speed that is read."""
+    noises = [effect for effect in effects if isinstance(effect, NoiseEffect)]
+    return [effect for effect in noises if type(effect).read_speed is not NoiseEffect.read_speed]
 
 
 def _long_run_std(noise: FloatArray) -> float:
@@ -406,10 +406,10 @@ def _measure(
     speed_rng, current_rng, voltage_rng, temperature_rng = streams.sensors.spawn(4)
     slots = motion.speed_rad_s.size
     speed = measure(motion.speed_rad_s, sensors.speed_noise_rad_s or 0.0, sensors.speed_quantum_rad_s or 0.0, speed_rng)
+    for tachometer in _tachometers(parts.effects):
+        speed = tachometer.read_speed(motion.speed_rad_s)  # its steps replace the usual noise
     for effect in parts.effects:
-        if isinstance(effect, NoiseEffect) and _changes_reading(effect):
-            speed = effect.read_speed(motion.speed_rad_s)  # such a tachometer's steps replace the usual noise
-        elif isinstance(effect, SpeedDeadZone):
+        if isinstance(effect, SpeedDeadZone):
             speed = effect.read_speed(speed)
     channels: dict[str, Any] = {
         "speed_rad_s": speed,
@@ -425,10 +425,6 @@ def _measure(
         if wheel.winding_resistance_ohm is not None and wheel.back_emf_constant_V_s_rad is not None:
             voltage = wheel.winding_resistance_ohm * current + wheel.back_emf_constant_V_s_rad * motion.speed_rad_s
             channels["motor_voltage_V"] = measure(voltage, sensors.voltage_noise_V, 0.0, voltage_rng)
-    if not scenario.friction_given and "motor_current_A" not in channels:
-        raise InputError(
-            f"wheel {wheel.name}", "inertia_kg_m2 and torque_constant_Nm_A are needed where friction is not given"
-        )
     if scenario.channels is None:
         channels.pop("motor_torque_Nm", None)
     else:
