@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import click
 
 from rwa_monitor import __version__
+from rwa_monitor.cli.exit_codes import FAILED
 from rwa_monitor.cli.options import bus_options, model_option, wheel_option
 from rwa_monitor.errors import RwaMonitorError
 
@@ -51,11 +52,15 @@ def command(ctx: click.Context, wheel_file: Path | None, model_file: Path | None
     for check in checks:
         try:
             found = f"ok      {check.name}: {check.look()}"
-        except (RwaMonitorError, ImportError) as error:
+        except RwaMonitorError as error:
             found = f"FAILED  {check.name}: {' '.join(str(error).split())}"
             failed += 1
+        # Whatever is wrong with an installation, the other checks shall still be done and this one named.
+        except Exception as error:  # noqa: BLE001
+            found = f"FAILED  {check.name}: {type(error).__name__}: {' '.join(str(error).split())}"
+            failed += 1
         click.echo(found)
-    ctx.exit(1 if failed else 0)
+    ctx.exit(FAILED if failed else 0)
 
 
 def _python() -> str:

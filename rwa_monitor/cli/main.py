@@ -16,16 +16,13 @@ from typing import Any, Final
 import click
 
 from rwa_monitor import __version__
+from rwa_monitor.cli.exit_codes import FAILED, INTERRUPTED, WRONG_USE
+from rwa_monitor.cli.talk import PROGRAM, say
 from rwa_monitor.errors import InputError, RwaMonitorError
-
-PROGRAM: Final = "rwa-monitor"
-FAILED: Final = 1
-WRONG_USE: Final = 2
-INTERRUPTED: Final = 130  # as a shell reports a program that SIGINT ended
 
 # Each command is `command` in a module of this name. Modules import what they need when the command runs, not before,
 # so that --help and a mistyped option answer at once.
-COMMANDS: Final = ("simulate", "doctor")
+COMMANDS: Final = ("simulate", "train", "diagnose", "doctor")
 
 
 class Program(click.Group):
@@ -53,18 +50,23 @@ class Program(click.Group):
         """Run the program; outside `standalone_mode`, as click does, errors are raised and the result is returned."""
         if not standalone_mode:
             return super().main(args, prog_name, complete_var, standalone_mode=False, **extra)
+        status: int | None
         try:
             status = super().main(args, prog_name or PROGRAM, complete_var, standalone_mode=False, **extra)
             sys.stdout.flush()  # here, where a reader that is gone is quietly the end, and not while Python shuts down
         except InputError as error:
-            status = _complain(str(error), WRONG_USE)
+            say(str(error))
+            status = WRONG_USE
         except RwaMonitorError as error:
-            status = _complain(str(error), FAILED)
+            say(str(error))
+            status = FAILED
         except click.UsageError as error:
             where = error.ctx.command_path if error.ctx else PROGRAM
-            status = _complain(f"{error.format_message()} (see '{where} --help')", WRONG_USE)
+            say(f"{error.format_message()} (see '{where} --help')")
+            status = WRONG_USE
         except click.ClickException as error:
-            status = _complain(error.format_message(), error.exit_code)
+            say(error.format_message())
+            status = error.exit_code
         except click.Abort:
             status = INTERRUPTED
         except BrokenPipeError:
@@ -72,12 +74,6 @@ class Program(click.Group):
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             status = FAILED
         sys.exit(status or 0)
-
-
-def _complain(message: str, status: int) -> int:
-    """Say on stderr, in one line, what is wrong, and return the exit code."""
-    click.echo(f"{PROGRAM}: {' '.join(message.split())}", err=True)
-    return status
 
 
 @click.group(

@@ -10,6 +10,7 @@ import click
 
 from rwa_monitor.cli.options import FILE, bus_options, wheel_option
 from rwa_monitor.cli.progress import track
+from rwa_monitor.cli.talk import say
 
 if TYPE_CHECKING:
     from rwa_monitor.live.bus import BusOptions
@@ -54,7 +55,7 @@ def recording(scenario_file: Path | None, wheel_file: Path | None, seed: int, ou
     write(window.telemetry.samples, output)
     write_truth(window, output, seed=seed)
     _write_wheel_beside(window, output)
-    click.echo(f"{len(window.telemetry.samples)} samples in {output}, the truth beside it", err=True)
+    say(f"{len(window.telemetry.samples)} samples in {output}, the truth beside it")
 
 
 @command.command()
@@ -99,7 +100,7 @@ def dataset(recipe: str, count: int, seed: int, output: Path, suffix: str) -> No
         _write_wheel_beside(window, table)
         rows.append(label_row(window, table.name))
     write_labels(header, rows, output / "labels.csv")
-    click.echo(f"{len(rows)} windows in {output}, labels in {output / 'labels.csv'}", err=True)
+    say(f"{len(rows)} windows in {output}, labels in {output / 'labels.csv'}")
 
 
 @command.command()
@@ -139,7 +140,7 @@ def publish(
     samples = _simulate(scenario_file, wheel_file, seed, "published").telemetry.samples
     with stop_on_signals() as stop, open_session(bus) as session:
         sent = publish_samples({key: samples}, session, speed=speed, batch_samples=batch, linger_s=linger, stop=stop)
-    click.echo(f"{sent} of {len(samples)} samples published on {key}", err=True)
+    say(f"{sent} of {len(samples)} samples published on {key}")
 
 
 def _simulate(scenario_file: Path | None, wheel_file: Path | None, seed: int, name: str) -> LabelledWindow:

@@ -1,0 +1,145 @@
+"""`diagnose`: recordings in, one diagnosis for each window out, through the same core as the live monitor."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+import click
+
+from rwa_monitor import SOFTWARE
+from rwa_monitor.cli.exit_codes import UNREADABLE, WRONG_USE
+from rwa_monitor.cli.options import FILE, method_option, model_option, wheel_option
+from rwa_monitor.cli.talk import say
+from rwa_monitor.errors import InputError
+
+if TYPE_CHECKING:
+    from rwa_monitor.cli.telemetry_files import WheelTelemetry
+    from rwa_monitor.diagnosis.model import Model
+    from rwa_monitor.diagnosis.state import CarriedState
+    from rwa_monitor.messages import Diagnosis
+    from rwa_monitor.physics.wheel import Wheel
+
+
+@click.command(name="diagnose")
+@click.argument("files", nargs=-1, required=True, type=FILE, metavar="FILE...")
+@wheel_option
+@model_option
+@method_option
+@click.option("--json", "as_json", is_flag=True, help="One JSON object for each window and line (rwa.Diagnosis).")
+@click.option("--carry", is_flag=True, help="Start each file with what the ones before it told about the wheel.")
+@click.pass_context
+def command(
+    ctx: click.Context,
+    files: tuple[Path, ...],
+    wheel_file: Path | None,
+    model_file: Path | None,
+    method: Literal["joint", "paper"],
+    as_json: bool,
+    carry: bool,
+) -> None:
+    """Diagnose recordings, window by window: CSV, Parquet or MCAP, in the order given.
+
+    A last window that the data does not fill is diagnosed too and marked partial. A file is read whole before anything
+    is said about it. One that cannot be used is named on stderr, the others are done all the same, and the exit code
+    is 2; with --carry, where later diagnoses would miss it, the work ends there.
+    """
+    from rwa_monitor.formats.model_file import read_model
+    from rwa_monitor.formats.wheel_file import read_wheel
+
+    wheel, model = read_wheel(wheel_file), read_model(model_file)
+    for note in wheel.missing():
+        say(f"{wheel.name}: {note}")
+    diagnoser = Diagnoser(wheel, model, method, carry)
+    show = _json_line if as_json else _picture()
+    status = 0
+    for file in files:
+        try:
+            for diagnosis in diagnoser.diagnose(file):
+                show(diagnosis)
+        except InputError as error:
+            if carry:
+                raise
+            say(str(error))
+            status = WRONG_USE
+    ctx.exit(status or (UNREADABLE if diagnoser.unreadable else 0))
+
+
+@dataclass(slots=True)
+class Diagnoser:
+    """Diagnoses files one after the other, and keeps what a wheel's windows told where it is to be carried on.
+
+    Attributes
+    ----------
+    wheel, model, method
+        As for `WheelCore`.
+    carry
+        Whether a wheel starts a file with the state in which it ended the one before.
+    carried
+        That state, by spacecraft and wheel.
+    unreadable
+        Whether bytes of a file could not be read.
+    """
+
+    wheel: Wheel
+    model: Model
+    method: Literal["joint", "paper"]
+    carry: bool
+    carried: dict[tuple[str, str], CarriedState] = field(default_factory=dict, init=False)
+    unreadable: bool = field(default=False, init=False)
+
+    def diagnose(self, file: Path) -> Iterator[Diagnosis]:
+        """Yield the diagnoses of a file's windows; raises InputError before the first if the file cannot be used."""
+        from rwa_monitor.cli.telemetry_files import read_telemetry
+
+        content = read_telemetry(file)
+        for problem in content.recording.problems if content.recording else ():
+            self.unreadable = True
+            say(f"{file}: {problem}")
+        for telemetry in content.wheels:
+            yield from self._diagnose_wheel(telemetry)
+
+    def _diagnose_wheel(self, telemetry: WheelTelemetry) -> Iterator[Diagnosis]:
+        from rwa_monitor.live.core import WheelCore, WindowDiagnosed
+        from rwa_monitor.messages import diagnosis_message
+
+        name = telemetry.wheel or self.wheel.name
+        carried = self.carried.get((telemetry.spacecraft, name)) if self.carry else None
+        try:
+            core = WheelCore(self.wheel, self.model, method=self.method, carried=carried)
+            events = [
+                event for batch in telemetry.batches for event in core.feed(batch.samples, batch.publisher, batch.batch)
+            ]
+        except InputError as error:
+            raise InputError(telemetry.source, f"{error.source}: {error.reason}", error.place) from error
+        for event in (*events, *core.finish()):
+            if isinstance(event, WindowDiagnosed):
+                yield diagnosis_message(
+                    event.diagnosis,
+                    spacecraft=telemetry.spacecraft,
+                    wheel=name,
+                    window_start_ns=event.start_ns,
+                    window_end_ns=event.end_ns,
+                    period_ns=event.period_ns,
+                    partial=event.partial,
+                    software=SOFTWARE,
+                    source=telemetry.source,
+                )
+        self.carried[telemetry.spacecraft, name] = core.carried
+
+
+def _json_line(diagnosis: Diagnosis) -> None:
+    click.echo(diagnosis.to_json())
+
+
+def _picture() -> Callable[[Diagnosis], None]:
+    """Return the function that prints a diagnosis for a person."""
+    from functools import partial
+
+    from rich.console import Console
+
+    from rwa_monitor.cli.diagnosis_view import print_diagnosis
+
+    return partial(print_diagnosis, Console(highlight=False))

@@ -1,0 +1,90 @@
+"""How a diagnosis looks to a person: verdict and reason first, then the parts of the friction."""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import Final
+
+from rich.console import Console, Group, RenderableType
+from rich.table import Table
+from rich.text import Text
+
+from rwa_monitor.messages import Diagnosis, Quantity
+from rwa_monitor.samples import NANOSECONDS_PER_SECOND
+
+VERDICT_STYLE: Final = {"nominal": "bold green", "anomalous": "bold red", "inconclusive": "bold yellow"}
+UNKNOWN: Final = "–"
+
+
+def print_diagnosis(console: Console, diagnosis: Diagnosis) -> None:
+    """Print one window's diagnosis on a rich console."""
+    console.print(render(diagnosis))
+    console.print()
+
+
+def render(diagnosis: Diagnosis) -> RenderableType:
+    """Return the picture of one window's diagnosis."""
+    where = diagnosis.source or f"{diagnosis.spacecraft}/{diagnosis.wheel}"
+    start_s, end_s = (t / NANOSECONDS_PER_SECOND for t in (diagnosis.window_start_ns, diagnosis.window_end_ns))
+    head = Text.assemble(
+        (where, "bold"),
+        f"  {diagnosis.wheel}  {start_s:.3f} s to {end_s:.3f} s  {diagnosis.samples} slots",
+        f"  coverage {100 * diagnosis.coverage:.1f} %",
+        "  partial" if diagnosis.partial else "",
+    )
+    verdict = Text.assemble(
+        (diagnosis.verdict.upper(), VERDICT_STYLE[diagnosis.verdict]), f"  {diagnosis.explanation or diagnosis.reason}"
+    )
+    return Group(head, verdict, _anomalies(diagnosis), _friction(diagnosis))
+
+
+def number(value: float | None, unit: str = "") -> str:
+    """Write a number with four digits and its unit; a dash where it is not known."""
+    return UNKNOWN if value is None else f"{value:.4g} {unit}".rstrip()
+
+
+def with_std(value: float | None, std: float | None, unit: str = "") -> str:
+    """Write a number with its standard deviation."""
+    if value is None or std is None:
+        return number(value, unit)
+    return f"{value:.4g} ± {std:.2g} {unit}".rstrip()
+
+
+def _anomalies(diagnosis: Diagnosis) -> Table:
+    """Return the table of what can be anomalous and what is."""
+    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 2))
+    for column in ("", "anomalous", "probability", "severity", "estimate", "nominal"):
+        table.add_column(column, style="" if column else "bold", no_wrap=True)
+    for name, anomaly in diagnosis.anomalies.items():
+        known = anomaly.nominal_low is not None and anomaly.nominal_high is not None
+        table.add_row(
+            name,
+            Text("yes", VERDICT_STYLE["anomalous"]) if anomaly.active else "no",
+            f"{anomaly.probability:.3f}",
+            with_std(anomaly.severity, anomaly.severity_std),
+            number(anomaly.estimate, anomaly.unit),
+            f"{number(anomaly.nominal_low)} to {number(anomaly.nominal_high, anomaly.unit)}" if known else UNKNOWN,
+        )
+    return table
+
+
+def _friction(diagnosis: Diagnosis) -> Text:
+    """Return the lines on friction, jumps and fit."""
+    friction, fit = diagnosis.friction, diagnosis.fit
+    jumps = Counter(changepoint.fss for changepoint in diagnosis.changepoints)
+    by_system = ", ".join(f"{count} {name}" for name, count in sorted(jumps.items()))
+    lines = [
+        f"  friction      base dry {_quantity(friction.base_dry)}, viscous {_quantity(friction.viscous)}",
+        f"  changepoints  {sum(jumps.values())}{f': {by_system}' if jumps else ''}",
+        f"  fit           rmse {number(fit.rmse_Nm, 'N m')}, noise {number(fit.noise_std_Nm, 'N m')}; model "
+        + ("adequate" if diagnosis.model_adequate else f"inadequate{_suspicion(diagnosis)}"),
+    ]
+    return Text("\n".join(lines))
+
+
+def _quantity(quantity: Quantity) -> str:
+    return with_std(quantity.value, quantity.std, quantity.unit)
+
+
+def _suspicion(diagnosis: Diagnosis) -> str:
+    return f", perhaps {diagnosis.suspected_effect}" if diagnosis.suspected_effect else ""

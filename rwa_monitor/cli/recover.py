@@ -1,0 +1,29 @@
+"""`recover`: saves what a cut or damaged recording still holds."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from rwa_monitor.cli.exit_codes import UNREADABLE
+from rwa_monitor.cli.options import FILE
+from rwa_monitor.cli.talk import say
+
+
+@click.command(name="recover")
+@click.argument("recording", type=FILE, metavar="FILE.mcap")
+@click.option("-o", "--output", type=FILE, required=True, metavar="OUT.mcap", help="Where to write; must not exist.")
+@click.pass_context
+def command(ctx: click.Context, recording: Path, output: Path) -> None:
+    """Save every whole chunk of a cut or damaged recording, and only true messages.
+
+    What is lost is said on stderr, and the exit code is 3 then.
+    """
+    from rwa_monitor.live.recover import recover
+
+    recovery = recover(recording, output)
+    for line in recovery.lost:
+        say(line)
+    say(f"{output}: {recovery.messages} messages saved")
+    ctx.exit(UNREADABLE if recovery.lost else 0)

@@ -1,0 +1,66 @@
+"""`run`: the live monitor, until SIGINT or SIGTERM."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+import click
+
+from rwa_monitor.cli.options import FILE, bus_options, method_option, model_option, wheel_option
+from rwa_monitor.cli.talk import say
+
+if TYPE_CHECKING:
+    from rwa_monitor.live.bus import BusOptions
+
+
+def _shard(ctx: click.Context, param: click.Parameter, value: str) -> tuple[int, int]:
+    """Read I/N: share I of N processes that divide the wheels among them."""
+    del ctx, param
+    match = re.fullmatch(r"([0-9]{1,6})/([0-9]{1,6})", value)
+    share, of = (int(match[1]), int(match[2])) if match else (0, 0)
+    if not 1 <= share <= of:
+        raise click.BadParameter(f"{value!r} is not I/N with 1 ≤ I ≤ N, such as 2/4")
+    return share, of
+
+
+@click.command(name="run")
+@click.option("--wheels", default="rwa/*/*/samples", show_default=True, metavar="KEYEXPR", help="Which wheels.")
+@wheel_option
+@model_option
+@method_option
+@click.option(
+    "--record", type=FILE, metavar="DIR", help="Record everything in this folder, and continue from what it holds."
+)
+@click.option("--shard", callback=_shard, default="1/1", show_default=True, metavar="I/N", help="Serve share I of N.")
+@bus_options
+def command(
+    wheels: str,
+    wheel_file: Path | None,
+    model_file: Path | None,
+    method: Literal["joint", "paper"],
+    record: Path | None,
+    shard: tuple[int, int],
+    bus: BusOptions,
+) -> None:
+    """Monitor wheels live: subscribe to their samples, diagnose, publish and record.
+
+    Answers on rwa/{spacecraft}/{wheel}/… with status, provisional changepoints, health, and a diagnosis for each
+    window. Stops cleanly on SIGINT and SIGTERM.
+    """
+    from rwa_monitor.cli.signals import stop_on_signals
+    from rwa_monitor.formats.model_file import read_model
+    from rwa_monitor.formats.wheel_file import read_wheel
+    from rwa_monitor.live.service import RunOptions, run
+
+    wheel = read_wheel(wheel_file)
+    for note in wheel.missing():
+        say(f"{wheel.name}: {note}")
+    if record is None:
+        say("nothing is recorded; give --record DIR to be able to replay")
+    options = RunOptions(
+        wheels=wheels, wheel=wheel, model=read_model(model_file), method=method, record=record, bus=bus, shard=shard
+    )
+    with stop_on_signals() as stop:
+        run(options, stop, say=say)

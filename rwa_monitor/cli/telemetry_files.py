@@ -1,0 +1,111 @@
+"""Telemetry from files, as the monitor core takes it: a table is one batch of one wheel, a recording many of many."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+from rwa_monitor.cli.talk import say
+from rwa_monitor.errors import InputError
+from rwa_monitor.formats.files import display_name
+from rwa_monitor.formats.table import file_format, read_table
+from rwa_monitor.live.recording import Recording, read_recording
+from rwa_monitor.messages import SamplesMessage
+from rwa_monitor.samples import Samples
+
+SAMPLES_TOPIC_PARTS: Final = 4  # rwa/{spacecraft}/{wheel}/samples
+
+
+@dataclass(frozen=True, slots=True)
+class SampleBatch:
+    """Samples that came together; publisher and batch number where they came as a message."""
+
+    samples: Samples
+    publisher: str = ""
+    batch: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class WheelTelemetry:
+    """All telemetry of one wheel in one file.
+
+    Attributes
+    ----------
+    source
+        The file, for messages.
+    spacecraft, wheel
+        From the bus key; "" and None for a table, which does not say.
+    batches
+        In the order in which they came.
+    """
+
+    source: str
+    spacecraft: str
+    wheel: str | None
+    batches: Sequence[SampleBatch]
+
+
+@dataclass(frozen=True, slots=True)
+class TelemetryFile:
+    """A file of telemetry.
+
+    Attributes
+    ----------
+    wheels
+        One entry for each wheel in it.
+    recording
+        The recording, None for a table.
+    """
+
+    wheels: Sequence[WheelTelemetry]
+    recording: Recording | None = None
+
+
+def read_telemetry(path: Path) -> TelemetryFile:
+    """Read a CSV, Parquet or MCAP file whole; what is left out of it is said on stderr.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be used, or holds no samples.
+    """
+    source = display_name(path)
+    if file_format(path) == "mcap":
+        recording = read_recording(path)
+        return TelemetryFile(_recorded(recording, source), recording)
+    table = read_table(path)
+    if table.ignored_columns:
+        say(f"{source}: columns ignored: {', '.join(table.ignored_columns)}")
+    return TelemetryFile([WheelTelemetry(source, "", None, [SampleBatch(table.samples)])])
+
+
+def _recorded(recording: Recording, source: str) -> list[WheelTelemetry]:
+    """Return the samples of a recording, wheel by wheel; a message that is refused here was refused on the bus too."""
+    wheels: dict[str, list[SampleBatch]] = {}
+    refused: list[InputError] = []
+    for message in recording.messages:
+        if message.schema != SamplesMessage.schema_name():
+            continue
+        batches = wheels.setdefault(message.topic, [])
+        try:
+            parsed = SamplesMessage.parse(message.data, message.topic)
+        except InputError as error:
+            refused.append(error)
+            continue
+        batches.append(SampleBatch(parsed.samples(), parsed.publisher, parsed.batch))
+    if refused:
+        say(f"{source}: {len(refused)} messages refused, the first: {refused[0]}")
+    found = [_of_topic(source, topic, batches) for topic, batches in sorted(wheels.items()) if batches]
+    if not found:
+        raise InputError(source, f"holds no messages {SamplesMessage.schema_name()}")
+    return found
+
+
+def _of_topic(source: str, topic: str, batches: list[SampleBatch]) -> WheelTelemetry:
+    """Name the wheel as its topic does."""
+    parts = topic.split("/")
+    if len(parts) != SAMPLES_TOPIC_PARTS:
+        raise InputError(source, "is not rwa/{spacecraft}/{wheel}/samples", f"topic {topic}")
+    return WheelTelemetry(source, parts[1], parts[2], batches)
