@@ -1,0 +1,336 @@
+"""The compiled inner loops of `assignment_search`: states expanded candidate by candidate, merged, pruned by bounds.
+
+A state is a row of small integers: the node of the last accepted changepoint, then for each system its configuration
+and the node at which its sojourn began. Of each state the best few entries (score, parent, action) are kept. Plain
+functions over arrays; sums are taken in a fixed order, so that results are the same on every machine.
+"""
+
+from __future__ import annotations
+
+from typing import Final, NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from rwa_monitor.samples import BoolArray, FloatArray, IntArray
+
+REJECT: Final = 0  # the first two actions of every action table
+NO_SYSTEM: Final = 1
+# Steps of a system at a candidate: down or up (step % 2), after no, a downward or an upward jump without a candidate.
+STEPS: Final = 6
+_SKIPPED: Final = (0, -1, 1)
+
+Int16Array = NDArray[np.int16]
+Int32Array = NDArray[np.int32]
+
+
+class Tables(NamedTuple):
+    """All scores, as `assignment_search.Problem` and `Bounds` explain them.
+
+    priors: of a rejected candidate, of a jump that no system made, of two systems jumping at once.
+    """
+
+    fit: FloatArray
+    jump: FloatArray
+    stay: FloatArray
+    turn: FloatArray
+    missed: FloatArray
+    rest: FloatArray
+    rest_fit: FloatArray
+    own: FloatArray
+    configurations: IntArray
+    signs: BoolArray
+    actions: IntArray
+    priors: FloatArray
+
+
+class Entries(NamedTuple):
+    """Entries of the current stage: their states, scores, and nodes in the tree."""
+
+    rows: Int16Array
+    score: FloatArray
+    node: Int32Array
+
+
+class Offers(NamedTuple):
+    """Extensions of the current entries, and the bound of the complete paths through them."""
+
+    entry: Int32Array
+    action: Int32Array
+    score: FloatArray
+    bound: FloatArray
+
+
+class States(NamedTuple):
+    """Distinct states of the next stage with their best entries, best first; `table` finds a state by its hash."""
+
+    table: Int32Array
+    rows: Int16Array
+    kept: Int32Array
+    score: FloatArray
+    parent: Int32Array
+    action: Int32Array
+
+
+class Tree(NamedTuple):
+    """All entries ever kept, to trace paths back: the entry before, and the action (at the root: the start)."""
+
+    parent: Int32Array
+    action: Int32Array
+
+
+@njit(cache=True)
+def best_rest(fit: FloatArray, gain: FloatArray) -> FloatArray:
+    """Return the best sum of fits, and gains of accepted nodes, from node i to the end over candidates after k.
+
+    float64 (m + 1, m + 1) for fits of m + 2 nodes and gains of m + 1.
+    """
+    nodes = fit.shape[0] - 1
+    rest = np.full((nodes, nodes), -np.inf)
+    from_node = np.full(nodes, -np.inf)
+    for i in range(nodes - 1, -1, -1):
+        best = fit[i, nodes]
+        rest[i, nodes - 1] = best
+        for k in range(nodes - 2, i - 1, -1):
+            best = max(best, fit[i, k + 1] + gain[k + 1] + from_node[k + 1])
+            rest[i, k] = best
+        from_node[i] = best
+    return rest
+
+
+@njit(cache=True)
+def expand(
+    tables: Tables, cutoff: float, budget: int, kept: int
+) -> tuple[Int32Array, Int32Array, Int32Array, FloatArray, int, bool]:
+    """Expand all states candidate by candidate.
+
+    Parameters
+    ----------
+    tables
+        The scores.
+    cutoff
+        Extensions whose bound is below it are dropped.
+    budget
+        Extensions kept per candidate at most; past it the best by their bound.
+    kept
+        Entries kept per state.
+
+    Returns
+    -------
+    tuple
+        The tree (parent, action), the complete paths (their last node in the tree, their score), the number of entries
+        expanded, whether the budget cut the search.
+    """
+    candidates, systems = tables.signs.shape[0], tables.configurations.size
+    width = 1 + 2 * systems
+    starts = 1
+    for s in range(systems):
+        starts *= tables.configurations[s]
+    room = max(budget, starts)
+    slots = 16
+    while slots < 2 * room:
+        slots *= 2
+    most = room * tables.actions.shape[0]
+    tree = Tree(np.empty((candidates + 1) * room, dtype=np.int32), np.empty((candidates + 1) * room, dtype=np.int32))
+    entries = Entries(np.zeros((room, width), dtype=np.int16), np.zeros(room), np.zeros(room, dtype=np.int32))
+    offers = Offers(np.empty(most, dtype=np.int32), np.empty(most, dtype=np.int32), np.empty(most), np.empty(most))
+    states = States(
+        np.empty(slots, dtype=np.int32),
+        np.zeros((room, width), dtype=np.int16),
+        np.zeros(room, dtype=np.int32),
+        np.zeros((room, kept)),
+        np.zeros((room, kept), dtype=np.int32),
+        np.zeros((room, kept), dtype=np.int32),
+    )
+    count = _start(tables, cutoff, starts, entries, tree)
+    used, expanded, pruned = count, 0, False
+    for k in range(1, candidates + 1):
+        offered = _offer(tables, k, cutoff, entries, count, offers)
+        expanded += count
+        stage_cutoff = cutoff
+        if offered > room:
+            pruned = True
+            stage_cutoff = np.sort(offers.bound[:offered])[offered - room]
+        found = _merge(tables, k, stage_cutoff, entries, offers, offered, states)
+        count = 0
+        for state in range(found):
+            for rank in range(states.kept[state]):
+                entries.rows[count] = states.rows[state]
+                entries.score[count] = states.score[state, rank]
+                entries.node[count] = used
+                tree.parent[used] = states.parent[state, rank]
+                tree.action[used] = states.action[state, rank]
+                used += 1
+                count += 1
+    for at in range(count):
+        entries.score[at] += tables.fit[entries.rows[at, 0], candidates + 1]
+        for s in range(systems):
+            entries.score[at] += tables.stay[s, entries.rows[at, 1 + 2 * s], entries.rows[at, 2 + 2 * s]]
+    return tree.parent[:used], tree.action[:used], entries.node[:count], entries.score[:count], expanded, pruned
+
+
+@njit(cache=True)
+def _start(tables: Tables, cutoff: float, starts: int, entries: Entries, tree: Tree) -> int:
+    """Enter all configurations that the systems may be in at the window's begin; return their number."""
+    count = 0
+    for start in range(starts):
+        remainder = start
+        for s in range(tables.configurations.size - 1, -1, -1):
+            entries.rows[count, 1 + 2 * s] = remainder % tables.configurations[s]
+            remainder //= tables.configurations[s]
+        if _bound(tables, entries.rows, count, 0) >= cutoff:
+            tree.parent[count] = -1
+            tree.action[count] = start
+            entries.node[count] = count
+            count += 1
+    return count
+
+
+@njit(cache=True)
+def _offer(tables: Tables, k: int, cutoff: float, entries: Entries, count: int, offers: Offers) -> int:
+    """List what may happen to each entry at candidate k and is within reach of the best; return the number."""
+    systems = tables.configurations.size
+    fit, rest, rest_fit, signs, actions = tables.fit, tables.rest, tables.rest_fit, tables.signs, tables.actions
+    gain = np.empty((systems, STEPS))
+    change = np.empty((systems, STEPS))
+    offered = 0
+    for at in range(count):
+        by_own = _weigh_steps(tables, entries.rows, at, k, gain, change)
+        last = entries.rows[at, 0]
+        for a in range(actions.shape[0] if by_own > -np.inf else 0):
+            score, own = entries.score[at], by_own
+            node = k
+            if a == REJECT:
+                score += tables.priors[0]
+                node = last
+            elif a == NO_SYSTEM:
+                score += fit[last, k] + tables.priors[1]
+            else:
+                first, second = actions[a, 1], actions[a, 3]
+                if (second < 0 or first % 2 == second % 2) and not signs[k - 1, first % 2]:
+                    continue
+                score += fit[last, k] + gain[actions[a, 0], first]
+                own += change[actions[a, 0], first]
+                if second >= 0:
+                    score += gain[actions[a, 2], second] + tables.priors[2]
+                    own += change[actions[a, 2], second]
+            bound = score + min(rest[node, k], rest_fit[node, k] + own)
+            if bound >= cutoff and bound > -np.inf:
+                offers.entry[offered], offers.action[offered] = at, a
+                offers.score[offered], offers.bound[offered] = score, bound
+                offered += 1
+    return offered
+
+
+@njit(cache=True)
+def _weigh_steps(tables: Tables, rows: Int16Array, at: int, k: int, gain: FloatArray, change: FloatArray) -> float:
+    """Fill in the log-probability of each step of each system, and by how much it changes the bound of its own laws.
+
+    Returns the sum of these bounds without a step, -inf for a state that has no future.
+    """
+    jump, missed, turn, own = tables.jump, tables.missed, tables.turn, tables.own
+    total = 0.0
+    for s in range(tables.configurations.size):
+        q, since = rows[at, 1 + 2 * s], rows[at, 2 + 2 * s]
+        now = own[s, q, since, k]
+        total += now
+        for step in range(STEPS):
+            gain[s, step], change[s, step] = -np.inf, 0.0
+            direction, skipped = step % 2, step // 2
+            before = q + _SKIPPED[skipped]
+            after = before + 2 * direction - 1
+            if min(before, after) < 0 or max(before, after) >= tables.configurations[s]:
+                continue
+            law = jump[s, q, since, k] if skipped == 0 else missed[s, q, skipped - 1, since, k]
+            gain[s, step] = law + turn[s, before, direction]
+            change[s, step] = own[s, after, k, k] - now
+    return total
+
+
+@njit(cache=True)
+def _merge(
+    tables: Tables, k: int, cutoff: float, entries: Entries, offers: Offers, offered: int, states: States
+) -> int:
+    """Bring the offers above the cutoff together by state; return the number of states."""
+    room, mask = states.rows.shape[0], states.table.size - 1
+    out = np.zeros((1, entries.rows.shape[1]), dtype=np.int16)
+    states.table[:] = -1
+    found, taken = 0, 0
+    for offer in range(offered):
+        if offers.bound[offer] < cutoff or taken == room:
+            continue
+        taken += 1
+        at, a = offers.entry[offer], offers.action[offer]
+        _apply(tables, entries.rows, at, k, a, out)
+        place = _hash(out) & mask
+        while states.table[place] >= 0 and not _equal(states.rows, states.table[place], out):
+            place = (place + 1) & mask
+        if states.table[place] < 0:
+            states.table[place] = found
+            states.rows[found] = out[0]
+            states.kept[found] = 0
+            found += 1
+        _keep(states, states.table[place], offers.score[offer], entries.node[at], a)
+    return found
+
+
+@njit(cache=True)
+def _keep(states: States, state: int, score: float, parent: int, action: int) -> None:
+    """Put an entry among the best of its state, if it belongs there."""
+    kept, place = states.score.shape[1], states.kept[state]
+    if place == kept:
+        if score <= states.score[state, kept - 1]:
+            return
+        place -= 1
+    else:
+        states.kept[state] += 1
+    while place > 0 and states.score[state, place - 1] < score:
+        states.score[state, place] = states.score[state, place - 1]
+        states.parent[state, place] = states.parent[state, place - 1]
+        states.action[state, place] = states.action[state, place - 1]
+        place -= 1
+    states.score[state, place], states.parent[state, place], states.action[state, place] = score, parent, action
+
+
+@njit(cache=True)
+def _apply(tables: Tables, rows: Int16Array, at: int, k: int, a: int, out: Int16Array) -> None:
+    """Write the state that action `a` at candidate k makes of a state."""
+    for column in range(rows.shape[1]):
+        out[0, column] = rows[at, column]
+    if a == REJECT:
+        return
+    out[0, 0] = k
+    for place in (0, 2):
+        s, step = tables.actions[a, place], tables.actions[a, place + 1]
+        if s >= 0:
+            out[0, 1 + 2 * s] += _SKIPPED[step // 2] + 2 * (step % 2) - 1
+            out[0, 2 + 2 * s] = k
+
+
+@njit(cache=True)
+def _bound(tables: Tables, rows: Int16Array, at: int, k: int) -> float:
+    """Return an upper bound of what can follow a state when candidates up to k are decided."""
+    last = rows[at, 0]
+    by_own = tables.rest_fit[last, k]
+    for s in range(tables.configurations.size):
+        by_own += tables.own[s, rows[at, 1 + 2 * s], rows[at, 2 + 2 * s], k]
+    return float(min(tables.rest[last, k], by_own))
+
+
+@njit(cache=True)
+def _hash(row: Int16Array) -> int:
+    """Return a number ≥ 0 that scatters states over a table (FNV-1a over the columns)."""
+    key = np.uint64(1469598103934665603)
+    for column in range(row.shape[1]):
+        key = (key ^ np.uint64(row[0, column])) * np.uint64(1099511628211)
+    return np.int64((key ^ (key >> np.uint64(29))) >> np.uint64(1))  # type: ignore[return-value]
+
+
+@njit(cache=True)
+def _equal(rows: Int16Array, at: int, row: Int16Array) -> bool:
+    """Whether state `at` is `row`."""
+    for column in range(row.shape[1]):  # noqa: SIM110  (compiled: a generator would allocate)
+        if rows[at, column] != row[0, column]:
+            return False
+    return True
