@@ -17,12 +17,14 @@ from scipy import special
 
 from rwa_monitor.diagnosis.noise import Tails
 from rwa_monitor.diagnosis.results import Candidates
-from rwa_monitor.diagnosis.running_sums import RunningSums, prefix_moments
+from rwa_monitor.diagnosis.running_sums import STRIDE, RunningSums, prefix_moments
 from rwa_monitor.diagnosis.wglr import MAX_SCALE
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 
 LONGEST_HALF: Final = 1024  # slots on each side that a candidate is judged by: enough, and near enough for slow drifts
-TESTS_PER_SLOT: Final = 1.5  # independent tests over all scales, per slot: Σ 1/w, and somewhat more for the maxima
+# Tests that a window amounts to, per slot. The peaks of all scales are about 1.5 independent tests a slot, but a
+# candidate must also stand between its final neighbours: simulated windows without a jump show this many.
+TESTS_PER_SLOT: Final = 0.1
 MOST_CANDIDATES: Final = 1000  # a window with more holds something else than jumps; the strongest are kept
 
 
@@ -35,6 +37,12 @@ def variance_table(scales: IntArray, variances: FloatArray) -> FloatArray:
     """Return v for a shorter half of 0 … MAX_SCALE used samples: the scales' variances, interpolated in log n."""
     n = np.maximum(np.arange(MAX_SCALE + 1), 1)
     return np.exp(np.interp(np.log(n), np.log(scales), np.log(variances)))
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def _ends(low: int, middle: int, high: int) -> int:
+    """Return the samples that the prefix sums at three slots read beside the checkpoints."""
+    return low % STRIDE + middle % STRIDE + high % STRIDE
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
@@ -110,7 +118,7 @@ def refine(
         if used[at]:
             n1 += 1.0
             e1 += (z[at] - centre[1]) - slope * (x[at] - centre[0])
-    return best, max(last - first + 1, 0)
+    return best, max(last - first + 1, 0) + _ends(low, max(first, 0), high)
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
@@ -156,7 +164,7 @@ def select(  # noqa: PLR0913, PLR0917 - a kernel takes its state array by array
     Returns
     -------
     count, read
-        Candidates found and a bound on the samples read.
+        Candidates found and samples read.
     """
     count = 0
     read = 0
@@ -171,12 +179,12 @@ def select(  # noqa: PLR0913, PLR0917 - a kernel takes its state array by array
         after = index[place] if place < count else slots
         low, high = max(k - w, before), min(k + w, after)
         _, _, excess = judge(k, low, high, slope, checkpoints, x, z, used, centre, variances, threshold, outlier)
-        read += 48
+        read += _ends(low, k, high)
         if excess < 1.0:
             continue
         low, high = max(k - 2 * w, before), min(k + 2 * w, after)
         k, reads = refine(k, low, high, w, slope, checkpoints, x, z, used, centre)
-        read += 48 + reads
+        read += reads
         for q in range(count, place, -1):
             index[q] = index[q - 1]
             scale[q] = scale[q - 1]
@@ -197,11 +205,11 @@ def select(  # noqa: PLR0913, PLR0917 - a kernel takes its state array by array
                 index[i], reads = refine(
                     index[i], near_low, near_high, scale[i], slope, checkpoints, x, z, used, centre
                 )
-                read += 48 + reads
+                read += reads
             statistic, jump, excess = judge(
                 index[i], low, high, slope, checkpoints, x, z, used, centre, variances, threshold, outlier
             )
-            read += 48
+            read += _ends(low, index[i], high)
             values[i, 0] = statistic
             values[i, 1] = jump
             if excess < least:

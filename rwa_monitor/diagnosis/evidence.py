@@ -66,11 +66,12 @@ PAPER_SCALES: Final = (50,)
 PAPER_WEIGHT: Final = 1e-4  # W_b, in the paper's units
 SMALLEST_WEIGHT: Final = 1e-12  # W_b where nothing is known of the slope: only keeps 0/0 away
 
+PEAK_TESTS_PER_SLOT: Final = 1.5  # independent tests that the peaks of all scales are, a slot: Σ 1/w, hardly less
 CONFIRMED_RATE: Final = 1e-9  # false-alarm probability of a sample, as in the paper
 KEPT_STATISTIC: Final = 12.0  # peaks below are not kept: no threshold at the close is as low
 MOST_PEAKS: Final = 12_288  # peaks kept at most; a window with more is pruned to the strongest half
 PEAKS_PER_CHUNK: Final = 2_700  # CHUNK · Σ 2/(w + 1) over the scales: no data gives more
-FALSE_CANDIDATES: Final = 1.0  # wanted in a window without a jump; the assignment sorts them out
+FALSE_CANDIDATES: Final = 0.3  # bearable in a window without a jump; the assignment sorts them out
 CERTAIN_STATISTIC: Final = 30.0  # peaks that split the window while its slope is first estimated
 SMALLEST_SLOPE_SPREAD: Final = 0.05  # [of the slope] the slope known so far is never trusted further than that
 SPEED_NOISES: Final = 5.0  # dead band in standard deviations of the speed's noise: the sign of ω is certain beyond
@@ -311,8 +312,7 @@ class WindowAccumulator:
 
     def _mark_used(self, start: int, stop: int) -> None:
         """Decide which slots are used: good, outside the dead band, turning."""
-        x = self._x[start:stop]
-        self._used[start:stop] = self._good[start:stop] & (x >= self._band) & (x > 0.0)
+        _mark_used(self._x, self._good, self._band, start, stop, self._used)
 
     def _scan(self, start: int, stop: int, count_bins: bool) -> None:
         scan(
@@ -331,6 +331,7 @@ class WindowAccumulator:
             self._histogram,
             count_bins,
             self._floors,
+            self._sure,
             self.method == "paper",
             self._peak_slots,
             self._peak_values,
@@ -432,15 +433,13 @@ class WindowAccumulator:
         for p in self._confirmed[: self._counters[COUNT_CONFIRMED]]:
             s = int(self._peak_slots[p, PEAK_SCALE])
             statistic = float(self._peak_values[p, PEAK_STATISTIC])
-            if statistic <= self._sure[s]:
-                continue
             index, scale = int(self._peak_slots[p, PEAK_INDEX]), int(self._scales[s])
             if any(abs(index - other) <= scale for other, _ in self._announced[-STEP:]):
                 continue
             self._announced.append((index, scale))
             normalised = statistic / float(self._variances[s])
             jump = float(self._peak_values[p, PEAK_JUMP])
-            chance = TESTS_PER_SLOT * self.slots * float(special.chdtrc(1, normalised))
+            chance = PEAK_TESTS_PER_SLOT * self.slots * float(special.chdtrc(1, normalised))
             events.append(
                 ConfirmedCandidate(
                     index=index,
@@ -515,3 +514,10 @@ def _normalise(
             x[k] = abs(speed[k]) / speed_unit
             z[k] = np.sign(speed[k]) * torque[k] / torque_unit
     return count
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def _mark_used(x: FloatArray, good: BoolArray, band: float, start: int, stop: int, used: BoolArray) -> None:
+    """Mark the slots of [start, stop) that are good and turn faster than the dead band."""
+    for k in range(start, stop):
+        used[k] = good[k] and x[k] >= band and x[k] > 0.0

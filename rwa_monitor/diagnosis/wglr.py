@@ -218,16 +218,18 @@ def _keep_peaks(  # noqa: PLR0913, PLR0917 - a kernel takes its state array by a
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
-def confirm_peaks(
+def _confirm_peaks(
     stop: int,
     scales: IntArray,
     runs: bool,
+    sure: FloatArray,
     peak_slots: IntArray,
+    peak_values: FloatArray,
     open_peaks: IntArray,
     counters: IntArray,
     out: IntArray,
 ) -> None:
-    """List the peaks that no later slot can replace, each once, in `out`; `stop` is the end of what was scanned."""
+    """List the sure peaks that no later slot can replace, each once, in `out`; `stop` ends what was scanned."""
     settled = counters[COUNT_SETTLED]
     for p in range(settled, counters[COUNT_PEAKS]):
         if peak_slots[p, PEAK_CONFIRMED] == 0:
@@ -239,8 +241,9 @@ def confirm_peaks(
                 final = peak_slots[p, PEAK_INDEX] + scales[scale] <= evaluated
             if final:
                 peak_slots[p, PEAK_CONFIRMED] = 1
-                out[counters[COUNT_CONFIRMED]] = p
-                counters[COUNT_CONFIRMED] += 1
+                if peak_values[p, PEAK_STATISTIC] > sure[scale]:
+                    out[counters[COUNT_CONFIRMED]] = p
+                    counters[COUNT_CONFIRMED] += 1
     while settled < counters[COUNT_PEAKS] and peak_slots[settled, PEAK_CONFIRMED] == 1:
         settled += 1
     counters[COUNT_SETTLED] = settled
@@ -263,6 +266,7 @@ def scan(  # noqa: PLR0913, PLR0917 - a kernel takes its state array by array
     histogram: IntArray,
     count_bins: bool,
     floors: FloatArray,
+    sure: FloatArray,
     runs: bool,
     peak_slots: IntArray,
     peak_values: FloatArray,
@@ -291,15 +295,15 @@ def scan(  # noqa: PLR0913, PLR0917 - a kernel takes its state array by array
         State: int32 (S, BINS), the statistic at every (w/4)-th slot.
     count_bins
         Whether to add to the histogram (not when slots are scanned a second time).
-    floors
-        float64 (S,), the statistic from which a peak is kept; infinite to keep none.
+    floors, sure
+        float64 (S,), the statistics from which a peak is kept (infinite to keep none), and confirmed.
     runs
         Keep the maximum of each contiguous run (the paper) instead of the maxima within ±w.
     peak_slots, peak_values, open_peaks, counters
         State: the list of peaks, int64 (P, 3) and float64 (P, 2); for each scale the last peak of each sign and the
         last slot above the floor, int64 (S, 3); counters, int64 (3,).
     confirmed
-        Output: int64 (P,), rows of the peaks that became final; counters[COUNT_CONFIRMED] of them.
+        Output: int64 (P,), rows of the sure peaks that became final; counters[COUNT_CONFIRMED] of them.
     """
     chunk = start - start % CHUNK
     counters[COUNT_CONFIRMED] = 0
@@ -331,7 +335,7 @@ def scan(  # noqa: PLR0913, PLR0917 - a kernel takes its state array by array
                     open_peaks,
                     counters,
                 )
-        confirm_peaks(end, scales, runs, peak_slots, open_peaks, counters, confirmed)
+        _confirm_peaks(end, scales, runs, sure, peak_slots, peak_values, open_peaks, counters, confirmed)
 
 
 def wglr(
