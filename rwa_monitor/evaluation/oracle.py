@@ -1,0 +1,104 @@
+"""What the best method could know: features from the truth, to tell a method's errors from what the data cannot show.
+
+Oracle A knows the true components and configurations. Oracle B knows when each system jumped and into which
+configuration, and estimates the friction from the samples.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rwa_monitor.diagnosis.components import split
+from rwa_monitor.diagnosis.estimation import estimate
+from rwa_monitor.diagnosis.evidence import WindowAccumulator
+from rwa_monitor.diagnosis.features import Features, SystemFeatures, features_of
+from rwa_monitor.diagnosis.results import Assignment
+from rwa_monitor.diagnosis.state import CarriedState
+from rwa_monitor.physics.datasets import LabelledWindow
+from rwa_monitor.physics.telemetry import Truth
+from rwa_monitor.physics.torque_balance import derive_friction
+from rwa_monitor.samples import FloatArray, IntArray
+
+
+def true_sojourns(truth: Truth, s: int, name: str) -> tuple[IntArray, IntArray]:
+    """Return the first slot and the configuration of each sojourn of a system, int64 (sojourns,)."""
+    jumps = truth.changepoints
+    starts = np.concatenate([[0], jumps.index[jumps.system == s]]).astype(np.int64)
+    return starts, truth.configuration[name][starts].astype(np.int64)
+
+
+def features_of_truth(window: LabelledWindow) -> Features:
+    """Return the features of oracle A: true coefficients, with the standard deviation of an ideal estimate."""
+    truth, wheel = window.telemetry.truth, window.wheel
+    assert wheel.nominal is not None  # recipes have complete wheels
+    unit = wheel.torque_unit_Nm
+    noise = truth.noise_std_Nm / unit
+    systems = []
+    for s, system in enumerate(wheel.fss):
+        starts, configuration = true_sojourns(truth, s, system.name)
+        lengths = np.diff(np.append(starts, truth.used.size))
+        systems.append(
+            SystemFeatures(
+                system.name,
+                configuration,
+                truth.fss_friction_Nm[system.name][starts] / unit,
+                noise / np.sqrt(np.maximum(lengths, 1)),
+                rests=bool((configuration == 0).any()),
+            )
+        )
+    root = float(np.sqrt(max(int(truth.used.sum()), 1)))
+    return Features(
+        base_dry=float(np.mean(truth.base_dry_Nm)) / unit,
+        base_dry_std=noise / root,
+        viscous=float(np.mean(truth.viscous_Nm_s_rad)) / wheel.nominal.viscous_Nm_s_rad,
+        viscous_std=noise / root,
+        systems=tuple(systems),
+    )
+
+
+def features_with_true_jumps(window: LabelledWindow) -> Features:
+    """Return the features of oracle B: the stages' own estimates, given the true changepoints and systems."""
+    truth, wheel = window.telemetry.truth, window.wheel
+    speed, torque = on_slots(window)
+    accumulator = WindowAccumulator(wheel, "joint", speed.size)
+    accumulator.append(speed, torque, np.isfinite(speed) & np.isfinite(torque))
+    evidence = accumulator.close()
+    jumps = truth.changepoints
+    index, system = jumps.index, jumps.system
+    places = np.unique(index)
+    estimated = estimate(evidence, places, np.zeros(places.size, dtype=np.int64))
+    unit = wheel.torque_unit_Nm
+    sojourns = [true_sojourns(truth, s, each.name) for s, each in enumerate(wheel.fss)]
+    level_std = np.hypot(estimated.level_std[:-1], estimated.level_std[1:])
+    assignment = Assignment(
+        index=index,
+        system=system,
+        direction=np.sign(jumps.jump_Nm).astype(np.int64),
+        jump=jumps.jump_Nm / unit,
+        jump_std=level_std[np.searchsorted(places, index)],
+        confidence=np.ones(index.size),
+        configurations=tuple(configuration for _, configuration in sojourns),
+        starts=tuple(starts for starts, _ in sojourns),
+        log_score=0.0,
+        states=0,
+        pruned=False,
+    )
+    components = split(assignment, estimated, evidence, wheel, CarriedState.empty())
+    return features_of(components, assignment, wheel)
+
+
+def on_slots(window: LabelledWindow) -> tuple[FloatArray, FloatArray]:
+    """Return speed and friction torque on the slots of the window, NaN where there is no sample; float64 (slots,)."""
+    samples, wheel = window.telemetry.samples, window.wheel
+    slots = window.telemetry.truth.used.size
+    at = np.rint((samples.time_ns - samples.time_ns[0]) / wheel.period_ns).astype(np.int64)
+    speed, torque = np.full(slots, np.nan), np.full(slots, np.nan)
+    speed[at] = samples.speed_rad_s
+    if samples.friction_torque_Nm is not None:
+        torque[at] = samples.friction_torque_Nm
+        return speed, torque
+    assert samples.motor_current_A is not None  # recipes give friction or current
+    assert wheel.torque_constant_Nm_A is not None
+    motor = np.full(slots, np.nan)
+    motor[at] = samples.motor_current_A * wheel.torque_constant_Nm_A
+    return speed, derive_friction(speed, motor, wheel)
