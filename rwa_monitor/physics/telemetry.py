@@ -18,6 +18,7 @@ from rwa_monitor.physics.effects.base import Channels, Effect, MeanEffect
 from rwa_monitor.physics.effects.catalogue import build
 from rwa_monitor.physics.effects.noise_base import NoiseEffect
 from rwa_monitor.physics.effects.speed_dead_zone import SpeedDeadZone
+from rwa_monitor.physics.effects.switching_base import JumpClock, Jumps, SwitchingEffect
 from rwa_monitor.physics.scenario import Anomaly, Scenario
 from rwa_monitor.physics.sensors import bearing_temperature, measure
 from rwa_monitor.physics.speed import ORBIT_S, Motion, simulate_motion
@@ -166,10 +167,11 @@ def simulate(scenario: Scenario, wheel: Wheel, rng: np.random.Generator) -> Tele
     samples, faulty, missing = _apply_faults(scenario, wheel, samples, streams.faults)
     used = _used(scenario, wheel, samples, faulty)
     end_s = slots * wheel.sample_period_s
+    temperature = _temperature(parts)
     truth = Truth(
         speed_rad_s=motion.speed_rad_s,
         acceleration_rad_s2=motion.acceleration_rad_s2,
-        bearing_temperature_degC=parts.temperature,
+        bearing_temperature_degC=temperature,
         friction_torque_Nm=parts.friction,
         noise_Nm=noise.values,
         motor_torque_Nm=motor,
@@ -196,6 +198,7 @@ class _Streams:
     motion: np.random.Generator
     temperature: np.random.Generator
     systems: np.random.Generator
+    extra_systems: np.random.Generator
     effects: np.random.Generator
     noise: np.random.Generator
     sensors: np.random.Generator
@@ -207,7 +210,6 @@ class _Parts:
     """The friction and what it is made of; arrays (n,) as in Truth, `channels` as the effects see the wheel."""
 
     channels: Channels
-    temperature: FloatArray
     base_dry: FloatArray
     viscous: FloatArray
     systems: dict[str, Realisation]
@@ -239,13 +241,8 @@ def _factor(anomaly: Anomaly, time_s: FloatArray) -> FloatArray:
     return 1.0 + (anomaly.factor - 1.0) * np.clip((time_s - anomaly.onset_s) / anomaly.growth_s, 0.0, 1.0)
 
 
-def _by_slot(anomaly: Anomaly, period_s: float) -> FrictionFactor:
-    """Return an anomaly's factor as a function of the slot."""
-    return lambda slot: anomaly.factor_at(slot * period_s)
-
-
 def _friction_parts(scenario: Scenario, wheel: Wheel, motion: Motion, streams: _Streams) -> _Parts:
-    """Put the friction together: switching systems, base dry and viscous friction, effects."""
+    """Put the friction together: base dry and viscous friction, switching systems, effects."""
     assert wheel.nominal is not None
     slots = motion.speed_rad_s.size
     time = np.arange(slots, dtype=np.float64) * wheel.sample_period_s
@@ -253,34 +250,77 @@ def _friction_parts(scenario: Scenario, wheel: Wheel, motion: Motion, streams: _
     direction = np.sign(speed)
     dry = wheel.nominal.dry_torque_Nm * scenario.base.dry * _factor(_anomaly(scenario, "dry"), time)
     viscous = wheel.nominal.viscous_Nm_s_rad * scenario.base.viscous * _factor(_anomaly(scenario, "viscous"), time)
-
-    systems: dict[str, Realisation] = {}
-    for system, stream in zip(wheel.fss, streams.systems.spawn(len(wheel.fss)), strict=True):
-        anomaly = _anomaly(scenario, system.name)
-        systems[system.name] = simulate_system(system, slots, stream, _by_slot(anomaly, wheel.sample_period_s))
-    level = dry.copy()
-    for realisation in systems.values():
-        level += wheel.nominal.dry_torque_Nm * realisation.friction
-    friction = direction * level + viscous * speed
-    temperature = bearing_temperature(time, friction * speed, ORBIT_S, streams.temperature)
-
+    # Heat of the base friction only: a switching system that runs by temperature must not set the temperature.
+    power = np.abs(speed) * (dry + viscous * np.abs(speed))
     channels = Channels(
         time_s=time,
         speed_rad_s=speed,
         direction=direction,
         acceleration_rad_s2=motion.acceleration_rad_s2,
         angle_rad=_angle(speed, wheel.sample_period_s),
-        motor_torque_Nm=_motor_torque(wheel, friction, motion),
-        bearing_temperature_degC=temperature,
-        dry_level_Nm=level,
+        motor_torque_Nm=None,
+        bearing_temperature_degC=bearing_temperature(time, power, ORBIT_S, streams.temperature),
+        dry_level_Nm=None,
         sample_period_s=wheel.sample_period_s,
         good=np.ones(slots, dtype=np.bool_),
     )
-    effects = _effects(wheel, scenario)
-    effect_torque = _couple([effect for effect in effects if _adds_torque(effect, scenario)], channels)
-    for torque in effect_torque.values():
+    effects = tuple(build(block) for block in (*wheel.effect, *scenario.effect))
+    switching = [effect for effect in effects if isinstance(effect, SwitchingEffect)]
+    systems = _systems(scenario, wheel, channels, switching, streams)
+    level = dry.copy()
+    for realisation in systems.values():
+        level += wheel.nominal.dry_torque_Nm * realisation.friction
+    friction = direction * level + viscous * speed
+
+    effect_torque: dict[str, FloatArray] = {}
+    jumps = _jumps_of(systems, wheel.nominal.dry_torque_Nm)
+    for effect in switching:
+        effect_torque[effect.name] = effect.torque(channels, jumps)
+        friction = friction + effect_torque[effect.name]
+    channels = replace(channels, motor_torque_Nm=_motor_torque(wheel, friction, motion), dry_level_Nm=level)
+    coupled = _couple([effect for effect in effects if _adds_torque(effect, scenario)], channels)
+    for torque in coupled.values():
         friction = friction + torque
-    return _Parts(channels, temperature, dry, viscous, systems, effects, effect_torque, friction)
+    return _Parts(channels, dry, viscous, systems, effects, {**effect_torque, **coupled}, friction)
+
+
+def _systems(
+    scenario: Scenario, wheel: Wheel, channels: Channels, effects: list[SwitchingEffect], streams: _Streams
+) -> dict[str, Realisation]:
+    """Simulate the wheel's switching systems as the switching effects change them, and what effects add to them."""
+    clock = next((clock for effect in effects if (clock := effect.clock(channels)) is not None), None)
+    slots = len(channels) if clock is None else clock.slots
+    systems: dict[str, Realisation] = {}
+    for system, stream in zip(wheel.fss, streams.systems.spawn(len(wheel.fss)), strict=True):
+        for effect in effects:
+            system = effect.change_system(system)
+        factor = _factor_by_slot(_anomaly(scenario, system.name), clock, wheel.sample_period_s)
+        realisation = simulate_system(system, slots, stream, factor)
+        systems[system.name] = realisation if clock is None else clock.read(realisation)
+    for effect, stream in zip(effects, streams.extra_systems.spawn(len(effects)), strict=True):
+        level = effect.extra_level(channels, stream)
+        jump_index = (np.flatnonzero(np.diff(level)) + 1).astype(np.int64)
+        if level.any():
+            # A level that rests at zero: configuration 1 wherever it does not.
+            configuration = (level != 0.0).astype(np.int64)
+            systems[effect.name] = Realisation(configuration, level / wheel.torque_unit_Nm, jump_index)
+    return systems
+
+
+def _factor_by_slot(anomaly: Anomaly, clock: JumpClock | None, period_s: float) -> FrictionFactor:
+    """Return an anomaly's factor as a function of the slot on the switching systems' clock."""
+    if clock is None:
+        return lambda slot: anomaly.factor_at(slot * period_s)
+    return lambda slot: anomaly.factor_at(clock.slot_in_record(slot) * period_s)
+
+
+def _jumps_of(systems: dict[str, Realisation], torque_unit_Nm: float) -> Jumps:
+    """Return the jumps of the level, those on one slot as one."""
+    index = np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *(s.jump_index for s in systems.values())]))
+    size = np.zeros(index.size)
+    for system in systems.values():
+        size[np.searchsorted(index, system.jump_index)] += torque_unit_Nm * system.jump
+    return Jumps(index, size)
 
 
 def _adds_torque(effect: Effect, scenario: Scenario) -> TypeGuard[MeanEffect]:
@@ -294,9 +334,10 @@ def _adds_torque(effect: Effect, scenario: Scenario) -> TypeGuard[MeanEffect]:
     return isinstance(effect, MeanEffect)
 
 
-def _effects(wheel: Wheel, scenario: Scenario) -> tuple[Effect, ...]:
-    """Build the wheel's own effects, then the scenario's."""
-    return tuple(build(block) for block in (*wheel.effect, *scenario.effect))
+def _temperature(parts: _Parts) -> FloatArray:
+    temperature = parts.channels.bearing_temperature_degC
+    assert temperature is not None
+    return temperature
 
 
 def _angle(speed_rad_s: FloatArray, period_s: float) -> FloatArray:
@@ -405,6 +446,7 @@ def _measure(
     # A stream for each channel: leaving one out changes none of the others.
     speed_rng, current_rng, voltage_rng, temperature_rng = streams.sensors.spawn(4)
     slots = motion.speed_rad_s.size
+    temperature = _temperature(parts)
     speed = measure(motion.speed_rad_s, sensors.speed_noise_rad_s or 0.0, sensors.speed_quantum_rad_s or 0.0, speed_rng)
     for tachometer in _tachometers(parts.effects):
         speed = tachometer.read_speed(motion.speed_rad_s)  # its steps replace the usual noise
@@ -413,7 +455,7 @@ def _measure(
             speed = effect.read_speed(speed)
     channels: dict[str, Any] = {
         "speed_rad_s": speed,
-        "bearing_temperature_degC": measure(parts.temperature, sensors.temperature_noise_K, 0.0, temperature_rng),
+        "bearing_temperature_degC": measure(temperature, sensors.temperature_noise_K, 0.0, temperature_rng),
     }
     if scenario.friction_given:
         channels["friction_torque_Nm"] = torque

@@ -10,6 +10,7 @@ import pytest
 
 from rwa_monitor.errors import InputError
 from rwa_monitor.physics import torque_balance as tb
+from rwa_monitor.physics.durations import Uniform
 from rwa_monitor.physics.effects.catalogue import MEAN_EFFECTS, to_block
 from rwa_monitor.physics.scenario import Anomaly, Base, Scenario
 from rwa_monitor.physics.sensors import Fault, FrictionNoise, Sensors
@@ -159,12 +160,8 @@ def test_visibility_is_the_information_of_an_oracle():
 
 def test_two_jumps_on_one_slot_are_not_visible():
     """Both systems jump every slot: no jump is alone."""
-    systems = tuple(
-        fss.model_copy(
-            update={"durations": tuple(law.model_copy(update={"low": 1, "high": 1}) for law in fss.durations)}
-        )
-        for fss in WHEEL.fss
-    )
+    one = Uniform(low=1, high=1)
+    systems = tuple(fss.model_copy(update={"durations": (one,) * fss.configurations}) for fss in WHEEL.fss)
     jumps = run(duration_s=10.0, wheel=WHEEL.model_copy(update={"fss": systems})).truth.changepoints
     assert len(jumps) == 2 * 79
     assert not jumps.visible.any()
@@ -200,8 +197,9 @@ def test_only_the_channels_asked_for():
 def test_wheel_without_motor_constants():
     wheel = WHEEL.model_copy(update={"inertia_kg_m2": None})
     assert run(wheel=wheel).samples.motor_current_A is None
-    with pytest.raises(InputError, match="where friction is not given"):
-        run(wheel=wheel, friction_given=False)
+    for constant in ("inertia_kg_m2", "torque_constant_Nm_A"):
+        with pytest.raises(InputError, match=f"{constant}: is missing"):
+            run(wheel=WHEEL.model_copy(update={constant: None}), friction_given=False)
 
 
 @pytest.mark.parametrize("count", [0, 1, 3])
