@@ -11,6 +11,7 @@ from rwa_monitor.errors import InputError
 from rwa_monitor.physics import effects
 from rwa_monitor.physics.effects.base import Effect, MeanEffect
 from rwa_monitor.physics.effects.noise_base import NoiseEffect
+from rwa_monitor.physics.effects.switching_base import SwitchingEffect
 from rwa_monitor.physics.wheel import EffectBlock, Wheel
 
 
@@ -42,6 +43,9 @@ MEAN_EFFECTS: Final[dict[str, type[MeanEffect]]] = {
 }
 NOISE_EFFECTS: Final[dict[str, type[NoiseEffect]]] = {
     name: effect for name, effect in CATALOGUE.items() if issubclass(effect, NoiseEffect)
+}
+SWITCHING_EFFECTS: Final[dict[str, type[SwitchingEffect]]] = {
+    name: effect for name, effect in CATALOGUE.items() if issubclass(effect, SwitchingEffect)
 }
 
 

@@ -1,0 +1,260 @@
+"""Base of the switching effects: how they change simulated jumps, and how they are recognised in found ones.
+
+An effect may change the law of a switching system, the clock on which it runs, or the level itself; and it may add a
+torque that depends on the jumps, which is then a regression column too, once the jumps are known.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import ClassVar, Final
+
+import numpy as np
+
+from rwa_monitor.physics.durations import Geometric
+from rwa_monitor.physics.effects.base import Channels, Effect, Family
+from rwa_monitor.physics.effects.likelihood import LikelihoodFit, no_gain
+from rwa_monitor.physics.switching import Realisation
+from rwa_monitor.physics.wheel import SwitchingSystem
+from rwa_monitor.samples import BoolArray, FloatArray, IntArray
+
+STRAY_SHARE: Final = 0.02  # of the sojourns: one in fifty may be anything
+TINY: Final = float(np.finfo(np.float64).tiny)  # keeps a logarithm finite
+
+
+@dataclass(frozen=True, slots=True)
+class Jumps:
+    """Jumps of the dry level, true or found; arrays (m,), sorted by slot.
+
+    Attributes
+    ----------
+    index
+        int64, first slot of the new level.
+    size_Nm
+        float64, level after less level before [N m].
+    """
+
+    index: IntArray
+    size_Nm: FloatArray
+
+    def __len__(self) -> int:
+        """Count the jumps."""
+        return int(self.index.size)
+
+    def segment(self, slots: int) -> IntArray:
+        """Return how many jumps lie at or before each slot, int64 (slots,): the number of its segment."""
+        return np.searchsorted(self.index, np.arange(slots), side="right").astype(np.int64)
+
+    def total(self, slots: int) -> FloatArray:
+        """Return the level less the first level, float64 (slots,) [N m]."""
+        # A running sum over the jumps, looked up: the same value in each slot of a segment.
+        return np.concatenate([[0.0], np.cumsum(self.size_Nm)])[self.segment(slots)]
+
+
+@dataclass(frozen=True, slots=True)
+class Sojourns:
+    """Complete sojourns of one switching system, as an assignment found them; arrays (k,).
+
+    Attributes
+    ----------
+    start
+        int64, first slot.
+    configuration
+        int64, which configuration.
+    slots
+        int64, how long it lasted; those cut by the record's ends are left out.
+    """
+
+    start: IntArray
+    configuration: IntArray
+    slots: IntArray
+
+    def log_likelihood(self, system: SwitchingSystem, slots: IntArray) -> float:
+        """Return log P of other lengths of these sojourns, int64 (k,), under the known laws, softened.
+
+        A law with a hard edge forbids what lies beyond it, so that one wrongly found jump would condemn it: a small
+        share of the sojourns is granted to a memoryless law of the same mean.
+        """
+        total = 0.0
+        for q, law in enumerate(system.durations):
+            at = slots[self.configuration == q]
+            stray = Geometric(mean_slots=max(law.mean(), 1.0)).pmf(at)
+            total += float(np.sum(np.log((1.0 - STRAY_SHARE) * law.pmf(at) + STRAY_SHARE * stray + TINY)))
+        return total
+
+
+@dataclass(frozen=True, slots=True)
+class SwitchingEvidence:
+    """What a fit of a switching effect goes by.
+
+    Attributes
+    ----------
+    residual_Nm
+        float64 (n,), friction torque less base law, levels and mean effects [N m].
+    channels
+        The measured motion.
+    good
+        bool (n,), slots whose residual counts.
+    jumps
+        The jumps found.
+    unattributed
+        bool (m,), jumps that no known switching system explains; empty where jumps were not attributed.
+    systems
+        The known switching systems, by name.
+    sojourns
+        Their sojourns, by name; empty where jumps were not attributed.
+    variance_factor
+        Long-run variance of the noise over its variance; 1 for white noise.
+    false_jumps
+        How many false jumps the detection is expected to leave in a record of this length.
+    """
+
+    residual_Nm: FloatArray
+    channels: Channels
+    good: BoolArray
+    jumps: Jumps
+    unattributed: BoolArray = field(default_factory=lambda: np.zeros(0, dtype=np.bool_))
+    systems: Mapping[str, SwitchingSystem] = field(default_factory=dict)
+    sojourns: Mapping[str, Sojourns] = field(default_factory=dict)
+    variance_factor: float = 1.0
+    false_jumps: float = 0.5
+
+    @property
+    def used(self) -> BoolArray:
+        """Slots that enter a regression: good, known, and with a direction; bool (n,)."""
+        known = np.isfinite(self.residual_Nm) & np.isfinite(self.channels.speed_rad_s)
+        used: BoolArray = self.good & known & (self.channels.direction != 0)
+        return used
+
+    def without_base(self, values: FloatArray) -> FloatArray:
+        """Return what levels and slope leave of a torque along the motion, float64 (used slots,).
+
+        `values` (n,) is a torque; it is multiplied by the direction, less its mean in each segment, less its part that
+        follows |ω|.
+        """
+        used = self.used
+        segment = self.jumps.segment(values.size)[used]
+        count = np.maximum(np.bincount(segment), 1)
+
+        def centred(column: FloatArray) -> FloatArray:
+            return column - (np.bincount(segment, column) / count)[segment]
+
+        speed = centred(np.abs(self.channels.speed_rad_s[used]))
+        along = centred((values * self.channels.direction)[used])
+        energy = float(np.sum(speed**2))
+        return along - speed * (float(np.sum(speed * along)) / energy) if energy > 0 else along
+
+
+@dataclass(frozen=True, slots=True)
+class JumpClock:
+    """A clock on which switching systems run that is not the wheel's: a slot of the record is many or few of its own.
+
+    Attributes
+    ----------
+    slot_of
+        int64 (n,), never decreasing: the clock's slot in each slot of the record.
+    """
+
+    slot_of: IntArray
+
+    @classmethod
+    def from_rate(cls, rate: FloatArray) -> JumpClock:
+        """Return the clock that advances by `rate` in each slot, float64 (n,), positive."""
+        return cls(np.floor(np.cumsum(rate) - rate[0]).astype(np.int64))
+
+    @property
+    def slots(self) -> int:
+        """How many slots of its own the record lasts."""
+        return int(self.slot_of[-1]) + 1
+
+    def slot_in_record(self, slot: int) -> int:
+        """Return the first slot of the record at which the clock has reached a slot of its own."""
+        return int(np.searchsorted(self.slot_of, slot))
+
+    def read(self, realisation: Realisation) -> Realisation:
+        """Return what a system simulated over the clock's own slots does over the record's.
+
+        A sojourn that begins and ends within one slot of the record is not seen.
+        """
+        sojourn = np.searchsorted(realisation.jump_index, self.slot_of, side="right")
+        return Realisation(
+            configuration=realisation.configuration[self.slot_of],
+            friction=realisation.friction[self.slot_of],
+            jump_index=(np.flatnonzero(np.diff(sojourn)) + 1).astype(np.int64),
+        )
+
+
+class SwitchingEffect(Effect):
+    """An effect that changes the jumps of the dry level. Each overrides what it changes; the rest stays.
+
+    A simulator asks in this order: `change_system` for each switching system, `clock` for the clock on which all run,
+    `extra_level` for what is added to the level, and, once the jumps are known, `torque`.
+    """
+
+    family: ClassVar[Family] = "switching"
+
+    def change_system(self, system: SwitchingSystem) -> SwitchingSystem:
+        """Return the switching system that is simulated in place of the one in wheel.toml."""
+        return system
+
+    def clock(self, channels: Channels) -> JumpClock | None:
+        """Return the clock on which the switching systems run, None for the record's own."""
+        del channels
+        return None
+
+    def extra_level(self, channels: Channels, rng: np.random.Generator) -> FloatArray:
+        """Return what is added to the dry level, float64 (n,) [N m]."""
+        del rng
+        return np.zeros(len(channels))
+
+    @classmethod
+    def columns(cls, channels: Channels, jumps: Jumps, shape: Mapping[str, float]) -> FloatArray:
+        """Return the regression columns at unit strength, float64 (n, number of strengths), given the jumps."""
+        del jumps, shape
+        return np.zeros((len(channels), 0))
+
+    def torque(self, channels: Channels, jumps: Jumps) -> FloatArray:
+        """Return the torque that depends on the jumps [N m], float64 (n,)."""
+        shape = {parameter.name: self.values[parameter.name] for parameter in self.shape_parameters()}
+        columns = self.columns(channels, jumps, shape)
+        torque = np.zeros(len(channels))
+        for parameter, column in zip(self.strength_parameters(), columns.T, strict=True):
+            torque += self.values[parameter.name] * column
+        return torque
+
+    @classmethod
+    def fit(cls, evidence: SwitchingEvidence) -> LikelihoodFit:
+        """Fit the effect; a gain of zero where the evidence cannot show it."""
+        raise NotImplementedError
+
+    @classmethod
+    def nothing_found(cls, samples: int = 0) -> LikelihoodFit:
+        """Return the fit of evidence that cannot show the effect: typical values, no gain."""
+        return no_gain(cls, samples)
+
+
+def regression_gain(
+    evidence: SwitchingEvidence, column: FloatArray, low: float, high: float
+) -> tuple[float, float, float]:
+    """Return log-likelihood gain, strength and its standard deviation of one column beside levels and slope.
+
+    Parameters
+    ----------
+    evidence
+        Gives the residual; coloured noise lowers the gain by its variance factor.
+    column
+        float64 (n,), torque at unit strength.
+    low, high
+        Bounds of the strength.
+    """
+    target, regressor = evidence.without_base(evidence.residual_Nm), evidence.without_base(column)
+    energy, total = float(np.sum(regressor**2)), float(np.sum(target**2))
+    scale = float(np.sum(column[evidence.used] ** 2))
+    if energy <= 1e-12 * scale or total == 0.0:
+        return 0.0, 0.0, float("nan")
+    strength = float(np.clip(np.sum(regressor * target) / energy, low, high))
+    left = float(np.sum((target - strength * regressor) ** 2))
+    gain = 0.5 * target.size * float(np.log(total / max(left, np.finfo(np.float64).eps * total)))
+    std = float(np.sqrt(left / target.size / energy * evidence.variance_factor))
+    return max(gain / evidence.variance_factor, 0.0), strength, std
