@@ -365,7 +365,7 @@ def truth_document(window: LabelledWindow) -> dict[str, Any]:
             "index": int(index),
             "fss": names[system],
             "jump_Nm": float(jump),
-            "information": float(information),
+            "information": float(information) if np.isfinite(information) else None,  # None: without noise
             "visible": bool(visible),
         }
         for index, system, jump, information, visible in zip(

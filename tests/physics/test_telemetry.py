@@ -11,7 +11,8 @@ import pytest
 from rwa_monitor.errors import InputError
 from rwa_monitor.physics import torque_balance as tb
 from rwa_monitor.physics.durations import Uniform
-from rwa_monitor.physics.effects.catalogue import MEAN_EFFECTS, to_block
+from rwa_monitor.physics.effects.catalogue import CATALOGUE, MEAN_EFFECTS, to_block
+from rwa_monitor.physics.effects.noise_base import NoiseEffect
 from rwa_monitor.physics.scenario import Anomaly, Base, Scenario
 from rwa_monitor.physics.sensors import Fault, FrictionNoise, Sensors
 from rwa_monitor.physics.speed import SpeedProfile
@@ -269,3 +270,99 @@ def test_eighty_thousand_samples_are_quick():
     start = time.perf_counter()
     run(1, duration_s=10_000.0)
     assert time.perf_counter() - start < 5 * 0.2
+
+
+def test_extra_system_adds_jumps_of_its_own():
+    block = EffectBlock(
+        name="extra_switching_system", parameters={"strength_Nm": 4e-4, "rest_s": 200.0, "active_s": 100.0}
+    )
+    plain, truth = run(11).truth, run(11, effect=(block,)).truth
+    assert [*truth.configuration] == ["fss_1", "fss_2", "extra_switching_system"]
+    extra = truth.fss_friction_Nm["extra_switching_system"]
+    added = truth.friction_torque_Nm - plain.friction_torque_Nm
+    assert added == pytest.approx(np.sign(truth.speed_rad_s) * extra, abs=1e-15)
+    number = truth.changepoints.index[truth.changepoints.system == 2]
+    assert np.array_equal(number - 1, np.flatnonzero(np.diff(extra)))
+    assert len(number) >= 4
+
+
+def test_wrong_duration_law_changes_how_often_systems_jump():
+    block = EffectBlock(name="wrong_duration_law", parameters={"duration_factor": 0.1, "weibull_shape": 1.0})
+    counts = [len(run(12, duration_s=10_000.0, effect=effect).truth.changepoints) for effect in ((), (block,))]
+    assert counts[1] > 4 * counts[0]
+
+
+def test_jumps_follow_the_speed_where_it_triggers_them():
+    """Of many jumps, most lie above the median speed; without the effect about half of them do."""
+    wheel = WHEEL.model_copy(
+        update={
+            "fss": tuple(
+                fss.model_copy(update={"durations": (Uniform(low=20, high=200),) * fss.configurations})
+                for fss in WHEEL.fss
+            )
+        }
+    )
+    block = EffectBlock(name="speed_triggered_jumps", parameters={"strength_s_rad": 0.02})
+    shares = []
+    for effect in ((), (block,)):
+        truth = run(13, wheel, duration_s=10_000.0, effect=effect).truth
+        speed = np.abs(truth.speed_rad_s)
+        shares.append(np.mean(speed[truth.changepoints.index] > np.median(speed)))
+    assert shares[0] == pytest.approx(0.5, abs=0.1)
+    assert shares[1] > 0.75
+
+
+def test_jumps_relax_and_slopes_jump():
+    for name, parameters in (
+        ("decaying_jump", {"strength": 0.5, "time_constant_s": 60.0}),
+        ("viscous_jump", CATALOGUE["viscous_jump"].typical().values),
+    ):
+        plain = run(14, duration_s=10_000.0).truth
+        truth = run(14, duration_s=10_000.0, effect=(EffectBlock(name=name, parameters=parameters),)).truth
+        torque = truth.effect_torque_Nm[name]
+        assert np.max(np.abs(torque)) > 1e-4
+        assert truth.friction_torque_Nm == pytest.approx(plain.friction_torque_Nm + torque, abs=1e-15)
+        assert not torque[: plain.changepoints.index[0]].any()
+
+
+def test_noise_effects_shape_the_noise_and_the_truth_knows_its_size():
+    for name, effect in CATALOGUE.items():
+        if not issubclass(effect, NoiseEffect):
+            continue
+        for friction_given in (True, False):
+            record = run(15, effect=(to_block(effect.typical()),), friction_given=friction_given)
+            if friction_given:
+                noise = record.samples.friction_torque_Nm - record.truth.friction_torque_Nm
+            else:
+                motor = WHEEL.torque_constant_Nm_A * record.samples.motor_current_A
+                derived = tb.derive_friction(record.samples.speed_rad_s, motor, WHEEL)
+                noise = derived - record.truth.friction_torque_Nm
+            assert np.nanstd(noise) == pytest.approx(record.truth.noise_std_Nm, rel=0.1), name
+
+
+def test_coarse_tachometer_puts_the_speed_on_its_lattice():
+    block = EffectBlock(name="tachometer_quantisation", parameters={"step_rad_s": 0.05})
+    speed = run(16, effect=(block,)).samples.speed_rad_s
+    assert np.allclose(speed / 0.05, np.rint(speed / 0.05), atol=1e-6)
+
+
+def test_dead_zone_silences_the_tachometer_but_not_the_current():
+    block = EffectBlock(name="speed_dead_zone", parameters={"strength_Nm": 1e-3, "dead_zone_rad_s": 5.0})
+    settings = {"speed": SpeedProfile(kind="rich"), **PERFECT}
+    plain = run(17, friction_given=False, **settings)
+    derived = run(17, friction_given=False, effect=(block,), **settings)
+    inside = np.abs(derived.truth.speed_rad_s) < 5.0
+    assert inside.sum() > 100
+    assert np.all(derived.samples.speed_rad_s[inside] == 0.0)
+    assert np.array_equal(derived.samples.motor_current_A, plain.samples.motor_current_A)
+    given = run(17, effect=(block,), **settings)
+    assert np.all(given.truth.effect_torque_Nm["speed_dead_zone"][~inside] == 0.0)
+
+
+def test_effects_that_feed_back_too_strongly_are_refused():
+    blocks = (
+        EffectBlock(name="load_dependence", parameters={"strength": 1.0}),
+        EffectBlock(name="torque_constant_error", parameters={"strength": 0.5}),
+    )
+    with pytest.raises(InputError, match="no torque balances"):
+        run(effect=blocks, speed=SpeedProfile(kind="rich"))
