@@ -20,6 +20,8 @@ from rwa_monitor.slots import MIN_PERIOD_NS, period_ns
 
 MAX_WHEEL_FILE_BYTES: Final = 1_000_000  # a wheel file is a page of text; more is not one
 
+MAX_PERIOD_S: Final = 86_400.0  # s; one sample a day says nothing of a wheel's friction
+
 Positive = Annotated[float, Field(gt=0)]
 Fraction = Annotated[float, Field(ge=0, le=1)]
 
@@ -89,7 +91,7 @@ class FrictionRange(_Part):
 
 
 class SwitchingSystem(_Part):
-    """A friction switching system (FSS): a hidden semi-Markov chain over configurations q = 0, 1, …
+    """A friction switching system (FSS): a hidden semi-Markov chain over the configurations q = 0 … q_max.
 
     Transitions go to adjacent configurations only (paper, section III-B; errata 12).
     """
@@ -137,7 +139,7 @@ class Wheel(_Part):
     """One reaction wheel. Fields are those of wheel.toml; units stand in the names."""
 
     name: Annotated[str, Field(min_length=1, max_length=200)]
-    sample_period_s: Positive
+    sample_period_s: Annotated[float, Field(gt=0, le=MAX_PERIOD_S)]
     inertia_kg_m2: Positive | None = None
     torque_constant_Nm_A: Positive | None = None
     winding_resistance_ohm: Positive | None = None
