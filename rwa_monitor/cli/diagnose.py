@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Final, Literal
 
 import click
 
@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from rwa_monitor.diagnosis.state import CarriedState
     from rwa_monitor.messages import Diagnosis
     from rwa_monitor.physics.wheel import Wheel
+
+WIDTH_IN_FILES: Final = 120  # characters of a line where no terminal says how many it has
 
 
 @click.command(name="diagnose")
@@ -142,4 +144,7 @@ def _picture() -> Callable[[Diagnosis], None]:
 
     from rwa_monitor.cli.diagnosis_view import print_diagnosis
 
-    return partial(print_diagnosis, Console(highlight=False))
+    console = Console(highlight=False)
+    if not console.is_terminal:
+        console.width = WIDTH_IN_FILES
+    return partial(print_diagnosis, console)

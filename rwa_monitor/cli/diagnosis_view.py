@@ -9,6 +9,7 @@ from rich.console import Console, Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from rwa_monitor.diagnosis.explanation import quantity, span
 from rwa_monitor.messages import Diagnosis, Quantity
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND
 
@@ -38,18 +39,6 @@ def render(diagnosis: Diagnosis) -> RenderableType:
     return Group(head, verdict, _anomalies(diagnosis), _friction(diagnosis))
 
 
-def number(value: float | None, unit: str = "") -> str:
-    """Write a number with four digits and its unit; a dash where it is not known."""
-    return UNKNOWN if value is None else f"{value:.4g} {unit}".rstrip()
-
-
-def with_std(value: float | None, std: float | None, unit: str = "") -> str:
-    """Write a number with its standard deviation."""
-    if value is None or std is None:
-        return number(value, unit)
-    return f"{value:.4g} ± {std:.2g} {unit}".rstrip()
-
-
 def _anomalies(diagnosis: Diagnosis) -> Table:
     """Return the table of what can be anomalous and what is."""
     table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 2))
@@ -61,9 +50,9 @@ def _anomalies(diagnosis: Diagnosis) -> Table:
             name,
             Text("yes", VERDICT_STYLE["anomalous"]) if anomaly.active else "no",
             f"{anomaly.probability:.3f}",
-            with_std(anomaly.severity, anomaly.severity_std),
-            number(anomaly.estimate, anomaly.unit),
-            f"{number(anomaly.nominal_low)} to {number(anomaly.nominal_high, anomaly.unit)}" if known else UNKNOWN,
+            UNKNOWN if anomaly.severity is None else f"{anomaly.severity:.2f} ± {anomaly.severity_std or 0.0:.2f}",
+            quantity(anomaly.estimate, anomaly.unit),
+            span(anomaly.nominal_low, anomaly.nominal_high, anomaly.unit) if known else UNKNOWN,
         )
     return table
 
@@ -74,16 +63,18 @@ def _friction(diagnosis: Diagnosis) -> Text:
     jumps = Counter(changepoint.fss for changepoint in diagnosis.changepoints)
     by_system = ", ".join(f"{count} {name}" for name, count in sorted(jumps.items()))
     lines = [
-        f"  friction      base dry {_quantity(friction.base_dry)}, viscous {_quantity(friction.viscous)}",
+        f"  friction      base dry {_with_std(friction.base_dry)}, viscous {_with_std(friction.viscous)}",
         f"  changepoints  {sum(jumps.values())}{f': {by_system}' if jumps else ''}",
-        f"  fit           rmse {number(fit.rmse_Nm, 'N m')}, noise {number(fit.noise_std_Nm, 'N m')}; model "
+        f"  fit           rmse {quantity(fit.rmse_Nm, 'N m')}, noise {quantity(fit.noise_std_Nm, 'N m')}; model "
         + ("adequate" if diagnosis.model_adequate else f"inadequate{_suspicion(diagnosis)}"),
     ]
     return Text("\n".join(lines))
 
 
-def _quantity(quantity: Quantity) -> str:
-    return with_std(quantity.value, quantity.std, quantity.unit)
+def _with_std(measured: Quantity) -> str:
+    if measured.std is None:
+        return quantity(measured.value, measured.unit)
+    return f"{quantity(measured.value, measured.unit)} ± {quantity(measured.std, measured.unit)}"
 
 
 def _suspicion(diagnosis: Diagnosis) -> str:

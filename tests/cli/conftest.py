@@ -1,0 +1,41 @@
+"""A small wheel and what is simulated with it, made once for all tests of the command line."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner, Result
+
+from rwa_monitor.cli.main import main
+from rwa_monitor.formats.wheel_file import write_wheel
+from rwa_monitor.physics.datasets import scaled_wheel
+from rwa_monitor.physics.wheel import Window, built_in_wheel
+
+WINDOW = 4000  # slots: large enough for a verdict, small enough for many tests
+SECONDS = 1250.0  # of a recording: two and a half windows
+
+
+def run(*arguments: object) -> Result:
+    """Run the program in this process; an exception that it does not handle is the test's."""
+    result = CliRunner().invoke(main, [str(argument) for argument in arguments])
+    if result.exception and not isinstance(result.exception, SystemExit):
+        raise result.exception
+    return result
+
+
+@pytest.fixture(scope="session")
+def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with wheel.toml, scenario.toml, and the recording they give as given.csv and given.parquet."""
+    folder = tmp_path_factory.mktemp("files")
+    wheel = scaled_wheel(built_in_wheel(), WINDOW / built_in_wheel().window.samples)
+    window = Window(samples=WINDOW, hop=WINDOW, dead_band_rad_s=1.0)
+    write_wheel(wheel.model_copy(update={"name": "small", "window": window}), folder / "wheel.toml")
+    (folder / "scenario.toml").write_text(f"[scenario]\nduration_s = {SECONDS}\n[anomalies.dry]\nfactor = 1.45\n")
+    for name in ("given.csv", "given.parquet"):
+        made = run(
+            "simulate", "recording", "--scenario", folder / "scenario.toml", "--wheel", folder / "wheel.toml",
+            "--seed", 5, "-o", folder / name,
+        )  # fmt: skip
+        assert made.exit_code == 0, made.stderr
+    return folder

@@ -1,0 +1,95 @@
+"""`simulate` and `train`: the same seed gives the same bytes, the truth lies beside, and what was made can be used."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pyarrow.parquet as pq
+import pytest
+
+from rwa_monitor.formats.labels import read_labels
+from rwa_monitor.formats.model_file import read_model
+from rwa_monitor.formats.table import read_table
+from rwa_monitor.formats.wheel_file import read_wheel
+from tests.cli.conftest import SECONDS, run
+
+
+def simulate(files: Path, output: Path, seed: int) -> None:
+    made = run(
+        "simulate", "recording", "--scenario", files / "scenario.toml", "--wheel", files / "wheel.toml",
+        "--seed", seed, "-o", output,
+    )  # fmt: skip
+    assert (made.exit_code, made.stdout) == (0, "")
+
+
+def test_the_same_seed_gives_the_same_bytes_and_another_one_does_not(files: Path, tmp_path: Path) -> None:
+    simulate(files, tmp_path / "again.csv", seed=5)
+    simulate(files, tmp_path / "other.csv", seed=6)
+    given = (files / "given.csv").read_bytes()
+    assert (tmp_path / "again.csv").read_bytes() == given
+    assert (tmp_path / "other.csv").read_bytes() != given
+
+
+def test_truth_and_wheel_lie_beside_the_recording(files: Path) -> None:
+    slots = round(SECONDS * 8)
+    truth = json.loads((files / "given.csv.truth.json").read_text())
+    assert truth["slots"] == slots
+    assert truth["seed"] == 5
+    assert truth["labels"]["dry"] is True
+    every_slot = pq.read_table(files / "given.csv.truth.pq")
+    assert every_slot.num_rows == slots
+    assert {"speed_rad_s", "base_dry_Nm", "fss_1.configuration", "fss_2.fss_friction_Nm"} <= set(
+        every_slot.column_names
+    )
+    assert read_wheel(files / "given.csv.wheel.toml") == read_wheel(files / "wheel.toml")
+
+
+def test_the_built_in_wheel_is_not_written_beside(tmp_path: Path) -> None:
+    (tmp_path / "scenario.toml").write_text("[scenario]\nduration_s = 10.0\n")
+    output = tmp_path / "table.csv"
+    assert run("simulate", "recording", "--scenario", tmp_path / "scenario.toml", "-o", output).exit_code == 0
+    assert not (tmp_path / "table.csv.wheel.toml").exists()
+    assert len(read_table(output).samples) == 80
+
+
+@pytest.mark.slow
+def test_a_data_set_can_be_trained_on_and_the_model_used(tmp_path: Path) -> None:
+    """A few windows of the real recipe: enough to go all the way, too few for a good model."""
+    made = run("simulate", "dataset", "--recipe", "paper", "--count", 10, "--seed", 2, "-o", tmp_path / "set")
+    assert made.exit_code == 0
+    labelled = read_labels(tmp_path / "set" / "labels.csv")
+    assert len(labelled) == 10
+    assert [file.path.suffix for file in labelled] == [".parquet"] * 10
+    wheel = f"{labelled[0].path}.wheel.toml"
+    trained = run("train", tmp_path / "set" / "labels.csv", "--wheel", wheel, "-o", tmp_path / "model.json")
+    assert trained.exit_code == 0, trained.stderr
+    model = read_model(tmp_path / "model.json")
+    assert (model.trained.windows, model.trained.source) == (10, "labels.csv")
+    used = run("diagnose", labelled[0].path, "--wheel", wheel, "--model", tmp_path / "model.json", "--json")
+    assert used.exit_code == 0
+    assert json.loads(used.stdout)["provenance"]["model_sha256"] == model.sha256()
+
+
+def test_training_again_gives_the_same_model(files: Path, tmp_path: Path) -> None:
+    healthy = tmp_path / "healthy.toml"
+    healthy.write_text(f"[scenario]\nduration_s = {SECONDS}\n")
+    rows = ["file,dry,viscous,fss_1,fss_2"]
+    for seed in range(4):
+        name = f"{seed}.parquet"
+        scenario = files / "scenario.toml" if seed % 2 else healthy
+        made = run(
+            "simulate", "recording", "--scenario", scenario, "--wheel", files / "wheel.toml", "--seed", seed,
+            "-o", tmp_path / name,
+        )  # fmt: skip
+        assert made.exit_code == 0
+        rows.append(f"{name},{seed % 2},0,0,0")
+    labels, model = tmp_path / "labels.csv", tmp_path / "model.json"
+    labels.write_text("\n".join(rows))
+    contents = []
+    for _ in range(2):
+        trained = run("train", labels, "--wheel", files / "wheel.toml", "-o", model)
+        assert trained.exit_code == 0, trained.stderr
+        contents.append(model.read_bytes())
+    assert contents[0] == contents[1]
+    assert read_model(model).trained.windows == 8  # two full windows of each file; the half one is left out
