@@ -121,29 +121,6 @@ def only_window(samples: Samples, wheel: Wheel, method: Method, source: str) -> 
     return windows[0].diagnosis
 
 
-def labelled_windows(
-    samples: Samples, wheel: Wheel, labels: Mapping[str, bool], *, partial_too: bool = False
-) -> list[LabelledFeatures]:
-    """Return the features of every window of a record by both methods, for training.
-
-    Parameters
-    ----------
-    samples, wheel, labels
-        The record, its wheel, and its label for each anomaly, which holds for all its windows.
-    partial_too
-        Whether a last window that is not full counts.
-    """
-    joint, paper = (
-        [
-            event.diagnosis.features
-            for event in diagnose_samples(samples, wheel, None, method=method)
-            if partial_too or not event.partial
-        ]
-        for method in ("joint", "paper")
-    )
-    return [LabelledFeatures(one, other, labels) for one, other in zip(joint, paper, strict=True)]
-
-
 def score_jumps(found: tuple[Changepoint, ...], truth: Changepoints, wheel: Wheel) -> JumpScore:
     """Compare reported changepoints with the true jumps; each counts once, the nearest first."""
     names = [system.name for system in wheel.fss]
