@@ -16,7 +16,7 @@ class TorqueBias(MeanEffect):
 
     name = "torque_bias"
     title = "Torque bias"
-    formula = r"\tau = \tau_0 = -K_T I_0"
+    formula = r"\tau = \tau_0 = K_T I_0, \qquad I_0 = I_{\mathrm{measured}} - I"
     description = "An offset I₀ of the current measurement reads as a constant torque, at every speed and at rest."
     signature = "A constant that does not flip with the direction, and does not jump."
     confused_with = ("coulomb_asymmetry", "viscous_asymmetry")
