@@ -24,7 +24,7 @@ from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 LONGEST_HALF: Final = 1024  # slots on each side that a candidate is judged by: enough, and near enough for slow drifts
 # Tests that a window amounts to, per slot. The peaks of all scales are about 1.5 independent tests a slot, but a
 # candidate must also stand between its final neighbours: simulated windows without a jump show this many.
-TESTS_PER_SLOT: Final = 0.1
+TESTS_PER_SLOT: Final = 0.25
 MOST_CANDIDATES: Final = 1000  # a window with more holds something else than jumps; the strongest are kept
 
 

@@ -74,6 +74,7 @@ PEAKS_PER_CHUNK: Final = 2_700  # CHUNK · Σ 2/(w + 1) over the scales: no data
 FALSE_CANDIDATES: Final = 0.3  # bearable in a window without a jump; the assignment sorts them out
 CERTAIN_STATISTIC: Final = 30.0  # peaks that split the window while its slope is first estimated
 SMALLEST_SLOPE_SPREAD: Final = 0.05  # [of the slope] the slope known so far is never trusted further than that
+LARGEST_VALUE: Final = 1e4  # normalised speed or friction beyond is a broken word of telemetry, not a wheel's
 SPEED_NOISES: Final = 5.0  # dead band in standard deviations of the speed's noise: the sign of ω is certain beyond
 
 
@@ -177,7 +178,7 @@ class WindowAccumulator:
         self._counters: IntArray = np.zeros(3, dtype=np.int64)
         self._open_peaks: IntArray = np.full((self._scales.size, 3), -1, dtype=np.int64)
         self._room_for_peaks(PEAKS_PER_CHUNK)
-        self._announced: list[tuple[int, int]] = []
+        self._announced: list[int] = []
 
         # Short windows let the blocks of the noise estimate overlap.
         self._hop = BLOCK if self.slots <= 128 * BLOCK else 4 * BLOCK
@@ -196,7 +197,7 @@ class WindowAccumulator:
         speed_rad_s, torque_Nm
             float64 (n,), speed and resisting friction torque of consecutive slots; anything where not good.
         good
-            bool (n,), slots that hold a good sample; a value that is not finite is not good.
+            bool (n,), slots that hold a good sample; a value that is not finite, or absurd, is not good.
 
         Raises
         ------
@@ -434,9 +435,9 @@ class WindowAccumulator:
             s = int(self._peak_slots[p, PEAK_SCALE])
             statistic = float(self._peak_values[p, PEAK_STATISTIC])
             index, scale = int(self._peak_slots[p, PEAK_INDEX]), int(self._scales[s])
-            if any(abs(index - other) <= scale for other, _ in self._announced[-STEP:]):
+            if self.method == "joint" and any(abs(index - other) <= scale for other in self._announced[-STEP:]):
                 continue
-            self._announced.append((index, scale))
+            self._announced.append(index)
             normalised = statistic / float(self._variances[s])
             jump = float(self._peak_values[p, PEAK_JUMP])
             chance = PEAK_TESTS_PER_SLOT * self.slots * float(special.chdtrc(1, normalised))
@@ -508,7 +509,10 @@ def _normalise(
     """Write x = |ω|/unit, z = sign(ω)·torque/unit and whether the slot is good; return the number of good slots."""
     count = 0
     for k in range(speed.size):
-        is_good[k] = good[k] and np.isfinite(speed[k]) and np.isfinite(torque[k])
+        # Written so that NaN fails.
+        is_good[k] = (
+            good[k] and abs(speed[k]) <= LARGEST_VALUE * speed_unit and abs(torque[k]) <= LARGEST_VALUE * torque_unit
+        )
         if is_good[k]:
             count += 1
             x[k] = abs(speed[k]) / speed_unit

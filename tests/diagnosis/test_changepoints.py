@@ -1,0 +1,211 @@
+"""Stage 1: the wGLR against its definition, and the choice of candidates among its peaks."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import ruptures
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy import stats
+
+from rwa_monitor.diagnosis.changepoints import (
+    select_candidates,
+    suppress,
+    threshold_for,
+    variance_table,
+)
+from rwa_monitor.diagnosis.noise import Tails
+from rwa_monitor.diagnosis.results import Candidates
+from rwa_monitor.diagnosis.running_sums import RunningSums
+from rwa_monitor.diagnosis.wglr import CHUNK, HISTORY, MAX_SCALE, NOT_EVALUATED, PREFIXES, evaluate, fill_prefix, wglr
+
+SIGMA = 0.024  # the paper's noise, normalised
+NO_TAILS = Tails(np.inf, 0.0)
+
+
+def _glr_by_least_squares(x, z, used, k, w, weight, slope):
+    """Return SSR₀ - SSR₁ and the jump as the paper defines them: two penalised fits, solved as they stand."""
+    keep = used[k - w : k + w]
+    u, v = x[k - w : k + w][keep], z[k - w : k + w][keep]
+    after = (np.arange(k - w, k + w) >= k)[keep]
+    prior = np.sqrt(weight)
+    target = np.append(v, prior * slope)
+
+    def squared_error(levels):
+        matrix = np.vstack((np.column_stack((*levels, u)), [0.0] * len(levels) + [prior]))
+        solution = np.linalg.lstsq(matrix, target, rcond=None)[0]
+        return float(np.sum((target - matrix @ solution) ** 2)), solution
+
+    without, _ = squared_error([np.ones(u.size)])
+    with_jump, solution = squared_error([~after, after])
+    return without - with_jump, solution[1] - solution[0]
+
+
+def _record(seed, n=3000, share=1.0):
+    rng = np.random.default_rng(seed)
+    x = 1.0 + 0.4 * np.sin(np.arange(n) / rng.uniform(50, 500))
+    z = 1.0 + 1.2 * x + SIGMA * rng.standard_normal(n)
+    z[n // 2 :] += 0.4
+    return x, z, rng.random(n) < share
+
+
+@pytest.mark.parametrize("w", [1, 2, 4, 16, 50, 128])
+@pytest.mark.parametrize("share", [1.0, 0.8])
+@pytest.mark.parametrize("weight", [1e-4, 1e-2, 10.0])
+def test_statistic_is_the_papers_ratio(w, share, weight):
+    x, z, used = _record(w, share=share)
+    statistic, jump = wglr(x, z, used, w, weight, 0.9)
+    rng = np.random.default_rng(w)
+    at = np.append(rng.integers(w, x.size - w, 40), [w, x.size - w, x.size // 2, CHUNK, CHUNK + w])
+    checked = 0
+    for k in at:
+        if np.isnan(statistic[k]):
+            assert min(used[k - w : k].sum(), used[k : k + w].sum()) < max(1, w / 2)
+            continue
+        expected, difference = _glr_by_least_squares(x, z, used, k, w, weight, 0.9)
+        assert statistic[k] == pytest.approx(expected, rel=1e-8, abs=1e-12)
+        assert jump[k] == pytest.approx(difference, rel=1e-8, abs=1e-10)
+        checked += 1
+    assert checked >= 15
+
+
+def test_nothing_is_evaluated_where_a_half_leaves_the_record():
+    x, z, used = _record(0)
+    statistic, _ = wglr(x, z, used, 16, 1e-4, 1.0)
+    assert np.isnan(statistic[:16]).all()
+    assert np.isnan(statistic[-15:]).all()
+    assert np.isfinite(statistic[16:-15]).all()
+
+
+@given(
+    shift=st.floats(-1e3, 1e3),
+    scale=st.floats(1e-3, 1e3),
+    sign=st.sampled_from([-1.0, 1.0]),
+)
+@settings(max_examples=25, deadline=None)
+def test_shift_scale_and_sign_change_the_statistic_as_they_should(shift, scale, sign):
+    x, z, used = _record(3)
+    statistic, jump = wglr(x, z, used, 32, 1e-2, 1.0)
+    factor = sign * scale
+    moved, moved_jump = wglr(x, factor * z + shift, used, 32, 1e-2, factor)
+    # Rounding of z itself: about 1e-16 of the offset, against differences of σ.
+    tolerance = 1e-9 + 1e-11 * abs(shift) / scale
+    np.testing.assert_allclose(moved_jump, factor * jump, rtol=0, atol=tolerance * scale)
+    np.testing.assert_allclose(moved / scale**2, statistic, rtol=1e-6, atol=tolerance)
+
+
+def test_kernel_without_the_compiler_gives_the_same_bits():
+    x, z, used = _record(4, n=400, share=0.9)
+    outputs = []
+    for fill, run in ((fill_prefix, evaluate), (fill_prefix.py_func, evaluate.py_func)):
+        prefix = np.zeros((PREFIXES, HISTORY + CHUNK + 1))
+        statistic, jump = np.empty(CHUNK), np.empty(CHUNK)
+        fill(prefix, x, z, used, 0, 0, 400, 1.0)
+        run(prefix, HISTORY + 32, 369, 16, 1e-3, statistic, jump)
+        outputs.append((statistic[:369].tobytes(), jump[:369].tobytes()))
+    assert outputs[0] == outputs[1]
+
+
+def test_masked_and_full_branches_agree_to_the_last_bit():
+    """One masked sample far away must not change what is computed elsewhere."""
+    x, z, used = _record(5)
+    full, _ = wglr(x, z, used, 64, 1e-3, 1.0)
+    used[-1] = False
+    masked, _ = wglr(x, z, used, 64, 1e-3, 1.0)
+    assert full[64:-200].tobytes() == masked[64:-200].tobytes()
+    assert (full[64:-64] != NOT_EVALUATED).all()
+
+
+def test_ruptures_window_sees_the_same_discrepancy():
+    """With the slope known, the wGLR is the gain of ruptures' Window with an L2 cost."""
+    rng = np.random.default_rng(6)
+    z = SIGMA * rng.standard_normal(600)
+    z[300:] += 0.2
+    w = 20
+    statistic, _ = wglr(np.ones(600), z, np.ones(600, dtype=np.bool_), w, 1.0, 0.0)
+    peer = ruptures.Window(width=2 * w, model="l2", jump=1).fit(z.reshape(-1, 1))
+    at = np.asarray(peer.inds)
+    np.testing.assert_allclose(statistic[at], peer.score, rtol=1e-9, atol=1e-12)
+
+
+def test_threshold_is_a_quantile_of_chi_square():
+    assert threshold_for(1.0, 1e9) == pytest.approx(stats.chi2(1).isf(1e-9))
+
+
+def test_variances_are_interpolated_between_scales_and_held_beyond():
+    table = variance_table(np.array([2, 8]), np.array([1.0, 4.0]))
+    assert table.size == MAX_SCALE + 1
+    assert table[[1, 2, 4, 8, 128]] == pytest.approx([1.0, 1.0, 2.0, 4.0, 4.0])
+
+
+def _peaks(index, scale, statistic):
+    return Candidates(np.array(index), np.array(scale), np.array(statistic, dtype=float), np.ones(len(index)))
+
+
+def test_suppression_takes_narrow_scales_first():
+    peaks = _peaks([100, 103, 60, 300], [2, 4, 64, 64], [50, 80, 900, 40])
+    assert suppress(peaks).tolist() == [100, 300]
+
+
+def _window(z, used=None):
+    x = np.ones(z.size)
+    used = np.ones(z.size, dtype=np.bool_) if used is None else used
+    sums = RunningSums(x, z, used)
+    sums.extend(z.size)
+    return sums
+
+
+def _all_peaks(sums, scales, least):
+    """Return every slot above `least` at every scale: many more than a detector would keep."""
+    parts = []
+    for w in scales:
+        statistic, _ = wglr(sums.x, sums.z, sums.used, w, 1e6, 0.0)
+        at = np.flatnonzero(np.nan_to_num(statistic) / SIGMA**2 > least)
+        parts.append((at, np.full(at.size, w), statistic[at] / SIGMA**2))
+    index, scale, statistic = (np.concatenate(part) for part in zip(*parts, strict=True))
+    return Candidates(index, scale, statistic, np.zeros(index.size))
+
+
+def _choose(sums, threshold=20.0, tails=NO_TAILS):
+    scales = np.array([1, 2, 4, 8, 16, 32, 64, 128])
+    peaks = _all_peaks(sums, scales, threshold)
+    table = variance_table(scales, np.full(scales.size, SIGMA**2))
+    return select_candidates(peaks, sums, 0.0, table, threshold, tails)
+
+
+@pytest.mark.parametrize("sojourn", [1, 2, 3, 10, 200])
+def test_two_jumps_near_each_other_are_two_candidates_and_nothing_else(sojourn):
+    """Slots on the flanks and side lobes of big jumps are all offered; only the jumps themselves may stay."""
+    z = SIGMA * np.random.default_rng(sojourn).standard_normal(2000)
+    z[1000 : 1000 + sojourn] += 20 * SIGMA
+    chosen = _choose(_window(z))
+    assert chosen.index.tolist() == [1000, 1000 + sojourn]
+    assert np.sign(chosen.jump).tolist() == [1.0, -1.0]
+
+
+def test_a_candidate_is_the_first_used_slot_of_the_new_level():
+    z = SIGMA * np.random.default_rng(8).standard_normal(2000)
+    z[1000:] += 20 * SIGMA
+    used = np.ones(2000, dtype=np.bool_)
+    used[995:1010] = False
+    assert _choose(_window(z, used)).index.tolist() == [1010]
+
+
+def test_statistic_of_a_lone_jump_is_that_of_its_long_halves():
+    rng = np.random.default_rng(9)
+    z = SIGMA * rng.standard_normal(1000)
+    z[500:] += 10 * SIGMA
+    chosen = _choose(_window(z))
+    jump = z[500:].mean() - z[:500].mean()
+    assert chosen.index.tolist() == [500]
+    assert chosen.jump[0] == pytest.approx(jump)
+    assert chosen.statistic[0] == pytest.approx(jump**2 * 250 / SIGMA**2)
+
+
+def test_an_outlier_within_the_tails_is_no_pair_of_jumps_but_a_lasting_jump_stays():
+    z = SIGMA * np.random.default_rng(10).standard_normal(2000)
+    z[500] += 15 * SIGMA
+    z[1200:] += 6 * SIGMA
+    assert _choose(_window(z)).index.tolist() == [500, 501, 1200]
+    assert _choose(_window(z), tails=Tails(3.0, 40 * SIGMA)).index.tolist() == [1200]
