@@ -26,6 +26,7 @@ __all__ = ["NO_SYSTEM", "REJECT", "Bounds", "Path", "Problem", "SearchResult", "
 
 QUICK_BUDGET: Final = 32  # width of the first pass, which only finds a good complete path
 KEPT_PER_STATE: Final = 3
+ROUNDING: Final = 1e-6  # bounds and scores add up the same terms in different orders [log-likelihood]
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,7 +148,7 @@ def search(problem: Problem, *, paths: int, margin: float, budget: int) -> Searc
     """
     above = bounds(problem)
     quick = _run(problem, above, -np.inf, min(QUICK_BUDGET, budget), 1)
-    full = _run(problem, above, quick.paths[0].score - margin, budget, paths)
+    full = _run(problem, above, quick.paths[0].score - margin - ROUNDING, budget, paths)
     best = full.paths[0].score
     close = tuple(path for path in full.paths if path.score >= best - margin)
     return SearchResult(close, quick.states + full.states, full.pruned)

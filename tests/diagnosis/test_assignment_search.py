@@ -1,0 +1,167 @@
+"""The search against all assignments there are, one by one; its budget; its bounds."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+
+from rwa_monitor.diagnosis.assignment_search import NO_SYSTEM, REJECT, Problem, bounds, search, step_of
+from rwa_monitor.diagnosis.laws import law_tables
+from rwa_monitor.physics.durations import Geometric, Lognormal, Uniform
+from rwa_monitor.physics.wheel import SwitchingSystem
+
+SHORT = SwitchingSystem(name="short", durations=(Uniform(low=200, high=500), Uniform(low=1, high=40)))
+LONG = SwitchingSystem(name="long", durations=(Uniform(low=300, high=900),) * 3, up=(1.0, 0.4, 0.0))
+FREE = SwitchingSystem(name="free", durations=(Geometric(mean=400), Lognormal(mu=5.0, sigma=0.5)))
+SLOTS = 3000
+
+
+def random_problem(
+    rng: np.random.Generator, systems: tuple[SwitchingSystem, ...], candidates: int, *, rare: bool = True
+) -> Problem:
+    """A window with random candidates and levels; without `rare` events, no missed jump and no two at once."""
+    index = np.sort(rng.choice(np.arange(1, SLOTS), size=candidates, replace=False)).astype(np.int64)
+    nodes = np.concatenate([[0], index, [SLOTS]])
+    # Fits like those of real levels: merging true levels is dear, merging equal ones is cheap.
+    level = np.cumsum(rng.choice([-0.5, 0.0, 0.5], size=candidates + 1) + 0.02 * rng.standard_normal(candidates + 1))
+    length = np.diff(nodes)
+    fit = np.zeros((candidates + 2, candidates + 2))
+    for i in range(candidates + 1):
+        for j in range(i + 1, candidates + 2):
+            weights = length[i:j] / length[i:j].sum()
+            spread = weights @ level[i:j] ** 2 - (weights @ level[i:j]) ** 2
+            fit[i, j] = -0.5 * spread * length[i:j].sum() / 4.0 - 3.0 - rng.exponential(1.0)
+    laws = law_tables(systems, index, SLOTS, (None,) * len(systems))
+    signs = rng.random((candidates, 2)) < 0.6
+    signs[~signs.any(axis=1), 0] = True
+    if not rare:
+        laws.missed[:] = -np.inf
+    return Problem(
+        fit=fit,
+        laws=laws,
+        configurations=np.array([system.configurations for system in systems], dtype=np.int64),
+        signs=signs,
+        reject=-float(rng.exponential(1.0)),
+        unattributed=-10.0,
+        simultaneous=-1.0 if rare else -np.inf,
+    )
+
+
+def all_scores(problem: Problem) -> Iterator[tuple[float, tuple[int, ...], tuple[int, ...]]]:
+    """Go through every assignment and score it by the definition, without any merging or bound."""
+    laws, actions = problem.laws, problem.actions
+    candidates, systems = problem.signs.shape[0], problem.configurations.size
+
+    def visit(k, last, now, start, taken, score):  # type: ignore[no-untyped-def]
+        if k > candidates:
+            end = score + problem.fit[last, candidates + 1]
+            yield end + sum(laws.stay[s, q, since] for s, (q, since) in enumerate(now)), start, taken
+            return
+        for number, row in enumerate(actions):
+            if number == REJECT:
+                yield from visit(k + 1, last, now, start, (*taken, number), score + problem.reject)
+                continue
+            gain = score + problem.fit[last, k]
+            if number == NO_SYSTEM:
+                yield from visit(k + 1, k, now, start, (*taken, number), gain + problem.unattributed)
+                continue
+            pairs = [(int(s), *step_of(int(step))) for s, step in (row[:2], row[2:]) if s >= 0]
+            directions = {direction for _, direction, _ in pairs}
+            if len(directions) == 1 and not problem.signs[k - 1, 0 if -1 in directions else 1]:
+                continue
+            following = list(now)
+            for s, direction, missed in pairs:
+                q, since = now[s]
+                middle, after = q + missed, q + missed + direction
+                if not (0 <= middle < problem.configurations[s] and 0 <= after < problem.configurations[s]):
+                    gain = -np.inf
+                    break
+                table = laws.jump[s, q] if missed == 0 else laws.missed[s, q, max(missed, 0)]
+                gain += table[since, k] + laws.turn[s, middle, max(direction, 0)]
+                following[s] = (after, k)
+            if len(pairs) == 2:
+                gain += problem.simultaneous
+            if gain > -np.inf:
+                yield from visit(k + 1, k, tuple(following), start, (*taken, number), gain)
+
+    for start in np.ndindex(*problem.configurations):
+        yield from visit(1, 0, tuple((int(q), 0) for q in start), tuple(int(q) for q in start), (), 0.0)
+    assert systems == problem.configurations.size
+
+
+@pytest.mark.parametrize(
+    ("systems", "candidates", "rare", "trials"),
+    [
+        ((), 7, True, 20),
+        ((FREE,), 5, True, 20),
+        ((SHORT, LONG), 4, True, 12),
+        ((SHORT, LONG), 7, False, 3),
+        ((SHORT, LONG, FREE), 3, True, 6),
+    ],
+    ids=["none", "one", "two", "two-plain", "three"],
+)
+def test_equals_exhaustive_search(systems, candidates, rare, trials, capsys):
+    rng = np.random.default_rng(7)
+    agree = 0
+    for _ in range(trials):
+        problem = random_problem(rng, systems, candidates, rare=rare)
+        best = sorted(all_scores(problem), key=lambda one: -one[0])[:3]
+        result = search(problem, paths=3, margin=1000.0, budget=100_000)
+        assert not result.pruned
+        found = [(path.score, path.start, tuple(int(a) for a in path.actions)) for path in result.paths]
+        # The three best, not only the best: they are distinct, and three are kept per state.
+        np.testing.assert_allclose([one[0] for one in found], [one[0] for one in best], rtol=0, atol=1e-9)
+        agree += found[0][1:] == best[0][1:]
+    with capsys.disabled():
+        print(f"\n  search = exhaustive optimum in {agree} of {trials} windows, {len(systems)} systems", end="")
+    assert agree == trials
+
+
+def test_narrow_margin_does_not_lose_the_best():
+    rng = np.random.default_rng(11)
+    for _ in range(30):
+        problem = random_problem(rng, (SHORT, LONG), 10)
+        wide = search(problem, paths=1, margin=1000.0, budget=200_000)
+        narrow = search(problem, paths=1, margin=0.0, budget=200_000)
+        assert not wide.pruned
+        assert narrow.paths[0].score == wide.paths[0].score
+        assert narrow.states < wide.states
+
+
+def test_bounds_are_never_below_what_follows():
+    """The bound of the empty path, which holds all others, is at least the best score."""
+    rng = np.random.default_rng(3)
+    for _ in range(30):
+        problem = random_problem(rng, (SHORT, LONG), 8)
+        above = bounds(problem)
+        best = search(problem, paths=1, margin=50.0, budget=100_000).paths[0].score
+        assert above.rest[0, 0] >= best
+        own = max(
+            above.own[0, q, 0, 0] + above.own[1, p, 0, 0] for q in range(2) for p in range(3)
+        )
+        assert above.rest_fit[0, 0] + own >= best
+
+
+def test_pruning_is_said_and_still_gives_a_whole_path():
+    rng = np.random.default_rng(5)
+    problem = random_problem(rng, (SHORT, LONG, FREE), 40)
+    result = search(problem, paths=4, margin=30.0, budget=20)
+    assert result.pruned
+    assert result.paths[0].actions.size == 40
+    assert search(problem, paths=4, margin=30.0, budget=4000).paths[0].score >= result.paths[0].score
+
+
+def test_two_hundred_candidates_and_three_systems(capsys):
+    rng = np.random.default_rng(9)
+    problem = random_problem(rng, (SHORT, LONG, FREE), 200)
+    search(random_problem(rng, (SHORT, LONG, FREE), 3), paths=2, margin=1.0, budget=100)  # compiles
+    begin = time.perf_counter()
+    result = search(problem, paths=16, margin=14.0, budget=4000)
+    took = time.perf_counter() - begin
+    with capsys.disabled():
+        print(f"\n  200 candidates, 3 systems: {took:.2f} s, {result.states} entries, pruned: {result.pruned}", end="")
+    assert result.paths[0].actions.size == 200
+    assert took < 5.0  # a second is the aim; a busy machine gets five
