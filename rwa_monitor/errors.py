@@ -24,8 +24,13 @@ class InputError(RwaMonitorError):
         self.source = source
         self.place = place
         self.reason = reason
-        super().__init__(": ".join(part for part in (source, place, reason) if part))
+        super().__init__(_one_line(": ".join(part for part in (source, place, reason) if part)))
 
     def __reduce__(self) -> tuple[type[InputError], tuple[str, str, str]]:
         """Keep all three parts when the error crosses a process border."""
         return (InputError, (self.source, self.reason, self.place))
+
+
+def _one_line(text: str) -> str:
+    """Return a text with line breaks and other unprintable characters, as keys and names may hold them, escaped."""
+    return "".join(c if c.isprintable() else c.encode("unicode_escape", "surrogatepass").decode("ascii") for c in text)
