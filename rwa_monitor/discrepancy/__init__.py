@@ -1,0 +1,1 @@
+"""What the simulation gets wrong: records, search, extension, gain, report."""

@@ -1,0 +1,378 @@
+"""Fit of a model with unknown jumps: y = s·level(t) + Σ coefficient · column + noise, level piecewise constant.
+
+The sign is folded in: with z = s·y and columns s·φ, z = level(t) + Σ coefficient · column + noise in both directions.
+Fitting alternates exact segmentation of what the columns leave (FPOP) with least squares for the coefficients shared
+by all segments, and minimises the penalised criterion
+
+    J = RSS/σ² + 3 log N · jumps + log N · parameters          (effects.md, "How to find them", 4)
+
+σ² is the largest variance that a mean of this noise shows at any length, times that length, so that coloured noise
+does not pass for jumps.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Final
+
+import numpy as np
+
+from rwa_monitor.discrepancy.noise import Noise, clip_outliers, estimate_noise
+from rwa_monitor.discrepancy.record import Record
+from rwa_monitor.discrepancy.segmentation import segment
+from rwa_monitor.errors import InputError
+from rwa_monitor.physics.wheel import Wheel
+from rwa_monitor.samples import BoolArray, FloatArray, IntArray
+
+JUMP_PENALTY: Final = 3.0  # times log N, for place, size and sign of a jump (Zhang & Siegmund 2007 gives 3/2 · 2)
+# Alternations of segmentation and least squares. Jumps are dear at first, so that only true ones are made while the
+# coefficients are still off, and what the columns ought to explain is not cut into steps.
+ANNEALING: Final = (8.0, 3.0, 1.0, 1.0, 1.0, 1.0)
+CONVERGED: Final = 0.1  # change of the criterion
+TUKEY: Final = 4.685  # scales of the residual: 95 % efficient for Gaussian noise (Huber, Robust Statistics, 1981)
+CACHE_BYTES: Final = 400_000_000
+MIN_USED: Final = 200  # fewer moving samples cannot tell anything apart
+HEAVY_SHARE: Final = 1e-3  # of samples beyond four standard deviations; Gaussian noise has 6e-5
+LONG_LAG_SHARE: Final = 0.02  # of the record: a lag of a few per cent of a sojourn or more (effects.md, step 1)
+
+
+class ColumnCache:
+    """Columns already evaluated, by effect and shape: the search visits the same shapes many times."""
+
+    def __init__(self) -> None:
+        self._columns: dict[Hashable, FloatArray] = {}
+        self._bytes = 0
+
+    def get(self, key: Hashable) -> FloatArray | None:
+        """Return the columns, or None where they are not kept."""
+        return self._columns.get(key)
+
+    def put(self, key: Hashable, columns: FloatArray) -> None:
+        """Keep columns as long as there is room; what is kept stays."""
+        if self._bytes + columns.nbytes <= CACHE_BYTES:
+            self._columns[key] = columns
+            self._bytes += columns.nbytes
+
+
+@dataclass(frozen=True, slots=True)
+class Problem:
+    """The used samples of one or more records of a wheel, joined; arrays (n,).
+
+    Attributes
+    ----------
+    records
+        The records.
+    z
+        s·friction torque [N m]; outliers pulled in where the noise has heavy tails (`clipped_share` says how many).
+    z_measured
+        The same, as measured.
+    clipped_share
+        Share of the samples that were pulled in.
+    speed
+        |ω| [rad/s], the column of viscous friction.
+    sign
+        s [-].
+    starts
+        First joined index of each record, and n at the end: a level never reaches across records.
+    slot
+        Slot within its record of each joined sample.
+    noise
+        Noise of z [N m].
+    nominal_viscous
+        Nominal viscous coefficient [N m s/rad] as a weak prior, or None.
+    """
+
+    records: tuple[Record, ...]
+    z: FloatArray
+    z_measured: FloatArray
+    clipped_share: float
+    speed: FloatArray
+    sign: FloatArray
+    starts: IntArray
+    slot: IntArray
+    noise: Noise
+    nominal_viscous: float | None
+    columns: ColumnCache = field(default_factory=lambda: ColumnCache())
+
+    @property
+    def size(self) -> int:
+        """Count the used samples."""
+        return int(self.z.size)
+
+    @property
+    def log_size(self) -> float:
+        """Return log N."""
+        return float(np.log(self.size))
+
+    def gather(self, per_record: Sequence[FloatArray]) -> FloatArray:
+        """Join arrays over the slots of each record at the used slots."""
+        return np.concatenate([values[r.used] for values, r in zip(per_record, self.records, strict=True)])
+
+    def spread(self, joined: FloatArray) -> list[FloatArray]:
+        """Put joined values back on each record's slots, holding the last known one in between."""
+        out = []
+        for record, begin, end in zip(self.records, self.starts[:-1], self.starts[1:], strict=True):
+            values = np.full(record.used.size, np.nan)
+            at = np.flatnonzero(record.used)
+            if at.size:
+                latest = np.clip(np.searchsorted(at, np.arange(values.size), side="right") - 1, 0, None)
+                values = joined[begin:end][latest]
+            out.append(values)
+        return out
+
+
+@dataclass(frozen=True, slots=True)
+class Fit:
+    """A fitted model with jumps.
+
+    Attributes
+    ----------
+    jumps
+        int64 (j,), joined index of the first sample of each new level (record borders not counted).
+    coefficients
+        float64 (1 + p,): viscous [N m s/rad], then one per column.
+    level
+        float64 (n,), dry friction level at each sample [N m].
+    residual
+        float64 (n,) [N m].
+    rss
+        Σ residual² [N² m²].
+    criterion
+        J; lower is better.
+    """
+
+    jumps: IntArray
+    coefficients: FloatArray
+    level: FloatArray
+    residual: FloatArray
+    rss: float
+    criterion: float
+
+
+def make_problem(records: Sequence[Record], wheel: Wheel) -> Problem:
+    """Join records and estimate their noise.
+
+    Raises
+    ------
+    InputError
+        If too few samples are in motion.
+    """
+    z = np.concatenate([(np.sign(r.channels.speed_rad_s) * r.friction_torque_Nm)[r.used] for r in records])
+    if z.size < MIN_USED:
+        raise InputError(
+            ", ".join(r.source for r in records),
+            f"only {z.size} good samples in motion; at least {MIN_USED} are needed",
+        )
+    speed = np.concatenate([np.abs(r.channels.speed_rad_s)[r.used] for r in records])
+    sign = np.concatenate([r.channels.direction[r.used] for r in records])
+    starts = np.concatenate([[0], np.cumsum([np.count_nonzero(r.used) for r in records])]).astype(np.int64)
+    slot = np.concatenate([np.flatnonzero(r.used) for r in records]).astype(np.int64)
+    nominal = wheel.nominal.viscous_Nm_s_rad if wheel.nominal else None
+    problem = Problem(tuple(records), z, z, 0.0, speed, sign, starts, slot, estimate_noise([z]), nominal)
+    problem = _with_noise_of_rest(problem)
+    problem = _clip(problem)
+    return _with_noise_of_rest(problem)
+
+
+def _with_noise_of_rest(problem: Problem) -> Problem:
+    """Estimate the noise from what a first fit leaves, not from the signal."""
+    residual = fit(problem, np.zeros((problem.size, 0))).residual
+    pieces = [residual[a:b] for a, b in zip(problem.starts[:-1], problem.starts[1:], strict=True) if b > a]
+    return replace(problem, noise=estimate_noise(pieces))
+
+
+def _clip(problem: Problem) -> Problem:
+    """Pull in outliers if they are more than Gaussian noise and a few very short sojourns would give."""
+    slope = fit(problem, np.zeros((problem.size, 0))).coefficients[0] * problem.speed
+    clipped = problem.z.copy()
+    for a, b in zip(problem.starts[:-1], problem.starts[1:], strict=True):
+        if b > a:
+            inside, outliers = clip_outliers((problem.z - slope)[a:b], problem.noise.std)
+            clipped[a:b][outliers] = (inside + slope[a:b])[outliers]
+    share = float(np.mean(clipped != problem.z))
+    return replace(problem, z=clipped, clipped_share=share) if share > HEAVY_SHARE else problem
+
+
+def fit(
+    problem: Problem,
+    columns: FloatArray,
+    bounds: tuple[FloatArray, FloatArray] | None = None,
+    start: Sequence[IntArray] = (),
+    parameters: int = 0,
+) -> Fit:
+    """Fit levels, jumps, viscous friction and the coefficients of `columns`.
+
+    Parameters
+    ----------
+    problem
+        The data.
+    columns
+        float64 (n, p), columns already multiplied by s.
+    bounds
+        Lowest and highest coefficient of each column.
+    start
+        Jump sets to start from, besides the robust start.
+    parameters
+        Number of parameters beyond viscous friction that the criterion is charged for.
+    """
+    size = problem.size
+    design = np.column_stack([problem.speed, columns])
+    low = np.concatenate([[-np.inf], np.full(columns.shape[1], -np.inf) if bounds is None else bounds[0]])
+    high = np.concatenate([[np.inf], np.full(columns.shape[1], np.inf) if bounds is None else bounds[1]])
+    penalty = JUMP_PENALTY * problem.log_size * problem.noise.long_run_variance
+    best: Fit | None = None
+    for first in start or [None]:
+        if first is None:
+            coefficients = robust_coefficients(problem, design, low, high)
+        else:
+            coefficients = least_squares(problem, design, first, low, high)
+        previous = np.inf
+        for expensive in ANNEALING:
+            jumps = _segment_records(problem, problem.z - design @ coefficients, expensive * penalty)
+            coefficients = least_squares(problem, design, jumps, low, high)
+            candidate = _finish(problem, design, coefficients, jumps, parameters)
+            if best is None or candidate.criterion < best.criterion:
+                best = candidate
+            if expensive == 1.0 and previous - candidate.criterion < CONVERGED:
+                break
+            previous = candidate.criterion
+    assert best is not None
+    return best
+
+
+def segment_starts(problem: Problem, jumps: IntArray) -> IntArray:
+    """Return the first joined index of every segment: those after jumps and those at the start of a record."""
+    return np.unique(np.concatenate([problem.starts[:-1][np.diff(problem.starts) > 0], jumps]))
+
+
+def remove_levels(values: FloatArray, first: IntArray) -> FloatArray:
+    """Subtract each segment's mean, column by column; `first` holds the first index of each segment."""
+    length = np.diff(np.append(first, values.shape[0]))
+    mean = np.add.reduceat(values, first, axis=0)
+    mean /= length if values.ndim == 1 else length[:, None]
+    return values - np.repeat(mean, length, axis=0)
+
+
+def least_squares(
+    problem: Problem, design: FloatArray, jumps: IntArray, low: FloatArray, high: FloatArray
+) -> FloatArray:
+    """Return the bounded least-squares coefficients for given jumps, levels eliminated."""
+    first = segment_starts(problem, jumps)
+    inner = remove_levels(design, first)
+    gram, moment = inner.T @ inner, inner.T @ remove_levels(problem.z, first)
+    return solve_bounded(problem, gram, moment, low, high)
+
+
+def solve_bounded(
+    problem: Problem, gram: FloatArray, moment: FloatArray, low: FloatArray, high: FloatArray
+) -> FloatArray:
+    """Solve the normal equations under bounds by fixing, one after the other, what violates them most."""
+    gram, moment = gram.copy(), moment.copy()
+    scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    # A prior on the slope as weak as one sample at the largest speed: it decides only where the data cannot.
+    if problem.nominal_viscous is not None:
+        weight = float(problem.speed.max()) ** 2 * 1e-3
+        gram[0, 0] += weight
+        moment[0] += weight * problem.nominal_viscous
+        scale[0] = np.sqrt(gram[0, 0])
+    free = np.ones(scale.size, dtype=bool)
+    solution = np.zeros(scale.size)
+    while free.any():
+        at = np.flatnonzero(free)
+        normalised = gram[np.ix_(at, at)] / np.outer(scale[at], scale[at])
+        target = (moment[at] - gram[np.ix_(at, np.flatnonzero(~free))] @ solution[~free]) / scale[at]
+        solution[at] = np.linalg.lstsq(normalised, target, rcond=1e-10)[0] / scale[at]
+        excess = np.maximum(low[at] - solution[at], solution[at] - high[at]) * scale[at]
+        worst = int(np.argmax(excess))
+        if excess[worst] <= 0:
+            break
+        solution[at[worst]] = np.clip(solution[at[worst]], low[at[worst]], high[at[worst]])
+        free[at[worst]] = False
+    return solution
+
+
+def same_record(problem: Problem, lag: int) -> BoolArray:
+    """Return, for each pair of joined samples `lag` apart, whether both are of one record."""
+    record = np.searchsorted(problem.starts, np.arange(problem.size), side="right")
+    return record[lag:] == record[:-lag]
+
+
+def long_lag(problem: Problem) -> int:
+    """Return the lag of the robust start: a few per cent of a record."""
+    return max(int(LONG_LAG_SHARE * problem.size / len(problem.records)), 8)
+
+
+def robust_coefficients(problem: Problem, design: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
+    """Return start coefficients from differences over a long lag, in which jumps are outliers (Tukey's loss)."""
+    lag = long_lag(problem)
+    same = same_record(problem, lag)
+    rise = (design[lag:] - design[:-lag])[same]
+    z = (problem.z[lag:] - problem.z[:-lag])[same]
+    if z.size < 10:
+        return least_squares(problem, design, np.zeros(0, dtype=np.int64), low, high)
+    weight = np.ones(z.size)
+    coefficients = np.zeros(design.shape[1])
+    for _ in range(12):
+        weighted = rise * weight[:, None]
+        coefficients = solve_bounded(problem, rise.T @ weighted, weighted.T @ z, low, high)
+        residual = z - rise @ coefficients
+        scale = max(float(np.median(np.abs(residual))) / 0.6745, 1e-300)
+        weight = np.clip(1.0 - (residual / (TUKEY * scale)) ** 2, 0.0, None) ** 2
+    return coefficients
+
+
+def sharp_jumps(problem: Problem, fitted: Fit, reach: int = 48, threshold: float = 30.0) -> IntArray:
+    """Return the jumps that are steps at close range too, not pieces of a smooth change cut into steps."""
+    kept = []
+    values = (
+        problem.z - fitted.coefficients[0] * problem.speed
+        if fitted.coefficients.size == 1
+        else (fitted.level + fitted.residual)
+    )
+    borders = np.concatenate([problem.starts, fitted.jumps])
+    for jump in fitted.jumps:
+        before = max(int(borders[borders < jump].max(initial=0)), jump - reach)
+        after = min(int(borders[borders > jump].min(initial=problem.size)), jump + reach)
+        n1, n2 = jump - before, after - jump
+        step = values[jump:after].mean() - values[before:jump].mean()
+        if step * step * n1 * n2 / (n1 + n2) > threshold * problem.noise.long_run_variance:
+            kept.append(jump)
+    return np.array(kept, dtype=np.int64)
+
+
+def jumps_off_crossings(problem: Problem, jumps: IntArray, reach: int = 4) -> IntArray:
+    """Return the jumps that do not coincide with a change of direction: there an offset looks like a jump."""
+    crossing = np.flatnonzero(np.diff(problem.sign) != 0) + 1
+    if crossing.size == 0 or jumps.size == 0:
+        return jumps
+    distance = np.abs(jumps[:, None] - crossing[None, :]).min(axis=1)
+    return jumps[distance > reach]
+
+
+def jump_sets(problem: Problem, fitted: Fit) -> list[IntArray]:
+    """Return the fitted jumps and subsets of them that a missing effect may have had no hand in."""
+    sets = [fitted.jumps]
+    for subset in (sharp_jumps(problem, fitted), jumps_off_crossings(problem, fitted.jumps)):
+        if all(subset.size < known.size or not np.array_equal(subset, known) for known in sets):
+            sets.append(subset)
+    return sets
+
+
+def _segment_records(problem: Problem, values: FloatArray, penalty: float) -> IntArray:
+    """Segment each record by itself; joined indices."""
+    found = [
+        segment(values[begin:end], penalty) + begin
+        for begin, end in zip(problem.starts[:-1], problem.starts[1:], strict=True)
+        if end > begin
+    ]
+    return np.concatenate(found).astype(np.int64)
+
+
+def _finish(problem: Problem, design: FloatArray, coefficients: FloatArray, jumps: IntArray, parameters: int) -> Fit:
+    rest = problem.z - design @ coefficients
+    first = segment_starts(problem, jumps)
+    residual = remove_levels(rest, first)
+    rss = float(residual @ residual)
+    criterion = rss / problem.noise.long_run_variance + problem.log_size * (JUMP_PENALTY * jumps.size + parameters)
+    return Fit(jumps, coefficients, rest - residual, residual, rss, criterion)

@@ -1,0 +1,166 @@
+"""The whole search in order: record → base model → mean effects → what is left → noise and jumps → gain → answer."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from scipy import stats
+
+from rwa_monitor.discrepancy.base_fit import Problem, make_problem
+from rwa_monitor.discrepancy.gain import HeldOut, held_out, holds_out
+from rwa_monitor.discrepancy.other_families import noise_effects, switching_effects
+from rwa_monitor.discrepancy.record import Record, make_record
+from rwa_monitor.discrepancy.result import (
+    DiscrepancyResult,
+    FoundEffect,
+    Gain,
+    ParameterValue,
+    Unexplained,
+    Verdict,
+)
+from rwa_monitor.discrepancy.search import Found, Model, Progress, SearchResult, coefficient_covariance, search
+from rwa_monitor.discrepancy.unexplained import judge_leftover
+from rwa_monitor.errors import InputError
+from rwa_monitor.physics.effects.catalogue import MEAN_EFFECTS, to_block
+from rwa_monitor.physics.wheel import Wheel
+from rwa_monitor.samples import Samples
+
+# Number of independent tests that the best of all candidates is worth, from nulls (`benchmarks/nulls.py`).
+EFFECTIVE_TESTS = 40.0
+
+
+@dataclass(frozen=True, slots=True)
+class Search:
+    """Everything a report draws from: the data, the models tried, the answer."""
+
+    wheel: Wheel
+    problem: Problem
+    mean: SearchResult
+    scores: tuple[HeldOut, ...]  # of each model of the ladder
+    result: DiscrepancyResult
+
+    @property
+    def base(self) -> Model:
+        """The base model."""
+        return self.mean.ladder[0]
+
+    @property
+    def extended(self) -> Model:
+        """The base model with all mean effects found."""
+        return self.mean.ladder[-1]
+
+
+def find_discrepancy(
+    recordings: Sequence[tuple[str, Samples]], wheel: Wheel, progress: Progress = lambda _: None
+) -> Search:
+    """Find what the simulation of a wheel gets wrong.
+
+    Parameters
+    ----------
+    recordings
+        Name and samples of each recording; several are one wheel and give one joint answer.
+    wheel
+        The wheel's constants. Effects that it already has are part of the base model.
+    progress
+        Called with a word on each step.
+
+    Raises
+    ------
+    InputError
+        If a recording cannot be used: no friction, too few samples in motion, wrong units.
+    """
+    records = [without_known_effects(make_record(samples, wheel, name), wheel) for name, samples in recordings]
+    problem = make_problem(records, wheel)
+    known = {block.name for block in wheel.effect}
+    found = search(problem, [e for e in MEAN_EFFECTS.values() if e.name not in known], holds_out, progress)
+    progress("what is left")
+    found, leftover, complete = judge_leftover(problem, found)
+    progress("noise and jumps")
+    others = [*noise_effects(problem, complete), *switching_effects(problem, complete, wheel)]
+    progress("gain on held-out blocks")
+    scores = tuple(held_out(problem, model) for model in found.ladder)
+    mean = tuple(_describe(problem, found.ladder[-1], entry) for entry in found.found)
+    effects = (*mean, *sorted(others, key=lambda effect: -effect.delta_deviance))
+    verdict: Verdict = "inadequate" if effects or leftover is not None else "adequate"
+    if verdict == "adequate" and _nothing_could_be_tested(problem, found):
+        verdict = "untestable"
+    result = DiscrepancyResult(verdict, effects, leftover, found.untestable, _gain(problem, found, scores))
+    return Search(wheel, problem, found, scores, result)
+
+
+def without_known_effects(record: Record, wheel: Wheel) -> Record:
+    """Subtract the torque of the effects that the wheel already has."""
+    if not wheel.effect:
+        return record
+    raise InputError(wheel.name, "searching beyond an extended wheel is not supported")
+
+
+def extended_wheel(search: Search) -> Wheel:
+    """Return the wheel with the mean effects found added, and the noise and nominal friction left as they were."""
+    model = search.extended
+    blocks = []
+    for index, term in enumerate(model.terms):
+        names = [parameter.name for parameter in term.effect.strength_parameters()]
+        strengths = dict(zip(names, model.strengths(index).tolist(), strict=True))
+        blocks.append(to_block(term.effect(**{**term.shape, **strengths})))
+    return search.wheel.model_copy(update={"effect": (*search.wheel.effect, *blocks)})
+
+
+def p_value(gain: float, parameters: int, log_size: float) -> float:
+    """Return the probability that the best of all candidates gains as much on a record without any effect.
+
+    The gain is penalised by log N per parameter; unpenalised it is χ² with as many degrees of freedom, and the best
+    of m independent candidates exceeds it with probability 1 - (1 - p)^m.
+    """
+    single = float(stats.chi2.sf(gain + parameters * log_size, parameters))
+    return float(-np.expm1(EFFECTIVE_TESTS * np.log1p(-min(single, 1 - 1e-16))))
+
+
+def _describe(problem: Problem, model: Model, found: Found) -> FoundEffect:
+    index = model.names.index(found.name)
+    term = model.terms[index]
+    covariance = coefficient_covariance(problem, model)
+    at = 1 + sum(other.columns.shape[1] for other in model.terms[:index])
+    parameters: dict[str, ParameterValue] = {}
+    strengths = iter(zip(model.strengths(index), np.sqrt(np.diag(covariance))[at:], strict=False))
+    for parameter in term.effect.parameters:
+        if parameter.linear:
+            value, std = next(strengths)
+            parameters[parameter.name] = ParameterValue(float(value), float(std), parameter.unit)
+        else:
+            parameters[parameter.name] = ParameterValue(float(term.shape[parameter.name]), None, parameter.unit)
+    return FoundEffect(
+        found.name,
+        "mean",
+        found.equivalent,
+        term.effect.separate_by,
+        parameters,
+        p_value(found.gain, term.parameters, problem.log_size),
+        found.gain,
+    )
+
+
+def _nothing_could_be_tested(problem: Problem, found: SearchResult) -> bool:
+    """Say whether the record is blind: speed that does not vary lets no law of speed be tested."""
+    spread = float(np.std(problem.speed))
+    noise = max(record.speed_noise_rad_s for record in problem.records)
+    constant = spread < max(1e-3 * float(np.max(problem.speed)), 3 * noise)
+    return constant and len(problem.noise.autocovariance) > 0 and not found.found
+
+
+def _gain(problem: Problem, found: SearchResult, scores: tuple[HeldOut, ...]) -> Gain:
+    base, extended = scores[0], scores[-1]
+    return Gain(
+        base.rmse_Nm,
+        extended.rmse_Nm,
+        base.log_score,
+        extended.log_score,
+        problem.noise.std,
+        int(found.ladder[0].fit.jumps.size),
+        int(found.ladder[-1].fit.jumps.size),
+    )
+
+
+__all__ = ["Search", "Unexplained", "extended_wheel", "find_discrepancy"]

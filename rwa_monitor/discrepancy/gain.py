@@ -1,0 +1,93 @@
+"""What an extension gains, measured on data that it was not fitted to.
+
+The record is cut into contiguous blocks; coefficients are fitted on every other block and judged on the rest, then the
+other way round. Levels and jumps are nuisances of each block: they are segmented afresh on the held-out data, at the
+same price in both models.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from rwa_monitor.discrepancy.base_fit import JUMP_PENALTY, Problem, remove_levels, segment_starts, solve_bounded
+from rwa_monitor.discrepancy.search import Model
+from rwa_monitor.discrepancy.segmentation import segment
+from rwa_monitor.samples import BoolArray, FloatArray
+
+BLOCKS: Final = 10  # contiguous blocks per search problem; even ones train for odd ones and back
+TOLERATED_LOSS: Final = 5.0  # an effect seen in one block only cannot be confirmed by the others; it must not harm
+
+
+@dataclass(frozen=True, slots=True)
+class HeldOut:
+    """Scores on held-out blocks.
+
+    Attributes
+    ----------
+    rmse_Nm
+        Root mean square residual [N m].
+    log_score
+        Mean log density per sample, jumps charged [nats].
+    block_log_scores
+        float64 (BLOCKS,), the same per block, for intervals of a difference.
+    """
+
+    rmse_Nm: float
+    log_score: float
+    block_log_scores: FloatArray
+
+
+def held_out(problem: Problem, model: Model) -> HeldOut:
+    """Score a model on held-out blocks; shapes stay as found, all strengths and the slope are fitted anew."""
+    edges = np.linspace(0, problem.size, BLOCKS + 1).astype(np.int64)
+    block = np.searchsorted(edges, np.arange(problem.size), side="right") - 1
+    squares, scores, counts = np.zeros(BLOCKS), np.zeros(BLOCKS), np.diff(edges)
+    for parity in (0, 1):
+        train = block % 2 == parity
+        coefficients = _train(problem, model, train)
+        for b in range(1 - parity, BLOCKS, 2):
+            squares[b], scores[b] = _judge(problem, model, coefficients, int(edges[b]), int(edges[b + 1]))
+    return HeldOut(
+        float(np.sqrt(squares.sum() / problem.size)), float(scores.sum() / problem.size), scores / np.maximum(counts, 1)
+    )
+
+
+def holds_out(problem: Problem, simpler: Model, richer: Model) -> bool:
+    """Say whether the richer model is no worse on held-out blocks (an acceptance rule of the search)."""
+    gain = held_out(problem, richer).log_score - held_out(problem, simpler).log_score
+    return gain * problem.size > -TOLERATED_LOSS
+
+
+def _design(problem: Problem, model: Model) -> FloatArray:
+    return np.column_stack([problem.speed, *(term.columns for term in model.terms)])
+
+
+def _train(problem: Problem, model: Model, train: BoolArray) -> FloatArray:
+    """Fit the coefficients on the training samples, within the model's segments."""
+    label = np.searchsorted(segment_starts(problem, model.fit.jumps), np.flatnonzero(train), side="right")
+    first = np.flatnonzero(np.diff(label, prepend=-1))
+    design = remove_levels(_design(problem, model)[train], first)
+    z = remove_levels(problem.z[train], first)
+    low = np.concatenate([[-np.inf], *(term.low for term in model.terms)])
+    high = np.concatenate([[np.inf], *(term.high for term in model.terms)])
+    return solve_bounded(problem, design.T @ design, design.T @ z, low, high)
+
+
+def _judge(problem: Problem, model: Model, coefficients: FloatArray, begin: int, end: int) -> tuple[float, float]:
+    """Return the squared residual and the log-likelihood of one block, its levels segmented afresh."""
+    variance = problem.noise.long_run_variance
+    price = JUMP_PENALTY * problem.log_size
+    cuts = [begin, *[int(s) for s in problem.starts if begin < s < end], end]
+    total, jumps = 0.0, 0
+    rest = problem.z[begin:end] - _design(problem, model)[begin:end] @ coefficients
+    for a, b in zip(cuts[:-1], cuts[1:], strict=True):
+        piece = rest[a - begin : b - begin]
+        found = segment(piece, price * variance)
+        for first, last in zip([0, *found], [*found, piece.size], strict=True):
+            total += float(np.sum((piece[first:last] - piece[first:last].mean()) ** 2))
+        jumps += found.size
+    density = 0.5 * np.log(2 * np.pi * problem.noise.std**2)
+    return total, -(end - begin) * density - 0.5 * (total / variance + price * jumps)

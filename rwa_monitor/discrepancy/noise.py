@@ -1,0 +1,114 @@
+"""The noise of a record, estimated from the record itself without being misled by jumps or slow effects."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from scipy.ndimage import median_filter
+
+from rwa_monitor.samples import BoolArray, FloatArray
+
+MAX_LAG: Final = 96  # slots: AR(1) with φ = 0.95 has forgotten 99 % by then
+MEDIAN_OF_ABSOLUTE_NORMAL: Final = 0.674489750196082
+CLIP_AT: Final = 4.0  # standard deviations; 6e-5 of Gaussian samples lie beyond
+OUTLIER_NEIGHBOURHOOD: Final = 7  # slots; what lasts four slots or more is a level, not an outlier
+
+
+@dataclass(frozen=True, slots=True)
+class Noise:
+    """Noise of the friction torque.
+
+    Attributes
+    ----------
+    std
+        Standard deviation of one sample [N m].
+    autocovariance
+        float64 (MAX_LAG + 1,) at lags 0, 1, …, zero from where it cannot be told from zero [N² m²].
+    long_run_variance
+        Largest variance of a mean of m samples, times m, over all m up to MAX_LAG [N² m²]; std² for white noise.
+    """
+
+    std: float
+    autocovariance: FloatArray
+    long_run_variance: float
+
+    def variance_along(self, column: FloatArray) -> float:
+        """Return the variance of Σ column·noise / √Σ column² [N² m²]: the noise a regressor of this shape meets."""
+        total = float(column @ column)
+        if total <= 0:
+            return self.std**2
+        variance = self.autocovariance[0]
+        for lag in range(1, min(MAX_LAG, column.size - 1) + 1):
+            if self.autocovariance[lag] != 0:
+                variance += 2 * self.autocovariance[lag] * float(column[lag:] @ column[:-lag]) / total
+        return float(max(variance, 0.05 * self.std**2))
+
+
+def estimate_noise(pieces: Sequence[FloatArray]) -> Noise:
+    """Estimate the noise from the robust variogram γ(h) = ½ var(z_{k+h} - z_k) of contiguous pieces.
+
+    Medians of absolute differences: a jump touches h of n differences, a slow effect changes little over a few slots.
+    The sill (γ at the longest lags) is the variance, sill - γ(h) the autocovariance (Cressie & Hawkins 1980 on robust
+    variograms).
+    """
+    longest = max(piece.size for piece in pieces)
+    lags = np.arange(1, min(MAX_LAG, max(longest // 4, 2)) + 1)
+    gamma = np.empty(lags.size)
+    for i, lag in enumerate(lags):
+        differences = np.concatenate([piece[lag:] - piece[:-lag] for piece in pieces if piece.size > lag])
+        gamma[i] = 0.5 * (np.median(np.abs(differences)) / MEDIAN_OF_ABSOLUTE_NORMAL) ** 2
+    size = sum(piece.size for piece in pieces)
+    # Medians do not see tails; differences of neighbours, of which a jump touches one, say how much they add.
+    gamma *= tail_factor(np.concatenate([np.diff(piece) for piece in pieces]))
+    tail = gamma[-max(lags.size // 4, 1) :]
+    sill = float(np.median(tail))
+    covariance = np.zeros(MAX_LAG + 1)
+    covariance[0] = sill
+    covariance[1 : lags.size + 1] = sill - gamma
+    # A robust variance has a relative error of about 1.65·√(2/n); beyond the last lag that stands out all is zero.
+    doubt = 4.0 * 1.65 * np.sqrt(2.0 / size) * sill
+    significant = np.flatnonzero(np.abs(covariance[1 : lags.size + 1]) > doubt)
+    reach = _last_of_first_run(significant)
+    covariance[reach + 1 :] = 0.0
+    # Variance of a mean of m samples times m: R₀ + 2 Σ (1 - h/m) R_h.
+    h = np.arange(1, MAX_LAG + 1)
+    long_run = max(
+        float(covariance[0] + 2 * np.sum(np.clip(1 - h / m, 0, None) * covariance[1:])) for m in range(1, 4 * MAX_LAG)
+    )
+    std = float(np.sqrt(sill))
+    return Noise(max(std, 1e-300), covariance, max(long_run, 1e-300))
+
+
+def tail_factor(values: FloatArray) -> float:
+    """Return the winsorised variance of values over the variance their median tells; 1 for Gaussian ones."""
+    scale = float(np.median(np.abs(values))) / MEDIAN_OF_ABSOLUTE_NORMAL
+    if scale <= 0:
+        return 1.0
+    clipped = np.clip(values / scale, -CLIP_AT, CLIP_AT)
+    return float(np.mean(clipped**2))
+
+
+def clip_outliers(values: FloatArray, std: float) -> tuple[FloatArray, BoolArray]:
+    """Pull single samples that stand far off their neighbours back to CLIP_AT standard deviations from them.
+
+    Returns
+    -------
+    clipped, outliers
+        The values, and a mask of those that were pulled back.
+    """
+    middle = median_filter(values, size=OUTLIER_NEIGHBOURHOOD, mode="nearest")
+    clipped = np.clip(values, middle - CLIP_AT * std, middle + CLIP_AT * std)
+    return clipped, clipped != values
+
+
+def _last_of_first_run(significant: FloatArray) -> int:
+    """Return the last significant lag that is connected to lag 0 by gaps of at most 8 lags."""
+    reach = 0
+    for lag in significant + 1:
+        if lag - reach > 8:
+            break
+        reach = int(lag)
+    return reach

@@ -1,0 +1,239 @@
+"""Records for the search: measured telemetry on the slot grid, with regressors that share no noise with the friction.
+
+The search sees every good sample, also inside the dead band (a dead band hides what lives near zero speed); only rest,
+where the sign of ω chatters, is left out as a state of its own.
+
+Trap (effects.md): raw dω/dt and current contain the very noise that is in a friction derived from them. All motion
+channels given to the effects are therefore local least-squares estimates whose taps leave out the samples that may
+enter the friction of that slot.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from scipy.ndimage import correlate1d
+
+from rwa_monitor.errors import InputError
+from rwa_monitor.physics import torque_balance
+from rwa_monitor.physics.effects.base import Channels
+from rwa_monitor.physics.wheel import Wheel
+from rwa_monitor.samples import BoolArray, FloatArray, Samples
+from rwa_monitor.slots import SlotGrid
+
+MAX_GAP_FACTOR: Final = 4  # a record may hold at most this many slots per sample; sparser ones are wrong files
+MIN_REST_SLOTS: Final = 8  # shorter stays near zero are crossings
+REST_BAND_IN_SPEED_NOISE: Final = 5.0  # within this many standard deviations the sign of ω means nothing
+SMOOTHING_REACH: Final = 6  # slots beyond the hole, on each side, from which motion is estimated
+
+
+@dataclass(frozen=True, slots=True)
+class Record:
+    """One record on the slot grid.
+
+    Attributes
+    ----------
+    source
+        Where it came from, for messages.
+    channels
+        Motion as the effects see it, estimated from neighbours (see module text); arrays (n,).
+    friction_torque_Nm
+        float64 (n,), measured resisting torque, NaN where unknown.
+    used
+        bool (n,), slots that enter the search: finite friction and speed, in motion.
+    rest_slots
+        Number of good slots left out as rest.
+    friction_is_derived
+        True where friction was derived from current and speed rather than given.
+    speed_noise_rad_s
+        Standard deviation of the speed channel's sample-to-sample noise.
+    speed_step_rad_s
+        Lattice on which the measured speed lies, 0 where there is none.
+    """
+
+    source: str
+    channels: Channels
+    friction_torque_Nm: FloatArray
+    used: BoolArray
+    rest_slots: int
+    friction_is_derived: bool
+    speed_noise_rad_s: float
+    speed_step_rad_s: float
+
+
+def make_record(samples: Samples, wheel: Wheel, source: str) -> Record:
+    """Put samples on the slot grid and derive what the search needs.
+
+    Parameters
+    ----------
+    samples
+        A sample table, time increasing.
+    wheel
+        Constants; friction is derived from current where it is not given.
+    source
+        Name for messages.
+
+    Raises
+    ------
+    InputError
+        If friction is neither given nor derivable, the record is far sparser than the wheel's sample period, or
+        values lie beyond the wheel's limits (wrong units).
+    """
+    check_plausible(samples, wheel, source)
+    grid = SlotGrid(int(samples.time_ns[0]), wheel.period_ns)
+    slot = grid.slot_of(samples.time_ns)
+    count = int(slot[-1]) + 1
+    if count > MAX_GAP_FACTOR * len(samples):
+        raise InputError(
+            source,
+            f"{len(samples)} samples span {count} slots of {wheel.sample_period_s} s; is sample_period_s right?",
+            "time",
+        )
+
+    def on_grid(values: FloatArray | None) -> FloatArray | None:
+        if values is None:
+            return None
+        placed = np.full(count, np.nan)
+        placed[slot] = values
+        return placed
+
+    speed = on_grid(samples.speed_rad_s)
+    assert speed is not None
+    torque = on_grid(samples.motor_torque_Nm)
+    if torque is None and samples.motor_current_A is not None and wheel.torque_constant_Nm_A is not None:
+        current = on_grid(samples.motor_current_A)
+        torque = wheel.torque_constant_Nm_A * current if current is not None else None
+    friction = on_grid(samples.friction_torque_Nm)
+    derived = friction is None
+    if friction is None:
+        if torque is None or wheel.inertia_kg_m2 is None:
+            raise InputError(
+                source,
+                "holds no friction_torque_Nm, and deriving it needs motor_current_A or motor_torque_Nm "
+                "with torque_constant_Nm_A and inertia_kg_m2 in the wheel file",
+            )
+        friction = torque_balance.derive_friction(speed, torque, wheel)
+        hole = torque_balance.derivative_taps(wheel.friction.derivative, wheel.sample_period_s).size // 2
+    else:
+        hole = min(2, count // 8)
+
+    noise, step = _speed_noise_and_step(speed)
+    rest = _at_rest(speed, noise, step, wheel.window.dead_band_rad_s)
+    direction = np.sign(speed)
+    channels = Channels(
+        time_s=np.arange(count) * wheel.sample_period_s,
+        speed_rad_s=speed,
+        direction=direction,
+        acceleration_rad_s2=_from_neighbours(speed, hole, SMOOTHING_REACH, order=1) / wheel.sample_period_s,
+        angle_rad=np.cumsum(_hold(speed)) * wheel.sample_period_s,
+        motor_torque_Nm=None if torque is None else _from_neighbours(torque, 0, SMOOTHING_REACH, order=0),
+        bearing_temperature_degC=_smooth_temperature(on_grid(samples.bearing_temperature_degC)),
+        dry_level_Nm=None,
+        sample_period_s=wheel.sample_period_s,
+        good=np.isfinite(speed) & np.isfinite(friction),
+        motor_torque_rate_Nm_s=(
+            None if torque is None else _from_neighbours(torque, 0, SMOOTHING_REACH, order=1) / wheel.sample_period_s
+        ),
+    )
+    good = channels.good
+    return Record(
+        source=source,
+        channels=channels,
+        friction_torque_Nm=friction,
+        used=good & ~rest & (direction != 0),
+        rest_slots=int(np.count_nonzero(good & rest)),
+        friction_is_derived=derived,
+        speed_noise_rad_s=noise,
+        speed_step_rad_s=step,
+    )
+
+
+def check_plausible(samples: Samples, wheel: Wheel, source: str) -> None:
+    """Refuse tables in wrong units: values beyond the wheel's limits, or a voltage that contradicts the speed."""
+    if len(samples) == 0:
+        raise InputError(source, "holds no samples")
+    limits = wheel.limits
+    for name, limit in (("speed_rad_s", limits.max_speed_rad_s), ("motor_current_A", limits.max_current_A)):
+        values = getattr(samples, name)
+        if values is None or limit is None or not np.isfinite(values).any():
+            continue
+        largest = float(np.nanmax(np.abs(values)))
+        if largest > limit:
+            raise InputError(source, f"reaches {largest:.6g}, the wheel's limit is {limit:.6g}; wrong unit?", name)
+    known = (wheel.winding_resistance_ohm, wheel.back_emf_constant_V_s_rad)
+    voltage, current = samples.motor_voltage_V, samples.motor_current_A
+    if voltage is not None and current is not None and None not in known:
+        resistance, back_emf = float(known[0] or 0), float(known[1] or 0)
+        expected = resistance * current + back_emf * samples.speed_rad_s
+        both = np.isfinite(expected) & np.isfinite(voltage)
+        scale = float(np.sqrt(np.mean(expected[both] ** 2))) if both.any() else 0.0
+        # Half of the signal: a sensor may be off by per cents, a unit is off by factors.
+        if scale > 0 and float(np.sqrt(np.mean((voltage - expected)[both] ** 2))) > 0.5 * scale:
+            raise InputError(
+                source,
+                "contradicts R·I + K_E·ω of the wheel file by more than half; is a unit or a constant wrong?",
+                "motor_voltage_V",
+            )
+
+
+def _from_neighbours(values: FloatArray, hole: int, reach: int, order: int) -> FloatArray:
+    """Estimate value (order 0) or slope per slot (order 1) at each slot from slots hole+1 … hole+reach on both sides.
+
+    Symmetric least squares: the mean, or Σ j v_j / Σ j². Slots without a value, and the ends, take the nearest estimate.
+    """
+    j = np.arange(-(hole + reach), hole + reach + 1)
+    outside = np.abs(j) > hole
+    taps = outside / outside.sum() if order == 0 else np.where(outside, j, 0) / np.sum(np.where(outside, j, 0) ** 2)
+    filled = _hold(values)
+    estimate = correlate1d(filled, taps.astype(np.float64), mode="nearest")
+    return np.asarray(estimate, dtype=np.float64)
+
+
+def _hold(values: FloatArray) -> FloatArray:
+    """Fill unknown values by straight lines between known ones, for filters that need a value everywhere."""
+    known = np.isfinite(values)
+    if known.all() or not known.any():
+        return np.nan_to_num(values)
+    at = np.arange(values.size)
+    return np.interp(at, at[known], values[known])
+
+
+def _smooth_temperature(values: FloatArray | None) -> FloatArray | None:
+    """Average a slow channel over a few slots; None where it is not there or holds nothing."""
+    if values is None or not np.isfinite(values).any():
+        return None
+    return _from_neighbours(values, 0, SMOOTHING_REACH, order=0)
+
+
+def _speed_noise_and_step(speed: FloatArray) -> tuple[float, float]:
+    """Return the speed channel's noise standard deviation and its lattice step (0 for none) [rad/s]."""
+    known = speed[np.isfinite(speed)]
+    if known.size < 5:
+        return 0.0, 0.0
+    second = np.diff(known, 2)
+    noise = float(np.median(np.abs(second)) / 0.6745 / np.sqrt(6.0))  # var(v₀ - 2v₁ + v₂) = 6σ²
+    levels = np.unique(known)
+    step = 0.0
+    if levels.size < known.size / 4 and levels.size > 1:
+        step = float(np.median(np.diff(levels)))
+    return noise, step
+
+
+def _at_rest(speed: FloatArray, noise: float, step: float, dead_band: float | None) -> BoolArray:
+    """Find rest: a stay near zero in which the wheel goes nowhere and the sign means nothing."""
+    known = np.isfinite(speed)
+    band = max(REST_BAND_IN_SPEED_NOISE * noise, step, dead_band or 0.0)
+    near = known & (np.abs(np.nan_to_num(speed)) <= band)
+    rest = known & (np.abs(np.nan_to_num(speed)) <= REST_BAND_IN_SPEED_NOISE * noise)
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], near.astype(np.int8), [0]])))
+    for begin, end in zip(edges[::2], edges[1::2], strict=True):
+        if end - begin < MIN_REST_SLOTS:
+            continue
+        stay = speed[begin:end]
+        changes = np.count_nonzero(np.diff(np.sign(stay)) != 0)
+        wandered = abs(float(np.mean(stay[-MIN_REST_SLOTS // 2 :]) - np.mean(stay[: MIN_REST_SLOTS // 2])))
+        if changes >= 3 and wandered < band:
+            rest[begin:end] = True
+    return rest

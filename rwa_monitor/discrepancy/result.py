@@ -1,0 +1,139 @@
+"""What the search for discrepancies says: plain and immutable; the command and the live room turn it into JSON."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from rwa_monitor.physics.effects.base import Family
+
+Verdict = Literal["adequate", "inadequate", "untestable"]
+
+
+@dataclass(frozen=True, slots=True)
+class ParameterValue:
+    """A fitted parameter; `std` is None where the likelihood does not give one."""
+
+    value: float
+    std: float | None
+    unit: str
+
+
+@dataclass(frozen=True, slots=True)
+class FoundEffect:
+    """One effect that the data show and the model lacks.
+
+    Attributes
+    ----------
+    name, family
+        From the catalogue.
+    equivalent
+        Names that the data cannot tell from it.
+    separate_by
+        The manoeuvre or channel that would.
+    parameters
+        By name, in the order of wheel.toml.
+    p_value
+        Probability of as large a gain, over all effects tried, on a record without any.
+    delta_deviance
+        Gain of the penalised criterion, -2 log likelihood.
+    """
+
+    name: str
+    family: Family
+    equivalent: tuple[str, ...]
+    separate_by: str
+    parameters: dict[str, ParameterValue]
+    p_value: float
+    delta_deviance: float
+
+
+@dataclass(frozen=True, slots=True)
+class Unexplained:
+    """Something is left that no known effect explains: where it shows, and its root mean square [N m]."""
+
+    signature: str
+    size_Nm: float
+
+
+@dataclass(frozen=True, slots=True)
+class Rates:
+    """Detection and false-positive rate of the diagnosis."""
+
+    detection: float
+    false_positive: float
+
+
+@dataclass(frozen=True, slots=True)
+class DiagnosisGain:
+    """Rates of the diagnosis on labelled windows without and with the extension."""
+
+    before: Rates
+    after: Rates
+
+
+@dataclass(frozen=True, slots=True)
+class Gain:
+    """What the extension gains; RMSE and log score on held-out blocks, equal where the base model is adequate."""
+
+    rmse_base_Nm: float
+    rmse_extended_Nm: float
+    log_score_base: float
+    log_score_extended: float
+    noise_std_Nm: float
+    changepoints_base: int
+    changepoints_extended: int
+    diagnosis: DiagnosisGain | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class DiscrepancyResult:
+    """The answer of the search, see design.md "Discrepancy report"."""
+
+    verdict: Verdict
+    effects: tuple[FoundEffect, ...]
+    unexplained: Unexplained | None
+    untested: tuple[tuple[str, str], ...]  # effect, what is missing
+    gain: Gain | None
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the report as the fields of design.md."""
+        gain = self.gain
+        return {
+            "verdict": self.verdict,
+            "effects": [
+                {
+                    "name": effect.name,
+                    "family": effect.family,
+                    "equivalent": list(effect.equivalent),
+                    "separate_by": effect.separate_by,
+                    "parameters": {
+                        name: {"value": p.value, "std": p.std, "unit": p.unit} for name, p in effect.parameters.items()
+                    },
+                    "p_value": effect.p_value,
+                    "delta_deviance": effect.delta_deviance,
+                }
+                for effect in self.effects
+            ],
+            "unexplained": None
+            if self.unexplained is None
+            else {"signature": self.unexplained.signature, "size_Nm": self.unexplained.size_Nm},
+            "untested": [{"effect": name, "missing": missing} for name, missing in self.untested],
+            "gain": None
+            if gain is None
+            else {
+                "rmse_base_Nm": gain.rmse_base_Nm,
+                "rmse_extended_Nm": gain.rmse_extended_Nm,
+                "log_score_base": gain.log_score_base,
+                "log_score_extended": gain.log_score_extended,
+                "noise_std_Nm": gain.noise_std_Nm,
+                "changepoints_base": gain.changepoints_base,
+                "changepoints_extended": gain.changepoints_extended,
+                "diagnosis": None
+                if gain.diagnosis is None
+                else {
+                    when: {"detection": rates.detection, "false_positive": rates.false_positive}
+                    for when, rates in (("before", gain.diagnosis.before), ("after", gain.diagnosis.after))
+                },
+            },
+        }

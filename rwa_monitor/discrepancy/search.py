@@ -1,0 +1,323 @@
+"""Naming what the model lacks: forward and swap search over the catalogue, jumps re-segmented inside every candidate.
+
+Each candidate is judged by the same penalised likelihood as the base model (see `base_fit`), with its shape parameters
+profiled, its signs respected and its own segmentation: a missing smooth effect is paid for by dozens of false jumps,
+and the right term is the one that gives them back.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from rwa_monitor.discrepancy.base_fit import (
+    Fit,
+    Problem,
+    fit,
+    jump_sets,
+    jumps_off_crossings,
+    remove_levels,
+    segment_starts,
+)
+from rwa_monitor.discrepancy.terms import (
+    EXPLAINED_AWAY,
+    Term,
+    available,
+    make_background,
+    make_robust_background,
+    make_term,
+    profile,
+    profile_robustly,
+)
+from rwa_monitor.physics.effects.base import MeanEffect
+from rwa_monitor.samples import FloatArray, IntArray
+
+ACCEPT_GAIN: Final = 25.0  # effects.md: no false name in 24 null records at this threshold
+EQUIVALENT_WITHIN: Final = 10.0  # effects.md, step 6
+MAX_EFFECTS: Final = 4
+SCREEN_MARGIN: Final = 40.0  # a candidate whose upper bound is this much worse than nothing is not re-segmented
+REFINEMENTS: Final = 4  # rounds of shapes and jumps in turn
+WORTH_REFINING: Final = 1.0  # of the criterion
+MAX_REFITS: Final = 9  # candidates, best bound first, that are re-segmented in one step
+
+Progress = Callable[[str], None]
+
+
+@dataclass(frozen=True, slots=True)
+class Model:
+    """A set of effects and its fit."""
+
+    terms: tuple[Term, ...]
+    fit: Fit
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the effects."""
+        return tuple(term.effect.name for term in self.terms)
+
+    def strengths(self, index: int) -> FloatArray:
+        """Return the fitted strengths of term `index`."""
+        begin = 1 + sum(term.columns.shape[1] for term in self.terms[:index])
+        return self.fit.coefficients[begin : begin + self.terms[index].columns.shape[1]]
+
+
+@dataclass(frozen=True, slots=True)
+class Found:
+    """One effect that the search accepted.
+
+    Attributes
+    ----------
+    name
+        Catalogue name.
+    gain
+        By how much the criterion gets worse when the effect is left out and all else refitted.
+    equivalent
+        Other names that are as good in its place (difference below `EQUIVALENT_WITHIN`).
+    """
+
+    name: str
+    gain: float
+    equivalent: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class SearchResult:
+    """What the search over mean effects found.
+
+    Attributes
+    ----------
+    ladder
+        Models from the base upwards, one effect more at each step.
+    found
+        The effects of the last model, strongest first.
+    untestable
+        Effects that this data cannot test, with what is missing.
+    best_rejected
+        Gain of the best candidate that was not accepted (for the p-value of an adequate model).
+    """
+
+    ladder: tuple[Model, ...]
+    found: tuple[Found, ...]
+    untestable: tuple[tuple[str, str], ...]
+    best_rejected: float
+
+
+def search(
+    problem: Problem,
+    effects: Sequence[type[MeanEffect]],
+    holds_out: Callable[[Problem, Model, Model], bool],
+    progress: Progress = lambda _: None,
+) -> SearchResult:
+    """Search for mean effects, forward with swaps.
+
+    Parameters
+    ----------
+    problem
+        The data.
+    effects
+        Candidates.
+    holds_out
+        Says whether the second model predicts held-out data better than the first.
+    progress
+        Called with a word on each step.
+    """
+    progress("base model")
+    base = Model((), fit(problem, np.zeros((problem.size, 0))))
+    testable, untestable = sort_out(problem, effects, base)
+    ladder = [base]
+    best_rejected = 0.0
+    while len(ladder[-1].terms) < MAX_EFFECTS:
+        current = ladder[-1]
+        rivals = extensions(problem, current, testable, progress)
+        if not rivals:
+            break
+        best = rivals[0]
+        gain = current.fit.criterion - best.fit.criterion
+        if gain < ACCEPT_GAIN or not holds_out(problem, current, best):
+            best_rejected = max(best_rejected, gain)
+            break
+        ladder.append(_swap(problem, best, testable, progress))
+    final = _prune(problem, ladder[-1])
+    ladder = [*(model for model in ladder if len(model.terms) < len(final.terms)), final]
+    found = _found(problem, final, testable, progress)
+    return SearchResult(tuple(ladder), found, tuple(untestable), best_rejected)
+
+
+def sort_out(
+    problem: Problem, effects: Sequence[type[MeanEffect]], base: Model
+) -> tuple[list[type[MeanEffect]], list[tuple[str, str]]]:
+    """Split the effects into those this data can test and those it cannot, with the reason."""
+    testable: list[type[MeanEffect]] = []
+    untestable: list[tuple[str, str]] = []
+    background = make_background(problem, (), jumps_off_crossings(problem, base.fit.jumps))
+    for effect in effects:
+        lacking = available(problem, effect)
+        if lacking is not None:
+            untestable.append((effect.name, lacking))
+            continue
+        term = make_term(problem, effect, middle_shape(problem, effect), base.fit.level)
+        inner = remove_levels(term.columns, background.first)
+        scale = float(background.design[:, 0] @ background.design[:, 0])
+        if scale > 0:
+            inner = inner - np.outer(background.design[:, 0], background.design[:, 0] @ inner / scale)
+        if float(np.sum(inner**2)) <= EXPLAINED_AWAY * float(np.sum(term.columns**2)):
+            untestable.append((effect.name, effect.separate_by))
+        else:
+            testable.append(effect)
+    return testable, untestable
+
+
+def middle_shape(problem: Problem, effect: type[MeanEffect]) -> dict[str, float]:
+    """Return a shape in the middle of what the first record can show."""
+    bounds = effect.shape_bounds(problem.records[0].channels)
+    shape = {}
+    for parameter in effect.shape_parameters():
+        low, high = bounds[parameter.name]
+        middle = float(np.sqrt(low * high)) if low > 0 else 0.5 * (low + high)
+        shape[parameter.name] = parameter.choices[0] if parameter.choices else middle
+    return shape
+
+
+def extensions(
+    problem: Problem, current: Model, effects: Sequence[type[MeanEffect]], progress: Progress
+) -> list[Model]:
+    """Return `current` extended by each candidate, refitted, best first."""
+    starts = jump_sets(problem, current.fit)
+    backgrounds = [make_background(problem, current.terms, jumps) for jumps in starts]
+    robust = make_robust_background(problem, current.terms)
+    screened = []
+    for effect in effects:
+        if effect.name in current.names:
+            continue
+        progress(f"{' + '.join((*current.names, effect.name))}")
+        term, bound = profile(effect, backgrounds, current.fit.level)
+        screened.append((bound, term))
+    screened.sort(key=lambda entry: entry[0])
+    models: list[Model] = []
+    for bound, term in screened:
+        if len(models) >= MAX_REFITS or bound > current.fit.criterion + SCREEN_MARGIN:
+            break
+        models.append(refit(problem, (*current.terms, term), starts))
+        if term.shape:
+            other = profile_robustly(term.effect, robust, current.fit.level)
+            rival = refit(problem, (*current.terms, other), [])
+            if rival.fit.criterion < models[-1].fit.criterion:
+                models[-1] = rival
+    return sorted(models, key=lambda model: model.fit.criterion)
+
+
+def refit(problem: Problem, terms: Sequence[Term], starts: Sequence[IntArray]) -> Model:
+    """Fit a set of terms: segment, refine every shape on the new jumps, segment again.
+
+    Without `starts`, from the robust start, to which jumps are outliers.
+    """
+    best = Model(tuple(terms), _fit(problem, tuple(terms), starts))
+    for _ in range(REFINEMENTS):
+        refined = list(best.terms)
+        for i, term in enumerate(refined):
+            if term.shape:
+                others = [other for j, other in enumerate(refined) if j != i]
+                background = make_background(problem, others, best.fit.jumps)
+                refined[i], _ = profile(term.effect, [background], best.fit.level, around=term)
+        again = Model(tuple(refined), _fit(problem, tuple(refined), [best.fit.jumps]))
+        improvement = best.fit.criterion - again.fit.criterion
+        if improvement > 0:
+            best = again
+        if improvement < WORTH_REFINING:
+            break
+    return best
+
+
+def _fit(problem: Problem, terms: tuple[Term, ...], starts: Sequence[IntArray]) -> Fit:
+    if not terms:
+        return fit(problem, np.zeros((problem.size, 0)), start=starts)
+    return fit(
+        problem,
+        np.column_stack([term.columns for term in terms]),
+        (np.concatenate([term.low for term in terms]), np.concatenate([term.high for term in terms])),
+        start=starts,
+        parameters=sum(term.parameters for term in terms),
+    )
+
+
+def replacements(
+    problem: Problem, model: Model, index: int, effects: Sequence[type[MeanEffect]], progress: Progress
+) -> list[Model]:
+    """Return the model with term `index` replaced by each other candidate, best first."""
+    others = tuple(term for i, term in enumerate(model.terms) if i != index)
+    reduced = Model(others, _fit(problem, others, [model.fit.jumps]))
+    allowed = [effect for effect in effects if effect.name != model.terms[index].effect.name]
+    return extensions(problem, reduced, allowed, progress)
+
+
+def _swap(problem: Problem, model: Model, effects: Sequence[type[MeanEffect]], progress: Progress) -> Model:
+    """Exchange effects one by one while that helps."""
+    if len(model.terms) == 1:
+        return model  # the best single effect was chosen among all
+    improved = True
+    while improved:
+        improved = False
+        for index in range(len(model.terms)):
+            rivals = replacements(problem, model, index, effects, progress)
+            if rivals and rivals[0].fit.criterion < model.fit.criterion - 1.0:
+                model, improved = rivals[0], True
+                break
+    return model
+
+
+def _without(problem: Problem, model: Model, index: int) -> Model:
+    """Return the model without term `index`, refitted from the full model's and from free jumps."""
+    others = tuple(term for i, term in enumerate(model.terms) if i != index)
+    starts = [model.fit.jumps]
+    return Model(others, _fit(problem, others, starts))
+
+
+def _prune(problem: Problem, model: Model) -> Model:
+    """Leave out effects that later ones have made superfluous."""
+    while model.terms:
+        reduced = [_without(problem, model, i) for i in range(len(model.terms))]
+        weakest = min(reduced, key=lambda m: m.fit.criterion)
+        if weakest.fit.criterion - model.fit.criterion >= ACCEPT_GAIN:
+            return model
+        model = weakest
+    return model
+
+
+def _found(
+    problem: Problem, model: Model, effects: Sequence[type[MeanEffect]], progress: Progress
+) -> tuple[Found, ...]:
+    """Rank the accepted effects and find what could stand in their place."""
+    found = []
+    for index, term in enumerate(model.terms):
+        gain = _without(problem, model, index).fit.criterion - model.fit.criterion
+        rivals = replacements(problem, model, index, effects, progress)
+        equivalent = tuple(
+            rival.terms[-1].effect.name
+            for rival in rivals
+            if rival.fit.criterion - model.fit.criterion < EQUIVALENT_WITHIN
+        )
+        found.append(Found(term.effect.name, gain, equivalent))
+    return tuple(sorted(found, key=lambda entry: -entry.gain))
+
+
+def effect_torque(problem: Problem, model: Model) -> FloatArray:
+    """Return s·torque of all effects of the model at the joined samples [N m]."""
+    total = np.zeros(problem.size)
+    for index, term in enumerate(model.terms):
+        total += term.columns @ model.strengths(index)
+    return total
+
+
+def coefficient_covariance(problem: Problem, model: Model) -> FloatArray:
+    """Return the covariance of (viscous, strengths), levels eliminated, noise as coloured as it is.
+
+    Diagonal terms use each coefficient's own noise variance along its orthogonalised column.
+    """
+    first = segment_starts(problem, model.fit.jumps)
+    design = remove_levels(np.column_stack([problem.speed, *(term.columns for term in model.terms)]), first)
+    inverse = np.linalg.pinv(design.T @ design, rcond=1e-12, hermitian=True)
+    variance = np.array([problem.noise.variance_along(design @ inverse[:, j]) for j in range(design.shape[1])])
+    return inverse * np.sqrt(np.outer(variance, variance))

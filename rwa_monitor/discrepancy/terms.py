@@ -1,0 +1,294 @@
+"""Terms: an effect of the catalogue put into columns of the search problem, and its shape profiled on the data."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from scipy import optimize
+
+from rwa_monitor.discrepancy.base_fit import (
+    JUMP_PENALTY,
+    TUKEY,
+    Problem,
+    long_lag,
+    remove_levels,
+    same_record,
+    segment_starts,
+    solve_bounded,
+)
+from rwa_monitor.physics.effects.base import MeanEffect, Parameter
+from rwa_monitor.samples import FloatArray, IntArray
+
+GRID_POINTS: Final = 9  # per continuous shape parameter; the profile is then refined between neighbours
+LOG_SPACING_FROM: Final = 8.0  # ratio of bounds from which a shape parameter is spaced in logarithm
+ROBUST_PAIRS: Final = 8_000  # differences that the robust start looks at, evenly spread
+ROBUST_ROUNDS: Final = 5  # reweightings; the shape only starts the fit
+EXPLAINED_AWAY: Final = 1e-6  # share of a column's square below which levels and slope already hold it
+
+
+@dataclass(frozen=True, slots=True)
+class Term:
+    """An effect with shape parameters fixed, as columns.
+
+    Attributes
+    ----------
+    effect
+        Its class.
+    shape
+        Values of the shape parameters.
+    columns
+        float64 (n, p) at the joined samples, multiplied by s, at unit strength.
+    low, high
+        float64 (p,), bounds of the strengths.
+    """
+
+    effect: type[MeanEffect]
+    shape: Mapping[str, float]
+    columns: FloatArray
+    low: FloatArray
+    high: FloatArray
+
+    @property
+    def parameters(self) -> int:
+        """Count the free parameters, shape included."""
+        return len(self.effect.parameters)
+
+
+def make_term(problem: Problem, effect: type[MeanEffect], shape: Mapping[str, float], level: FloatArray | None) -> Term:
+    """Evaluate an effect's columns on all records.
+
+    Parameters
+    ----------
+    level
+        Current estimate of the dry level at the joined samples [N m], for effects that scale with it.
+    """
+    strengths = effect.strength_parameters()
+    key = (effect.name, tuple(shape.items()))
+    columns = problem.columns.get(key)
+    if columns is None:
+        levels = [*problem.spread(level)] if effect.uses_level and level is not None else [None] * len(problem.records)
+        per_record = []
+        for record, dry in zip(problem.records, levels, strict=True):
+            values, _ = effect.columns(replace(record.channels, dry_level_Nm=dry), shape)
+            per_record.append(values[record.used])
+        columns = np.nan_to_num(np.concatenate(per_record)) * problem.sign[:, None]
+        if not effect.uses_level:
+            problem.columns.put(key, columns)
+    return Term(
+        effect, dict(shape), columns, np.array([p.low for p in strengths]), np.array([p.high for p in strengths])
+    )
+
+
+def available(problem: Problem, effect: type[MeanEffect]) -> str | None:
+    """Return which channel an effect lacks in these records, or None when it has all."""
+    for channel in sorted(effect.needs):
+        if any(getattr(record.channels, channel) is None for record in problem.records):
+            return channel
+    return None
+
+
+@dataclass(frozen=True, slots=True)
+class Background:
+    """What is in the model already, prepared for adding one term: a jump set and the inner design."""
+
+    problem: Problem
+    first: IntArray
+    jumps: int
+    design: FloatArray  # (n, 1 + p) without levels
+    gram: FloatArray
+    moment: FloatArray
+    low: FloatArray
+    high: FloatArray
+    z: FloatArray  # without levels
+    zz: float
+
+    def criterion_with(self, term: Term) -> float:
+        """Return RSS/σ² + penalties with the term added, jumps kept (an upper bound of the full criterion)."""
+        inner = remove_levels(term.columns, self.first)
+        cross = self.design.T @ inner
+        size = self.gram.shape[0] + inner.shape[1]
+        gram = np.empty((size, size))
+        cut = self.gram.shape[0]
+        gram[:cut, :cut] = self.gram
+        gram[:cut, cut:] = cross
+        gram[cut:, :cut] = cross.T
+        gram[cut:, cut:] = inner.T @ inner
+        moment = np.concatenate([self.moment, inner.T @ self.z])
+        solution = solve_bounded(
+            self.problem,
+            gram,
+            moment,
+            np.concatenate([self.low, term.low]),
+            np.concatenate([self.high, term.high]),
+        )
+        rss = self.zz - 2 * solution @ moment + solution @ gram @ solution
+        penalties = JUMP_PENALTY * self.jumps + term.parameters
+        return float(rss / self.problem.noise.long_run_variance + self.problem.log_size * penalties)
+
+
+def make_background(problem: Problem, chosen: Sequence[Term], jumps: IntArray) -> Background:
+    """Prepare the model made of `chosen` with the given jumps."""
+    first = segment_starts(problem, jumps)
+    design = remove_levels(np.column_stack([problem.speed, *(term.columns for term in chosen)]), first)
+    z = remove_levels(problem.z, first)
+    return Background(
+        problem,
+        first,
+        int(jumps.size),
+        design,
+        design.T @ design,
+        design.T @ z,
+        np.concatenate([[-np.inf], *(term.low for term in chosen)]),
+        np.concatenate([[np.inf], *(term.high for term in chosen)]),
+        z,
+        float(z @ z),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class RobustBackground:
+    """Differences over a lag of what is in the model already: jumps are outliers in them, no segmentation is needed."""
+
+    problem: Problem
+    lag: int
+    pairs: IntArray  # (m,)
+    rise: FloatArray  # (m, 1 + p)
+    z: FloatArray  # (m,)
+    low: FloatArray
+    high: FloatArray
+    scale: float
+
+    def cost_with(self, term: Term) -> float:
+        """Return Tukey's loss of the differences with the term added, coefficients refitted [-]."""
+        rise = np.column_stack([self.rise, term.columns[self.pairs + self.lag] - term.columns[self.pairs]])
+        low, high = np.concatenate([self.low, term.low]), np.concatenate([self.high, term.high])
+        weight = np.ones(self.z.size)
+        residual = self.z
+        for _ in range(ROBUST_ROUNDS):
+            weighted = rise * weight[:, None]
+            solution = solve_bounded(self.problem, rise.T @ weighted, weighted.T @ self.z, low, high)
+            residual = self.z - rise @ solution
+            weight = np.clip(1.0 - (residual / (TUKEY * self.scale)) ** 2, 0.0, None) ** 2
+        return float(np.sum(1.0 - np.clip(1.0 - (residual / (TUKEY * self.scale)) ** 2, 0.0, None) ** 3))
+
+
+def make_robust_background(problem: Problem, chosen: Sequence[Term]) -> RobustBackground:
+    """Prepare long-lag differences of the model made of `chosen`."""
+    lag = long_lag(problem)
+    pairs = np.flatnonzero(same_record(problem, lag))
+    pairs = pairs[:: max(pairs.size // ROBUST_PAIRS, 1)]
+    design = np.column_stack([problem.speed, *(term.columns for term in chosen)])
+    return RobustBackground(
+        problem,
+        lag,
+        pairs,
+        design[pairs + lag] - design[pairs],
+        problem.z[pairs + lag] - problem.z[pairs],
+        np.concatenate([[-np.inf], *(term.low for term in chosen)]),
+        np.concatenate([[np.inf], *(term.high for term in chosen)]),
+        float(np.sqrt(2.0) * problem.noise.std),
+    )
+
+
+def profile_robustly(effect: type[MeanEffect], background: RobustBackground, level: FloatArray | None) -> Term:
+    """Find the shape on which Tukey's loss of long-lag differences is least: a start that trusts no segmentation."""
+    problem = background.problem
+    axes = _axes(problem, effect, None)
+
+    def evaluate(values: tuple[float, ...]) -> tuple[Term, float]:
+        shape = {axis.name: value for axis, value in zip(axes, values, strict=True)}
+        term = make_term(problem, effect, shape, level)
+        return term, background.cost_with(term)
+
+    best = min(itertools.product(*(axis.points for axis in axes)), key=lambda values: evaluate(values)[1])
+    for i, axis in enumerate(axes):
+        if axis.refine:
+            best = _refine(axis, i, best, lambda values: evaluate(values)[1])
+    return evaluate(best)[0]
+
+
+def profile(
+    effect: type[MeanEffect], backgrounds: Sequence[Background], level: FloatArray | None, around: Term | None = None
+) -> tuple[Term, float]:
+    """Find the shape parameters with the best criterion over the given backgrounds.
+
+    A coarse grid inside the record's bounds (or around a known term), then a bounded refinement: no fixed grid decides.
+
+    Returns
+    -------
+    term, criterion
+        The effect at its best shape, and the criterion there.
+    """
+    problem = backgrounds[0].problem
+    axes = _axes(problem, effect, around)
+    cache: dict[tuple[float, ...], tuple[Term, float]] = {}
+
+    def evaluate(values: tuple[float, ...]) -> tuple[Term, float]:
+        if values not in cache:
+            shape = {axis.name: value for axis, value in zip(axes, values, strict=True)}
+            term = make_term(problem, effect, shape, level)
+            cache[values] = term, min(background.criterion_with(term) for background in backgrounds)
+        return cache[values]
+
+    grid = list(itertools.product(*(axis.points for axis in axes)))
+    best = min(grid, key=lambda values: evaluate(values)[1])
+    continuous = [i for i, axis in enumerate(axes) if axis.refine]
+    for _ in range(2 if len(continuous) > 1 else 1):
+        for i in continuous:
+            best = _refine(axes[i], i, best, lambda values: evaluate(values)[1])
+    return evaluate(best)
+
+
+@dataclass(frozen=True, slots=True)
+class _Axis:
+    name: str
+    points: tuple[float, ...]
+    refine: bool
+    logarithmic: bool
+
+
+def _axes(problem: Problem, effect: type[MeanEffect], around: Term | None) -> list[_Axis]:
+    bounds: dict[str, tuple[float, float]] = {}
+    for record in problem.records:
+        for name, (low, high) in effect.shape_bounds(record.channels).items():
+            old = bounds.get(name, (low, high))
+            bounds[name] = (min(low, old[0]), max(high, old[1]))
+    return [_axis(parameter, *bounds[parameter.name], around) for parameter in effect.shape_parameters()]
+
+
+def _axis(parameter: Parameter, low: float, high: float, around: Term | None) -> _Axis:
+    if parameter.choices:
+        points = parameter.choices if around is None else (around.shape[parameter.name],)
+        return _Axis(parameter.name, tuple(points), False, False)
+    if not low < high:
+        return _Axis(parameter.name, (low,), False, False)
+    logarithmic = low > 0 and high / low > LOG_SPACING_FROM
+    points = np.geomspace(low, high, GRID_POINTS) if logarithmic else np.linspace(low, high, GRID_POINTS)
+    if around is not None:
+        centre = around.shape[parameter.name]
+        near = np.argsort(np.abs(np.log(points / centre) if logarithmic else points - centre))[:2]
+        points = np.unique(np.append(points[near], centre))
+    return _Axis(parameter.name, tuple(float(p) for p in points), True, logarithmic)
+
+
+def _refine(
+    axis: _Axis, position: int, best: tuple[float, ...], cost: Callable[[tuple[float, ...]], float]
+) -> tuple[float, ...]:
+    """Minimise along one axis between the neighbours of the best point."""
+    points = sorted({*axis.points, best[position]})
+    at = points.index(best[position])
+    low, high = points[max(at - 1, 0)], points[min(at + 1, len(points) - 1)]
+    to = np.log if axis.logarithmic else (lambda value: value)
+    back = np.exp if axis.logarithmic else (lambda value: value)
+
+    def along(u: float) -> float:
+        return cost((*best[:position], float(back(u)), *best[position + 1 :]))
+
+    found = optimize.minimize_scalar(along, bounds=(to(low), to(high)), method="bounded", options={"maxiter": 12})
+    value = float(back(found.x))
+    better = (*best[:position], value, *best[position + 1 :])
+    return better if cost(better) < cost(best) else best

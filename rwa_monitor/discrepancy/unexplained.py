@@ -1,0 +1,204 @@
+"""What no known effect explains: free curves over each quantity, as rivals of the catalogue's formulas.
+
+A named formula must explain what it is accepted for. After the search, free curves over |ω|, temperature, time, …
+compete for what is left: one that still gains much is *unexplained*, with the quantity as its signature; and a named
+effect that is not needed beside the curve was a wrong name for it and is withdrawn.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import ClassVar, Final
+
+import numpy as np
+
+from rwa_monitor.discrepancy.base_fit import Problem, jump_sets
+from rwa_monitor.discrepancy.gain import holds_out
+from rwa_monitor.discrepancy.result import Unexplained
+from rwa_monitor.discrepancy.search import ACCEPT_GAIN, Model, SearchResult, refit
+from rwa_monitor.discrepancy.terms import Term, make_background, make_term
+from rwa_monitor.physics.effects.base import Channels, MeanEffect, Memory, Parameter
+from rwa_monitor.samples import FloatArray
+
+KNOTS: Final = 8  # of a free curve
+
+
+class _FreeCurve(MeanEffect):
+    """A piecewise linear curve with KNOTS knots over the ranks of a quantity."""
+
+    formula = ""
+    description = "A free curve, no physics."
+    signature: ClassVar[str]
+    source = "none"
+    separate_by = ""
+    parameters = tuple(Parameter(f"height_{i}_Nm", "N m", -np.inf, np.inf, 0.0, linear=True) for i in range(KNOTS))
+    flips: ClassVar[bool]  # with the direction of rotation, as friction does
+
+    @classmethod
+    def quantity(cls, channels: Channels) -> FloatArray | None:
+        """Return the quantity that the curve is a function of, None where it is not known."""
+        raise NotImplementedError
+
+    @classmethod
+    def columns(
+        cls, channels: Channels, shape: Mapping[str, float], memory: Memory = None
+    ) -> tuple[FloatArray, Memory]:
+        del shape, memory
+        quantity = cls.quantity(channels)
+        assert quantity is not None
+        known = quantity[channels.good & np.isfinite(quantity)]
+        knots = np.unique(np.quantile(known, np.linspace(0, 1, KNOTS)))
+        columns = np.zeros((quantity.size, KNOTS))
+        for i in range(knots.size):
+            columns[:, i] = np.interp(quantity, knots, np.eye(knots.size)[i])
+        return columns * (channels.direction[:, None] if cls.flips else 1.0), None
+
+
+def _curve(
+    name: str, signature: str, quantity: Callable[[Channels], FloatArray | None], *, flips: bool
+) -> type[_FreeCurve]:
+    return type(
+        name,
+        (_FreeCurve,),
+        {
+            "name": name,
+            "title": signature,
+            "signature": signature,
+            "flips": flips,
+            "quantity": classmethod(lambda _, channels: quantity(channels)),
+        },
+    )
+
+
+CURVES: Final = (
+    _curve("curve_speed", "a drag that depends on |speed|", lambda c: np.abs(c.speed_rad_s), flips=True),
+    _curve(
+        "curve_speed_even",
+        "a torque that depends on |speed| and does not flip with the direction",
+        lambda c: np.abs(c.speed_rad_s),
+        flips=False,
+    ),
+    _curve("curve_acceleration", "a torque that depends on dω/dt", lambda c: c.acceleration_rad_s2, flips=False),
+    _curve(
+        "curve_acceleration_size",
+        "a drag that depends on the size of dω/dt",
+        lambda c: np.abs(c.acceleration_rad_s2),
+        flips=True,
+    ),
+    _curve("curve_temperature", "a drag that depends on temperature", lambda c: c.bearing_temperature_degC, flips=True),
+    _curve("curve_motor_torque", "a torque that depends on motor torque", lambda c: c.motor_torque_Nm, flips=False),
+)
+
+
+class _Periodic(MeanEffect):
+    """A sine of time."""
+
+    name = "periodic"
+    title = "periodic"
+    formula = ""
+    description = "A sine of time, no physics."
+    signature = "a torque that is periodic in time"
+    source = "none"
+    separate_by = ""
+    parameters = (
+        Parameter("cosine_Nm", "N m", -np.inf, np.inf, 0.0, linear=True),
+        Parameter("sine_Nm", "N m", -np.inf, np.inf, 0.0, linear=True),
+        # Read off the periodogram, not profiled: a discrete parameter stays where it is when a fit is refined.
+        Parameter("frequency_Hz", "Hz", 0.0, np.inf, 0.01, choices=(0.01,)),
+    )
+    flips: ClassVar[bool] = False
+
+    @classmethod
+    def columns(
+        cls, channels: Channels, shape: Mapping[str, float], memory: Memory = None
+    ) -> tuple[FloatArray, Memory]:
+        del memory
+        phase = 2 * np.pi * shape["frequency_Hz"] * channels.time_s
+        columns = np.stack([np.cos(phase), np.sin(phase)], axis=1)
+        return columns * (channels.direction[:, None] if cls.flips else 1.0), None
+
+
+class _PeriodicDrag(_Periodic):
+    """A sine of time that follows the direction of rotation."""
+
+    name = "periodic_drag"
+    signature = "a drag that is periodic in time"
+    flips: ClassVar[bool] = True
+
+
+def judge_leftover(problem: Problem, found: SearchResult) -> tuple[SearchResult, Unexplained | None, Model]:
+    """Let free curves compete for what the search left.
+
+    Returns
+    -------
+    found, unexplained, complete
+        The search's result without the names that a free curve makes superfluous; what is left, or None; and the model
+        with the curve in it, whose residual is noise.
+    """
+    model = found.ladder[-1]
+    rivals = [_with(problem, model, term) for term in _free_terms(problem, model)]
+    if not rivals:
+        return found, None, model
+    best = min(rivals, key=lambda rival: rival.fit.criterion)
+    if model.fit.criterion - best.fit.criterion < ACCEPT_GAIN or not holds_out(problem, model, best):
+        return found, None, model
+    curve = best.terms[-1]
+    kept = [i for i in range(len(model.terms)) if _needed(problem, best, i)]
+    begin = 1 + sum(term.columns.shape[1] for term in best.terms[:-1])
+    torque = curve.columns @ best.fit.coefficients[begin:]
+    size = float(np.std(torque))
+    unexplained = Unexplained(curve.effect.signature, size)
+    if len(kept) == len(model.terms):
+        return found, unexplained, best
+    terms = tuple(model.terms[i] for i in kept)
+    reduced = refit(problem, terms, jump_sets(problem, best.fit))
+    names = set(reduced.names)
+    ladder = (*(m for m in found.ladder if set(m.names) <= names and len(m.terms) < len(terms)), reduced)
+    return (
+        replace(found, ladder=ladder, found=tuple(entry for entry in found.found if entry.name in names)),
+        unexplained,
+        best,
+    )
+
+
+def _free_terms(problem: Problem, model: Model) -> list[Term]:
+    """Return the free curves that these records allow, periodic ones at the best frequency."""
+    background = make_background(problem, model.terms, model.fit.jumps)
+    terms = []
+    for curve in CURVES:
+        if all(curve.quantity(record.channels) is not None for record in problem.records):
+            terms.append(make_term(problem, curve, {}, None))
+    for effect in (_Periodic, _PeriodicDrag):
+        frequency = _best_frequency(problem, model, flips=effect.flips)
+        if frequency is not None:
+            terms.append(make_term(problem, effect, {"frequency_Hz": frequency}, None))
+    # Only those that the jumps as they are do not make hopeless are fitted with jumps of their own.
+    limit = model.fit.criterion + problem.log_size * KNOTS
+    return [term for term in terms if background.criterion_with(term) < limit]
+
+
+def _best_frequency(problem: Problem, model: Model, *, flips: bool) -> float | None:
+    """Return the frequency of the largest peak of the residual's periodogram, first record [Hz]."""
+    record = problem.records[0]
+    end = int(problem.starts[1])
+    values = np.zeros(record.used.size)
+    residual = model.fit.residual[:end]
+    values[problem.slot[:end]] = residual if flips else residual * problem.sign[:end]
+    spectrum = np.abs(np.fft.rfft(values, 4 * values.size)) ** 2
+    frequency = np.fft.rfftfreq(4 * values.size, record.channels.sample_period_s)
+    # Slower than three periods a record is a trend, which levels absorb.
+    spectrum[frequency < 3.0 / (values.size * record.channels.sample_period_s)] = 0.0
+    at = int(np.argmax(spectrum))
+    return float(frequency[at]) if spectrum[at] > 0 else None
+
+
+def _with(problem: Problem, model: Model, term: Term) -> Model:
+    return refit(problem, (*model.terms, term), jump_sets(problem, model.fit))
+
+
+def _needed(problem: Problem, model: Model, index: int) -> bool:
+    """Say whether a named term is still worth its price beside the free curve."""
+    others = tuple(term for i, term in enumerate(model.terms) if i != index)
+    without = refit(problem, others, [model.fit.jumps])
+    return without.fit.criterion - model.fit.criterion >= ACCEPT_GAIN
