@@ -25,6 +25,8 @@ PERFECT = {"sensors": Sensors.perfect(), "noise": FrictionNoise(std_Nm=0.0)}
 
 
 def run(seed=0, wheel=WHEEL, **settings):
+    """Simulate a record; in every third one friction is not given, unless the test says otherwise."""
+    settings.setdefault("friction_given", seed % 3 != 2)
     return simulate(Scenario(**{"duration_s": 2_500.0, **settings}), wheel, np.random.default_rng(seed))
 
 
@@ -174,7 +176,7 @@ def test_faults_are_in_the_table_and_in_the_truth():
         Fault(kind="stuck", start_s=500.0, duration_s=20.0, channel="speed_rad_s"),
         Fault(kind="dropout", start_s=0.0, duration_s=2_500.0, channel="friction_torque_Nm", share=0.01),
     )
-    clean, record = run(8), run(8, fault=faults)
+    clean, record = (run(8, friction_given=True, fault=fault) for fault in ((), faults))
     assert len(record.samples) == len(clean.samples) - 80
     slots = (record.samples.time_ns - record.samples.time_ns[0]) // WHEEL.period_ns
     assert np.array_equal(np.setdiff1d(np.arange(20_000), slots), np.arange(800, 880))
@@ -355,7 +357,7 @@ def test_dead_zone_silences_the_tachometer_but_not_the_current():
     assert inside.sum() > 100
     assert np.all(derived.samples.speed_rad_s[inside] == 0.0)
     assert np.array_equal(derived.samples.motor_current_A, plain.samples.motor_current_A)
-    given = run(17, effect=(block,), **settings)
+    given = run(17, friction_given=True, effect=(block,), **settings)
     assert np.all(given.truth.effect_torque_Nm["speed_dead_zone"][~inside] == 0.0)
 
 
