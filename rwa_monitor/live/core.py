@@ -1,17 +1,16 @@
 """The monitor core of one wheel: samples in, events out. Pure: no clock, no network, no file.
 
-    messages → sequencer → order guard → ring buffer → friction → less the wheel's effects → open windows → diagnosis
+    messages → sequencer → order guard → ring buffer → friction less known effects → open windows → diagnosis
 
-Live monitor, replay and the diagnosis of tables all feed this one core, so that they agree by construction. Whatever is
-computed over several slots at once is computed in blocks that are cut at multiples of 64 slots and at the borders of
-windows, never where a message happens to end: the result does not depend on how samples arrive.
+Live monitor, replay and the diagnosis of tables all feed this one core, so that they agree by construction, and its
+result does not depend on how the samples are cut into messages.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import Final
+from dataclasses import asdict, dataclass
+from typing import Final, Literal, Self
 
 import numpy as np
 
@@ -22,6 +21,16 @@ from rwa_monitor.diagnosis.state import CarriedState
 from rwa_monitor.diagnosis.window import diagnose_window
 from rwa_monitor.diagnosis.window_diagnosis import WindowDiagnosis
 from rwa_monitor.errors import InputError
+from rwa_monitor.live.checkpoint import (
+    Checkpoint,
+    EffectsState,
+    GridState,
+    HeldBatch,
+    SequencerState,
+    SlotsState,
+    WindowsState,
+)
+from rwa_monitor.live.friction import BLOCK_SLOTS, FrictionSource, Source, source_of
 from rwa_monitor.live.order_guard import (
     PIECE_SLOTS,
     Batch,
@@ -32,15 +41,11 @@ from rwa_monitor.live.order_guard import (
     PublisherConflict,
     Sequencer,
 )
-from rwa_monitor.live.ring_buffer import OPTIONAL, RingBuffer
-from rwa_monitor.physics.effects.base import Channels, Memory
-from rwa_monitor.physics.effects.catalogue import mean_effects
-from rwa_monitor.physics.torque_balance import differentiate, friction_torque, half_width, inertia_of
+from rwa_monitor.live.ring_buffer import RingBuffer
 from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import FloatArray, IntArray, Samples
 from rwa_monitor.slots import SlotGrid
 
-BLOCK_SLOTS: Final = 64  # effects are evaluated in blocks of this many slots, anchored at slot 0
 MAX_OPEN_WINDOWS: Final = 64  # windows that may overlap; a smaller hop would cost memory without telling more
 
 
@@ -181,14 +186,13 @@ class WheelCore:
                 f"is below 1/{MAX_OPEN_WINDOWS} of window.samples ({self._samples})",
                 "window.hop",
             )
-        self._effects = mean_effects(wheel)
         self._sequencer = Sequencer(self.counts)
         self._guard = OrderGuard(wheel.period_ns, self._samples, wheel.limits, wheel.torque_constant_Nm_A, self.counts)
-        self._source = ""  # the channel that friction comes from; decided by the first message
-        self._reach = 0  # slots that the derivative's stencil reaches to either side
-        self._said_missing = False
         self._grid = SlotGrid(0, wheel.period_ns)  # of the running epoch
-        self._begin_ring(())
+        self._source: Source | Literal[""] = ""  # the channel that friction comes from; the first message decides
+        self._said_missing = False
+        self._friction = FrictionSource(wheel, "friction_torque_Nm")
+        self._begin_ring()
 
     # ---- in ---------------------------------------------------------------------------------------------------------
 
@@ -207,10 +211,13 @@ class WheelCore:
         Raises
         ------
         InputError
-            If friction is neither given nor can be derived; nothing is taken then.
+            If `check` does; nothing is taken then.
         """
+        self.check(samples)
         if not self._source:
-            self._choose_source(samples)
+            self._source = source_of(samples, self.wheel)
+            self._friction = FrictionSource(self.wheel, self._source)
+            self._begin_ring()
         ready, notes = self._sequencer.put(Batch(publisher, batch, samples), self._guard.last_ns)
         events: list[Event] = list(notes)
         for message in ready:
@@ -227,30 +234,20 @@ class WheelCore:
         self._guard.end_epoch()
         return events
 
-    def _choose_source(self, samples: Samples) -> None:
-        wheel = self.wheel
-        if samples.friction_torque_Nm is not None:
-            source = "friction_torque_Nm"
-        elif wheel.inertia_kg_m2 is not None and samples.motor_torque_Nm is not None:
-            source = "motor_torque_Nm"
-        elif None not in (wheel.inertia_kg_m2, wheel.torque_constant_Nm_A) and samples.motor_current_A is not None:
-            source = "motor_current_A"
-        else:
-            raise InputError(
-                f"wheel {wheel.name}",
-                "friction_torque_Nm is missing, and friction cannot be derived: that takes motor_current_A with "
-                "torque_constant_Nm_A and inertia_kg_m2 of the wheel, or motor_torque_Nm with inertia_kg_m2",
-            )
-        self._source = source
-        if source != "friction_torque_Nm" or self._effects:
-            self._reach = half_width(wheel.friction.derivative, wheel.sample_period_s)
-        needed = frozenset[str]().union(*(effect.needs for effect in self._effects))
-        self._begin_ring(tuple(name for name in OPTIONAL if name in needed))
+    @property
+    def window_fill(self) -> float:
+        """Share of the oldest open window that has passed, 0 … 1."""
+        return min((self._done - self._open[0].start) / self._samples, 1.0) if self._open else 0.0
 
-    def _begin_ring(self, optional: tuple[str, ...]) -> None:
+    def check(self, samples: Samples) -> None:
+        """Raise InputError if friction is neither given in the first message nor can be derived from it."""
+        if not self._source:
+            source_of(samples, self.wheel)
+
+    def _begin_ring(self) -> None:
         """Start with empty slots; room for the open windows, a piece before them and the stencil around it."""
-        capacity = self._samples + PIECE_SLOTS + 2 * (self._reach + BLOCK_SLOTS)
-        self._ring = RingBuffer(capacity, optional)
+        capacity = self._samples + PIECE_SLOTS + 2 * (self._friction.reach + BLOCK_SLOTS)
+        self._ring = RingBuffer(capacity, self._friction.optional)
         self._begin_slots()
 
     def _begin_slots(self) -> None:
@@ -258,9 +255,7 @@ class WheelCore:
         self._next_start = 0  # first slot of the next window to open
         self._last_end = 0  # first slot after the last window that was closed
         self._open: list[_OpenWindow] = []
-        self._angle_rad = 0.0
-        self._last_speed = 0.0
-        self._memories: list[Memory] = [None] * len(self._effects)
+        self._friction.reset()
 
     def _begin_epoch(self, grid: SlotGrid) -> None:
         self._grid = grid
@@ -272,7 +267,7 @@ class WheelCore:
     def _take(self, message: Batch) -> list[Event]:
         samples = message.samples
         events: list[Event] = []
-        torque = self._torque(samples)
+        torque = self._friction.torque(samples)
         if torque is None:
             torque = np.full(len(samples), np.nan)
             if not self._said_missing:
@@ -280,10 +275,10 @@ class WheelCore:
                 events.append(ChannelMissing(self._source))
         good = np.isfinite(samples.speed_rad_s) & np.isfinite(torque)
         values = {
-            "speed_rad_s": np.where(np.isfinite(samples.speed_rad_s), samples.speed_rad_s, np.nan),
-            "torque_Nm": np.where(np.isfinite(torque), torque, np.nan),
-            "motor_torque_Nm": _or_unknown(self._motor_torque(samples), len(samples)),
-            "bearing_temperature_degC": _or_unknown(samples.bearing_temperature_degC, len(samples)),
+            "speed_rad_s": _finite_or_nan(samples.speed_rad_s, len(samples)),
+            "torque_Nm": _finite_or_nan(torque, len(samples)),
+            "motor_torque_Nm": _finite_or_nan(self._friction.motor_torque(samples), len(samples)),
+            "bearing_temperature_degC": _finite_or_nan(samples.bearing_temperature_degC, len(samples)),
         }
         allowed = ~self._guard.beyond_limits(samples)
         start = 0
@@ -296,21 +291,6 @@ class WheelCore:
             events += self._write(piece.slots, {name: array[piece.rows] for name, array in values.items()})
             start = piece.stop
         return events
-
-    def _motor_torque(self, samples: Samples) -> FloatArray | None:
-        if samples.motor_torque_Nm is not None:
-            return samples.motor_torque_Nm
-        if samples.motor_current_A is not None and self.wheel.torque_constant_Nm_A is not None:
-            return self.wheel.torque_constant_Nm_A * samples.motor_current_A
-        return None
-
-    def _torque(self, samples: Samples) -> FloatArray | None:
-        """Return the torque that friction comes from: itself, or the motor torque."""
-        if self._source == "friction_torque_Nm":
-            return samples.friction_torque_Nm
-        if self._source == "motor_torque_Nm":
-            return samples.motor_torque_Nm
-        return None if samples.motor_current_A is None else self._motor_torque(samples)
 
     def _write(self, slots: IntArray, values: dict[str, FloatArray]) -> list[Event]:
         """Bring new slots, and the empty ones before them, into the ring buffer piece by piece."""
@@ -327,7 +307,7 @@ class WheelCore:
     def _advance(self, *, to_the_end: bool = False) -> list[Event]:
         """Work off all blocks that are complete, the stencil around them included."""
         events: list[Event] = []
-        ready = self._ring.end - (0 if to_the_end else self._reach)
+        ready = self._ring.end - (0 if to_the_end else self._friction.reach)
         while True:
             if self._open and self._window_complete(to_the_end=to_the_end):
                 events.append(self._close(self._open.pop(0)))
@@ -346,13 +326,13 @@ class WheelCore:
     def _window_complete(self, *, to_the_end: bool) -> bool:
         """Tell whether the oldest window is full and a sample beyond it, and beyond the stencil, has come."""
         end = self._open[0].start + self._samples
-        return end <= self._done and (to_the_end or end + self._reach < self._ring.end)
+        return end <= self._done and (to_the_end or end + self._friction.reach < self._ring.end)
 
     def _work_off(self, stop: int) -> list[Event]:
         """Add the slots [done, stop) to all open windows."""
         start, self._done = self._done, stop
         speed = self._ring.read("speed_rad_s", start, stop)
-        friction = self._friction(start, stop)
+        friction = self._friction.friction(self._ring, start, stop)
         self._ring.overwrite("torque_Nm", start, friction)
         good = np.isfinite(speed) & np.isfinite(friction)
         confirmed = [window.accumulator.append(speed, friction, good) for window in self._open]
@@ -361,58 +341,6 @@ class WheelCore:
         # Where windows overlap, the first one to hold a slot tells of it.
         first = self._open[0].start
         return [self._provisional(first, jump) for jump in confirmed[0] if first + jump.index >= self._last_end]
-
-    def _friction(self, start: int, stop: int) -> FloatArray:
-        """Return the friction torque of the slots [start, stop) without the wheel's effects [N m]."""
-        torque = self._ring.read("torque_Nm", start, stop)
-        if self._reach == 0:
-            return torque
-        reach = self._reach
-        around = self._ring.read("speed_rad_s", start - reach, stop + reach)
-        acceleration = differentiate(around, self.wheel.friction.derivative, self.wheel.sample_period_s)
-        acceleration = acceleration[reach : reach + stop - start]
-        if self._source != "friction_torque_Nm":
-            torque = friction_torque(torque, acceleration, inertia_of(self.wheel))
-        low = start
-        while self._effects and low < stop:
-            high = min((low // BLOCK_SLOTS + 1) * BLOCK_SLOTS, stop)
-            block = slice(low - start, high - start)
-            torque[block] -= self._effect_torque(low, high, acceleration[block])
-            low = high
-        return torque
-
-    def _effect_torque(self, start: int, stop: int, acceleration: FloatArray) -> FloatArray:
-        """Return the torque of all effects in one block of slots [N m]."""
-        period_s = self.wheel.sample_period_s
-        speed = self._ring.read("speed_rad_s", start, stop)
-        good = np.isfinite(speed)
-        # Where a speed is missing, the wheel turns on with the last one known.
-        held = speed.copy()
-        for i in range(held.size):
-            if not good[i]:
-                held[i] = held[i - 1] if i else self._last_speed
-        angle = np.add.accumulate(np.concatenate(([self._angle_rad], held * period_s)))[1:]
-        self._angle_rad, self._last_speed = float(angle[-1]), float(held[-1])
-        optional = {
-            name: self._ring.read(name, start, stop) if name in self._ring.channels else None for name in OPTIONAL
-        }
-        channels = Channels(
-            time_s=np.arange(start, stop, dtype=np.float64) * period_s,
-            speed_rad_s=speed,
-            direction=np.sign(speed),
-            acceleration_rad_s2=acceleration,
-            angle_rad=angle,
-            motor_torque_Nm=optional["motor_torque_Nm"],
-            bearing_temperature_degC=optional["bearing_temperature_degC"],
-            dry_level_Nm=None,
-            sample_period_s=period_s,
-            good=good,
-        )
-        total = np.zeros(stop - start)
-        for i, effect in enumerate(self._effects):
-            torque, self._memories[i] = effect.torque(channels, self._memories[i])
-            total += torque
-        return total
 
     # ---- windows into diagnoses -------------------------------------------------------------------------------------
 
@@ -453,9 +381,101 @@ class WheelCore:
         self.carried = _forget_positions(self.carried)
         return events
 
+    # ---- checkpoints ------------------------------------------------------------------------------------------------
 
-def _or_unknown(values: FloatArray | None, size: int) -> FloatArray:
-    return np.full(size, np.nan) if values is None else values
+    def checkpoint(self) -> Checkpoint:
+        """Return everything the core knows; `resume` makes an equal core of it."""
+        sequencer, guard, friction = self._sequencer, self._guard, self._friction
+        needed = min([self._done, *(window.start for window in self._open)])
+        return Checkpoint(
+            source=self._source,
+            said_missing=self._said_missing,
+            counts=asdict(self.counts),
+            carried=self.carried,
+            sequencer=SequencerState(
+                current=sequencer.current,
+                expected=sequencer.expected,
+                held=[HeldBatch.of(batch) for batch in sequencer.held.values()],
+                skipped=list(sequencer.skipped),
+                challenge=[HeldBatch.of(batch) for batch in sequencer.challenge],
+            ),
+            epoch_origin_ns=self._grid.origin_ns,
+            grid=GridState(
+                origin_ns=guard.grid.origin_ns if guard.grid else None, frontier=guard.frontier, last_ns=guard.last_ns
+            ),
+            slots=SlotsState.of(self._ring, needed - 2 * friction.reach - BLOCK_SLOTS),
+            effects=EffectsState(
+                angle_rad=friction.angle_rad,
+                last_speed_rad_s=friction.last_speed_rad_s,
+                memories=[None if memory is None else memory.tolist() for memory in friction.memories],
+            ),
+            windows=WindowsState(
+                done=self._done,
+                next_start=self._next_start,
+                last_end=self._last_end,
+                open=[window.start for window in self._open],
+            ),
+        )
+
+    @classmethod
+    def resume(cls, checkpoint: Checkpoint, wheel: Wheel, model: Model | None, *, method: Method) -> Self:
+        """Return a core that goes on from a checkpoint of a core with the same wheel, model and method.
+
+        Raises
+        ------
+        InputError
+            As the constructor, or if the checkpoint does not fit the wheel.
+        """
+        core = cls(wheel, model, method=method, carried=checkpoint.carried)
+        if checkpoint.source:
+            core._source = checkpoint.source
+            core._friction = FrictionSource(wheel, checkpoint.source)
+            core._begin_ring()
+        core._said_missing = checkpoint.said_missing
+        for name, count in checkpoint.counts.items():
+            setattr(core.counts, name, count)
+        core._resume_order(checkpoint)
+        core._resume_slots(checkpoint)
+        return core
+
+    def _resume_order(self, checkpoint: Checkpoint) -> None:
+        state, grid = checkpoint.sequencer, checkpoint.grid
+        sequencer, guard = self._sequencer, self._guard
+        sequencer.current, sequencer.expected = state.current, state.expected
+        sequencer.held = {held.number: held.batch() for held in state.held if held.number is not None}
+        sequencer.skipped = dict.fromkeys(state.skipped)
+        sequencer.challenge = [held.batch() for held in state.challenge]
+        guard.grid = None if grid.origin_ns is None else SlotGrid(grid.origin_ns, self.wheel.period_ns)
+        guard.frontier, guard.last_ns = grid.frontier, grid.last_ns
+        self._grid = SlotGrid(checkpoint.epoch_origin_ns, self.wheel.period_ns)
+
+    def _resume_slots(self, checkpoint: Checkpoint) -> None:
+        slots, effects, windows = checkpoint.slots, checkpoint.effects, checkpoint.windows
+        fits = (
+            0 <= slots.end - slots.begin <= self._ring.capacity
+            and set(slots.values) == set(self._ring.channels)
+            and all(len(values) == sum(slots.filled) == slots.end - slots.begin for values in slots.values.values())
+            and len(effects.memories) == len(self._friction.memories)
+            and slots.begin <= min([windows.done, *windows.open])
+            and windows.done <= slots.end
+        )
+        if not fits:
+            raise InputError("checkpoint", f"does not fit the wheel {self.wheel.name}")
+        slots.restore(self._ring)
+        self._friction.angle_rad = effects.angle_rad
+        self._friction.last_speed_rad_s = effects.last_speed_rad_s
+        self._friction.memories = [None if m is None else np.array(m, dtype=np.float64) for m in effects.memories]
+        self._done, self._next_start, self._last_end = windows.done, windows.next_start, windows.last_end
+        for start in windows.open:
+            window = _OpenWindow(start, WindowAccumulator(self.wheel, self.method))
+            speed = self._ring.read("speed_rad_s", start, self._done)
+            friction = self._ring.read("torque_Nm", start, self._done)
+            window.accumulator.append(speed, friction, np.isfinite(speed) & np.isfinite(friction))
+            self._open.append(window)
+
+
+def _finite_or_nan(values: FloatArray | None, size: int) -> FloatArray:
+    return np.full(size, np.nan) if values is None else np.where(np.isfinite(values), values, np.nan)
 
 
 def _forget_positions(carried: CarriedState) -> CarriedState:

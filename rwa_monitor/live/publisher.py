@@ -2,20 +2,79 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import math
+import secrets
+import time
+from collections.abc import Callable, Iterator, Mapping
 from threading import Event
-from typing import Any
+from typing import Any, Final
 
-from rwa_monitor.samples import Samples
+import zenoh
+from zenoh import ext
+
+from rwa_monitor.messages import SamplesMessage, samples_json
+from rwa_monitor.samples import NANOSECONDS_PER_SECOND, Samples
+
+HISTORY_MESSAGES: Final = 8_192  # 3 days of one wheel at 8 Hz in messages of 256; some 120 MB if all are kept
+LINGER_S: Final = 1.0  # closing right after the last message would lose it (facts.md)
+
+
+class ReliablePublisher:
+    """Publishes samples messages on one key, with a history for whoever comes late.
+
+    Parameters
+    ----------
+    session
+        An open Zenoh session.
+    key
+        rwa/<spacecraft>/<wheel>/samples.
+    """
+
+    def __init__(self, session: zenoh.Session, key: str) -> None:
+        self._publisher: Any = ext.declare_advanced_publisher(
+            session,
+            key,
+            encoding=SamplesMessage.encoding(),
+            congestion_control=zenoh.CongestionControl.BLOCK,
+            cache=ext.CacheConfig(max_samples=HISTORY_MESSAGES),
+            sample_miss_detection=ext.MissDetectionConfig(heartbeat=None, sporadic_heartbeat=0.5),
+            publisher_detection=True,
+        )
+
+    def put(self, payload: bytes) -> None:
+        """Publish one message."""
+        self._publisher.put(payload)
+
+    def close(self) -> None:
+        """Leave the bus; the history is gone then."""
+        self._publisher.undeclare()
+
+
+class SamplesPublisher:
+    """Numbers one wheel's samples and publishes them reliably, under a random name unless told."""
+
+    def __init__(self, session: zenoh.Session, key: str, name: str | None = None) -> None:
+        self.name = secrets.token_hex(8) if name is None else name
+        self.batch = 0
+        self._publisher = ReliablePublisher(session, key)
+
+    def put(self, samples: Samples) -> None:
+        """Publish samples as the next message."""
+        self._publisher.put(samples_json(samples, self.name, self.batch))
+        self.batch += 1
+
+    def close(self) -> None:
+        """Leave the bus."""
+        self._publisher.close()
 
 
 def publish(
     telemetry: Mapping[str, Samples],
-    session: Any,
+    session: zenoh.Session,
     *,
     speed: float = 1.0,
     batch_samples: int = 256,
-    linger_s: float = 0.0,
+    linger_s: float = LINGER_S,
     stop: Event | None = None,
     on_batch: Callable[[str, int], None] | None = None,
 ) -> int:
@@ -30,7 +89,7 @@ def publish(
     speed
         Times faster than real time; `math.inf` for as fast as the bus takes it.
     batch_samples
-        Samples of one message.
+        Samples of one message at most. A message goes out when its last sample is due.
     linger_s
         How long to stay on the bus afterwards, so that late subscribers get the history [s].
     stop
@@ -43,4 +102,36 @@ def publish(
     int
         Samples sent.
     """
-    raise NotImplementedError
+    stop = Event() if stop is None else stop
+    publishers = {key: SamplesPublisher(session, key) for key in telemetry}
+    sent = dict.fromkeys(telemetry, 0)
+    first_ns = min((int(samples.time_ns[0]) for samples in telemetry.values() if len(samples)), default=0)
+    begin_s = time.monotonic()
+    try:
+        for due_ns, key, batch in _batches(telemetry, batch_samples):
+            due_s = begin_s + (due_ns - first_ns) / NANOSECONDS_PER_SECOND / speed
+            wait_s = 0.0 if math.isinf(speed) else max(0.0, due_s - time.monotonic())
+            if stop.wait(wait_s):
+                break
+            publishers[key].put(batch)
+            sent[key] += len(batch)
+            if on_batch is not None:
+                on_batch(key, sent[key])
+        stop.wait(linger_s)
+    finally:
+        for publisher in publishers.values():
+            publisher.close()
+    return sum(sent.values())
+
+
+def _batches(telemetry: Mapping[str, Samples], size: int) -> Iterator[tuple[int, str, Samples]]:
+    """Cut all telemetry into messages: (time of the last sample, key, samples), in the order of time."""
+    cuts: list[tuple[int, int, str, int]] = []
+    for key, samples in telemetry.items():
+        due_ns = int(samples.time_ns[0]) if len(samples) else 0
+        for start in range(0, len(samples), size):
+            # Where a wheel's clock steps back, its messages still go out in their own order.
+            due_ns = max(due_ns, int(samples.time_ns[min(start + size, len(samples)) - 1]))
+            cuts.append((due_ns, len(cuts), key, start))
+    for due_ns, _, key, start in sorted(cuts):
+        yield due_ns, key, telemetry[key][start : start + size]

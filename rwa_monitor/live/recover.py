@@ -2,8 +2,20 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Final
+
+from mcap.writer import CompressionType, Writer
+
+from rwa_monitor import SOFTWARE
+from rwa_monitor.errors import InputError
+from rwa_monitor.live.recorder import CHUNK_BYTES, PROFILE
+from rwa_monitor.live.recording import CHANNELS_ATTACHMENT, Recording, read_recording
+from rwa_monitor.messages import MESSAGES, dump_json
+
+RECOVERED_ATTACHMENT: Final = "recovered.json"
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,9 +37,50 @@ class Recovery:
 def recover(source: Path, target: Path) -> Recovery:
     """Copy what `source` still holds into a whole recording `target`.
 
+    Times, topics and bytes of the messages stay as they are, and so does their order; attachments come first. The new
+    file says in an attachment what it was made from and what was lost.
+
     Raises
     ------
     InputError
-        If `source` is no MCAP file at all, or `target` exists or is `source`.
+        If `source` is no MCAP file at all, or `target` exists or cannot be written.
     """
-    raise NotImplementedError
+    recording = read_recording(source)
+    lost = list(recording.problems)
+    if not recording.finished and not lost:
+        lost.append("the file was not closed in order: what came after its last flush is lost")
+    lost = [f"{source}: {line}" for line in lost]
+    try:
+        with target.open("xb") as file:
+            _write(recording, lost, Writer(file, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD))
+            file.flush()
+            os.fsync(file.fileno())
+    except FileExistsError as error:
+        raise InputError(str(target), "exists already; nothing is overwritten", "--output") from error
+    except OSError as error:
+        raise InputError(str(target), f"cannot be written: {error.strerror}", "--output") from error
+    return Recovery(len(recording.messages), tuple(lost))
+
+
+def _write(recording: Recording, lost: list[str], writer: Writer) -> None:
+    writer.start(profile=PROFILE, library=SOFTWARE)
+    known = {message.schema_name(): dump_json(message.json_schema()) for message in MESSAGES}
+    schemas: dict[str, int] = {"": 0}
+    channels: dict[tuple[str, str], int] = {}
+    sequences: dict[int, int] = {}
+    recovered = dump_json({"source": recording.path.name, "lost": lost})
+    for name, data in (*recording.attachments.items(), (RECOVERED_ATTACHMENT, recovered)):
+        if name != CHANNELS_ATTACHMENT:
+            writer.add_attachment(0, 0, name, "application/octet-stream", data)
+    for message in recording.messages:
+        if message.schema not in schemas:
+            schemas[message.schema] = writer.register_schema(
+                message.schema, "jsonschema" if message.schema in known else "", known.get(message.schema, b"")
+            )
+        place = (message.topic, message.schema)
+        if place not in channels:
+            channels[place] = writer.register_channel(message.topic, "json", schemas[message.schema])
+        channel = channels[place]
+        sequences[channel] = sequences.get(channel, -1) + 1
+        writer.add_message(channel, message.log_time, message.data, message.publish_time, sequences[channel])
+    writer.finish()  # type: ignore[no-untyped-call]

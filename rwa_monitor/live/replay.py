@@ -2,9 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+import math
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
+from threading import Event
+from typing import Any, Final
+
+import zenoh
+
+from rwa_monitor.live import rebuild
+from rwa_monitor.live.compare import Comparable, Comparison, compare
+from rwa_monitor.live.publisher import LINGER_S, ReliablePublisher
+from rwa_monitor.live.recording import Recording, file_sha256, read_recording, recordings_of
+from rwa_monitor.messages import Diagnosis, SamplesMessage
+from rwa_monitor.samples import NANOSECONDS_PER_SECOND
+
+MAX_LISTED: Final = 20  # fields in the short report
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,6 +35,8 @@ class Report:
         Messages compared, by type name ("rwa.Diagnosis", "rwa.Changepoints").
     differences
         One line per difference beyond the tolerance; empty when all agree.
+    fields
+        Differences counted by field.
     bytes_equal
         True where every compared message has equal bytes.
     unreadable
@@ -32,6 +50,7 @@ class Report:
     files: tuple[Path, ...]
     compared: dict[str, int]
     differences: tuple[str, ...]
+    fields: dict[str, int]
     bytes_equal: bool
     unreadable: tuple[str, ...]
     notes: tuple[str, ...]
@@ -39,32 +58,197 @@ class Report:
 
     @property
     def equal(self) -> bool:
-        """True when something was compared and nothing differs beyond 1e-9 relative."""
+        """True when nothing differs beyond 1e-9 relative, and there was something to compare."""
         return not self.differences and sum(self.compared.values()) > 0
 
     def short(self) -> str:
         """Return the short report: a few lines, differences counted per field."""
-        raise NotImplementedError
+        lines = [self._summary()]
+        listed = sorted(self.fields.items(), key=lambda item: (-item[1], item[0]))
+        lines += [f"  {count} × {name}" for name, count in listed[:MAX_LISTED]]
+        if len(listed) > MAX_LISTED:
+            lines.append(f"  and {len(listed) - MAX_LISTED} more fields")
+        return "\n".join(lines)
 
     def long(self) -> str:
         """Return the long report: every difference."""
-        raise NotImplementedError
+        return "\n".join((self._summary(), *(f"  {line}" for line in self.differences)))
+
+    def _summary(self) -> str:
+        what = ", ".join(f"{count} {name}" for name, count in sorted(self.compared.items())) or "nothing"
+        files = f"{len(self.files)} file{'' if len(self.files) == 1 else 's'}"
+        if not self.compared:
+            result = "nothing could be compared"
+        elif self.differences:
+            result = f"{len(self.differences)} differences"
+        else:
+            result = "equal, byte for byte" if self.bytes_equal else "equal to 1e-9 relative, bytes differ"
+        return f"{files}: {what} compared: {result}"
 
 
-def replay(recordings: Path | Sequence[Path]) -> Report:
+def replay(recordings: Path | Sequence[Path], on_message: Callable[[int], None] | None = None) -> Report:
     """Re-run the core on a recording (a file, a folder as a chain, or several files) and compare with what it holds.
 
     Exit codes on the command line: with --verify 1 unless `report.equal`; with --exact also unless
     `report.bytes_equal`; 3 where `report.unreadable` says something and the rest agrees.
+
+    Parameters
+    ----------
+    recordings
+        A file, a folder whose recordings form a chain, or several files in order.
+    on_message
+        Called with the number of messages gone through in the running file, for progress.
 
     Raises
     ------
     InputError
         If a path is no recording, or its attachments cannot be used.
     """
-    raise NotImplementedError
+    chain = _Chain()
+    for path in recordings_of(recordings):
+        chain.add(read_recording(path), on_message)
+    return chain.report()
 
 
-def replay_to_bus(recordings: Path | Sequence[Path], session: object, *, speed: float = 1.0) -> int:
-    """Publish a recording's inputs on the bus again in the pace of their time (`replay --publish --speed X`)."""
-    raise NotImplementedError
+@dataclass(slots=True)
+class _Chain:
+    """Runs recordings one after the other and gathers what they say."""
+
+    files: list[Path] = field(default_factory=list)
+    comparison: Comparison = field(default_factory=Comparison)
+    unreadable: list[str] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+    broken: list[str] = field(default_factory=list)
+    messages: list[tuple[str, bytes]] = field(default_factory=list)
+    owed: list[Comparable] = field(default_factory=list)  # outputs that the file before was cut too early to hold
+
+    def add(self, recording: Recording, on_message: Callable[[int], None] | None) -> None:
+        """Run one recording and compare."""
+        settings = recording.settings()
+        setup = rebuild.Setup.of(recording)
+        self._check_link(recording, settings)
+        self.unreadable += [f"{recording.path}: {problem}" for problem in recording.problems]
+        rebuilt = rebuild.start(recording, setup)
+        rebuild.run_inputs(recording, setup, rebuilt, on_message)
+        self.messages += [(output.key, output.payload) for output in rebuilt.outputs if output.message is not None]
+
+        inherited, own = _split(recording, rebuild.inherited_counts(settings))
+        replayed: list[Comparable] = [(output.key, output.schema, output.payload) for output in rebuilt.outputs]
+        if self.files and inherited:
+            self.comparison.add_all(compare(inherited, self.owed))
+        elif self.owed:
+            self._note(recording, f"begins after {len(self.owed)} outputs that were lost with the file before it")
+        self.owed = []
+        if not recording.finished:
+            self._note(recording, "was not closed in order")
+            replayed, self.owed = replayed[: len(own)], replayed[len(own) :]
+        self.comparison.add_all(compare(own, replayed))
+
+        if not any(schema == Diagnosis.schema_name() for _, schema, _ in (*own, *inherited)):
+            self._note(recording, f"holds no closed window ({rebuilt.inputs} messages of samples)")
+        self.files.append(recording.path)
+
+    def report(self) -> Report:
+        """Return what was found."""
+        differences = [*self.broken, *(str(difference) for difference in self.comparison.differences)]
+        fields = Counter(difference.field for difference in self.comparison.differences)
+        if self.broken:
+            fields["chain"] += len(self.broken)
+        return Report(
+            files=tuple(self.files),
+            compared=dict(self.comparison.compared),
+            differences=tuple(differences),
+            fields=dict(fields),
+            bytes_equal=self.comparison.bytes_equal and not self.broken,
+            unreadable=tuple(self.unreadable),
+            notes=tuple(self.notes),
+            messages=tuple(self.messages),
+        )
+
+    def _check_link(self, recording: Recording, settings: dict[str, Any]) -> None:
+        """Check that a recording names the one before it, and that this one is as it was then."""
+        predecessor = settings.get("predecessor")
+        if not isinstance(predecessor, dict):
+            if self.files:
+                self._note(recording, f"names no predecessor, {self.files[-1].name} comes before it")
+            return
+        name = str(predecessor.get("name", ""))
+        if not self.files:
+            self._note(recording, f"goes on from {name}, which is not replayed")
+        elif self.files[-1].name != name:
+            self.broken.append(f"{recording.path}: goes on from {name}, but {self.files[-1].name} comes before it")
+        elif predecessor.get("sha256") != file_sha256(self.files[-1]):
+            self.broken.append(f"{self.files[-1]}: is not the file that {recording.path.name} goes on from")
+
+    def _note(self, recording: Recording, text: str) -> None:
+        self.notes.append(f"{recording.path}: {text}")
+
+
+def _split(recording: Recording, inherited: dict[str, int]) -> tuple[list[Comparable], list[Comparable]]:
+    """Return the compared messages of a recording: those for inputs of its predecessor, and its own."""
+    left = dict(inherited)
+    first: list[Comparable] = []
+    own: list[Comparable] = []
+    for message in recording.messages:
+        if message.schema not in rebuild.COMPARED_SCHEMAS:
+            continue
+        entry = (message.topic, message.schema, message.data)
+        if left.get(message.topic, 0) > 0:
+            left[message.topic] -= 1
+            first.append(entry)
+        else:
+            own.append(entry)
+    return first, own
+
+
+# ---- onto the bus ----------------------------------------------------------------------------------------------------
+
+
+def replay_to_bus(
+    recordings: Path | Sequence[Path], session: zenoh.Session, *, speed: float = 1.0, stop: Event | None = None
+) -> int:
+    """Publish a recording's inputs on the bus again, as they came, in the pace of their time.
+
+    Parameters
+    ----------
+    recordings
+        As for `replay`.
+    session
+        An open Zenoh session.
+    speed
+        Times faster than real time; `math.inf` for as fast as the bus takes it.
+    stop
+        Ends it early when set.
+
+    Returns
+    -------
+    int
+        Messages published.
+    """
+    stop = Event() if stop is None else stop
+    publishers: dict[str, ReliablePublisher] = {}
+    sent = 0
+    first_ns: int | None = None
+    begin_s = time.monotonic()
+    try:
+        for time_ns, topic, payload in _inputs(recordings):
+            first_ns = time_ns if first_ns is None else first_ns
+            due_s = begin_s + (time_ns - first_ns) / NANOSECONDS_PER_SECOND / speed
+            if stop.wait(0.0 if math.isinf(speed) else max(0.0, due_s - time.monotonic())):
+                break
+            if topic not in publishers:
+                publishers[topic] = ReliablePublisher(session, topic)
+            publishers[topic].put(payload)
+            sent += 1
+        stop.wait(LINGER_S)
+    finally:
+        for publisher in publishers.values():
+            publisher.close()
+    return sent
+
+
+def _inputs(recordings: Path | Sequence[Path]) -> Iterator[tuple[int, str, bytes]]:
+    for path in recordings_of(recordings):
+        for message in read_recording(path).messages:
+            if message.schema == SamplesMessage.schema_name():
+                yield message.log_time, message.topic, message.data

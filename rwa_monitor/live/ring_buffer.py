@@ -37,13 +37,14 @@ class RingBuffer:
     def __init__(self, capacity: int, optional: tuple[str, ...] = ()) -> None:
         self.capacity = capacity
         self.end = 0
+        self._first = 0
         self._filled: NDArray[np.uint8] = np.zeros(capacity, dtype=np.uint8)
         self._values: dict[str, FloatArray] = {name: np.zeros(capacity) for name in (*REQUIRED, *optional)}
 
     @property
     def begin(self) -> int:
         """First slot that is still held."""
-        return max(0, self.end - self.capacity)
+        return max(self._first, self.end - self.capacity)
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -55,9 +56,9 @@ class RingBuffer:
         """Memory of the arrays [bytes]."""
         return self._filled.nbytes + sum(values.nbytes for values in self._values.values())
 
-    def clear(self) -> None:
-        """Forget all slots and begin again at slot 0."""
-        self.end = 0
+    def clear(self, begin: int = 0) -> None:
+        """Forget all slots and begin again at slot `begin`."""
+        self.end = self._first = begin
         self._filled[:] = 0
 
     def extend(self, end: int, slots: IntArray, values: Mapping[str, FloatArray]) -> None:

@@ -1,15 +1,47 @@
-"""The live monitor: `run` subscribes to samples, diagnoses, publishes and records until it is told to stop."""
+"""The live monitor: `run` subscribes to samples, diagnoses, publishes and records until it is told to stop.
+
+One thread does everything in order: take a message from the inbox, record it, feed the wheel's core, record what the
+core says, bring a diagnosis to the disk, publish. Zenoh's own threads only fill the inbox (`bus.Inbox`): while it has
+room, publishers are taken at full speed; when it is full, the newest messages are dropped, counted and shown in
+`status`, and their batch numbers show up as missed.
+
+After a crash the cores are rebuilt from the last recording, and what came in between is taken from the publishers'
+history. A diagnosis that had not reached the disk is made again, byte for byte, and stands in the new recording; the
+latest one of each wheel is published again in any case.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import time
+import zlib
+from collections.abc import Callable, Iterable
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
 from threading import Event
+from typing import Any, Final
 
+import zenoh
+
+from rwa_monitor import SOFTWARE
+from rwa_monitor.diagnosis.model import Model
 from rwa_monitor.diagnosis.results import Method
-from rwa_monitor.live.bus import BusOptions
+from rwa_monitor.errors import InputError
+from rwa_monitor.live import rebuild
+from rwa_monitor.live.bus import BusOptions, Inbox, MonitorBus, open_session
+from rwa_monitor.live.core import Event as CoreEvent
+from rwa_monitor.live.core import WheelCore, WindowDiagnosed
+from rwa_monitor.live.outputs import Output, health_output, outputs_of, trouble_in
+from rwa_monitor.live.recorder import FolderLock, Predecessor, Recorder, predecessor_of
+from rwa_monitor.live.recording import RECORDING_SUFFIX, Recording, read_recording
+from rwa_monitor.messages import Diagnosis, Health, SamplesMessage, Status, split_key
 from rwa_monitor.physics.wheel import Wheel, built_in_wheel
+
+IDLE_WAIT_S: Final = 0.1  # how long to wait for a message before looking at the clock again
+TICK_S: Final = 0.05  # between two looks at what is due while messages flow
+STATUS_RECORDED_S: Final = 10.0  # every status is published; one in this time is recorded
+MAX_WHEELS: Final = 1_000  # of one process: 5 MB each with windows of 80,000 slots; `--shard` divides more
+MAX_REFUSED_KEYS: Final = 1_000  # keys of refused messages that get a status of their own
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,7 +55,7 @@ class RunOptions:
     wheel
         Constants of the wheels.
     model
-        rwa_monitor.diagnosis.model.Model, or None for the built-in one.
+        What was learned about nominal and anomalous friction; None leaves all verdicts open.
     method
         "joint" or "paper".
     record
@@ -38,15 +70,26 @@ class RunOptions:
 
     wheels: str = "rwa/*/*/samples"
     wheel: Wheel = field(default_factory=built_in_wheel)
-    model: object | None = None
+    model: Model | None = None
     method: Method = "joint"
     record: Path | None = None
     bus: BusOptions = field(default_factory=BusOptions)
     shard: tuple[int, int] = (1, 1)
     status_period_s: float = 1.0
 
+    def setup(self) -> rebuild.Setup:
+        """Return what diagnoses depend on."""
+        return rebuild.Setup(self.wheel, self.model, self.method)
 
-def run(options: RunOptions, stop: Event, *, session: object | None = None, say: Callable[[str], None] = print) -> None:
+    def settings(self) -> dict[str, Any]:
+        """Return the settings as they are written into a recording."""
+        share, of = self.shard
+        return {"wheels": self.wheels, "method": self.method, "shard": f"{share}/{of}"}
+
+
+def run(
+    options: RunOptions, stop: Event, *, session: zenoh.Session | None = None, say: Callable[[str], None] = print
+) -> None:
     """Monitor until `stop` is set; returns within two seconds of that.
 
     Parameters
@@ -64,5 +107,369 @@ def run(options: RunOptions, stop: Event, *, session: object | None = None, say:
     ------
     InputError
         If an option, the wheel, the model or the recording in the folder cannot be used.
+    RwaMonitorError
+        If the bus cannot be reached.
     """
-    raise NotImplementedError
+    WheelCore(options.wheel, options.model, method=options.method)  # a wheel that cannot be served is told at once
+    with ExitStack() as stack:
+        recorder: Recorder | None = None
+        past = _Past()
+        if options.record is not None:
+            stack.enter_context(FolderLock(options.record))
+            past = _read_past(options.record, options.setup(), say)
+            recorder = Recorder(
+                options.record,
+                wheel_toml=options.wheel.to_toml(),
+                model_json=options.model.to_json() if options.model else "",
+                settings=options.settings(),
+                predecessor=past.predecessor,
+                wall_ns=time.time_ns,
+            )
+        if session is None:
+            session = stack.enter_context(open_session(options.bus))
+        bus = stack.enter_context(MonitorBus(session, Inbox()))
+        monitor = Monitor(options, bus, recorder, say)
+        stack.callback(monitor.close)
+        monitor.begin(past)
+        bus.subscribe(options.wheels)
+        bus.offer_health()
+        say(f"monitoring {options.wheels}" + (f", recording in {options.record}" if options.record else ""))
+        while not stop.is_set():
+            monitor.step()
+
+
+# ---- one wheel -------------------------------------------------------------------------------------------------------
+
+
+@dataclass(slots=True)
+class _Served:
+    """What the monitor keeps of one wheel besides its core; `core` is None while no message could be read."""
+
+    core: WheelCore | None = None
+    messages_rejected: int = 0
+    last_error: str | None = None
+    last_sample_ns: int | None = None
+    publisher: str = ""
+    diagnosis: Output | None = None
+    health: Output | None = None
+    windows: int = 0
+    diagnosis_s: float | None = None
+    status_due_s: float = 0.0
+    status_recorded_s: float = float("-inf")
+
+
+class Monitor:
+    """Serves all wheels of a bus, one message at a time.
+
+    Parameters
+    ----------
+    options
+        Settings.
+    bus
+        Where samples come from and messages go.
+    recorder
+        None to record nothing.
+    say
+        Takes lines of talk.
+    """
+
+    def __init__(
+        self, options: RunOptions, bus: MonitorBus, recorder: Recorder | None, say: Callable[[str], None]
+    ) -> None:
+        self.options = options
+        self.bus = bus
+        self.recorder = recorder
+        self.say = say
+        self._served: dict[tuple[str, str], _Served] = {}
+        self._model_sha256 = options.model.sha256() if options.model else ""
+        self._tick_due_s = 0.0
+        self._said: str = ""
+
+    def begin(self, past: _Past) -> None:
+        """Take over what an earlier run left behind, and begin the recording."""
+        for key, core in past.cores.items():
+            self._served[key] = _Served(core=core)
+        inherited: dict[str, int] = {}
+        for output in past.unrecorded:
+            inherited[output.key] = inherited.get(output.key, 0) + 1
+        if self.recorder is not None:
+            self.recorder.begin(self._checkpoints(), time.monotonic(), inherited)
+            self._tell_recorder()
+            for output in past.unrecorded:
+                self.recorder.output(output.key, output.schema, output.payload, output.time_ns)
+            self.recorder.sync(time.monotonic())
+        for output in (*past.latest.values(), *past.unrecorded):
+            self._publish(output)
+            if output.message is Diagnosis:
+                self._publish(health_output(Diagnosis.parse(output.payload, output.key)))
+
+    def step(self) -> None:
+        """Process one message, or wait a little for one; do what is due."""
+        self.bus.inbox.wake.clear()
+        message = self.bus.inbox.take()
+        if message is None:
+            self.bus.inbox.wake.wait(IDLE_WAIT_S)
+        else:
+            self._receive(*message)
+        now_s = time.monotonic()
+        if now_s >= self._tick_due_s:
+            self._tick_due_s = now_s + TICK_S
+            self._tick(now_s)
+
+    def close(self) -> None:
+        """Write the last status of each wheel and the end of the recording."""
+        for key, served in self._served.items():
+            self._status(key, served, record=True)
+        if self.recorder is not None:
+            self.recorder.close(time.monotonic())
+
+    # ---- in ------------------------------------------------------------------------------------------------------
+
+    def _receive(self, key: str, payload: bytes) -> None:
+        try:
+            spacecraft, wheel, _ = split_key(key)
+            if not self._is_ours(spacecraft, wheel):
+                return
+            message = SamplesMessage.parse(payload, key)
+            samples = message.samples()
+            served = self._serve(spacecraft, wheel)
+            core = served.core
+            if core is None:
+                core = WheelCore(self.options.wheel, self.options.model, method=self.options.method)
+            core.check(samples)
+        except InputError as error:
+            self._refuse(key, payload, error)
+            return
+        served.core = core
+        last_ns = message.time_ns[-1]
+        if self.recorder is not None:
+            self.recorder.input(key, SamplesMessage.schema_name(), payload, last_ns)
+        served.last_sample_ns, served.publisher = last_ns, message.publisher
+        begin_s = time.perf_counter()
+        events = core.feed(samples, message.publisher, message.batch)
+        if any(isinstance(event, WindowDiagnosed) for event in events):
+            served.diagnosis_s = time.perf_counter() - begin_s
+        self._handle(served, spacecraft, wheel, events)
+
+    def _handle(self, served: _Served, spacecraft: str, wheel: str, events: Iterable[CoreEvent]) -> None:
+        """Record what the core says, bring a diagnosis to the disk, then publish."""
+        events = list(events)
+        for event in events:
+            trouble = trouble_in(event)
+            if trouble is not None:
+                served.last_error = trouble
+                self.say(f"{spacecraft}/{wheel}: {trouble}")
+        outputs = outputs_of(events, spacecraft, wheel)
+        closed = any(isinstance(event, WindowDiagnosed) for event in events)
+        if self.recorder is not None:
+            for output in outputs:
+                self.recorder.output(output.key, output.schema, output.payload, output.time_ns)
+            if closed:
+                self.recorder.sync(time.monotonic())
+        for output in outputs:
+            self._publish(output)
+        if closed:
+            served.windows += sum(isinstance(event, WindowDiagnosed) for event in events)
+            self._status((spacecraft, wheel), served, record=True)
+
+    def _refuse(self, key: str, payload: bytes, error: InputError) -> None:
+        """Count and record a message that cannot be used; it changes nothing else."""
+        if self.recorder is not None:
+            self.recorder.refused(key, payload)
+        try:
+            spacecraft, wheel, _ = split_key(key)
+            served = self._serve(spacecraft, wheel)
+        except InputError:
+            self._say_once(f"a message was refused: {error}")
+            return
+        served.messages_rejected += 1
+        text = ": ".join(part for part in (error.place, error.reason) if part)
+        if served.last_error != text:
+            self.say(f"{spacecraft}/{wheel}: a message was refused: {text}")
+        served.last_error = text
+
+    def _is_ours(self, spacecraft: str, wheel: str) -> bool:
+        share, of = self.options.shard
+        return of == 1 or zlib.crc32(f"{spacecraft}/{wheel}".encode()) % of == share - 1
+
+    def _serve(self, spacecraft: str, wheel: str) -> _Served:
+        if (spacecraft, wheel) not in self._served:
+            if len(self._served) >= MAX_WHEELS:
+                raise InputError(f"{spacecraft}/{wheel}", f"is one wheel more than the {MAX_WHEELS} of a process")
+            self._served[spacecraft, wheel] = _Served()
+        return self._served[spacecraft, wheel]
+
+    # ---- out -----------------------------------------------------------------------------------------------------
+
+    def _publish(self, output: Output) -> None:
+        if output.message is None:
+            return
+        spacecraft, wheel, _ = split_key(output.key)
+        served = self._served.get((spacecraft, wheel))
+        if served is not None and output.message is Diagnosis:
+            served.diagnosis = output
+        if served is not None and output.message is Health:
+            served.health = output
+        try:
+            self.bus.publish(output.key, output.message, output.payload)
+        except zenoh.ZError as error:
+            self._say_once(f"cannot publish: {error}")
+
+    def _tick(self, now_s: float) -> None:
+        if self.recorder is not None:
+            self.recorder.tend(now_s, self._checkpoints)
+            self._tell_recorder()
+        self.bus.answer(Health.encoding(), self._latest_health)
+        for key, served in self._served.items():
+            if now_s >= served.status_due_s:
+                served.status_due_s = now_s + self.options.status_period_s
+                record = now_s - served.status_recorded_s >= STATUS_RECORDED_S
+                if record:
+                    served.status_recorded_s = now_s
+                self._status(key, served, record=record)
+
+    def _latest_health(self) -> dict[str, bytes]:
+        return {
+            served.health.key: served.health.payload for served in self._served.values() if served.health is not None
+        }
+
+    def _status(self, key: tuple[str, str], served: _Served, *, record: bool) -> None:
+        """Publish how a wheel's monitor is doing."""
+        spacecraft, wheel = key
+        core = served.core
+        recording = self.recorder.path if self.recorder else None
+        last_error = served.last_error
+        if self.recorder is not None and self.recorder.error:
+            last_error = self.recorder.error
+        elif self.bus.inbox.dropped and last_error is None:
+            last_error = f"{self.bus.inbox.dropped} messages were dropped: they come faster than they can be diagnosed"
+        counts = core.counts if core else None
+        status = Status(
+            spacecraft=spacecraft,
+            wheel=wheel,
+            samples_received=counts.received if counts else 0,
+            samples_used=counts.used if counts else 0,
+            samples_masked=counts.masked if counts else 0,
+            samples_late=counts.late if counts else 0,
+            samples_duplicate=counts.duplicate if counts else 0,
+            samples_rejected=counts.rejected if counts else 0,
+            samples_queued=counts.queued if counts else 0,
+            slots_missed=counts.slots_missed if counts else 0,
+            messages_rejected=served.messages_rejected,
+            messages_dropped=self.bus.inbox.dropped,
+            messages_missed=counts.messages_missed if counts else 0,
+            queue_depth=len(self.bus.inbox),
+            window_fill=core.window_fill if core else 0.0,
+            last_error=last_error,
+            recording=str(recording) if recording else None,
+            software=SOFTWARE,
+            model_sha256=self._model_sha256,
+            publisher=served.publisher,
+            windows=served.windows,
+            last_sample_ns=served.last_sample_ns,
+            diagnosis_s=served.diagnosis_s,
+            now_wall_ns=time.time_ns(),
+        )
+        topic = f"rwa/{spacecraft}/{wheel}/{Status.kind}"
+        payload = status.to_json()
+        if record and self.recorder is not None:
+            self.recorder.output(topic, Status.schema_name(), payload, None)
+        self._publish(Output(topic, Status, Status.schema_name(), payload, 0))
+
+    def _checkpoints(self) -> dict[str, bytes]:
+        return {
+            f"{spacecraft}/{wheel}": served.core.checkpoint().to_json()
+            for (spacecraft, wheel), served in self._served.items()
+            if served.core is not None
+        }
+
+    def _tell_recorder(self) -> None:
+        if self.recorder is not None and self.recorder.error:
+            self._say_once(self.recorder.error)
+
+    def _say_once(self, text: str) -> None:
+        """Say something, but not the same thing twice in a row."""
+        if text != self._said:
+            self.say(text)
+        self._said = text
+
+
+# ---- what an earlier run left behind ---------------------------------------------------------------------------------
+
+
+@dataclass(slots=True)
+class _Past:
+    """What the recordings of a folder tell.
+
+    Attributes
+    ----------
+    predecessor
+        The last recording.
+    cores
+        As they stood after its last input.
+    unrecorded
+        Outputs of its inputs that had not reached the disk.
+    latest
+        The latest diagnosis of each wheel on the disk, by key.
+    """
+
+    predecessor: Predecessor | None = None
+    cores: dict[tuple[str, str], WheelCore] = field(default_factory=dict)
+    unrecorded: list[Output] = field(default_factory=list)
+    latest: dict[str, Output] = field(default_factory=dict)
+
+
+def _read_past(folder: Path, setup: rebuild.Setup, say: Callable[[str], None]) -> _Past:
+    """Rebuild the cores from the last recording of a folder that can be used."""
+    past = _Past()
+    for path in sorted(folder.glob(f"*{RECORDING_SUFFIX}"), reverse=True):
+        if past.predecessor is None:
+            past.predecessor = predecessor_of(path)
+        try:
+            recording = read_recording(path)
+            recorded_setup = rebuild.Setup.of(recording)
+        except InputError as error:
+            say(f"{error}; going back to the recording before it")
+            continue
+        for problem in recording.problems:
+            say(f"{path}: {problem}")
+        if not recorded_setup.equals(setup):
+            say(f"{path} was made with another wheel, model or method: the monitor starts anew")
+            return past
+        rebuilt = rebuild.start(recording, setup)
+        rebuild.run_inputs(recording, setup, rebuilt)
+        past.cores = rebuilt.cores
+        past.unrecorded = _unrecorded(recording, rebuilt.outputs)
+        past.latest = _latest(recording)
+        say(f"going on from {path}: {len(past.cores)} wheels, {rebuilt.inputs} messages")
+        return past
+    return past
+
+
+def _unrecorded(recording: Recording, outputs: list[Output]) -> list[Output]:
+    """Return the outputs that the recording does not hold: those after the last one that it does, by topic."""
+    held: dict[str, int] = {}
+    for message in recording.messages:
+        if message.schema in rebuild.COMPARED_SCHEMAS:
+            held[message.topic] = held.get(message.topic, 0) + 1
+    for topic, count in rebuild.inherited_counts(recording.settings()).items():
+        held[topic] = held.get(topic, 0) - count
+    missing = []
+    for output in outputs:
+        if held.get(output.key, 0) > 0:
+            held[output.key] -= 1
+        else:
+            missing.append(output)
+    return missing
+
+
+def _latest(recording: Recording) -> dict[str, Output]:
+    """Return the latest diagnosis of each wheel, by key."""
+    latest: dict[str, Output] = {}
+    for message in recording.messages:
+        if message.schema == Diagnosis.schema_name():
+            diagnosis = Diagnosis.parse(message.data, f"{recording.path}: {message.topic}")
+            latest[message.topic] = Output(
+                message.topic, Diagnosis, message.schema, message.data, diagnosis.window_end_ns
+            )
+    return latest

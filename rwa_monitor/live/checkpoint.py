@@ -1,0 +1,153 @@
+"""A checkpoint: everything a wheel's monitor core knows, as JSON, so that another one can go on from there.
+
+Every recording begins with one checkpoint for each wheel: a recording alone is enough to replay it, and after a crash
+the last one is enough to go on. Floats are written in full; a core that was resumed gives the same bits.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Final, Literal, Self
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from rwa_monitor.diagnosis.state import CarriedState
+from rwa_monitor.errors import InputError
+from rwa_monitor.live.friction import Source
+from rwa_monitor.live.order_guard import Batch
+from rwa_monitor.live.ring_buffer import RingBuffer
+from rwa_monitor.messages import SamplesMessage, dump_json, samples_json
+from rwa_monitor.samples import FloatArray
+
+CHECKPOINT_VERSION: Final = 1
+MAX_CHECKPOINT_BYTES: Final = 256 * 2**20  # 8 overlapping windows of 80,000 slots are some 30 MB
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class HeldBatch(_Part):
+    """A message that waits for others."""
+
+    number: int | None
+    message: SamplesMessage
+
+    @classmethod
+    def of(cls, batch: Batch) -> Self:
+        """Keep a message of the sequencer."""
+        payload = samples_json(batch.samples, batch.publisher, batch.number or 0)
+        return cls(number=batch.number, message=SamplesMessage.parse(payload, "checkpoint"))
+
+    def batch(self) -> Batch:
+        """Return the message of the sequencer."""
+        return Batch(self.message.publisher, self.number, self.message.samples())
+
+
+class SequencerState(_Part):
+    """State of `order_guard.Sequencer`."""
+
+    current: str | None
+    expected: int | None
+    held: list[HeldBatch]
+    skipped: list[int]
+    challenge: list[HeldBatch]
+
+
+class GridState(_Part):
+    """Where the slot grid stands; `origin_ns` is None before the first sample of an epoch."""
+
+    origin_ns: int | None
+    frontier: int
+    last_ns: int | None
+
+
+class SlotsState(_Part):
+    """The slots [begin, end) of the ring buffer that are still needed; null in `values` for NaN."""
+
+    begin: int
+    end: int
+    filled: list[int]  # slots that a sample came for, as lengths of runs: missing, filled, missing, …
+    values: dict[str, list[float | None]]
+
+    @classmethod
+    def of(cls, ring: RingBuffer, begin: int) -> Self:
+        """Keep the slots from `begin` on."""
+        begin = max(begin, ring.begin)
+        slots = np.arange(begin, ring.end, dtype=np.int64)
+        values = {name: _with_null(ring.read(name, begin, ring.end)) for name in ring.channels}
+        return cls(begin=begin, end=ring.end, filled=_run_lengths(ring.is_filled(slots)), values=values)
+
+    def restore(self, ring: RingBuffer) -> None:
+        """Put the slots into an empty ring buffer."""
+        filled = np.repeat(np.arange(len(self.filled)) % 2 == 1, self.filled)
+        slots = self.begin + np.flatnonzero(filled)
+        rows = slots - self.begin
+        ring.clear(self.begin)
+        ring.extend(self.end, slots, {name: _with_nan(values)[rows] for name, values in self.values.items()})
+
+
+class EffectsState(_Part):
+    """What the wheel's effects remember of the slots so far."""
+
+    angle_rad: float
+    last_speed_rad_s: float
+    memories: list[list[float] | None]
+
+
+class WindowsState(_Part):
+    """Where the windows stand: first slots of the open ones, of the next one, and what has been worked off."""
+
+    done: int
+    next_start: int
+    last_end: int
+    open: list[int]
+
+
+class Checkpoint(_Part):
+    """Everything a `core.WheelCore` knows besides its wheel, its model and its method."""
+
+    version: Annotated[int, Field(ge=CHECKPOINT_VERSION, le=CHECKPOINT_VERSION)] = CHECKPOINT_VERSION
+    source: Source | Literal[""]
+    said_missing: bool
+    counts: dict[str, int]
+    carried: CarriedState
+    sequencer: SequencerState
+    epoch_origin_ns: int
+    grid: GridState
+    slots: SlotsState
+    effects: EffectsState
+    windows: WindowsState
+
+    def to_json(self) -> bytes:
+        """Write the checkpoint; the same state always gives the same bytes."""
+        return dump_json(self.model_dump(mode="python"))
+
+    @classmethod
+    def from_json(cls, data: bytes, source: str) -> Self:
+        """Read a checkpoint; raises InputError naming the place where it is damaged."""
+        if len(data) > MAX_CHECKPOINT_BYTES:
+            raise InputError(source, f"has {len(data)} bytes, more than {MAX_CHECKPOINT_BYTES}")
+        try:
+            return cls.model_validate_json(data)
+        except ValidationError as error:
+            first = error.errors(include_url=False, include_context=False)[0]
+            raise InputError(source, first["msg"], ".".join(str(part) for part in first["loc"])) from error
+
+
+def _with_null(values: FloatArray) -> list[float | None]:
+    return [None if math.isnan(value) else value for value in values.tolist()]
+
+
+def _with_nan(values: list[float | None]) -> FloatArray:
+    return np.array(values, dtype=np.float64)
+
+
+def _run_lengths(flags: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> list[int]:
+    """Return the lengths of alternating runs of False and True, beginning with False (perhaps of length 0)."""
+    if flags.size == 0:
+        return []
+    borders = np.flatnonzero(np.diff(flags)) + 1
+    lengths: list[int] = np.diff(np.concatenate(([0], borders, [flags.size]))).tolist()
+    return [0, *lengths] if flags[0] else lengths

@@ -1,0 +1,158 @@
+"""The friction torque of a wheel's slots: given or derived from current, less the effects the wheel is known to have.
+
+Whatever is computed over several slots at once is computed in blocks that are cut at multiples of 64 slots of the grid
+and at the borders of windows, never where a message happens to end, so that the bits do not depend on how samples
+arrive.
+"""
+
+from __future__ import annotations
+
+from typing import Final, Literal
+
+import numpy as np
+
+from rwa_monitor.errors import InputError
+from rwa_monitor.live.ring_buffer import OPTIONAL, RingBuffer
+from rwa_monitor.physics.effects.base import Channels, Memory
+from rwa_monitor.physics.effects.catalogue import mean_effects
+from rwa_monitor.physics.torque_balance import differentiate, friction_torque, half_width, inertia_of
+from rwa_monitor.physics.wheel import Wheel
+from rwa_monitor.samples import FloatArray, Samples
+
+BLOCK_SLOTS: Final = 64
+Source = Literal["friction_torque_Nm", "motor_torque_Nm", "motor_current_A"]
+
+
+def source_of(samples: Samples, wheel: Wheel) -> Source:
+    """Return the channel that friction comes from: itself, or the motor torque, or the motor current.
+
+    Raises
+    ------
+    InputError
+        If friction is not given and the wheel's constants, or the channels, do not suffice to derive it.
+    """
+    if samples.friction_torque_Nm is not None:
+        return "friction_torque_Nm"
+    if wheel.inertia_kg_m2 is not None and samples.motor_torque_Nm is not None:
+        return "motor_torque_Nm"
+    constants = (wheel.inertia_kg_m2, wheel.torque_constant_Nm_A)
+    if None not in constants and samples.motor_current_A is not None:
+        return "motor_current_A"
+    raise InputError(
+        f"wheel {wheel.name}",
+        "friction_torque_Nm is missing, and friction cannot be derived: that takes motor_current_A with "
+        "torque_constant_Nm_A and inertia_kg_m2 of the wheel, or motor_torque_Nm with inertia_kg_m2",
+    )
+
+
+class FrictionSource:
+    """Turns the slots of a ring buffer into friction torque, in order, from the beginning of an epoch on.
+
+    Parameters
+    ----------
+    wheel
+        Constants, derivative filter and effects.
+    source
+        The channel that friction comes from.
+
+    Attributes
+    ----------
+    reach
+        Slots that the derivative's stencil reaches to either side; 0 where nothing needs it.
+    optional
+        Channels besides speed and torque that the wheel's effects need.
+    angle_rad, last_speed_rad_s, memories
+        What the effects remember of the slots so far.
+    """
+
+    def __init__(self, wheel: Wheel, source: Source) -> None:
+        self.wheel = wheel
+        self.source = source
+        self.effects = mean_effects(wheel)
+        derived = source != "friction_torque_Nm"
+        self.reach = half_width(wheel.friction.derivative, wheel.sample_period_s) if derived or self.effects else 0
+        needed = frozenset[str]().union(*(effect.needs for effect in self.effects))
+        self.optional = tuple(name for name in OPTIONAL if name in needed)
+        self.reset()
+
+    def reset(self) -> None:
+        """Begin a new epoch."""
+        self.angle_rad = 0.0
+        self.last_speed_rad_s = 0.0
+        self.memories: list[Memory] = [None] * len(self.effects)
+
+    # ---- samples → what the ring buffer keeps --------------------------------------------------------------------
+
+    def torque(self, samples: Samples) -> FloatArray | None:
+        """Return the torque that friction comes from, float64 (n,) [N m]; None where the channel is missing."""
+        if self.source == "friction_torque_Nm":
+            return samples.friction_torque_Nm
+        if self.source == "motor_torque_Nm":
+            return samples.motor_torque_Nm
+        return None if samples.motor_current_A is None else self.motor_torque(samples)
+
+    def motor_torque(self, samples: Samples) -> FloatArray | None:
+        """Return the motor torque, measured or K_T·I, float64 (n,) [N m]; None where neither is there."""
+        if samples.motor_torque_Nm is not None:
+            return samples.motor_torque_Nm
+        if samples.motor_current_A is not None and self.wheel.torque_constant_Nm_A is not None:
+            return self.wheel.torque_constant_Nm_A * samples.motor_current_A
+        return None
+
+    # ---- slots → friction ----------------------------------------------------------------------------------------
+
+    def friction(self, ring: RingBuffer, start: int, stop: int) -> FloatArray:
+        """Return the friction torque of the slots [start, stop), float64 [N m], NaN where it is not known.
+
+        Parameters
+        ----------
+        ring
+            Holds the slots and `reach` more on either side, as far as there are any.
+        start, stop
+            Go on where the last call ended; both multiples of 64, or borders of windows or of the epoch.
+        """
+        torque = ring.read("torque_Nm", start, stop)
+        if self.reach == 0:
+            return torque
+        around = ring.read("speed_rad_s", start - self.reach, stop + self.reach)
+        acceleration = differentiate(around, self.wheel.friction.derivative, self.wheel.sample_period_s)
+        acceleration = acceleration[self.reach : self.reach + stop - start]
+        if self.source != "friction_torque_Nm":
+            torque = friction_torque(torque, acceleration, inertia_of(self.wheel))
+        low = start
+        while self.effects and low < stop:
+            high = min((low // BLOCK_SLOTS + 1) * BLOCK_SLOTS, stop)
+            block = slice(low - start, high - start)
+            torque[block] -= self._effect_torque(ring, low, high, acceleration[block])
+            low = high
+        return torque
+
+    def _effect_torque(self, ring: RingBuffer, start: int, stop: int, acceleration: FloatArray) -> FloatArray:
+        """Return the torque of all effects in one block of slots [N m]."""
+        period_s = self.wheel.sample_period_s
+        speed = ring.read("speed_rad_s", start, stop)
+        good = np.isfinite(speed)
+        # Where a speed is missing, the wheel turns on with the last one known.
+        held = speed.copy()
+        for i in np.flatnonzero(~good).tolist():
+            held[i] = held[i - 1] if i else self.last_speed_rad_s
+        angle = np.add.accumulate(np.concatenate(([self.angle_rad], held * period_s)))[1:]
+        self.angle_rad, self.last_speed_rad_s = float(angle[-1]), float(held[-1])
+        optional = {name: ring.read(name, start, stop) if name in ring.channels else None for name in OPTIONAL}
+        channels = Channels(
+            time_s=np.arange(start, stop, dtype=np.float64) * period_s,
+            speed_rad_s=speed,
+            direction=np.sign(speed),
+            acceleration_rad_s2=acceleration,
+            angle_rad=angle,
+            motor_torque_Nm=optional["motor_torque_Nm"],
+            bearing_temperature_degC=optional["bearing_temperature_degC"],
+            dry_level_Nm=None,
+            sample_period_s=period_s,
+            good=good,
+        )
+        total = np.zeros(stop - start)
+        for i, effect in enumerate(self.effects):
+            torque, self.memories[i] = effect.torque(channels, self.memories[i])
+            total += torque
+        return total

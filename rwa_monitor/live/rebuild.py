@@ -1,0 +1,135 @@
+"""Rebuilds monitor cores from a recording: from its checkpoints and its inputs, as the service had processed them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any, Final, get_args
+
+from rwa_monitor.diagnosis.model import Model
+from rwa_monitor.diagnosis.results import Method
+from rwa_monitor.errors import InputError
+from rwa_monitor.live.checkpoint import Checkpoint
+from rwa_monitor.live.core import WheelCore
+from rwa_monitor.live.outputs import CARRIED_SCHEMA, Output, outputs_of
+from rwa_monitor.live.recording import Recording
+from rwa_monitor.messages import Changepoints, Diagnosis, SamplesMessage, split_key
+from rwa_monitor.physics.wheel import Wheel
+
+# What a replay must give again; health follows from the diagnosis, status has the wall clock in it.
+COMPARED_SCHEMAS: Final = (Changepoints.schema_name(), Diagnosis.schema_name(), CARRIED_SCHEMA)
+CHECKPOINT_PREFIX: Final = "checkpoint/"
+
+
+@dataclass(frozen=True, slots=True)
+class Setup:
+    """What a recording was made with."""
+
+    wheel: Wheel
+    model: Model | None
+    method: Method
+
+    @classmethod
+    def of(cls, recording: Recording) -> Setup:
+        """Read the setup from a recording's attachments; raises InputError where one is missing or damaged."""
+        source = str(recording.path)
+        settings = recording.settings()
+        method: Method | None = settings.get("method")
+        if method is None or method not in get_args(Method):
+            raise InputError(source, f"{method!r} is none of {', '.join(get_args(Method))}", "settings.json: method")
+        wheel = Wheel.from_toml(_text(recording, "wheel.toml"), f"{source}: wheel.toml")
+        model_text = _text(recording, "model.json")
+        model = Model.from_json(model_text, f"{source}: model.json") if model_text else None
+        return cls(wheel, model, method)
+
+    def equals(self, other: Setup) -> bool:
+        """Tell whether two setups give the same diagnoses."""
+        return self.identity() == other.identity()
+
+    def identity(self) -> tuple[str, str, str]:
+        """Return the hashes of wheel and model, and the method."""
+        return self.wheel.sha256(), self.model.sha256() if self.model else "", self.method
+
+
+def _text(recording: Recording, name: str) -> str:
+    if name not in recording.attachments:
+        raise InputError(str(recording.path), "is missing: this is no recording of rwa-monitor run", name)
+    try:
+        return recording.attachments[name].decode()
+    except UnicodeDecodeError as error:
+        raise InputError(str(recording.path), "is no UTF-8 text", name) from error
+
+
+@dataclass(slots=True)
+class Rebuilt:
+    """A recording, run again.
+
+    Attributes
+    ----------
+    cores
+        By (spacecraft, wheel), as they stand after the last input.
+    outputs
+        What the monitor says about the inputs, changepoints and diagnoses, in order.
+    inputs
+        Messages of samples processed.
+    """
+
+    cores: dict[tuple[str, str], WheelCore] = field(default_factory=dict)
+    outputs: list[Output] = field(default_factory=list)
+    inputs: int = 0
+
+
+def start(recording: Recording, setup: Setup) -> Rebuilt:
+    """Return the cores as the recording's checkpoints hold them; raises InputError where one is damaged."""
+    rebuilt = Rebuilt()
+    for name, data in recording.attachments.items():
+        if name.startswith(CHECKPOINT_PREFIX):
+            spacecraft, _, wheel = name.removeprefix(CHECKPOINT_PREFIX).removesuffix(".json").partition("/")
+            checkpoint = Checkpoint.from_json(data, f"{recording.path}: {name}")
+            rebuilt.cores[spacecraft, wheel] = WheelCore.resume(
+                checkpoint, setup.wheel, setup.model, method=setup.method
+            )
+    return rebuilt
+
+
+def run_inputs(
+    recording: Recording, setup: Setup, rebuilt: Rebuilt, on_message: Callable[[int], None] | None = None
+) -> None:
+    """Feed a recording's inputs to the cores, in order, and collect what they say.
+
+    Parameters
+    ----------
+    recording, setup
+        What to run, and what with.
+    rebuilt
+        The cores before; gets the results.
+    on_message
+        Called with the number of messages gone through, for progress.
+
+    Raises
+    ------
+    InputError
+        If a recorded input is none.
+    """
+    for number, recorded in enumerate(recording.messages):
+        if recorded.schema == SamplesMessage.schema_name():
+            spacecraft, wheel, _ = split_key(recorded.topic)
+            message = SamplesMessage.parse(recorded.data, f"{recording.path}: {recorded.topic}")
+            if (spacecraft, wheel) not in rebuilt.cores:
+                rebuilt.cores[spacecraft, wheel] = WheelCore(setup.wheel, setup.model, method=setup.method)
+            core = rebuilt.cores[spacecraft, wheel]
+            events = core.feed(message.samples(), message.publisher, message.batch)
+            rebuilt.inputs += 1
+            rebuilt.outputs += [
+                output for output in outputs_of(events, spacecraft, wheel) if output.schema in COMPARED_SCHEMAS
+            ]
+        if on_message is not None:
+            on_message(number + 1)
+
+
+def inherited_counts(settings: dict[str, Any]) -> dict[str, int]:
+    """Return how many outputs, by topic, a recording holds for inputs of its predecessor."""
+    inherited = settings.get("inherited", {})
+    if not isinstance(inherited, dict):
+        return {}
+    return {str(topic): int(count) for topic, count in inherited.items() if isinstance(count, int)}

@@ -1,0 +1,408 @@
+"""Writes recordings: MCAP files from which every decision of the monitor can be replayed.
+
+A recording carries the wheel, the model, all settings, the name and hash of its predecessor, and a checkpoint of every
+wheel at its beginning, as attachments. Its messages are, in this order: inputs as they came, before they are processed
+(those that were refused on the topic {key}/refused), then what the monitor said of them.
+
+Log times are the wheels' own clock, so that two runs on the same inputs write the same messages: the time of the latest
+sample of the message, or that of the message before where this would go back (several wheels, a clock that stepped).
+The publish time is the wall clock of the machine that records. Chunks are small, and what is in them is brought to the
+disk at least every second and at each closed window.
+
+A disk that fails degrades the recording, never the diagnosis: the error is kept for `status`, and a new file is begun
+when the disk works again. It starts with checkpoints, so what is missing between the files is known.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import os
+import shutil
+from collections.abc import Callable, Iterable
+from contextlib import suppress
+from dataclasses import dataclass
+from hashlib import sha256
+from pathlib import Path
+from typing import IO, Any, Final, Self, cast
+
+from mcap.writer import CompressionType, Writer
+
+from rwa_monitor import SOFTWARE
+from rwa_monitor.errors import InputError
+from rwa_monitor.live.recording import CHANNELS_ATTACHMENT, RECORDING_SUFFIX, file_sha256
+from rwa_monitor.messages import MAX_MESSAGE_BYTES, MESSAGES, dump_json
+
+PROFILE: Final = "rwa-monitor"
+RECORDING_VERSION: Final = 1
+CHUNK_BYTES: Final = 64 * 2**10
+MAX_FILE_BYTES: Final = 128 * 2**20  # then the next file is begun
+MAX_FILE_AGE_S: Final = 24 * 3600.0
+MIN_FREE_BYTES: Final = 64 * 2**20  # left on the disk for others
+FLUSH_PERIOD_S: Final = 1.0
+RETRY_PERIOD_S: Final = 10.0  # after the disk failed
+MAX_REFUSED_TOPICS: Final = 1_000  # refused messages on more keys than that go on one topic
+REFUSED: Final = "refused"
+REFUSED_SCHEMA: Final = "rwa.Refused"
+LOCK_NAME: Final = ".rwa-monitor.lock"
+
+Checkpoints = dict[str, bytes]  # by "<spacecraft>/<wheel>"
+
+
+class _Sink:
+    """The file under an MCAP writer: gathers what is written and passes it on in one piece when flushed.
+
+    A process that is killed then leaves whole records behind, and the hash of the file is known when it is closed.
+    """
+
+    GATHERED_BYTES: Final = 2**20
+
+    def __init__(self, path: Path) -> None:
+        self.file = path.open("xb", buffering=0)
+        self.digest = sha256()
+        self.size = 0
+        self._gathered = bytearray()
+
+    def write(self, data: bytes) -> int:
+        self._gathered += data
+        self.size += len(data)
+        if len(self._gathered) > self.GATHERED_BYTES:
+            self.flush()
+        return len(data)
+
+    def tell(self) -> int:
+        return self.size
+
+    def flush(self) -> None:
+        written = 0
+        data, self._gathered = bytes(self._gathered), bytearray()
+        while written < len(data):
+            written += self.file.write(data[written:])
+        self.digest.update(data)
+
+    def sync(self) -> None:
+        self.flush()
+        os.fdatasync(self.file.fileno())
+
+    def close(self) -> None:
+        self.file.close()
+
+
+@dataclass(frozen=True, slots=True)
+class Predecessor:
+    """The recording before this one."""
+
+    name: str
+    sha256: str
+
+
+class RecordingWriter:
+    """Writes one recording.
+
+    Parameters
+    ----------
+    path
+        A new file.
+    attachments
+        Content by name, written at the beginning.
+    wall_ns
+        The wall clock [ns], for publish times.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be written; so do all methods.
+    """
+
+    def __init__(self, path: Path, attachments: dict[str, bytes], wall_ns: Callable[[], int]) -> None:
+        self.path = path
+        self.wall_ns = wall_ns
+        self._log_time = 0
+        self._channels: dict[str, int] = {}
+        self._described: dict[str, tuple[str, str]] = {}
+        self._sequence: dict[int, int] = {}
+        self._sink = _Sink(path)
+        self._writer = Writer(cast(IO[bytes], self._sink), chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)
+        self._writer.start(profile=PROFILE, library=SOFTWARE)
+        self._schemas = {
+            message.schema_name(): self._writer.register_schema(
+                message.schema_name(), "jsonschema", dump_json(message.json_schema())
+            )
+            for message in MESSAGES
+        }
+        for name, data in attachments.items():
+            self._attach(name, data)
+        self.sync()
+
+    @property
+    def size(self) -> int:
+        """Bytes written so far."""
+        return self._sink.size
+
+    @property
+    def sha256(self) -> str:
+        """Hash of what is in the file; final once it is closed."""
+        return self._sink.digest.hexdigest()
+
+    def register(self, topics: Iterable[tuple[str, str]]) -> None:
+        """Register topics with the names of their schemas, and write the list down apart from the chunks."""
+        new = [(topic, schema) for topic, schema in topics if topic not in self._channels]
+        for topic, schema in new:
+            if schema not in self._schemas:  # of what is recorded only, without a published schema
+                self._schemas[schema] = self._writer.register_schema(schema, "", b"")
+            channel = self._writer.register_channel(topic, "json", self._schemas[schema])
+            self._channels[topic] = channel
+            self._described[str(channel)] = (topic, schema)
+        if new:
+            self._attach(CHANNELS_ATTACHMENT, dump_json(self._described))
+
+    def write(self, topic: str, schema: str, payload: bytes, time_ns: int | None) -> None:
+        """Add a message; `time_ns` is its time on the wheel's clock, None where it has none."""
+        self.register([(topic, schema)])
+        self._log_time = max(self._log_time, time_ns or 0)
+        channel = self._channels[topic]
+        sequence = self._sequence.get(channel, 0)
+        self._sequence[channel] = (sequence + 1) % 2**32
+        self._writer.add_message(channel, self._log_time, payload, self.wall_ns(), sequence)
+
+    def sync(self) -> None:
+        """Bring everything to the disk."""
+        self._writer.flush()  # type: ignore[no-untyped-call]
+        self._sink.sync()
+
+    def close(self) -> None:
+        """Write the file's end and close it."""
+        try:
+            self._writer.finish()  # type: ignore[no-untyped-call]
+            self._sink.sync()
+        finally:
+            self._sink.close()
+
+    def abandon(self) -> None:
+        """Close the file as it is, without its end."""
+        with suppress(OSError):
+            self._sink.close()
+
+    def _attach(self, name: str, data: bytes) -> None:
+        media_type = "application/toml" if name.endswith(".toml") else "application/json"
+        self._writer.add_attachment(0, self._log_time, name, media_type, data)
+
+
+class Recorder:
+    """Keeps the recordings of a folder: rotates, looks after the disk, never raises once it has begun.
+
+    Parameters
+    ----------
+    folder
+        Made if it does not exist.
+    wheel_toml, model_json, settings
+        Attached to every file; `settings` gets the version, the software and the predecessor added.
+    predecessor
+        The last recording in the folder, None in an empty one.
+    wall_ns
+        The wall clock [ns].
+
+    Attributes
+    ----------
+    error
+        Why nothing is being recorded, "" when all is well.
+
+    Raises
+    ------
+    InputError
+        If the folder cannot be made, or another monitor records in it.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        *,
+        wheel_toml: str,
+        model_json: str,
+        settings: dict[str, Any],
+        predecessor: Predecessor | None,
+        wall_ns: Callable[[], int],
+        max_file_bytes: int = MAX_FILE_BYTES,
+    ) -> None:
+        self.folder = folder
+        self.error = ""
+        self._attachments = {"wheel.toml": wheel_toml.encode(), "model.json": model_json.encode()}
+        self._settings = settings
+        self._predecessor = predecessor
+        self._wall_ns = wall_ns
+        self._max_file_bytes = max_file_bytes
+        self._writer: RecordingWriter | None = None
+        self._begun_s = 0.0
+        self._synced_s = 0.0
+        self._failed_s = float("-inf")
+        self._refused_topics: set[str] = set()
+
+    @property
+    def path(self) -> Path | None:
+        """The file that is being written."""
+        return None if self._writer is None else self._writer.path
+
+    def begin(self, checkpoints: Checkpoints, now_s: float, inherited: dict[str, int] | None = None) -> None:
+        """Begin a new file.
+
+        Parameters
+        ----------
+        checkpoints
+            Of all wheels.
+        now_s
+            A clock that only goes forward [s].
+        inherited
+            Outputs, by topic, that this file holds at its beginning for inputs of its predecessor.
+        """
+        number = 1
+        if self._predecessor is not None:
+            number = _number_of(self._predecessor.name) + 1
+        settings = {
+            **self._settings,
+            "recording_version": RECORDING_VERSION,
+            "software": SOFTWARE,
+            "predecessor": None
+            if self._predecessor is None
+            else {"name": self._predecessor.name, "sha256": self._predecessor.sha256},
+            "inherited": inherited or {},
+        }
+        attachments = {
+            **self._attachments,
+            "settings.json": dump_json(settings),
+            **{f"checkpoint/{name}.json": data for name, data in checkpoints.items()},
+        }
+        try:
+            self._check_free(sum(len(data) for data in attachments.values()))
+            path = self.folder / f"rwa-{number:06d}{RECORDING_SUFFIX}"
+            while path.exists():
+                number += 1
+                path = self.folder / f"rwa-{number:06d}{RECORDING_SUFFIX}"
+            self._writer = RecordingWriter(path, attachments, self._wall_ns)
+        except OSError as error:
+            self._fail(error, now_s)
+            return
+        self.error = ""
+        self._begun_s = self._synced_s = now_s
+        self._predecessor = None
+
+    def input(self, key: str, schema: str, payload: bytes, time_ns: int) -> None:
+        """Record a message that is about to be processed."""
+        self._write(key, schema, payload, time_ns)
+
+    def refused(self, key: str, payload: bytes) -> None:
+        """Record a message that was refused, as it came (the first 8 MiB of it)."""
+        if key not in self._refused_topics and len(self._refused_topics) >= MAX_REFUSED_TOPICS:
+            key = "rwa"
+        self._refused_topics.add(key)
+        self._write(f"{key}/{REFUSED}", REFUSED_SCHEMA, payload[:MAX_MESSAGE_BYTES], None)
+
+    def output(self, key: str, schema: str, payload: bytes, time_ns: int | None) -> None:
+        """Record what the monitor says."""
+        self._write(key, schema, payload, time_ns)
+
+    def sync(self, now_s: float) -> None:
+        """Bring everything to the disk now."""
+        if self._writer is None:
+            return
+        try:
+            self._writer.sync()
+            self._check_free(0)
+            self._synced_s = now_s
+        except OSError as error:
+            self._fail(error, now_s)
+
+    def tend(self, now_s: float, checkpoints: Callable[[], Checkpoints]) -> None:
+        """Do what is due: flush, rotate, try again after a failure. Call it often, between two inputs."""
+        if self._writer is None:
+            if now_s - self._failed_s >= RETRY_PERIOD_S:
+                self.begin(checkpoints(), now_s)
+            return
+        full = self._writer.size > self._max_file_bytes or now_s - self._begun_s > MAX_FILE_AGE_S
+        if now_s - self._synced_s >= FLUSH_PERIOD_S:
+            self.sync(now_s)
+        if full and not self.error:
+            self.close(now_s)
+            self.begin(checkpoints(), now_s)
+
+    def close(self, now_s: float) -> None:
+        """Write the end of the file."""
+        if self._writer is None:
+            return
+        writer = self._writer
+        try:
+            writer.close()
+        except OSError as error:
+            self._fail(error, now_s)
+            return
+        self._writer = None
+        self._predecessor = Predecessor(writer.path.name, writer.sha256)
+
+    def _write(self, topic: str, schema: str, payload: bytes, time_ns: int | None) -> None:
+        if self._writer is None:
+            return
+        try:
+            self._writer.write(topic, schema, payload, time_ns)
+        except OSError as error:
+            self._fail(error, self._synced_s)
+
+    def _check_free(self, needed: int) -> None:
+        free = shutil.disk_usage(self.folder).free
+        if free < MIN_FREE_BYTES + needed:
+            raise OSError(f"only {free} bytes are free, {MIN_FREE_BYTES + needed} are kept for others")
+
+    def _fail(self, error: OSError, now_s: float) -> None:
+        self.error = f"nothing is recorded: {error.strerror or error}"
+        self._failed_s = now_s
+        if self._writer is not None:
+            self._writer.abandon()
+            self._predecessor = predecessor_of(self._writer.path)
+            self._writer = None
+
+
+def last_recording(folder: Path) -> Path | None:
+    """Return the last recording of a folder, None where there is none."""
+    if not folder.is_dir():
+        return None
+    return max((path for path in folder.iterdir() if path.suffix == RECORDING_SUFFIX), default=None)
+
+
+def predecessor_of(path: Path) -> Predecessor:
+    """Return name and hash of a recording; an empty hash where it cannot be read."""
+    try:
+        return Predecessor(path.name, file_sha256(path))
+    except OSError:
+        return Predecessor(path.name, "")
+
+
+def _number_of(name: str) -> int:
+    digits = "".join(character for character in Path(name).stem if character.isdigit())
+    return int(digits or "0")
+
+
+class FolderLock:
+    """Keeps two monitors from recording in one folder; held until closed, or until the process ends.
+
+    Raises
+    ------
+    InputError
+        If the folder cannot be made or written, or another monitor holds it.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            self._file = (folder / LOCK_NAME).open("ab")
+        except OSError as error:
+            raise InputError(str(folder), f"cannot be written: {error.strerror}", "--record") from error
+        try:
+            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            self._file.close()
+            raise InputError(str(folder), "another monitor records in it", "--record") from error
+
+    def __enter__(self) -> Self:
+        """Enter; the folder is locked already."""
+        return self
+
+    def __exit__(self, *_error: object) -> None:
+        """Let go of the folder."""
+        self._file.close()
