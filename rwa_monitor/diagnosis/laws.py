@@ -171,7 +171,8 @@ def _fill(tables: LawTables, s: int, system: SwitchingSystem, index: IntArray, s
                 trust, alive = CARRIED_TRUST, law.survival(np.array([first.age + 1.0]))
                 told = 1.0 if q == first.configuration else 0.0
                 ended = (1 - trust) * ended + trust * told * law.pmf(first.age + at) / alive
-                never = (1 - trust) * never + float(trust * told * law.survival(np.array([first.age + slots])) / alive)
+                gone = law.survival(np.array([first.age + slots])) / alive
+                never = (1 - trust) * never + trust * told * float(gone[0])
             tables.jump[s, q, 0, 1:] = np.log(ended)
             tables.stay[s, q, 0] = np.log(never)
             for direction, step in ((DOWN, -1), (UP, 1)):
