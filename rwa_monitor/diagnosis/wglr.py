@@ -359,16 +359,33 @@ def wglr(
     """
     prefix = np.zeros((PREFIXES, HISTORY + CHUNK + 1))
     statistic, jump = np.full(x.size, np.nan), np.full(x.size, np.nan)
-    values, differences = np.empty(CHUNK), np.empty(CHUNK)
+    _evaluate_all(x, z, used, scale, weight, slope, prefix, statistic, jump)
+    return statistic, jump
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def _evaluate_all(
+    x: FloatArray,
+    z: FloatArray,
+    used: BoolArray,
+    w: int,
+    weight: float,
+    slope: float,
+    prefix: FloatArray,
+    statistic: FloatArray,
+    jump: FloatArray,
+) -> None:
+    """Evaluate one scale chunk by chunk; NaN where it cannot be."""
     for chunk in range(0, x.size, CHUNK):
         stop = min(chunk + CHUNK, x.size)
         fill_prefix(prefix, x, z, used, chunk, chunk, stop, slope)
-        end = max(chunk + 1, 2 * scale)
-        count = stop - end + 1
+        right = max(chunk + 1, 2 * w)
+        count = stop - right + 1
         if count > 0:
-            evaluate(prefix, HISTORY + end - chunk, count, scale, weight, values, differences)
-            there = slice(end - scale, end - scale + count)
-            evaluated = values[:count] != NOT_EVALUATED
-            statistic[there] = np.where(evaluated, values[:count], np.nan)
-            jump[there] = np.where(evaluated, differences[:count], np.nan)
-    return statistic, jump
+            first = right - w
+            values, differences = statistic[first : first + count], jump[first : first + count]
+            evaluate(prefix, HISTORY + right - chunk, count, w, weight, values, differences)
+            for j in range(count):
+                if values[j] == NOT_EVALUATED:
+                    values[j] = np.nan
+                    differences[j] = np.nan
