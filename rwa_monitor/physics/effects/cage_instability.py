@@ -35,8 +35,9 @@ class CageInstability(NoiseEffect):
     confused_with = ("speed_dependent_noise", "extra_switching_system", "heavy_tailed_noise")
     separate_by = "Dwells below, in and above the band, in both directions."
     source = (
-        "P. K. Gupta, Advanced Dynamics of Rolling Elements, Springer 1984; E. Kingsbury, Torque variations in "
-        "instrument ball bearings, ASLE Transactions 8, 1965. Sizes are a working assumption."
+        "E. A. Boesiger, M. H. Warner, Spin Bearing Retainer Design Optimization, Aerospace Mechanisms Symposium "
+        "1991 (torque, temperature and noise rise, at certain speeds and conditions); P. K. Gupta, Advanced "
+        "Dynamics of Rolling Elements, Springer 1984. Sizes are a working assumption."
     )
     parameters = (
         Parameter("strength_Nm", "N m", 0.0, np.inf, 2.0e-4),

@@ -33,8 +33,8 @@ class DecayingJump(SwitchingEffect):
     confused_with = ("extra_switching_system", "lubricant_lag")
     separate_by = "Constant speed: a lag of the lubricant rests then, jumps still relax."
     source = (
-        "Oil jags of wheel bearings relax over seconds to minutes: W. Bialke, AAS 98-063, 1998 and the paper's "
-        "section II (oil pockets). The exponential form is a working assumption."
+        "Pockets of oil in wheel bearings: the paper, section III, and Lee 2015 cited there. That their drag "
+        "relaxes exponentially is a working assumption."
     )
     parameters = (
         Parameter("strength", "-", 0.0, 1.0, 0.5, linear=True),

@@ -27,9 +27,8 @@ class LubricantLag(MeanEffect):
     confused_with = ("viscosity_temperature", "inertia_error", "run_in_drift")
     separate_by = "Speed steps after dwells of different length."
     source = (
-        "The relaxation of oil-lubricated wheel bearings after speed changes is reported from flight (Lee, "
-        "in-flight lubrication of reaction wheels, 2015, as cited in the paper); the first-order form and its range "
-        "10 s to 30 min are working assumptions."
+        "That lubricant distribution governs the drag of wheels in flight: Lee 2015, cited in the paper. The "
+        "first-order form and its range, 10 s to 30 min, are working assumptions."
     )
     parameters = (
         Parameter("strength_Nm_s_rad", "N m s/rad", -np.inf, np.inf, 1.0e-6, linear=True),

@@ -30,9 +30,8 @@ class RunInDrift(MeanEffect):
     confused_with = ("viscosity_temperature", "lubricant_lag")
     separate_by = "Long records over several windows, at constant temperature."
     source = (
-        "Running-in of rolling contacts: B. J. Hamrock, B. O. Jacobson, S. R. Schmid, Fundamentals of Machine "
-        "Elements / Fluid Film Lubrication (qualitative). Hours and longer; the exponential form is a working "
-        "assumption."
+        "B. J. Hamrock, S. R. Schmid, B. O. Jacobson, Fundamentals of Fluid Film Lubrication, 2004 (running-in of "
+        "rolling contacts, qualitative). Hours and longer; the exponential form is a working assumption."
     )
     parameters = (
         Parameter("strength_Nm_s", "N m/s", -np.inf, np.inf, -5.0e-9, linear=True),

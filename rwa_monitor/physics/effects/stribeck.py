@@ -31,9 +31,10 @@ class Stribeck(MeanEffect):
     separate_by = "A slow zero crossing, and a ladder of dwells up to ten Stribeck speeds."
     source = (
         "B. Armstrong-Hélouvry, Control of Machines with Friction, Kluwer 1991; C. Canudas de Wit, H. Olsson, K. J. "
-        "Åström, P. Lischinsky, A new model for control of systems with friction, IEEE TAC 40(3), 1995. Exponent 1: "
-        "A. Tustin 1947, J. Bo & L. Pavelescu 1982. The range of ω_s for wheel bearings, 1–30 rad/s, is a working "
-        "assumption."
+        "Åström, P. Lischinsky, A new model for control of systems with friction, IEEE TAC 40(3), 1995; exponent 1: "
+        "J. Bo, L. Pavelescu, Wear 82, 1982. That wheels have drag near zero beyond Coulomb and viscous friction: "
+        "S. Sarani, Determining Spacecraft Reaction Wheel Friction Parameters, NASA Tech Briefs NPO-44712, 2009. "
+        "The range of ω_s for wheel bearings, 1–30 rad/s, is a working assumption."
     )
     parameters = (
         Parameter("strength_Nm", "N m", 0.0, np.inf, 5.0e-4, linear=True),

@@ -35,7 +35,8 @@ class TorqueRipple(MeanEffect):
     source = (
         "P. C. Krause, O. Wasynczuk, S. D. Sudhoff, Analysis of Electric Machinery (six-step drive of brushless "
         "motors: six pulses per electrical turn); W. Bialke, High fidelity mathematical modeling of reaction wheel "
-        "performance, AAS 98-063, 1998. 0.5–2 % of full torque is a working assumption."
+        "performance, AAS 98-063, 1998 (ripple and cogging of wheels). 0.5–2 % of full torque is a working "
+        "assumption."
     )
     parity = "none"
     parameters = (
