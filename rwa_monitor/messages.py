@@ -447,7 +447,7 @@ class Status(Message):
     windows: Count
     last_sample_ns: int | None
     diagnosis_s: Number | None
-    now_wall_ns: Count
+    now_wall_ns: TimeNs
 
 
 class Uncertain(Message):
