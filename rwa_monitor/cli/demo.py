@@ -25,11 +25,10 @@ if TYPE_CHECKING:
 DEFAULT_DURATION_S: Final = 90.0
 MAX_DURATION_S: Final = 3600.0  # an hour simulates half a month of four wheels; it is all made before it begins
 SEED: Final = 1
-SPACECRAFT: Final = "demo"
 BATCH_SAMPLES: Final = 256
 
 
-@click.command(name="demo")
+@click.command(name="demo", short_help="The main job on simulated wheels, one of them failing.")
 @click.option(
     "--duration",
     type=click.FloatRange(1.0, MAX_DURATION_S),
@@ -46,7 +45,7 @@ BATCH_SAMPLES: Final = 256
     default=Path("recordings"),
     show_default=True,
     metavar="DIR",
-    help="Folder of the recording; each demo makes one of its own in it.",
+    help="Folder of the recordings.",
 )
 def command(duration: float, no_browser: bool, port: int | None, record: Path) -> None:
     """Show the main job on a simulated satellite: four wheels, one of which begins to fail.
@@ -58,15 +57,18 @@ def command(duration: float, no_browser: bool, port: int | None, record: Path) -
     from rwa_monitor.cli.demo_story import tell
     from rwa_monitor.cli.demo_view import DemoView
     from rwa_monitor.cli.signals import stop_on_signals
+    from rwa_monitor.diagnosis.model import built_in_model
     from rwa_monitor.live.bus import BusOptions, open_session
     from rwa_monitor.live.publisher import publish
     from rwa_monitor.live.service import RunOptions, run
 
-    story = tell(SPACECRAFT, duration, start_ns=time.time_ns(), seed=SEED)
-    options = RunOptions(wheel=story.wheel, record=record)
+    # A new satellite each time: what the folder holds of the last one is not carried over to this one's healthy wheels.
+    spacecraft = time.strftime("demo-%Y%m%dT%H%M%S", time.gmtime())
+    story = tell(spacecraft, duration, start_ns=time.time_ns(), seed=SEED)
+    options = RunOptions(wheels=f"rwa/{spacecraft}/*/samples", wheel=story.wheel, model=built_in_model(), record=record)
     say(f"four simulated wheels, {story.speed:.0f} times faster than real time; recording in {record}")
     with stop_on_signals() as stop, open_session(BusOptions()) as session, ThreadPoolExecutor(2) as workers:
-        view = DemoView(session, story.start_ns)
+        view = DemoView(session, spacecraft, story.start_ns)
         ended = Event()
         monitor = workers.submit(run, options, ended, session=session, say=say)
         satellite = workers.submit(
@@ -78,9 +80,9 @@ def command(duration: float, no_browser: bool, port: int | None, record: Path) -
             view.show_until(stop, duration)
         finally:
             ended.set()
-            view.close()
         satellite.result()
         monitor.result()
+        view.close()
     _tell_the_truth(story, view, record)
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import threading
 import time
-from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -18,10 +17,10 @@ from rich.table import Table
 from rich.text import Text
 
 from rwa_monitor.cli.diagnosis_view import VERDICT_STYLE
+from rwa_monitor.live.bus import Inbox
 from rwa_monitor.messages import Changepoints, Diagnosis, Message, Status
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND
 
-MAX_WAITING: Final = 10_000  # messages between two looks; more are the view's loss only
 REFRESH_S: Final = 0.2
 # What the view listens to, by the last part of the key.
 KINDS: Final[dict[str, type[Message]]] = {kind.kind: kind for kind in (Diagnosis, Changepoints, Status)}
@@ -66,18 +65,20 @@ class DemoView:
     ----------
     session
         The Zenoh session.
+    spacecraft
+        Whose wheels to show.
     start_ns
         Where the wheels' clock begins, to show times from there.
     """
 
-    def __init__(self, session: Any, start_ns: int) -> None:
+    def __init__(self, session: Any, spacecraft: str, start_ns: int) -> None:
         self.rows: dict[str, WheelRow] = {}
         self._start_ns = start_ns
         self._began = time.monotonic()
+        self._inbox = Inbox()
         # The bus calls from a thread of its own, where nothing but this may happen.
-        self._inbox: deque[tuple[str, bytes]] = deque(maxlen=MAX_WAITING)
         self._subscriber = session.declare_subscriber(
-            "rwa/**", lambda sample: self._inbox.append((str(sample.key_expr), sample.payload.to_bytes()))
+            f"rwa/{spacecraft}/**", lambda sample: self._inbox.put(str(sample.key_expr), sample.payload.to_bytes())
         )
 
     def show_until(self, done: threading.Event, seconds: float) -> None:
@@ -96,8 +97,8 @@ class DemoView:
 
     def take_messages(self) -> None:
         """Bring what has come into the rows."""
-        while self._inbox:
-            key, payload = self._inbox.popleft()
+        while (message := self._inbox.take()) is not None:
+            key, payload = message
             _, _, wheel, kind = key.split("/")
             if kind in KINDS:
                 self._take(self.rows.setdefault(wheel, WheelRow()), KINDS[kind].parse(payload, key))

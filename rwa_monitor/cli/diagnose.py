@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 WIDTH_IN_FILES: Final = 120  # characters of a line where no terminal says how many it has
 
 
-@click.command(name="diagnose")
+@click.command(name="diagnose", short_help="Diagnose recordings: CSV, Parquet or MCAP.")
 @click.argument("files", nargs=-1, required=True, type=FILE, metavar="FILE...")
 @wheel_option
 @model_option
@@ -51,9 +51,9 @@ def command(
     from rwa_monitor.formats.model_file import read_model
     from rwa_monitor.formats.wheel_file import read_wheel
 
-    wheel, model = read_wheel(wheel_file), read_model(model_file)
-    for note in wheel.missing():
-        say(f"{wheel.name}: {note}")
+    # Read before any file is: a wrong option costs nothing then.
+    wheel = read_wheel(wheel_file) if wheel_file else None
+    model = read_model(model_file) if model_file else None
     diagnoser = Diagnoser(wheel, model, method, carry)
     show = _json_line if as_json else _picture()
     status = 0
@@ -75,7 +75,9 @@ class Diagnoser:
 
     Attributes
     ----------
-    wheel, model, method
+    wheel, model
+        Those to use for every file; None for what a recording carries, or the built-in ones.
+    method
         As for `WheelCore`.
     carry
         Whether a wheel starts a file with the state in which it ended the one before.
@@ -85,32 +87,44 @@ class Diagnoser:
         Whether bytes of a file could not be read.
     """
 
-    wheel: Wheel
-    model: Model
+    wheel: Wheel | None
+    model: Model | None
     method: Literal["joint", "paper"]
     carry: bool
     carried: dict[tuple[str, str], CarriedState] = field(default_factory=dict, init=False)
     unreadable: bool = field(default=False, init=False)
+    _noted: set[str] = field(default_factory=set, init=False)
 
     def diagnose(self, file: Path) -> Iterator[Diagnosis]:
         """Yield the diagnoses of a file's windows; raises InputError before the first if the file cannot be used."""
         from rwa_monitor.cli.telemetry_files import read_telemetry
+        from rwa_monitor.diagnosis.model import built_in_model
+        from rwa_monitor.physics.wheel import built_in_wheel
 
         content = read_telemetry(file)
-        for problem in content.recording.problems if content.recording else ():
+        for problem in content.problems:
             self.unreadable = True
             say(f"{file}: {problem}")
-        for telemetry in content.wheels:
-            yield from self._diagnose_wheel(telemetry)
+        wheel = self.wheel or content.wheel or built_in_wheel()
+        model = self.model or content.model or built_in_model()
+        self._note(wheel)
+        for telemetry in content.telemetry:
+            yield from self._diagnose_wheel(telemetry, wheel, model)
 
-    def _diagnose_wheel(self, telemetry: WheelTelemetry) -> Iterator[Diagnosis]:
+    def _note(self, wheel: Wheel) -> None:
+        """Say what a wheel lacks, once for each."""
+        for note in wheel.missing() if wheel.name not in self._noted else ():
+            say(f"{wheel.name}: {note}")
+        self._noted.add(wheel.name)
+
+    def _diagnose_wheel(self, telemetry: WheelTelemetry, wheel: Wheel, model: Model) -> Iterator[Diagnosis]:
         from rwa_monitor.live.core import WheelCore, WindowDiagnosed
         from rwa_monitor.messages import diagnosis_message
 
-        name = telemetry.wheel or self.wheel.name
+        name = telemetry.wheel or wheel.name
         carried = self.carried.get((telemetry.spacecraft, name)) if self.carry else None
         try:
-            core = WheelCore(self.wheel, self.model, method=self.method, carried=carried)
+            core = WheelCore(wheel, model, method=self.method, carried=carried)
             events = [
                 event for batch in telemetry.batches for event in core.feed(batch.samples, batch.publisher, batch.batch)
             ]

@@ -29,7 +29,7 @@ class Check:
     look: Callable[[], str]
 
 
-@click.command(name="doctor")
+@click.command(name="doctor", short_help="Check installation, configuration and bus connection.")
 @wheel_option
 @model_option
 @bus_options

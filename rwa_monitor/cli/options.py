@@ -5,9 +5,14 @@ from __future__ import annotations
 import functools
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Final, TypeVar
+from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 import click
+
+from rwa_monitor.cli.talk import say
+
+if TYPE_CHECKING:
+    from rwa_monitor.live.bus import BusOptions
 
 Decorated = TypeVar("Decorated", bound=Callable[..., Any])
 
@@ -53,3 +58,9 @@ def bus_options(command: Decorated) -> Decorated:
         return command(bus=BusOptions(mode, connect, listen, config, no_multicast_scouting), **rest)
 
     return with_bus  # type: ignore[return-value]
+
+
+def warn_if_alone(bus: BusOptions) -> None:
+    """Say on stderr that no other process will be met, where the options name no way to one."""
+    if not (bus.connect or bus.listen or bus.config):
+        say("without -e, -l or -c the bus is this process alone; for example -l tcp/127.0.0.1:7447, and -e elsewhere")

@@ -11,7 +11,7 @@ from rwa_monitor.cli.options import FILE
 from rwa_monitor.cli.talk import say
 
 
-@click.command(name="recover")
+@click.command(name="recover", short_help="Save what a damaged recording still holds.")
 @click.argument("recording", type=FILE, metavar="FILE.mcap")
 @click.option("-o", "--output", type=FILE, required=True, metavar="OUT.mcap", help="Where to write; must not exist.")
 @click.pass_context

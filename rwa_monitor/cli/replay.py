@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from rwa_monitor.live.replay import Report
 
 
-@click.command(name="replay")
+@click.command(name="replay", short_help="Re-run a recording, and check that it says the same.")
 @click.argument("recordings", nargs=-1, required=True, type=FILE, metavar="RECORDING...")
 @click.option("--verify", is_flag=True, help="Compare with what the recording holds, to 1e-9 relative.")
 @click.option("--exact", is_flag=True, help="Demand equal bytes; means --verify.")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Literal
 
 import click
 
-from rwa_monitor.cli.options import FILE, bus_options, method_option, model_option, wheel_option
+from rwa_monitor.cli.options import FILE, bus_options, method_option, model_option, warn_if_alone, wheel_option
 from rwa_monitor.cli.talk import say
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ def _shard(ctx: click.Context, param: click.Parameter, value: str) -> tuple[int,
     return share, of
 
 
-@click.command(name="run")
+@click.command(name="run", short_help="Monitor wheels live on a Zenoh bus.")
 @click.option("--wheels", default="rwa/*/*/samples", show_default=True, metavar="KEYEXPR", help="Which wheels.")
 @wheel_option
 @model_option
@@ -57,6 +57,7 @@ def command(
     wheel = read_wheel(wheel_file)
     for note in wheel.missing():
         say(f"{wheel.name}: {note}")
+    warn_if_alone(bus)
     if record is None:
         say("nothing is recorded; give --record DIR to be able to replay")
     options = RunOptions(

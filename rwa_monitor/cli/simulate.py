@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Final
 
 import click
 
-from rwa_monitor.cli.options import FILE, bus_options, wheel_option
+from rwa_monitor.cli.options import FILE, bus_options, warn_if_alone, wheel_option
 from rwa_monitor.cli.progress import track
 from rwa_monitor.cli.talk import say
 
@@ -31,7 +31,7 @@ seed_option = click.option(
 output_option = click.option("-o", "--output", type=FILE, required=True, metavar="PATH", help="Where to write.")
 
 
-@click.group(name="simulate", no_args_is_help=False)
+@click.group(name="simulate", short_help="Make telemetry: recording, data set, live wheel.", no_args_is_help=False)
 def command() -> None:
     """Simulate telemetry: one recording, a labelled data set, or a live wheel."""
 
@@ -137,6 +137,7 @@ def publish(
 
     if math.isnan(speed):
         raise click.BadParameter("nan is not a speed", param_hint="--speed")
+    warn_if_alone(bus)
     samples = _simulate(scenario_file, wheel_file, seed, "published").telemetry.samples
     with stop_on_signals() as stop, open_session(bus) as session:
         sent = publish_samples({key: samples}, session, speed=speed, batch_samples=batch, linger_s=linger, stop=stop)

