@@ -47,7 +47,7 @@ HARD_ANOMALY_SHARE: Final = 0.25  # probability of each anomaly; each of its com
 DERIVED_SPEED_NOISE_RAD_S: Final = 0.01
 FLEET_WINDOWS: Final = 24  # windows in the life of one wheel
 FLEET_ONSET: Final = (0.1, 0.5)  # share of that life after which its anomaly begins to grow
-FLEET_GROWTH: Final = 1.5  # severity at the end of that life, in units of the mild one
+FLEET_SEVERITIES: Final = {name: 1.0 + 1.5 * (mild - 1.0) for name, mild in MILD_SEVERITIES.items()}  # at its end
 LABEL_SHARE: Final = 0.5  # a growing anomaly counts as active from half of its final severity on
 
 
@@ -81,6 +81,10 @@ class LabelledWindow:
         return "+".join(name for name, active in self.labels.items() if active) or "nominal"
 
 
+# Wheel, its number, windows of its life, generator → what happens to it.
+DrawScenario = Callable[[Wheel, int, int, np.random.Generator], Scenario]
+
+
 @dataclass(frozen=True, slots=True)
 class Recipe:
     """How the records of a dataset come about.
@@ -92,19 +96,16 @@ class Recipe:
     wheel
         Draws a wheel.
     scenario
-        Draws a scenario of one window for a wheel; gets the number of the wheel, by which statuses alternate.
+        Draws what happens to a wheel; gets its number, by which statuses alternate, and the windows of its life.
     windows
         Windows in the life of one wheel; each is a record of its own.
-    growing
-        Whether the anomaly grows in the course of that life.
     """
 
     name: str
     description: str
     wheel: Callable[[np.random.Generator], Wheel]
-    scenario: Callable[[Wheel, int, np.random.Generator], Scenario]
+    scenario: DrawScenario
     windows: int = 1
-    growing: bool = False
 
 
 def generate(
@@ -147,18 +148,9 @@ def generate(
     for number in range(-(-count // life)):
         rng = np.random.default_rng([seed, number])
         wheel = recipe.wheel(rng).model_copy(update={"name": f"{recipe.name}_{number:05d}"})
-        scenario = recipe.scenario(wheel, number, rng)
-        life_s = life * wheel.window.samples * wheel.sample_period_s
-        changes: dict[str, Any] = {"duration_s": life_s}
-        if recipe.growing:
-            onset = life_s * rng.uniform(*FLEET_ONSET)
-            changes["anomalies"] = {
-                name: Anomaly(factor=anomaly.factor, onset_s=onset, growth_s=life_s - onset)
-                for name, anomaly in scenario.anomalies.items()
-            }
+        scenario = recipe.scenario(wheel, number, life, rng)
         if friction_given is not None:
-            changes["friction_given"] = friction_given
-        scenario = scenario.model_copy(update=changes)
+            scenario = scenario.model_copy(update={"friction_given": friction_given})
         record = simulate(scenario, wheel, rng)
         for window in range(min(life, count - number * life)):
             yield _window(wheel, scenario, record, window, life)
@@ -258,11 +250,16 @@ def _one_status(severities: Mapping[str, float], wheel: Wheel, number: int) -> d
     return {} if status is None else {status: Anomaly(factor=severities[status])}
 
 
-def _one_anomaly(severities: Mapping[str, float], **more: Any) -> Callable[[Wheel, int, np.random.Generator], Scenario]:
-    """Return the scenario of a window with at most one anomaly, in one direction or in both."""
+def _window_s(wheel: Wheel) -> float:
+    return wheel.window.samples * wheel.sample_period_s
 
-    def scenario(wheel: Wheel, number: int, rng: np.random.Generator) -> Scenario:
+
+def _one_anomaly(severities: Mapping[str, float], **more: Any) -> DrawScenario:
+    """Return the scenario of a wheel with at most one anomaly, in one direction of rotation or in both."""
+
+    def scenario(wheel: Wheel, number: int, windows: int, rng: np.random.Generator) -> Scenario:
         return Scenario(
+            duration_s=windows * _window_s(wheel),
             base=_base(rng),
             speed=_motion(("orbit", "one_direction"), rng),
             anomalies=_one_status(severities, wheel, number),
@@ -272,16 +269,28 @@ def _one_anomaly(severities: Mapping[str, float], **more: Any) -> Callable[[Whee
     return scenario
 
 
-def _hard(wheel: Wheel, number: int, rng: np.random.Generator) -> Scenario:
+def _fleet(wheel: Wheel, number: int, windows: int, rng: np.random.Generator) -> Scenario:
+    """A long life, in which the anomaly begins early or late and grows to the end."""
+    scenario = _one_anomaly(FLEET_SEVERITIES)(wheel, number, windows, rng)
+    onset = scenario.duration_s * rng.uniform(*FLEET_ONSET)
+    growing = {
+        name: anomaly.model_copy(update={"onset_s": onset, "growth_s": scenario.duration_s - onset})
+        for name, anomaly in scenario.anomalies.items()
+    }
+    return scenario.model_copy(update={"anomalies": growing})
+
+
+def _hard(wheel: Wheel, number: int, windows: int, rng: np.random.Generator) -> Scenario:
     """Any combination of anomalies, coloured noise, zero crossings, gaps."""
     del number
-    window_s = wheel.window.samples * wheel.sample_period_s
     active = rng.random(len(wheel.anomalies)) < HARD_ANOMALY_SHARE
     gaps = tuple(
-        Fault(kind="gap", start_s=window_s * rng.random(), duration_s=rng.uniform(*HARD_GAP_S))
+        Fault(kind="gap", start_s=(window + rng.random()) * _window_s(wheel), duration_s=rng.uniform(*HARD_GAP_S))
+        for window in range(windows)
         for _ in range(rng.integers(*HARD_GAPS, endpoint=True))
     )
     return Scenario(
+        duration_s=windows * _window_s(wheel),
         base=_base(rng),
         speed=_motion(("orbit", "crossings", "rich"), rng),
         anomalies={
@@ -325,9 +334,8 @@ RECIPES: Final[Mapping[str, Recipe]] = {
             "fleet",
             "many windows of each wheel, an anomaly that grows slowly",
             _example_wheel,
-            _one_anomaly({name: 1.0 + FLEET_GROWTH * (mild - 1.0) for name, mild in MILD_SEVERITIES.items()}),
+            _fleet,
             windows=FLEET_WINDOWS,
-            growing=True,
         ),
     )
 }

@@ -173,3 +173,10 @@ def test_wrong_use_is_named():
     for bad in ({"count": -1, "seed": 0}, {"count": 1, "seed": -1}, {"count": 1, "seed": 1, "windows": 0}):
         with pytest.raises(InputError, match="none may be negative"):
             next(generate("mild", **bad))
+
+
+def test_every_window_of_a_hard_life_has_its_gaps():
+    for window in generate("hard", 3, 6, windows=3):
+        assert window.telemetry.truth.faulty.any()
+        assert len(window.telemetry.samples) < 80_000
+        assert len(window.labels) == 5
