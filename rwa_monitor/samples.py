@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -69,10 +69,8 @@ class Samples:
 
     def __getitem__(self, selection: slice | IntArray | BoolArray) -> Samples:
         """Select samples by slice, index array or mask; all channels alike."""
-        return replace(
-            self,
-            **{name: values[selection] for name, values in self.channels()},
-        )
+        selected: dict[str, Any] = {name: values[selection] for name, values in self.channels()}
+        return replace(self, **selected)
 
     def channels(self) -> Iterator[tuple[str, NDArray[np.int64] | NDArray[np.float64]]]:
         """Yield (name, array) of every channel that is present, time_ns first."""
