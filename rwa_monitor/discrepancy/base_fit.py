@@ -93,7 +93,7 @@ class Problem:
     slot: IntArray
     noise: Noise
     nominal_viscous: float | None
-    columns: ColumnCache = field(default_factory=lambda: ColumnCache())
+    columns: ColumnCache = field(default_factory=ColumnCache)
 
     @property
     def size(self) -> int:
@@ -216,13 +216,13 @@ def fit(
     parameters
         Number of parameters beyond viscous friction that the criterion is charged for.
     """
-    size = problem.size
     design = np.column_stack([problem.speed, columns])
     low = np.concatenate([[-np.inf], np.full(columns.shape[1], -np.inf) if bounds is None else bounds[0]])
     high = np.concatenate([[np.inf], np.full(columns.shape[1], np.inf) if bounds is None else bounds[1]])
     penalty = JUMP_PENALTY * problem.log_size * problem.noise.long_run_variance
     best: Fit | None = None
-    for first in start or [None]:
+    starts: Sequence[IntArray | None] = start or [None]
+    for first in starts:
         if first is None:
             coefficients = robust_coefficients(problem, design, low, high)
         else:
@@ -251,7 +251,8 @@ def remove_levels(values: FloatArray, first: IntArray) -> FloatArray:
     length = np.diff(np.append(first, values.shape[0]))
     mean = np.add.reduceat(values, first, axis=0)
     mean /= length if values.ndim == 1 else length[:, None]
-    return values - np.repeat(mean, length, axis=0)
+    inner: FloatArray = values - np.repeat(mean, length, axis=0)
+    return inner
 
 
 def least_squares(
@@ -295,7 +296,8 @@ def solve_bounded(
 def same_record(problem: Problem, lag: int) -> BoolArray:
     """Return, for each pair of joined samples `lag` apart, whether both are of one record."""
     record = np.searchsorted(problem.starts, np.arange(problem.size), side="right")
-    return record[lag:] == record[:-lag]
+    same: BoolArray = record[lag:] == record[:-lag]
+    return same
 
 
 def long_lag(problem: Problem) -> int:
@@ -347,7 +349,8 @@ def jumps_off_crossings(problem: Problem, jumps: IntArray, reach: int = 4) -> In
     if crossing.size == 0 or jumps.size == 0:
         return jumps
     distance = np.abs(jumps[:, None] - crossing[None, :]).min(axis=1)
-    return jumps[distance > reach]
+    kept: IntArray = jumps[distance > reach]
+    return kept
 
 
 def jump_sets(problem: Problem, fitted: Fit) -> list[IntArray]:

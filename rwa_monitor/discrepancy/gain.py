@@ -7,6 +7,7 @@ same price in both models.
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 from typing import Final
 
@@ -83,7 +84,7 @@ def _judge(problem: Problem, model: Model, coefficients: FloatArray, begin: int,
     cuts = [begin, *[int(s) for s in problem.starts if begin < s < end], end]
     total, jumps = 0.0, 0
     rest = problem.z[begin:end] - _design(problem, model)[begin:end] @ coefficients
-    for a, b in zip(cuts[:-1], cuts[1:], strict=True):
+    for a, b in itertools.pairwise(cuts):
         piece = rest[a - begin : b - begin]
         found = segment(piece, price * variance)
         for first, last in zip([0, *found], [*found, piece.size], strict=True):

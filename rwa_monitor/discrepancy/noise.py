@@ -9,7 +9,7 @@ from typing import Final
 import numpy as np
 from scipy.ndimage import median_filter
 
-from rwa_monitor.samples import BoolArray, FloatArray
+from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 
 MAX_LAG: Final = 96  # slots: AR(1) with φ = 0.95 has forgotten 99 % by then
 MEDIAN_OF_ABSOLUTE_NORMAL: Final = 0.674489750196082
@@ -70,7 +70,7 @@ def estimate_noise(pieces: Sequence[FloatArray]) -> Noise:
     covariance[1 : lags.size + 1] = sill - gamma
     # A robust variance has a relative error of about 1.65·√(2/n); beyond the last lag that stands out all is zero.
     doubt = 4.0 * 1.65 * np.sqrt(2.0 / size) * sill
-    significant = np.flatnonzero(np.abs(covariance[1 : lags.size + 1]) > doubt)
+    significant: IntArray = np.flatnonzero(np.abs(covariance[1 : lags.size + 1]) > doubt).astype(np.int64)
     reach = _last_of_first_run(significant)
     covariance[reach + 1 :] = 0.0
     # Variance of a mean of m samples times m: R₀ + 2 Σ (1 - h/m) R_h.
@@ -104,7 +104,7 @@ def clip_outliers(values: FloatArray, std: float) -> tuple[FloatArray, BoolArray
     return clipped, clipped != values
 
 
-def _last_of_first_run(significant: FloatArray) -> int:
+def _last_of_first_run(significant: IntArray) -> int:
     """Return the last significant lag that is connected to lag 0 by gaps of at most 8 lags."""
     reach = 0
     for lag in significant + 1:

@@ -123,7 +123,7 @@ def make_record(samples: Samples, wheel: Wheel, source: str) -> Record:
     rest = _at_rest(speed, noise, step, wheel.window.dead_band_rad_s)
     direction = np.sign(speed)
     channels = Channels(
-        time_s=np.arange(count) * wheel.sample_period_s,
+        time_s=np.arange(count, dtype=np.float64) * wheel.sample_period_s,
         speed_rad_s=speed,
         direction=direction,
         acceleration_rad_s2=_from_neighbours(speed, hole, SMOOTHING_REACH, order=1) / wheel.sample_period_s,
@@ -181,7 +181,7 @@ def check_plausible(samples: Samples, wheel: Wheel, source: str) -> None:
 def _from_neighbours(values: FloatArray, hole: int, reach: int, order: int) -> FloatArray:
     """Estimate value (order 0) or slope per slot (order 1) at each slot from slots hole+1 … hole+reach on both sides.
 
-    Symmetric least squares: the mean, or Σ j v_j / Σ j². Slots without a value, and the ends, take the nearest estimate.
+    Symmetric least squares: the mean, or Σ j v_j / Σ j². Slots without a value, and the ends, take the nearest one.
     """
     j = np.arange(-(hole + reach), hole + reach + 1)
     outside = np.abs(j) > hole

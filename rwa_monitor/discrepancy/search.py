@@ -320,4 +320,4 @@ def coefficient_covariance(problem: Problem, model: Model) -> FloatArray:
     design = remove_levels(np.column_stack([problem.speed, *(term.columns for term in model.terms)]), first)
     inverse = np.linalg.pinv(design.T @ design, rcond=1e-12, hermitian=True)
     variance = np.array([problem.noise.variance_along(design @ inverse[:, j]) for j in range(design.shape[1])])
-    return inverse * np.sqrt(np.outer(variance, variance))
+    return np.asarray(inverse * np.sqrt(np.outer(variance, variance)), dtype=np.float64)

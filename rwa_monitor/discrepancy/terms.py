@@ -262,17 +262,17 @@ def _axes(problem: Problem, effect: type[MeanEffect], around: Term | None) -> li
 
 def _axis(parameter: Parameter, low: float, high: float, around: Term | None) -> _Axis:
     if parameter.choices:
-        points = parameter.choices if around is None else (around.shape[parameter.name],)
-        return _Axis(parameter.name, tuple(points), False, False)
+        choices = parameter.choices if around is None else (around.shape[parameter.name],)
+        return _Axis(parameter.name, choices, False, False)
     if not low < high:
         return _Axis(parameter.name, (low,), False, False)
     logarithmic = low > 0 and high / low > LOG_SPACING_FROM
-    points = np.geomspace(low, high, GRID_POINTS) if logarithmic else np.linspace(low, high, GRID_POINTS)
+    grid = np.geomspace(low, high, GRID_POINTS) if logarithmic else np.linspace(low, high, GRID_POINTS)
     if around is not None:
         centre = around.shape[parameter.name]
-        near = np.argsort(np.abs(np.log(points / centre) if logarithmic else points - centre))[:2]
-        points = np.unique(np.append(points[near], centre))
-    return _Axis(parameter.name, tuple(float(p) for p in points), True, logarithmic)
+        near = np.argsort(np.abs(np.log(grid / centre) if logarithmic else grid - centre))[:2]
+        grid = np.unique(np.append(grid[near], centre))
+    return _Axis(parameter.name, tuple(float(p) for p in grid), True, logarithmic)
 
 
 def _refine(

@@ -165,10 +165,11 @@ def judge_leftover(problem: Problem, found: SearchResult) -> tuple[SearchResult,
 def _free_terms(problem: Problem, model: Model) -> list[Term]:
     """Return the free curves that these records allow, periodic ones at the best frequency."""
     background = make_background(problem, model.terms, model.fit.jumps)
-    terms = []
-    for curve in CURVES:
-        if all(curve.quantity(record.channels) is not None for record in problem.records):
-            terms.append(make_term(problem, curve, {}, None))
+    terms = [
+        make_term(problem, curve, {}, None)
+        for curve in CURVES
+        if all(curve.quantity(record.channels) is not None for record in problem.records)
+    ]
     for effect in (_Periodic, _PeriodicDrag):
         frequency = _best_frequency(problem, model, flips=effect.flips)
         if frequency is not None:
