@@ -16,7 +16,7 @@ from typing import Final
 import numpy as np
 
 from rwa_monitor.diagnosis import segments
-from rwa_monitor.diagnosis.assignment_search import NO_SYSTEM, REJECT, Path, Problem, search, step_of
+from rwa_monitor.diagnosis.assignment_search import NO_SYSTEM, REJECT, Path, Problem, Sizes, search, step_of
 from rwa_monitor.diagnosis.estimation import estimate, jump_std
 from rwa_monitor.diagnosis.friction_model import Posterior, Priors, Story, priors_of, solve
 from rwa_monitor.diagnosis.laws import Onset, law_tables, onsets
@@ -57,6 +57,8 @@ class _Level:
     information: float  # of the slope
     variance: float
     spread: float  # width of the prior of a level
+    jump: FloatArray  # size of each candidate's jump, between accepted neighbours
+    jump_variance: FloatArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -134,7 +136,8 @@ def _measure(case: _Case, index: IntArray, accepted: IntArray) -> _Level:
     variance = segments.effective_variance(case.evidence.noise)
     slope, information = segments.shared_slope(chain, variance, case.priors.slope)
     spread = segments.level_range(segments.levels_of(chain, slope), variance)
-    return _Level(index, moments, slope, information, variance, spread)
+    jump, jump_variance = segments.jumps_of(moments, accepted, slope, information, variance)
+    return _Level(index, moments, slope, information, variance, spread, jump, jump_variance)
 
 
 def _problem(case: _Case, level: _Level, signs: BoolArray) -> Problem:
@@ -148,6 +151,26 @@ def _problem(case: _Case, level: _Level, signs: BoolArray) -> Problem:
         reject=LOG_REJECT,
         unattributed=_log_unattributed(case.wheel, slots),
         simultaneous=LOG_SIMULTANEOUS,
+        sizes=_sizes(case, level),
+    )
+
+
+def _sizes(case: _Case, level: _Level) -> Sizes:
+    """Put sizes of jumps and friction laws side by side."""
+    laws = case.priors.laws
+    shape = (len(laws), max((len(of_system) for of_system in laws), default=1))
+    mean, variance = np.zeros(shape), np.zeros(shape)
+    for s, of_system in enumerate(laws):
+        mean[s, : len(of_system)] = [law.mean for law in of_system]
+        variance[s, : len(of_system)] = [law.variance for law in of_system]
+    blind = ~np.isfinite(level.jump_variance)
+    return Sizes(
+        jump=level.jump,
+        variance=np.where(blind, level.spread**2, level.jump_variance),
+        law_mean=mean,
+        law_variance=variance,
+        log_range=float(np.log(level.spread)),
+        unattributed_variance=case.priors.unattributed_std**2,
     )
 
 
@@ -189,14 +212,14 @@ def _log_unattributed(wheel: Wheel, slots: int) -> float:
 
 def _rank(case: _Case, problem: Problem, paths: tuple[Path, ...], level: _Level) -> list[_Ranked]:
     """Score the best paths by the full likelihood, best first."""
-    actions, index = problem.actions, level.index
+    actions, index, scatter = problem.actions, level.index, segments.level_scatter(level.variance)
     ranked = []
     for path in paths:
         accepted = np.flatnonzero(path.actions != REJECT)
         nodes = _nodes(accepted, index.size)
         story, system, direction = _tell(path, actions, index)
         borders = np.concatenate([[0], index[accepted], [case.evidence.slots]])
-        posterior = solve(story, borders, segments.chain_of(level.moments, nodes), case.priors, level.variance)
+        posterior = solve(story, borders, segments.chain_of(level.moments, nodes), case.priors, level.variance, scatter)
         laws = path.score - float(problem.fit[nodes[:-1], nodes[1:]].sum())
         ranked.append(_Ranked(story, system, direction, posterior, laws + posterior.log_evidence))
     return sorted(ranked, key=lambda one: -one.score)

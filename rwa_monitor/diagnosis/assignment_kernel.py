@@ -26,7 +26,7 @@ Int32Array = NDArray[np.int32]
 
 
 class Tables(NamedTuple):
-    """All scores, as `assignment_search.Problem` and `Bounds` explain them.
+    """All scores, as `assignment_search.Problem`, `Sizes` and `Bounds` explain them.
 
     priors: of a rejected candidate, of a jump that no system made, of two systems jumping at once.
     """
@@ -43,14 +43,22 @@ class Tables(NamedTuple):
     signs: BoolArray
     actions: IntArray
     priors: FloatArray
+    sized: bool
+    size: FloatArray
+    size_variance: FloatArray
+    law_mean: FloatArray
+    law_variance: FloatArray
+    log_range: float
+    unattributed_variance: float
 
 
 class Entries(NamedTuple):
-    """Entries of the current stage: their states, scores, and nodes in the tree."""
+    """Entries of the current stage: their states, scores, nodes in the tree, friction of each system (mean, variance)."""
 
     rows: Int16Array
     score: FloatArray
     node: Int32Array
+    friction: FloatArray
 
 
 class Offers(NamedTuple):
@@ -71,6 +79,7 @@ class States(NamedTuple):
     score: FloatArray
     parent: Int32Array
     action: Int32Array
+    friction: FloatArray
 
 
 class Tree(NamedTuple):
@@ -133,7 +142,12 @@ def expand(
         slots *= 2
     most = room * tables.actions.shape[0]
     tree = Tree(np.empty((candidates + 1) * room, dtype=np.int32), np.empty((candidates + 1) * room, dtype=np.int32))
-    entries = Entries(np.zeros((room, width), dtype=np.int16), np.zeros(room), np.zeros(room, dtype=np.int32))
+    entries = Entries(
+        np.zeros((room, width), dtype=np.int16),
+        np.zeros(room),
+        np.zeros(room, dtype=np.int32),
+        np.zeros((room, systems, 2)),
+    )
     offers = Offers(np.empty(most, dtype=np.int32), np.empty(most, dtype=np.int32), np.empty(most), np.empty(most))
     states = States(
         np.empty(slots, dtype=np.int32),
@@ -142,6 +156,7 @@ def expand(
         np.zeros((room, kept)),
         np.zeros((room, kept), dtype=np.int32),
         np.zeros((room, kept), dtype=np.int32),
+        np.zeros((room, kept, systems, 2)),
     )
     count = _start(tables, cutoff, starts, entries, tree)
     used, expanded, pruned = count, 0, False
@@ -158,6 +173,7 @@ def expand(
             for rank in range(states.kept[state]):
                 entries.rows[count] = states.rows[state]
                 entries.score[count] = states.score[state, rank]
+                entries.friction[count] = states.friction[state, rank]
                 entries.node[count] = used
                 tree.parent[used] = states.parent[state, rank]
                 tree.action[used] = states.action[state, rank]
@@ -177,7 +193,10 @@ def _start(tables: Tables, cutoff: float, starts: int, entries: Entries, tree: T
     for start in range(starts):
         remainder = start
         for s in range(tables.configurations.size - 1, -1, -1):
-            entries.rows[count, 1 + 2 * s] = remainder % tables.configurations[s]
+            q = remainder % tables.configurations[s]
+            entries.rows[count, 1 + 2 * s] = q
+            entries.friction[count, s, 0] = tables.law_mean[s, q]
+            entries.friction[count, s, 1] = tables.law_variance[s, q]
             remainder //= tables.configurations[s]
         if _bound(tables, entries.rows, count, 0) >= cutoff:
             tree.parent[count] = -1
@@ -192,11 +211,11 @@ def _offer(tables: Tables, k: int, cutoff: float, entries: Entries, count: int, 
     """List what may happen to each entry at candidate k and is within reach of the best; return the number."""
     systems = tables.configurations.size
     fit, rest, rest_fit, signs, actions = tables.fit, tables.rest, tables.rest_fit, tables.signs, tables.actions
-    gain = np.empty((systems, STEPS))
-    change = np.empty((systems, STEPS))
+    steps = np.empty((systems, STEPS, 4))  # log-probability, change of the own bound, mean and variance of the jump
+    unattributed = tables.priors[1] + _size_term(tables, k, 0.0, tables.unattributed_variance)
     offered = 0
     for at in range(count):
-        by_own = _weigh_steps(tables, entries.rows, at, k, gain, change)
+        by_own = _weigh_steps(tables, entries, at, k, steps)
         last = entries.rows[at, 0]
         for a in range(actions.shape[0] if by_own > -np.inf else 0):
             score, own = entries.score[at], by_own
@@ -205,16 +224,23 @@ def _offer(tables: Tables, k: int, cutoff: float, entries: Entries, count: int, 
                 score += tables.priors[0]
                 node = last
             elif a == NO_SYSTEM:
-                score += fit[last, k] + tables.priors[1]
+                score += fit[last, k] + unattributed
             else:
                 first, second = actions[a, 1], actions[a, 3]
                 if (second < 0 or first % 2 == second % 2) and not signs[k - 1, first % 2]:
                     continue
-                score += fit[last, k] + gain[actions[a, 0], first]
-                own += change[actions[a, 0], first]
+                s, t = actions[a, 0], actions[a, 2]
+                score += fit[last, k] + steps[s, first, 0]
+                own += steps[s, first, 1]
+                mean, variance = steps[s, first, 2], steps[s, first, 3]
                 if second >= 0:
-                    score += gain[actions[a, 2], second] + tables.priors[2]
-                    own += change[actions[a, 2], second]
+                    score += steps[t, second, 0] + tables.priors[2]
+                    own += steps[t, second, 1]
+                    mean += steps[t, second, 2]
+                    variance += steps[t, second, 3]
+                if score == -np.inf:
+                    continue
+                score += _size_term(tables, k, mean, variance)
             bound = score + min(rest[node, k], rest_fit[node, k] + own)
             if bound >= cutoff and bound > -np.inf:
                 offers.entry[offered], offers.action[offered] = at, a
@@ -224,27 +250,44 @@ def _offer(tables: Tables, k: int, cutoff: float, entries: Entries, count: int, 
 
 
 @njit(cache=True)
-def _weigh_steps(tables: Tables, rows: Int16Array, at: int, k: int, gain: FloatArray, change: FloatArray) -> float:
-    """Fill in the log-probability of each step of each system, and by how much it changes the bound of its own laws.
+def _size_term(tables: Tables, k: int, mean: float, variance: float) -> float:
+    """Return log of the density of the jump's size at candidate k over the flat one that the fits assume."""
+    if not tables.sized:
+        return 0.0
+    total = variance + tables.size_variance[k - 1]
+    return float(tables.log_range - 0.5 * np.log(2.0 * np.pi * total) - 0.5 * (tables.size[k - 1] - mean) ** 2 / total)
 
-    Returns the sum of these bounds without a step, -inf for a state that has no future.
+
+@njit(cache=True)
+def _weigh_steps(tables: Tables, entries: Entries, at: int, k: int, steps: FloatArray) -> float:
+    """Fill in what each step of each system is worth, see `_offer`; -inf where it is impossible.
+
+    Returns the sum of the systems' own bounds without a step, -inf for a state that has no future.
     """
     jump, missed, turn, own = tables.jump, tables.missed, tables.turn, tables.own
     total = 0.0
     for s in range(tables.configurations.size):
-        q, since = rows[at, 1 + 2 * s], rows[at, 2 + 2 * s]
+        q, since = entries.rows[at, 1 + 2 * s], entries.rows[at, 2 + 2 * s]
         now = own[s, q, since, k]
         total += now
         for step in range(STEPS):
-            gain[s, step], change[s, step] = -np.inf, 0.0
+            steps[s, step, 0] = -np.inf
+            steps[s, step, 1:] = 0.0
             direction, skipped = step % 2, step // 2
             before = q + _SKIPPED[skipped]
             after = before + 2 * direction - 1
             if min(before, after) < 0 or max(before, after) >= tables.configurations[s]:
                 continue
-            law = jump[s, q, since, k] if skipped == 0 else missed[s, q, skipped - 1, since, k]
-            gain[s, step] = law + turn[s, before, direction]
-            change[s, step] = own[s, after, k, k] - now
+            if skipped == 0:
+                law = jump[s, q, since, k]
+                mean, variance = entries.friction[at, s, 0], entries.friction[at, s, 1]
+            else:
+                law = missed[s, q, skipped - 1, since, k]
+                mean, variance = tables.law_mean[s, before], tables.law_variance[s, before]
+            steps[s, step, 0] = law + turn[s, before, direction]
+            steps[s, step, 1] = own[s, after, k, k] - now
+            steps[s, step, 2] = tables.law_mean[s, after] - mean
+            steps[s, step, 3] = tables.law_variance[s, after] + variance
     return total
 
 
@@ -255,6 +298,7 @@ def _merge(
     """Bring the offers above the cutoff together by state; return the number of states."""
     room, mask = states.rows.shape[0], states.table.size - 1
     out = np.zeros((1, entries.rows.shape[1]), dtype=np.int16)
+    friction = np.zeros((tables.configurations.size, 2))
     states.table[:] = -1
     found, taken = 0, 0
     for offer in range(offered):
@@ -262,7 +306,7 @@ def _merge(
             continue
         taken += 1
         at, a = offers.entry[offer], offers.action[offer]
-        _apply(tables, entries.rows, at, k, a, out)
+        _apply(tables, entries, at, k, a, out, friction)
         place = _hash(out) & mask
         while states.table[place] >= 0 and not _equal(states.rows, states.table[place], out):
             place = (place + 1) & mask
@@ -271,12 +315,12 @@ def _merge(
             states.rows[found] = out[0]
             states.kept[found] = 0
             found += 1
-        _keep(states, states.table[place], offers.score[offer], entries.node[at], a)
+        _keep(states, states.table[place], offers.score[offer], entries.node[at], a, friction)
     return found
 
 
 @njit(cache=True)
-def _keep(states: States, state: int, score: float, parent: int, action: int) -> None:
+def _keep(states: States, state: int, score: float, parent: int, action: int, friction: FloatArray) -> None:
     """Put an entry among the best of its state, if it belongs there."""
     kept, place = states.score.shape[1], states.kept[state]
     if place == kept:
@@ -289,23 +333,49 @@ def _keep(states: States, state: int, score: float, parent: int, action: int) ->
         states.score[state, place] = states.score[state, place - 1]
         states.parent[state, place] = states.parent[state, place - 1]
         states.action[state, place] = states.action[state, place - 1]
+        states.friction[state, place] = states.friction[state, place - 1]
         place -= 1
     states.score[state, place], states.parent[state, place], states.action[state, place] = score, parent, action
+    states.friction[state, place] = friction
 
 
 @njit(cache=True)
-def _apply(tables: Tables, rows: Int16Array, at: int, k: int, a: int, out: Int16Array) -> None:
-    """Write the state that action `a` at candidate k makes of a state."""
+def _apply(tables: Tables, entries: Entries, at: int, k: int, a: int, out: Int16Array, friction: FloatArray) -> None:
+    """Write the state that action `a` at candidate k makes of an entry, and the friction of each system.
+
+    The jump's size tells the new friction: the law's mean and variance are conditioned on it (a scalar Kalman step).
+    """
+    rows, actions = entries.rows, tables.actions
     for column in range(rows.shape[1]):
         out[0, column] = rows[at, column]
+    friction[:] = entries.friction[at]
     if a == REJECT:
         return
     out[0, 0] = k
+    surprise, total = tables.size[k - 1], tables.size_variance[k - 1]
     for place in (0, 2):
-        s, step = tables.actions[a, place], tables.actions[a, place + 1]
-        if s >= 0:
-            out[0, 1 + 2 * s] += _SKIPPED[step // 2] + 2 * (step % 2) - 1
-            out[0, 2 + 2 * s] = k
+        s, step = actions[a, place], actions[a, place + 1]
+        if s < 0:
+            continue
+        before = rows[at, 1 + 2 * s] + _SKIPPED[step // 2]
+        after = before + 2 * (step % 2) - 1
+        out[0, 1 + 2 * s] = after
+        out[0, 2 + 2 * s] = k
+        if step // 2 == 0:
+            surprise += friction[s, 0]
+            total += friction[s, 1]
+        else:
+            surprise += tables.law_mean[s, before]
+            total += tables.law_variance[s, before]
+        friction[s, 0], friction[s, 1] = tables.law_mean[s, after], tables.law_variance[s, after]
+        surprise -= friction[s, 0]
+        total += friction[s, 1]
+    for place in (0, 2):
+        s = actions[a, place]
+        if s >= 0 and tables.sized:
+            share = friction[s, 1] / total
+            friction[s, 0] += share * surprise
+            friction[s, 1] *= 1.0 - share
 
 
 @njit(cache=True)

@@ -3,11 +3,17 @@
 State: the last accepted changepoint, and for each system its configuration and the candidate that began its sojourn.
 Paths that agree on it have the same future, so only the best few of each state are kept. The score of a path is
 
-    Σ segments  fit(segment)  +  Σ sojourns  log P(duration), log P(transition)  +  Σ priors of rare events.
+    Σ segments  fit(segment)  +  Σ sojourns  log P(duration), log P(transition)  +  Σ priors of rare events
+    +  Σ jumps  log P(size | friction of the system before).
 
-For given fits, laws and signs the search is exact: a path is dropped only when an upper bound of all that can follow
-stays more than `margin` below a complete path that is already known. Past the budget the best by that bound survive,
-and the result says that it was pruned. The loops are in `assignment_kernel`.
+For given fits, laws, signs and sizes a path is dropped only when an upper bound of all that can follow stays more than
+`margin` below a complete path that is already known. Past the budget the best by that bound survive, and the result
+says that it was pruned.
+
+Without the last sum the search is exact. The sizes bring closure into it: a system that returns to rest undoes what it
+added before. A system's friction is a function of its state where it has two configurations, and the search stays
+exact; with more it depends on the path too, and is nearly always right because the few best entries of each state are
+kept, each with its own friction (the tests count). The loops are in `assignment_kernel`.
 """
 
 from __future__ import annotations
@@ -25,8 +31,41 @@ from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 __all__ = ["NO_SYSTEM", "REJECT", "Bounds", "Path", "Problem", "SearchResult", "bounds", "search", "step_of"]
 
 QUICK_BUDGET: Final = 32  # width of the first pass, which only finds a good complete path
-KEPT_PER_STATE: Final = 3
+KEPT_PER_STATE: Final = 4
 ROUNDING: Final = 1e-6  # bounds and scores add up the same terms in different orders [log-likelihood]
+
+
+@dataclass(frozen=True, slots=True)
+class Sizes:
+    """How large the jumps are, and what the friction laws expect; normalised.
+
+    Attributes
+    ----------
+    jump, variance
+        float64 (m,), level after less level before each candidate, and the variance of this measurement.
+    law_mean, law_variance
+        float64 (S, Q), friction of a new sojourn; both 0 at rest.
+    log_range
+        Logarithm of the width of the flat prior that the fits assume for each level.
+    unattributed_variance
+        Of a jump that no system made.
+    """
+
+    jump: FloatArray
+    variance: FloatArray
+    law_mean: FloatArray
+    law_variance: FloatArray
+    log_range: float
+    unattributed_variance: float
+
+    def log_density(self, mean: FloatArray | float, variance: FloatArray | float) -> FloatArray:
+        """Return the log density of each jump about `mean`, over the flat prior; shapes as they broadcast with (m,)."""
+        total = self.variance + variance
+        return np.asarray(self.log_range - 0.5 * np.log(2.0 * np.pi * total) - 0.5 * (self.jump - mean) ** 2 / total)
+
+    def highest_density(self, variance: FloatArray | float) -> FloatArray:
+        """Return what `log_density` is at most for any mean and at least this variance."""
+        return np.asarray(self.log_range - 0.5 * np.log(2.0 * np.pi * (self.variance + variance)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +85,8 @@ class Problem:
     reject, unattributed, simultaneous
         Log prior (≤ 0) of a candidate that is no jump, of a jump that no system made, of two systems jumping at once
         beyond what their laws say.
+    sizes
+        Sizes of the jumps, or None to leave them out.
     """
 
     fit: FloatArray
@@ -55,6 +96,7 @@ class Problem:
     reject: float
     unattributed: float
     simultaneous: float
+    sizes: Sizes | None = None
 
     @property
     def actions(self) -> IntArray:
@@ -157,18 +199,63 @@ def search(problem: Problem, *, paths: int, margin: float, budget: int) -> Searc
 def bounds(problem: Problem) -> Bounds:
     """Compute the upper bounds by which paths are dropped; that every law term is ≤ 0 is used."""
     laws, fit = problem.laws, problem.fit
-    turn = laws.turn.max(axis=2, initial=-np.inf)[:, :, None, None]
-    ended = np.maximum(laws.jump + turn, laws.missed.max(axis=2, initial=-np.inf))  # (S, Q, node, node)
-    best_law = np.maximum(ended.max(axis=(0, 1, 2), initial=-np.inf), problem.unattributed)  # (node,)
-    later = np.maximum.accumulate(ended[..., ::-1], axis=-1)[..., ::-1]  # best over nodes ≥ k
-    own = np.broadcast_to(laws.stay[..., None], ended.shape).copy()
+    later_than = np.maximum(
+        laws.jump + laws.turn.max(axis=2, initial=-np.inf)[:, :, None, None],
+        laws.missed.max(axis=2, initial=-np.inf),
+    )  # (S, Q, node, node): a sojourn's end without what the jump's size is worth
+    later = np.maximum.accumulate(later_than[..., ::-1], axis=-1)[..., ::-1]  # best over nodes ≥ k
+    own = np.broadcast_to(laws.stay[..., None], later.shape).copy()
     own[..., :-1] = np.maximum(own[..., :-1], later[..., 1:])
-    return Bounds(best_rest(fit, best_law), best_rest(fit, np.zeros_like(best_law)), own)
+    with_law, size_only = _best_jump(problem)
+    return Bounds(best_rest(fit, with_law), best_rest(fit, size_only), own)
+
+
+def _best_jump(problem: Problem) -> tuple[FloatArray, FloatArray]:
+    """Return the most that a jump at each node can be worth by law and size, and by size alone, (m + 1,) each."""
+    laws, sizes = problem.laws, problem.sizes
+    count, systems = problem.signs.shape[0], problem.configurations.size
+    with_law = np.full(count + 1, problem.unattributed)
+    size_only = np.zeros(count + 1)
+    if sizes is None:
+        ended = laws.jump + laws.turn.max(axis=2, initial=-np.inf)[:, :, None, None]
+        best = np.maximum(ended, laws.missed.max(axis=2, initial=-np.inf)).max(axis=(0, 1, 2), initial=-np.inf)
+        return np.maximum(with_law, best), size_only
+    alone = sizes.log_density(0.0, sizes.unattributed_variance)
+    with_law[1:] += alone
+    size_only[1:] = np.maximum(0.0, alone)
+    plain = np.full((max(systems, 2), count), -np.inf)  # best law of each system
+    for s in range(systems):
+        skips = laws.missed[s, :, :, :, 1:].max(axis=(0, 1, 2))
+        for q in range(int(problem.configurations[s])):
+            ends = laws.jump[s, q, :, 1:].max(axis=0)
+            for direction, after in ((0, q - 1), (1, q + 1)):
+                if not 0 <= after < problem.configurations[s]:
+                    continue
+                if sizes.law_variance[s, q] == 0.0:  # from rest the friction before is known
+                    worth = sizes.log_density(
+                        sizes.law_mean[s, after] - sizes.law_mean[s, q], sizes.law_variance[s, after]
+                    )
+                else:
+                    worth = sizes.highest_density(sizes.law_variance[s, after])
+                law = np.maximum(ends, skips) + laws.turn[s, q, direction]
+                plain[s] = np.maximum(plain[s], law)
+                with_law[1:] = np.maximum(with_law[1:], law + worth)
+                size_only[1:] = np.maximum(size_only[1:], worth)
+    # Two at once: both may return to rest only where the level may fall; otherwise one of them takes up friction.
+    moving = sizes.law_variance[sizes.law_variance > 0]
+    least = np.where(problem.signs[:, 0], 0.0, moving.min(initial=np.inf) if moving.size else 0.0)
+    worth = sizes.highest_density(least)
+    two = np.sort(plain, axis=0)[-2:].sum(axis=0) + problem.simultaneous
+    with_law[1:] = np.maximum(with_law[1:], two + worth)
+    if systems > 1:
+        size_only[1:] = np.maximum(size_only[1:], worth)
+    return with_law, size_only
 
 
 def _run(problem: Problem, above: Bounds, cutoff: float, budget: int, paths: int) -> SearchResult:
     """Run the compiled search once and trace its paths back."""
-    laws = problem.laws
+    laws, sizes = problem.laws, problem.sizes
+    count, shape = problem.signs.shape[0], laws.turn.shape[:2]
     tables = Tables(
         fit=problem.fit,
         jump=laws.jump,
@@ -182,6 +269,13 @@ def _run(problem: Problem, above: Bounds, cutoff: float, budget: int, paths: int
         signs=problem.signs,
         actions=problem.actions,
         priors=np.array([problem.reject, problem.unattributed, problem.simultaneous]),
+        sized=sizes is not None,
+        size=sizes.jump if sizes else np.zeros(count),
+        size_variance=sizes.variance if sizes else np.ones(count),
+        law_mean=sizes.law_mean if sizes else np.zeros(shape),
+        law_variance=sizes.law_variance if sizes else np.zeros(shape),
+        log_range=sizes.log_range if sizes else 0.0,
+        unattributed_variance=sizes.unattributed_variance if sizes else 1.0,
     )
     kept = KEPT_PER_STATE if paths > 1 else 1
     parent, action, last, score, states, pruned = expand(tables, cutoff, budget, kept)

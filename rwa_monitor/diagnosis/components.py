@@ -11,7 +11,7 @@ import numpy as np
 
 from rwa_monitor.diagnosis.friction_model import Story, priors_of, solve
 from rwa_monitor.diagnosis.results import REJECTED, UNATTRIBUTED, Assignment, Components, Estimate, Evidence
-from rwa_monitor.diagnosis.segments import effective_variance
+from rwa_monitor.diagnosis.segments import effective_variance, level_scatter
 from rwa_monitor.diagnosis.state import CarriedState
 from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import FloatArray, IntArray
@@ -45,7 +45,8 @@ def split(
     typical_jump = float(np.median(sizes)) if sizes.size else 0.0
     seen = np.isfinite(estimate.level)
     priors = priors_of(wheel, carried, float(np.mean(estimate.level[seen])) if seen.any() else 0.0, typical_jump)
-    posterior = solve(story, borders, segments, priors, effective_variance(evidence.noise))
+    variance = effective_variance(evidence.noise)
+    posterior = solve(story, borders, segments, priors, variance, level_scatter(variance))
 
     weights = np.zeros(posterior.mean.size)
     weights[0] = 1.0

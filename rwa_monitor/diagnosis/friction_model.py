@@ -54,6 +54,16 @@ class FrictionLaw:
     anomaly_spread: float
 
     @property
+    def mean(self) -> float:
+        """Prior mean of the friction."""
+        return self.mid * (1.0 + self.anomaly)
+
+    @property
+    def variance(self) -> float:
+        """Prior variance of the friction of one sojourn."""
+        return self.scatter**2 + (self.mid * self.anomaly_spread) ** 2
+
+    @property
     def fixed_at_zero(self) -> bool:
         """Whether the configuration has no friction at all (rest)."""
         return self.mid == 0.0 and self.scatter == 0.0
@@ -178,7 +188,9 @@ def _laws_of(system: SwitchingSystem, carried: CarriedState | None, jump: float)
     return tuple(laws)
 
 
-def solve(story: Story, borders: IntArray, segments: Moments, priors: Priors, variance: float) -> Posterior:
+def solve(
+    story: Story, borders: IntArray, segments: Moments, priors: Priors, variance: float, scatter: float
+) -> Posterior:
     """Solve the linear model of one story.
 
     Parameters
@@ -193,17 +205,19 @@ def solve(story: Story, borders: IntArray, segments: Moments, priors: Priors, va
         What is known before.
     variance
         Of the noise, as `segments.effective_variance`.
+    scatter
+        Variance of the levels about the model, as `segments.level_scatter`.
     """
     levels, column, mean, covariance = _design(story, borders, priors)
     moments = np.stack([segments.n, segments.x, segments.z, segments.xx, segments.xz, segments.zz])
-    log_evidence, posterior_mean, posterior = _condition(levels, moments, mean, covariance, variance)
+    log_evidence, posterior_mean, posterior = _condition(levels, moments, mean, covariance, variance, scatter)
     std = np.sqrt(np.maximum(np.diag(posterior), 0.0))
     return Posterior(float(log_evidence), posterior_mean, std, posterior, column)
 
 
 @njit(cache=True)
 def _condition(
-    levels: FloatArray, moments: FloatArray, mean: FloatArray, covariance: FloatArray, variance: float
+    levels: FloatArray, moments: FloatArray, mean: FloatArray, covariance: FloatArray, variance: float, scatter: float
 ) -> tuple[float, FloatArray, FloatArray]:
     """Condition the prior N(mean, covariance) on the segments; return log evidence, posterior mean and covariance.
 
@@ -213,25 +227,36 @@ def _condition(
     slope_at = unknowns - 1
     precision, log_determinant = _inverse(covariance)
     response = np.zeros(unknowns)
+    row = np.zeros(unknowns)
     squares = 0.0
     for i in range(segments):
         n, x, z, xx, xz, zz = moments[:, i]
-        # Work with what is left of z after the prior mean, so that no large numbers cancel.
-        level, slope = 0.0, mean[slope_at]
+        if n == 0.0:
+            continue
+        x_mean, z_mean = x / n, z / n
+        # About the segment's own mean only the slope counts; what is left of z after its prior mean is small.
+        sxx = xx - n * x_mean * x_mean
+        sxz = xz - n * x_mean * z_mean
+        szz = zz - n * z_mean * z_mean
+        slope = mean[slope_at]
+        precision[slope_at, slope_at] += sxx / variance
+        response[slope_at] += (sxz - slope * sxx) / variance
+        squares += (szz - 2.0 * slope * sxz + slope * slope * sxx) / variance
+        # The mean is one observation of level + slope x_mean.
+        mean_variance = variance / n + scatter
         for a in range(slope_at):
-            level += levels[i, a] * mean[a]
-        rest_z = z - level * n - slope * x
-        rest_xz = xz - level * x - slope * xx
-        squares += zz - level * z - slope * xz - level * rest_z - slope * rest_xz
-        for a in range(slope_at):
-            if levels[i, a] != 0.0:
-                response[a] += levels[i, a] * rest_z / variance
-                for b in range(slope_at):
-                    precision[a, b] += levels[i, a] * levels[i, b] * n / variance
-                precision[a, slope_at] += levels[i, a] * x / variance
-                precision[slope_at, a] += levels[i, a] * x / variance
-        response[slope_at] += rest_xz / variance
-        precision[slope_at, slope_at] += xx / variance
+            row[a] = levels[i, a]
+        row[slope_at] = x_mean
+        rest = z_mean
+        for a in range(unknowns):
+            rest -= row[a] * mean[a]
+        squares += rest * rest / mean_variance
+        log_determinant += np.log(mean_variance * n / variance)  # relative to independent samples
+        for a in range(unknowns):
+            if row[a] != 0.0:
+                response[a] += row[a] * rest / mean_variance
+                for b in range(unknowns):
+                    precision[a, b] += row[a] * row[b] / mean_variance
     posterior, log_determinant_precision = _inverse(precision)
     shift = np.zeros(unknowns)
     explained = 0.0
@@ -239,7 +264,7 @@ def _condition(
         for b in range(unknowns):
             shift[a] += posterior[a, b] * response[b]
         explained += shift[a] * response[a]
-    log_evidence = -0.5 * (squares / variance - explained) - 0.5 * (log_determinant + log_determinant_precision)
+    log_evidence = -0.5 * (squares - explained) - 0.5 * (log_determinant + log_determinant_precision)
     return log_evidence, mean + shift, posterior
 
 
@@ -297,7 +322,7 @@ def _design(
             place[j] = len(columns)
             shared.append((len(columns), s, law.mid * law.anomaly_spread))
             columns.append((sojourn == j).astype(np.float64))
-            means.append(law.mid * (1.0 + law.anomaly))
+            means.append(law.mean)
             deviations.append(law.scatter)
         places.append(place)
     for slot in story.unattributed:

@@ -17,6 +17,8 @@ from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 MIN_REACH: Final = 4  # a position is refined by at least this many slots [slots]
 MAX_REACH: Final = 32  # and at most by this many [slots]
 PREFERENCE: Final = 1e-6  # log-likelihood that a slot nearer to the detected position is worth: decides ties in gaps
+# Friction drifts a little in the course of a window (temperature, speed): levels that should be equal are not quite.
+LEVEL_SCATTER: Final = 0.15  # in standard deviations of a sample's noise
 WEAK_STATISTIC: Final = 9.0  # below three standard deviations the contrast's sign is open
 
 
@@ -64,6 +66,35 @@ def levels_of(segments: Moments, slope: float) -> FloatArray:
     """Return the level of each segment at a given slope; NaN where it has no used sample."""
     with np.errstate(invalid="ignore", divide="ignore"):
         return np.asarray((segments.z - slope * segments.x) / segments.n)
+
+
+def jumps_of(
+    moments: Moments, accepted: IntArray, slope: float, information: float, variance: float
+) -> tuple[FloatArray, FloatArray]:
+    """Return size and variance of the jump at each candidate, between the accepted candidates beside it, (m,) each.
+
+    The variance holds that of both means, of the slope they share, and of levels that are not quite constant
+    (`LEVEL_SCATTER`). Beside a segment without samples the size is 0 and its variance infinite.
+    """
+    count = moments.n.shape[0] - 2
+    at = np.arange(1, count + 1)
+    nodes = np.concatenate([[0], accepted + 1, [count + 1]])
+    place = np.searchsorted(nodes, at, side="left")
+    before = nodes[place - 1]
+    after = nodes[np.searchsorted(nodes, at, side="right")]
+    n = np.stack([moments.n[before, at], moments.n[at, after]])
+    seen = np.maximum(n, 1.0)
+    x = np.stack([moments.x[before, at], moments.x[at, after]]) / seen
+    z = np.stack([moments.z[before, at], moments.z[at, after]]) / seen
+    jump = (z[1] - z[0]) - slope * (x[1] - x[0])
+    spread = variance * (1.0 / seen).sum(axis=0) + (x[1] - x[0]) ** 2 / information
+    blind = (n == 0).any(axis=0)
+    return np.where(blind, 0.0, jump), np.where(blind, np.inf, spread + 2.0 * level_scatter(variance))
+
+
+def level_scatter(variance: float) -> float:
+    """Return the variance of levels about what the friction model says, which no number of samples averages out."""
+    return LEVEL_SCATTER**2 * variance
 
 
 def squared_error(segments: Moments, slope: float) -> FloatArray:
