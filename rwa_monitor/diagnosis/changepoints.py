@@ -122,6 +122,56 @@ def refine(
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
+def refine_in_colour(  # noqa: PLR0913, PLR0917 - a kernel takes its state array by array
+    k: int,
+    low: int,
+    high: int,
+    reach: int,
+    slope: float,
+    correlation: float,
+    checkpoints: FloatArray,
+    x: FloatArray,
+    z: FloatArray,
+    used: BoolArray,
+    centre: FloatArray,
+) -> tuple[int, int]:
+    """Return the most likely slot of a jump near k where the noise is AR(1), and the samples read.
+
+    With the levels left and right of k, the likelihood of each slot follows from the innovations e_k - φ e_{k-1},
+    in which a jump is a spike: coloured noise hides where a jump is less than it hides that there is one.
+    """
+    n0, x0, z0, _, _, _ = prefix_moments(low, checkpoints, x, z, used, centre)
+    n1, x1, z1, _, _, _ = prefix_moments(k, checkpoints, x, z, used, centre)
+    n2, x2, z2, _, _, _ = prefix_moments(high, checkpoints, x, z, used, centre)
+    read = _ends(low, k, high)
+    if n1 - n0 < 1.0 or n2 - n1 < 1.0:
+        return k, read
+    left = ((z1 - z0) - slope * (x1 - x0)) / (n1 - n0)
+    right = ((z2 - z1) - slope * (x2 - x1)) / (n2 - n1)
+    alone = 1.0 - correlation * correlation  # weight of a sample whose neighbour is masked
+    first, last = max(low + 1, k - reach), min(high - 1, k + reach)
+    cost = 0.0
+    best, best_cost = k, np.inf
+    for at in range(first, last + 1):
+        if not used[at]:
+            continue
+        if cost < best_cost:
+            best, best_cost = at, cost
+        # What changes when the slot `at` goes over to the left level: its innovation and the next one's.
+        value = (z[at] - centre[1]) - slope * (x[at] - centre[0])
+        old, new = value - right, value - left
+        if used[at - 1]:
+            before = correlation * ((z[at - 1] - centre[1]) - slope * (x[at - 1] - centre[0]) - left)
+            cost += (new - before) ** 2 - (old - before) ** 2
+        else:
+            cost += alone * (new * new - old * old)
+        if at + 1 < high and used[at + 1]:
+            after = (z[at + 1] - centre[1]) - slope * (x[at + 1] - centre[0]) - right
+            cost += (after - correlation * new) ** 2 - (after - correlation * old) ** 2
+    return best, read + max(last - first + 1, 0)
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
 def select(  # noqa: PLR0913, PLR0917 - a kernel takes its state array by array
     peak_index: IntArray,
     peak_scale: IntArray,
@@ -135,6 +185,7 @@ def select(  # noqa: PLR0913, PLR0917 - a kernel takes its state array by array
     variances: FloatArray,
     threshold: float,
     outlier: float,
+    correlation: float,
     longest: int,
     index: IntArray,
     scale: IntArray,
@@ -156,6 +207,8 @@ def select(  # noqa: PLR0913, PLR0917 - a kernel takes its state array by array
         See `variance_table`.
     threshold, outlier
         The χ² threshold and the largest outlier by chance, see `judge`.
+    correlation
+        φ of AR(1) noise, 0 where it is not like that.
     longest
         Longest half that a candidate is judged by [slots].
     index, scale, values
@@ -206,6 +259,21 @@ def select(  # noqa: PLR0913, PLR0917 - a kernel takes its state array by array
                     index[i], near_low, near_high, scale[i], slope, checkpoints, x, z, used, centre
                 )
                 read += reads
+                if correlation > 0.0:
+                    index[i], reads = refine_in_colour(
+                        index[i],
+                        near_low,
+                        near_high,
+                        scale[i],
+                        slope,
+                        correlation,
+                        checkpoints,
+                        x,
+                        z,
+                        used,
+                        centre,
+                    )
+                    read += reads
             statistic, jump, excess = judge(
                 index[i], low, high, slope, checkpoints, x, z, used, centre, variances, threshold, outlier
             )
@@ -231,6 +299,7 @@ def select_candidates(
     variances: FloatArray,
     threshold: float,
     tails: Tails,
+    correlation: float = 0.0,
 ) -> Candidates:
     """Choose the candidates of a window among the peaks of all scales.
 
@@ -248,6 +317,8 @@ def select_candidates(
         χ² threshold of a candidate.
     tails
         Tails of the noise; outliers of this size by themselves are no candidates.
+    correlation
+        φ of AR(1) noise, see `ar_coefficient`; 0 where it is not like that.
     """
     order = np.lexsort((peaks.index, -peaks.statistic, peaks.scale))
     room = min(len(peaks), MOST_CANDIDATES)
@@ -267,6 +338,7 @@ def select_candidates(
         variances,
         threshold,
         tails.largest_outlier,
+        correlation,
         LONGEST_HALF,
         index,
         scale,

@@ -35,6 +35,7 @@ from rwa_monitor.diagnosis.noise import (
     LAGS,
     SMALLEST_STD,
     Tails,
+    ar_coefficient,
     block_differences,
     estimate_noise,
     estimate_tails,
@@ -278,7 +279,8 @@ class WindowAccumulator:
             chunks, rest = divmod(end, CHUNK)
             if rest == 0 and chunks > 1 and chunks & (chunks - 1) == 0:
                 self._refresh()  # after 2, 4, 8 … chunks
-                self._learn_slope()
+                if chunks.bit_length() % 2 == 0:
+                    self._learn_slope()  # after 2, 8, 32 … chunks
         return events
 
     def _start(self, stop: int) -> None:
@@ -479,12 +481,15 @@ class WindowAccumulator:
             return peaks
         known = np.isfinite(self._variances)
         table = variance_table(self._scales[known], self._variances[known])
+        colour = ar_coefficient(evidence.noise)
         index = suppress(peaks)
         margin: IntArray | int = STEP // 4
         candidates = peaks
         for _ in range(3):
             fit = estimate(evidence, index, margin, self.slope_prior)
-            candidates = select_candidates(peaks, self._sums, fit.viscous, table, evidence.threshold, self._tails())
+            candidates = select_candidates(
+                peaks, self._sums, fit.viscous, table, evidence.threshold, self._tails(), colour
+            )
             if np.array_equal(candidates.index, index):
                 break
             index = candidates.index

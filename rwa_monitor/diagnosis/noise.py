@@ -35,6 +35,9 @@ _JUMPED_RATE: Final = float(special.chdtrc(1, _JUMPED))
 _MOST_JUMPED: Final = 0.3  # beyond that share the estimate is not corrected further
 _BORROWED: Final = 30.0  # worth of the next narrower scale's variance, in independent contrasts
 
+_LEAST_COLOUR: Final = 0.1  # correlation of neighbours below which noise counts as white
+_AR_TOLERANCE: Final = 0.15  # of ρ(2) = ρ(1)²: a few standard errors in a long window
+
 _BIN: Final = np.arange(BINS)
 _BIN_EDGES: Final = np.ldexp(
     1.0 + (_BIN % BINS_PER_OCTAVE) / BINS_PER_OCTAVE, _BIN // BINS_PER_OCTAVE + LOWEST_EXPONENT
@@ -297,3 +300,12 @@ def mean_variance_factor(noise: NoiseEstimate, count: FloatArray) -> FloatArray:
     # What the autocovariance does not show of the long run comes in once a range is longer than its lags.
     factor: FloatArray = np.maximum(short + missing * n / (n + noise.autocovariance.size), 1e-3)
     return factor
+
+
+def ar_coefficient(noise: NoiseEstimate) -> float:
+    """Return φ where the noise looks like AR(1) with a positive φ, else 0."""
+    if noise.autocovariance.size < 3:
+        return 0.0
+    first, second = noise.autocovariance[1:3] / noise.autocovariance[0]
+    like_ar = first > _LEAST_COLOUR and abs(second - first**2) < _AR_TOLERANCE
+    return float(first) if like_ar else 0.0

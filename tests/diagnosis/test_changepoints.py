@@ -7,7 +7,7 @@ import pytest
 import ruptures
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy import stats
+from scipy import signal, stats
 
 from rwa_monitor.diagnosis.changepoints import (
     select_candidates,
@@ -209,3 +209,21 @@ def test_an_outlier_within_the_tails_is_no_pair_of_jumps_but_a_lasting_jump_stay
     z[1200:] += 6 * SIGMA
     assert _choose(_window(z)).index.tolist() == [500, 501, 1200]
     assert _choose(_window(z), tails=Tails(3.0, 40 * SIGMA)).index.tolist() == [1200]
+
+
+def test_in_coloured_noise_places_are_found_better_with_its_colour():
+    """Jumps of 3–4 σ in AR(0.5) noise: more of them exactly in place than the white likelihood finds."""
+    rng = np.random.default_rng(11)
+    phi, n, every = 0.5, 60_000, 500
+    noise = SIGMA * signal.lfilter([np.sqrt(1 - phi**2)], [1, -phi], rng.standard_normal(n))
+    jumps = np.arange(every, n, every)
+    z = noise + np.cumsum(np.isin(np.arange(n), jumps) * rng.choice([-3.5, 3.5], n)) * SIGMA
+    sums = _window(z)
+    peaks = Candidates(jumps + 3, np.full(jumps.size, 32), np.full(jumps.size, 100.0), np.ones(jumps.size))
+    table = variance_table(np.array([1, 32]), np.array([0.5, 2.8]) * SIGMA**2)
+    exact = [
+        np.isin(jumps, select_candidates(peaks, sums, 0.0, table, 20.0, NO_TAILS, correlation).index).sum()
+        for correlation in (0.0, phi)
+    ]
+    # 119 jumps; the white likelihood places about 75 % of them exactly, the right one about 90 %.
+    assert exact[1] >= exact[0] + 5

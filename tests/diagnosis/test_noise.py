@@ -10,6 +10,7 @@ from rwa_monitor.diagnosis.noise import (
     BLOCK,
     LAGS,
     OUTLIERS,
+    ar_coefficient,
     block_differences,
     estimate_noise,
     estimate_tails,
@@ -156,3 +157,11 @@ def test_kernel_without_the_compiler_gives_the_same_bits():
         kernel(1.0 + 0.01 * z, z, used, 0, 2, BLOCK, 0.5, 1e-2, sums, pairs)
         outputs.append(sums.tobytes() + pairs.tobytes())
     assert outputs[0] == outputs[1]
+
+
+def test_colour_is_called_ar_only_where_it_looks_like_it():
+    rng = np.random.default_rng(12)
+    assert ar_coefficient(_estimate(_ar(rng, 0.5))) == pytest.approx(0.5, abs=0.05)
+    assert ar_coefficient(_estimate(rng.standard_normal(N))) == 0.0
+    assert ar_coefficient(_estimate(np.diff(rng.standard_normal(N + 1)))) == 0.0
+    assert ar_coefficient(NoiseEstimate(1.0, np.ones(1), 1.0)) == 0.0
