@@ -1,7 +1,7 @@
 """Training: labelled windows in, a model out. Deterministic: the same windows give the same model.
 
 For the paper's classifier one linear support vector machine is fitted per anomaly. For the joint classifier the bands
-of nominal and anomalous values are fitted by maximum likelihood, with the uncertainty of each value and with strays.
+of nominal and anomalous values are fitted in closed form, with strays left out.
 scikit-learn is needed here only; a diagnosis needs no more than an inner product.
 """
 
@@ -30,11 +30,17 @@ MIN_WINDOWS: Final = 2  # of each class, below which an anomaly is not learned
 MIN_SOFT: Final = 0.05
 MIN_SOFT_SYSTEM: Final = 0.02  # the same for a system's friction, whose band has a width of its own
 STRAYS: Final = (0.002, 0.2)  # share of strays: the least assumed, the most accepted
+STRAY_FENCE: Final = 2.5  # quartile distances beyond the quartiles: four standard deviations of a Gaussian
 # Where no anomaly was seen in training, other values are spread on this share of the nominal middle.
 REACH_UNSEEN: Final = 0.3
 UNDECIDED: Final = (0.4, 0.6)
-# Windows added to each number of simultaneous anomalies, so that none is impossible.
+# Windows added to each class, and to each number of simultaneous anomalies: what was not seen is not impossible. A
+# wheel can have two anomalies at once even where no training window has.
 PSEUDO_WINDOWS: Final = 1.0
+PSEUDO_SHARE: Final = 0.01  # of the training windows, on top, for each number of simultaneous anomalies
+CALIBRATION_WEIGHT: Final = 1e-3
+SVM_TOLERANCE: Final = 1e-10
+SVM_ITERATIONS: Final = 100_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,6 +96,7 @@ def _label(window: LabelledFeatures, name: str, source: str) -> bool:
 def _simultaneous(labels: BoolArray) -> tuple[float, ...]:
     """Return the smoothed share of windows with 0, 1, 2, … anomalies at once."""
     counts = np.bincount(labels.sum(axis=0), minlength=len(labels) + 1) + PSEUDO_WINDOWS
+    counts += PSEUDO_SHARE * labels.shape[1]
     return tuple(float(share) for share in counts / counts.sum())
 
 
@@ -154,46 +161,31 @@ def fit_levels(value: FloatArray, std: FloatArray, anomalous: BoolArray, min_sof
     median = float(np.median(ill)) if ill.size >= MIN_WINDOWS else None
     reach = REACH_UNSEEN * abs(middle) if median is None else abs(median - middle)
     reach = max(reach, 1e-3)
-    nominal, stray = _fit_band(healthy, std[~anomalous], reach, min_soft)
-    band = None if median is None else _fit_band(ill, std[anomalous], reach, min_soft)[0]
+    nominal, stray = _fit_band(healthy, std[~anomalous], min_soft * reach)
+    band = None if median is None else _fit_band(ill, std[anomalous], min_soft * reach)[0]
     return Levels(nominal=nominal, anomalous=band, stray=stray, reach=reach, median=median)
 
 
-def _fit_band(value: FloatArray, std: FloatArray, reach: float, min_soft: float) -> tuple[Band, float]:
-    """Fit a band and the share of strays by maximum likelihood; the strays are spread as in `log_densities`."""
-    centre = float(np.median(value))
-    quartiles = np.quantile(value, [0.25, 0.75])
-    spread = max(float(quartiles[1] - quartiles[0]), min_soft * reach)
+def _fit_band(value: FloatArray, std: FloatArray, min_soft: float) -> tuple[Band, float]:
+    """Fit a band and the share of strays, in closed form.
 
-    def unpack(parameters: FloatArray) -> tuple[Band, float]:
-        middle, log_width, log_soft, logit_stray = parameters
-        half = 0.5 * np.exp(log_width)
-        soft = np.hypot(min_soft * reach, np.exp(log_soft))
-        share = STRAYS[0] + (STRAYS[1] - STRAYS[0]) * special.expit(logit_stray)
-        return Band(low=float(middle - half), high=float(middle + half), soft=float(soft)), float(share)
-
-    def cost(parameters: FloatArray) -> float:
-        band, share = unpack(np.clip(parameters, lowest, highest))
-        scale = np.hypot(reach, std)
-        stray = 0.5 / scale / (1.0 + np.abs(value - band.middle) / scale) ** 2
-        return -float(np.log((1.0 - share) * band.density(value, std) + share * stray).sum())
-
-    # Widths and softness stay between a hundredth of the least softness and ten times the spread.
-    narrowest, widest = np.log(0.01 * min_soft * reach), np.log(10.0 * spread + reach)
-    lowest = np.array([centre - 5.0 * spread, narrowest, narrowest, -8.0])
-    highest = np.array([centre + 5.0 * spread, widest, widest, 8.0])
-    starts = (
-        np.array([centre, np.log(2.0 * spread), np.log(0.1 * spread), -3.0]),  # a range
-        np.array([centre, np.log(0.1 * spread), np.log(0.7 * spread), -3.0]),  # a value with scatter
+    Two bands are tried, the range from the least to the largest value and a mean with scatter; the likelier one is
+    taken. Values far outside the quartiles are strays and fit neither.
+    """
+    lower, upper = np.quantile(value, [0.25, 0.75])
+    fence = max(STRAY_FENCE * float(upper - lower), 4.0 * min_soft)
+    kept = (value >= lower - fence) & (value <= upper + fence)
+    stray = float(np.clip((~kept).mean(), *STRAYS))
+    value, std = value[kept], std[kept]
+    low, high, mean = float(value.min()), float(value.max()), float(value.mean())
+    # The true ends of a range lie beyond the outermost of n values, by about width/n.
+    beyond = (high - low) / (value.size + 1)
+    scatter = np.sqrt(max(float(value.var()) - float(np.mean(std**2)), min_soft**2))
+    bands = (
+        Band(low=low - beyond, high=high + beyond, soft=min_soft),
+        Band(low=mean, high=mean, soft=float(scatter)),
     )
-    fits = [
-        optimize.minimize(cost, start, method="Nelder-Mead", options={"maxiter": 2000, "xatol": 1e-5, "fatol": 1e-7})
-        for start in starts
-    ]
-    band, share = unpack(np.clip(min(fits, key=lambda fit: float(fit.fun)).x, lowest, highest))
-    # The likelihood ends the band at the outermost value seen; the true end lies beyond it by about width/n.
-    beyond = (band.high - band.low) / (value.size + 1)
-    return Band(low=band.low - beyond, high=band.high + beyond, soft=band.soft), share
+    return max(bands, key=lambda band: float(np.log(band.density(value, std)).sum())), stray
 
 
 # ---- the paper's classifier ------------------------------------------------------------------------------------------
@@ -223,9 +215,10 @@ def train_svm(
         return None
     low, high = float(everything.min()), float(everything.max())
     features = np.stack([svm_features(bins, low, high, value) for value in values])
-    from sklearn.svm import SVC  # noqa: PLC0415  - only training needs scikit-learn, which takes a second to import
+    from sklearn.svm import LinearSVC  # noqa: PLC0415  - only training needs scikit-learn, which takes a second to import
 
-    machine = SVC(kernel="linear", C=cost).fit(features, anomalous)
+    # The primal problem with squared hinge loss is strictly convex: one optimum, on every machine.
+    machine = LinearSVC(C=cost, dual=False, tol=SVM_TOLERANCE, max_iter=SVM_ITERATIONS).fit(features, anomalous)
     weights, bias = machine.coef_[0], float(machine.intercept_[0])
     slope, offset = _calibrate(features @ weights + bias, anomalous)
     return LinearSvm(
@@ -240,13 +233,28 @@ def train_svm(
 
 
 def _calibrate(decision: FloatArray, anomalous: BoolArray) -> tuple[float, float]:
-    """Return slope and offset of Platt's calibration (1999), with his smoothed targets."""
+    """Return slope and offset of Platt's calibration (1999), with his smoothed targets.
+
+    A convex problem, solved to the last digits. The small weight on the slope matters only where all decisions are
+    alike, which no slope can tell apart.
+    """
     positive, negative = int(anomalous.sum()), int((~anomalous).sum())
     target = np.where(anomalous, (positive + 1.0) / (positive + 2.0), 1.0 / (negative + 2.0))
+    columns = np.stack([decision, np.ones(decision.size)])
+    weight = np.array([CALIBRATION_WEIGHT, 0.0])
 
     def cost(parameters: FloatArray) -> float:
-        z = parameters[0] * decision + parameters[1]
-        return float((np.logaddexp(0.0, z) - target * z).sum())
+        z = parameters @ columns
+        return float((np.logaddexp(0.0, z) - target * z).sum() + 0.5 * weight @ parameters**2)
 
-    fit = optimize.minimize(cost, np.array([1.0, 0.0]), method="Nelder-Mead", options={"xatol": 1e-8, "fatol": 1e-10})
+    def gradient(parameters: FloatArray) -> FloatArray:
+        return np.asarray(columns @ (special.expit(parameters @ columns) - target) + weight * parameters)
+
+    def hessian(parameters: FloatArray) -> FloatArray:
+        p = special.expit(parameters @ columns)
+        return np.asarray((columns * (p * (1.0 - p))) @ columns.T + np.diag(weight))
+
+    fit = optimize.minimize(
+        cost, np.zeros(2), method="trust-exact", jac=gradient, hess=hessian, options={"gtol": 1e-10}
+    )
     return float(fit.x[0]), float(fit.x[1])
