@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from rwa_monitor.errors import InputError
 from rwa_monitor.physics.effects.base import Effect, MeanEffect, Parameter
 from rwa_monitor.physics.effects.catalogue import CATALOGUE, build, mean_effects, to_block
-from rwa_monitor.physics.effects.describe import describe
+from rwa_monitor.physics.effects.describe import _range, describe, index
 from rwa_monitor.physics.wheel import EffectBlock, Wheel, built_in_wheel
 from tests.effects.records import rich_motion
 
@@ -157,9 +157,13 @@ def test_its_page_holds_all_it_says(effect: type[Effect]) -> None:
         assert f"]({name}.md)" in page
 
 
-def test_the_page_words_every_kind_of_range() -> None:
-    from rwa_monitor.physics.effects.describe import _range
+def test_the_index_lists_every_effect_once() -> None:
+    page = index(CATALOGUE.values())
+    assert [page.count(f"| [`{name}`]({name}.md) |") for name in CATALOGUE] == [1] * len(CATALOGUE)
+    assert page.index("## Mean") < page.index("[`stribeck`]") < page.index("## Noise") < page.index("## Switching")
 
+
+def test_the_page_words_every_kind_of_range() -> None:
     assert _range(Parameter("a", "-", -np.inf, np.inf, 0.0)) == "any"
     assert _range(Parameter("a", "-", 0.0, np.inf, 0.0)) == "≥ 0"
     assert _range(Parameter("a", "-", -np.inf, 2.0, 0.0)) == "≤ 2"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -72,6 +73,12 @@ def simulate(effect: SwitchingEffect | None, seed: int) -> SwitchingEvidence:
     )
 
 
+@cache
+def record(name: str | None, seed: int) -> SwitchingEvidence:
+    """Return a record of a named effect at its strength above, or of none."""
+    return simulate(None if name is None else SWITCHING_EFFECTS[name](**CASES[name]), seed)
+
+
 def hurried(system: SwitchingSystem) -> SwitchingSystem:
     laws = [Uniform(low=max(1, law.low // HURRY), high=law.high // HURRY) for law in system.durations]  # type: ignore[union-attr]
     return system.model_copy(update={"durations": tuple(laws)})
@@ -98,7 +105,7 @@ def test_it_is_found_in_its_own_jumps(effect: type[SwitchingEffect]) -> None:
     """Over eight records: above the acceptance threshold on average, and first among all in at least seven."""
     first, gains = 0, []
     for seed in range(8):
-        evidence = simulate(effect(**CASES[effect.name]), seed)
+        evidence = record(effect.name, seed)
         fits = {other.name: other.fit(evidence).penalised_gain for other in ALL}
         gains.append(fits[effect.name])
         first += max(fits, key=fits.__getitem__) == effect.name
@@ -108,14 +115,14 @@ def test_it_is_found_in_its_own_jumps(effect: type[SwitchingEffect]) -> None:
 
 @every_switching_effect
 def test_the_known_laws_show_nothing(effect: type[SwitchingEffect]) -> None:
-    gains = [effect.fit(simulate(None, seed)).penalised_gain for seed in range(8)]
+    gains = [effect.fit(record(None, seed)).penalised_gain for seed in range(8)]
     assert max(gains) < 12, gains
 
 
 @every_switching_effect
 def test_simulate_then_fit_gives_the_parameters_back(effect: type[SwitchingEffect]) -> None:
     """The mean over eight records, within five of its standard deviations or 10 %."""
-    fits = [effect.fit(simulate(effect(**CASES[effect.name]), seed)) for seed in range(8)]
+    fits = [effect.fit(record(effect.name, seed)) for seed in range(8)]
     for name, value in CASES[effect.name].items():
         found = np.array([fit.values[name] for fit in fits])
         spread = found.std(ddof=1) / np.sqrt(found.size)
@@ -124,12 +131,12 @@ def test_simulate_then_fit_gives_the_parameters_back(effect: type[SwitchingEffec
 
 @every_switching_effect
 def test_fitted_values_build_the_effect(effect: type[SwitchingEffect]) -> None:
-    effect(**effect.fit(simulate(effect(**CASES[effect.name]), 1)).values)
+    effect(**effect.fit(record(effect.name, 1)).values)
 
 
 @every_switching_effect
 def test_without_jumps_nothing_is_found(effect: type[SwitchingEffect]) -> None:
-    evidence = simulate(None, 0)
+    evidence = record(None, 0)
     none = Jumps(np.zeros(0, dtype=np.int64), np.zeros(0))
     bare = replace(evidence, jumps=none, unattributed=np.zeros(0, dtype=bool), sojourns={})
     assert effect.fit(bare).log_likelihood_gain == 0.0
@@ -139,12 +146,12 @@ def test_without_jumps_nothing_is_found(effect: type[SwitchingEffect]) -> None:
 def test_zero_strength_changes_nothing(name: str) -> None:
     effect = SWITCHING_EFFECTS[name]
     zero = effect.typical(**{parameter.name: 0.0 for parameter in effect.strength_parameters()})
-    evidence = simulate(None, 0)
+    evidence = record(None, 0)
     assert not zero.torque(evidence.channels, evidence.jumps).any()
 
 
 def test_a_decayed_jump_lies_between_its_neighbours() -> None:
-    evidence = simulate(None, 3)
+    evidence = record(None, 3)
     effect = SWITCHING_EFFECTS["decaying_jump"](strength=1.0, time_constant_s=30.0)
     level = 10 * DRY_NM + evidence.jumps.total(SLOTS)
     relaxed = level + evidence.channels.direction * effect.torque(evidence.channels, evidence.jumps)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Final
 
 import numpy as np
 from scipy import optimize
@@ -11,8 +12,10 @@ from rwa_monitor.physics.effects.base import Channels, Parameter
 from rwa_monitor.physics.effects.columns import stack
 from rwa_monitor.physics.effects.likelihood import LikelihoodFit, curvature_std
 from rwa_monitor.physics.effects.resolution import duration
-from rwa_monitor.physics.effects.switching_base import Jumps, SwitchingEffect, SwitchingEvidence, regression_gain
+from rwa_monitor.physics.effects.switching_base import BeyondBase, Jumps, SwitchingEffect, SwitchingEvidence
 from rwa_monitor.samples import FloatArray
+
+FEWEST_SLOTS: Final = 10
 
 
 class DecayingJump(SwitchingEffect):
@@ -53,15 +56,16 @@ class DecayingJump(SwitchingEffect):
     @classmethod
     def fit(cls, evidence: SwitchingEvidence) -> LikelihoodFit:
         """Fit the share by least squares beside levels and slope, the time constant by its profile."""
-        used = int(evidence.used.sum())
-        if not len(evidence.jumps) or used < 10:
+        base = BeyondBase(evidence)
+        used = base.target.size
+        if not len(evidence.jumps) or used < FEWEST_SLOTS:
             return cls.nothing_found(used)
         strength = cls.parameters[0]
         period_s = evidence.channels.sample_period_s
 
         def solve(log_time: float) -> tuple[float, float, float]:
             column = cls.columns(evidence.channels, evidence.jumps, {"time_constant_s": float(np.exp(log_time))})[:, 0]
-            return regression_gain(evidence, column, strength.low, strength.high)
+            return base.gain(column, strength.low, strength.high)
 
         # From two slots (shorter: an outlier) to a tenth of the record (longer: a drift).
         grid = np.linspace(np.log(2 * period_s), np.log(max(0.1 * duration(evidence.channels), 4 * period_s)), 25)

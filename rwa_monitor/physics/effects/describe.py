@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 
 from rwa_monitor.physics.effects.base import Effect, MeanEffect, Parameter
 
@@ -50,6 +51,21 @@ def describe(effect: type[Effect]) -> str:
     if effect.needs:
         lines += [f"**Needs** {', '.join(f'`{channel}`' for channel in sorted(effect.needs))}.", ""]
     lines += [f"**Source.** {effect.source}", ""]
+    return "\n".join(lines)
+
+
+def index(effects: Iterable[type[Effect]]) -> str:
+    """Return the page that lists effects by family, each with what shows it and a link to its page, as Markdown."""
+    lines = ["# Effects the base model leaves out", ""]
+    by_family: dict[str, list[type[Effect]]] = {"mean": [], "noise": [], "switching": []}
+    for effect in effects:
+        by_family[effect.family].append(effect)
+    for family, members in by_family.items():
+        lines += [f"## {family.capitalize()} effects", "", "| name | what | what shows it |", "|---|---|---|"]
+        lines += [
+            f"| [`{effect.name}`]({effect.name}.md) | {effect.title} | {effect.signature} |" for effect in members
+        ]
+        lines.append("")
     return "\n".join(lines)
 
 

@@ -20,6 +20,7 @@ from rwa_monitor.physics.wheel import SwitchingSystem
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 
 STRAY_SHARE: Final = 0.02  # of the sojourns: one in fifty may be anything
+TAKEN_UP: Final = 1e-12  # share of a column's square below which levels and slope hold it already
 TINY: Final = float(np.finfo(np.float64).tiny)  # keeps a logarithm finite
 
 
@@ -120,31 +121,6 @@ class SwitchingEvidence:
     variance_factor: float = 1.0
     false_jumps: float = 0.5
 
-    @property
-    def used(self) -> BoolArray:
-        """Slots that enter a regression: good, known, and with a direction; bool (n,)."""
-        known = np.isfinite(self.residual_Nm) & np.isfinite(self.channels.speed_rad_s)
-        used: BoolArray = self.good & known & (self.channels.direction != 0)
-        return used
-
-    def without_base(self, values: FloatArray) -> FloatArray:
-        """Return what levels and slope leave of a torque along the motion, float64 (used slots,).
-
-        `values` (n,) is a torque; it is multiplied by the direction, less its mean in each segment, less its part that
-        follows |ω|.
-        """
-        used = self.used
-        segment = self.jumps.segment(values.size)[used]
-        count = np.maximum(np.bincount(segment), 1)
-
-        def centred(column: FloatArray) -> FloatArray:
-            return column - (np.bincount(segment, column) / count)[segment]
-
-        speed = centred(np.abs(self.channels.speed_rad_s[used]))
-        along = centred((values * self.channels.direction)[used])
-        energy = float(np.sum(speed**2))
-        return along - speed * (float(np.sum(speed * along)) / energy) if energy > 0 else along
-
 
 @dataclass(frozen=True, slots=True)
 class JumpClock:
@@ -234,27 +210,71 @@ class SwitchingEffect(Effect):
         return no_gain(cls, samples)
 
 
-def regression_gain(
-    evidence: SwitchingEvidence, column: FloatArray, low: float, high: float
-) -> tuple[float, float, float]:
-    """Return log-likelihood gain, strength and its standard deviation of one column beside levels and slope.
+class BeyondBase:
+    """What levels and slope leave of a torque along the motion: prepared once for many columns of one record.
 
     Parameters
     ----------
     evidence
-        Gives the residual; coloured noise lowers the gain by its variance factor.
-    column
-        float64 (n,), torque at unit strength.
-    low, high
-        Bounds of the strength.
+        Gives residual, motion, jumps and which slots count.
+
+    Attributes
+    ----------
+    used
+        bool (n,), slots that enter: good, known, and with a direction.
+    segment
+        int64 (used slots,), number of the segment of each.
+    speed, target
+        float64 (used slots,), |ω| less its mean in each segment; residual along the motion without its base part.
     """
-    target, regressor = evidence.without_base(evidence.residual_Nm), evidence.without_base(column)
-    energy, total = float(np.sum(regressor**2)), float(np.sum(target**2))
-    scale = float(np.sum(column[evidence.used] ** 2))
-    if energy <= 1e-12 * scale or total == 0.0:
-        return 0.0, 0.0, float("nan")
-    strength = float(np.clip(np.sum(regressor * target) / energy, low, high))
-    left = float(np.sum((target - strength * regressor) ** 2))
-    gain = 0.5 * target.size * float(np.log(total / max(left, np.finfo(np.float64).eps * total)))
-    std = float(np.sqrt(left / target.size / energy * evidence.variance_factor))
-    return max(gain / evidence.variance_factor, 0.0), strength, std
+
+    def __init__(self, evidence: SwitchingEvidence) -> None:
+        channels = evidence.channels
+        known = np.isfinite(evidence.residual_Nm) & np.isfinite(channels.speed_rad_s)
+        self.used: BoolArray = evidence.good & known & (channels.direction != 0)
+        self.segment = evidence.jumps.segment(len(channels))[self.used]
+        self._count = np.maximum(np.bincount(self.segment), 1)
+        self._direction = channels.direction[self.used]
+        self._variance_factor = evidence.variance_factor
+        self.speed = self.centred(np.abs(channels.speed_rad_s[self.used]))
+        self._energy = float(np.sum(self.speed**2))
+        self.along = self.centred(evidence.residual_Nm[self.used] * self._direction)
+        self.target = self._without_slope(self.along)
+
+    def centred(self, values: FloatArray) -> FloatArray:
+        """Return values (used slots,) less their mean in each segment."""
+        mean: FloatArray = np.bincount(self.segment, values) / self._count
+        return values - mean[self.segment]
+
+    def left_of(self, torque_Nm: FloatArray) -> FloatArray:
+        """Return what is left of a torque (n,) along the motion, float64 (used slots,)."""
+        return self._without_slope(self.centred(torque_Nm[self.used] * self._direction))
+
+    def _without_slope(self, along: FloatArray) -> FloatArray:
+        if self._energy == 0.0:
+            return along
+        return along - self.speed * (float(np.sum(self.speed * along)) / self._energy)
+
+    def gain(self, column: FloatArray, low: float, high: float) -> tuple[float, float, float]:
+        """Return log-likelihood gain, strength and its standard deviation of one column beside levels and slope.
+
+        Parameters
+        ----------
+        column
+            float64 (n,), torque at unit strength.
+        low, high
+            Bounds of the strength.
+        """
+        regressor = self.left_of(column)
+        energy, total = float(np.sum(regressor**2)), float(np.sum(self.target**2))
+        if energy <= TAKEN_UP * float(np.sum(column[self.used] ** 2)) or total == 0.0:
+            return 0.0, 0.0, float("nan")
+        strength = float(np.clip(np.sum(regressor * self.target) / energy, low, high))
+        left = float(np.sum((self.target - strength * regressor) ** 2))
+        std = float(np.sqrt(left / self.target.size / energy * self._variance_factor))
+        return self.gain_of(total, left), strength, std
+
+    def gain_of(self, before: float, after: float) -> float:
+        """Return the log-likelihood gain of a smaller sum of squares; coloured noise lowers it."""
+        ratio = before / max(after, np.finfo(np.float64).eps * before)
+        return max(0.5 * self.target.size * float(np.log(ratio)) / self._variance_factor, 0.0)

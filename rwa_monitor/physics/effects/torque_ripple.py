@@ -44,7 +44,9 @@ class TorqueRipple(MeanEffect):
         Parameter("strength_sin_Nm", "N m", -np.inf, np.inf, 0.0, linear=True, default=0.0),
         Parameter("strength_double_cos_Nm", "N m", -np.inf, np.inf, 0.0, linear=True, default=0.0),
         Parameter("strength_double_sin_Nm", "N m", -np.inf, np.inf, 0.0, linear=True, default=0.0),
-        Parameter("harmonic", "-", 1.0, MAX_HARMONIC, 6.0, choices=tuple(float(h) for h in range(1, MAX_HARMONIC + 1))),
+        Parameter(
+            "harmonic", "-", 1.0, float(MAX_HARMONIC), 6.0, choices=tuple(float(h) for h in range(1, MAX_HARMONIC + 1))
+        ),
     )
 
     @classmethod

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Final
 
 import numpy as np
 
 from rwa_monitor.physics.effects.base import Channels, Parameter
 from rwa_monitor.physics.effects.columns import stack
 from rwa_monitor.physics.effects.likelihood import LikelihoodFit
-from rwa_monitor.physics.effects.switching_base import Jumps, SwitchingEffect, SwitchingEvidence, regression_gain
+from rwa_monitor.physics.effects.switching_base import BeyondBase, Jumps, SwitchingEffect, SwitchingEvidence
 from rwa_monitor.samples import FloatArray
+
+FEWEST_SLOTS: Final = 10
 
 
 class ViscousJump(SwitchingEffect):
@@ -40,35 +43,24 @@ class ViscousJump(SwitchingEffect):
     @classmethod
     def fit(cls, evidence: SwitchingEvidence) -> LikelihoodFit:
         """Fit a slope in proportion to the level, and a slope of its own for each segment; return the better one."""
-        used = int(evidence.used.sum())
-        if not len(evidence.jumps) or used < 10:
+        base = BeyondBase(evidence)
+        used = base.target.size
+        if not len(evidence.jumps) or used < FEWEST_SLOTS:
             return cls.nothing_found(used)
         strength = cls.parameters[0]
         column = cls.columns(evidence.channels, evidence.jumps, {})[:, 0]
-        gain, value, std = regression_gain(evidence, column, strength.low, strength.high)
+        gain, value, std = base.gain(column, strength.low, strength.high)
         shared = LikelihoodFit({"strength_s_rad": value}, {"strength_s_rad": std}, gain, 1, used)
-        return max(shared, _slope_per_segment(evidence, shared), key=lambda fit: fit.penalised_gain)
+        return max(shared, _slope_per_segment(base, shared, len(evidence.jumps)), key=lambda fit: fit.penalised_gain)
 
 
-def _slope_per_segment(evidence: SwitchingEvidence, shared: LikelihoodFit) -> LikelihoodFit:
-    """Return the fit with a free slope in each segment; its strength is that of the shared fit."""
-    used = evidence.used
-    segment = evidence.jumps.segment(used.size)[used]
-    count = np.maximum(np.bincount(segment), 1)
-
-    def centred(values: FloatArray) -> FloatArray:
-        return values - (np.bincount(segment, values) / count)[segment]
-
-    speed = centred(np.abs(evidence.channels.speed_rad_s[used]))
-    target = centred((evidence.residual_Nm * evidence.channels.direction)[used])
-    energy = np.bincount(segment, speed**2)
-    moment = np.bincount(segment, speed * target)
+def _slope_per_segment(base: BeyondBase, shared: LikelihoodFit, jumps: int) -> LikelihoodFit:
+    """Return the fit with a free slope in each segment, one more for each jump; its strength is the shared fit's."""
+    energy = np.bincount(base.segment, base.speed**2)
+    moment = np.bincount(base.segment, base.speed * base.along)
     slope = np.divide(moment, energy, out=np.zeros_like(moment), where=energy > 0)
-    together = float(np.sum(target**2)) - float(np.sum(moment)) ** 2 / max(float(np.sum(energy)), np.finfo(float).tiny)
-    apart = float(np.sum((target - slope[segment] * speed) ** 2))
-    if together <= 0.0:
+    together = float(np.sum(base.target**2))
+    if together == 0.0:
         return shared
-    gain = 0.5 * target.size * float(np.log(together / max(apart, np.finfo(float).eps * together)))
-    return LikelihoodFit(
-        shared.values, shared.std, max(gain / evidence.variance_factor, 0.0), len(evidence.jumps), shared.samples
-    )
+    apart = float(np.sum((base.along - slope[base.segment] * base.speed) ** 2))
+    return LikelihoodFit(shared.values, shared.std, base.gain_of(together, apart), jumps, shared.samples)
