@@ -244,7 +244,8 @@ class BeyondBase:
     def centred(self, values: FloatArray) -> FloatArray:
         """Return values (used slots,) less their mean in each segment."""
         mean: FloatArray = np.bincount(self.segment, values) / self._count
-        return values - mean[self.segment]
+        left: FloatArray = values - mean[self.segment]
+        return left
 
     def left_of(self, torque_Nm: FloatArray) -> FloatArray:
         """Return what is left of a torque (n,) along the motion, float64 (used slots,)."""
