@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from threading import Event
 from typing import Any, Final, get_args
 
 from rwa_monitor.diagnosis.model import Model
@@ -93,7 +94,11 @@ def start(recording: Recording, setup: Setup) -> Rebuilt:
 
 
 def run_inputs(
-    recording: Recording, setup: Setup, rebuilt: Rebuilt, on_message: Callable[[int], None] | None = None
+    recording: Recording,
+    setup: Setup,
+    rebuilt: Rebuilt,
+    stop: Event | None = None,
+    on_message: Callable[[int], None] | None = None,
 ) -> None:
     """Feed a recording's inputs to the cores, in order, and collect what they say.
 
@@ -103,6 +108,8 @@ def run_inputs(
         What to run, and what with.
     rebuilt
         The cores before; gets the results.
+    stop
+        Ends it early when set.
     on_message
         Called with the number of messages gone through, for progress.
 
@@ -112,6 +119,8 @@ def run_inputs(
         If a recorded input is none.
     """
     for number, recorded in enumerate(recording.messages):
+        if stop is not None and stop.is_set():
+            return
         if recorded.schema == SamplesMessage.schema_name():
             spacecraft, wheel, _ = split_key(recorded.topic)
             message = SamplesMessage.parse(recorded.data, f"{recording.path}: {recorded.topic}")

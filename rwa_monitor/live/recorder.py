@@ -35,7 +35,7 @@ from rwa_monitor.messages import MAX_MESSAGE_BYTES, MESSAGES, dump_json
 PROFILE: Final = "rwa-monitor"
 RECORDING_VERSION: Final = 1
 CHUNK_BYTES: Final = 64 * 2**10
-MAX_FILE_BYTES: Final = 128 * 2**20  # then the next file is begun
+MAX_FILE_BYTES: Final = 32 * 2**20  # then the next file is begun; rebuilding from one takes some seconds
 MAX_FILE_AGE_S: Final = 24 * 3600.0
 MIN_FREE_BYTES: Final = 64 * 2**20  # left on the disk for others
 FLUSH_PERIOD_S: Final = 1.0

@@ -129,7 +129,7 @@ class _Chain:
         self._check_link(recording, settings)
         self.unreadable += [f"{recording.path}: {problem}" for problem in recording.problems]
         rebuilt = rebuild.start(recording, setup)
-        rebuild.run_inputs(recording, setup, rebuilt, on_message)
+        rebuild.run_inputs(recording, setup, rebuilt, on_message=on_message)
         self.messages += [(output.key, output.payload) for output in rebuilt.outputs if output.message is not None]
 
         inherited, own = _split(recording, rebuild.inherited_counts(settings))

@@ -18,7 +18,7 @@ from collections.abc import Callable, Iterable
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
-from threading import Event
+from threading import Event, Thread
 from typing import Any, Final
 
 import zenoh
@@ -34,6 +34,7 @@ from rwa_monitor.live.core import WheelCore, WindowDiagnosed
 from rwa_monitor.live.outputs import Output, health_output, outputs_of, trouble_in
 from rwa_monitor.live.recorder import FolderLock, Predecessor, Recorder, predecessor_of
 from rwa_monitor.live.recording import RECORDING_SUFFIX, Recording, read_recording
+from rwa_monitor.live.warm_up import warm_up
 from rwa_monitor.messages import Diagnosis, Health, SamplesMessage, Status, split_key
 from rwa_monitor.physics.wheel import Wheel, built_in_wheel
 
@@ -116,7 +117,9 @@ def run(
         past = _Past()
         if options.record is not None:
             stack.enter_context(FolderLock(options.record))
-            past = _read_past(options.record, options.setup(), say)
+            past = _read_past(options.record, options.setup(), stop, say)
+            if stop.is_set():
+                return
             recorder = Recorder(
                 options.record,
                 wheel_toml=options.wheel.to_toml(),
@@ -125,6 +128,9 @@ def run(
                 predecessor=past.predecessor,
                 wall_ns=time.time_ns,
             )
+        # In a thread of its own, so that a stop signal is heard while kernels are compiled on a new machine.
+        compiling = Thread(target=warm_up, args=(options.setup(),), name="warm-up", daemon=True)
+        compiling.start()
         if session is None:
             session = stack.enter_context(open_session(options.bus))
         bus = stack.enter_context(MonitorBus(session, Inbox()))
@@ -135,7 +141,11 @@ def run(
         bus.offer_health()
         say(f"monitoring {options.wheels}" + (f", recording in {options.record}" if options.record else ""))
         while not stop.is_set():
-            monitor.step()
+            if compiling.is_alive():
+                stop.wait(IDLE_WAIT_S)
+                monitor.tick()
+            else:
+                monitor.step()
 
 
 # ---- one wheel -------------------------------------------------------------------------------------------------------
@@ -211,6 +221,10 @@ class Monitor:
             self.bus.inbox.wake.wait(IDLE_WAIT_S)
         else:
             self._receive(*message)
+        self.tick()
+
+    def tick(self) -> None:
+        """Do what is due by the clock: flush and rotate the recording, answer questions, publish status."""
         now_s = time.monotonic()
         if now_s >= self._tick_due_s:
             self._tick_due_s = now_s + TICK_S
@@ -419,8 +433,8 @@ class _Past:
     latest: dict[str, Output] = field(default_factory=dict)
 
 
-def _read_past(folder: Path, setup: rebuild.Setup, say: Callable[[str], None]) -> _Past:
-    """Rebuild the cores from the last recording of a folder that can be used."""
+def _read_past(folder: Path, setup: rebuild.Setup, stop: Event, say: Callable[[str], None]) -> _Past:
+    """Rebuild the cores from the last recording of a folder that can be used; incomplete when stopped."""
     past = _Past()
     for path in sorted(folder.glob(f"*{RECORDING_SUFFIX}"), reverse=True):
         if past.predecessor is None:
@@ -437,7 +451,7 @@ def _read_past(folder: Path, setup: rebuild.Setup, say: Callable[[str], None]) -
             say(f"{path} was made with another wheel, model or method: the monitor starts anew")
             return past
         rebuilt = rebuild.start(recording, setup)
-        rebuild.run_inputs(recording, setup, rebuilt)
+        rebuild.run_inputs(recording, setup, rebuilt, stop)
         past.cores = rebuilt.cores
         past.unrecorded = _unrecorded(recording, rebuilt.outputs)
         past.latest = _latest(recording)
