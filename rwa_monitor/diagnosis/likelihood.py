@@ -39,7 +39,7 @@ def log_densities(levels: Levels, value: FloatArray, std: FloatArray) -> FloatAr
     reach = np.hypot(levels.reach, std)
     distance = np.abs(value - levels.nominal.middle)
     stray = 0.5 / reach / (1.0 + distance / reach) ** 2
-    excess = value - levels.nominal.high
+    excess = value - levels.nominal_high
     other = special.ndtr(excess / np.hypot(levels.nominal.soft, std)) / reach
     other /= (1.0 + np.maximum(excess, 0.0) / reach) ** 2
     nominal = (1.0 - levels.stray) * levels.nominal.density(value, std) + levels.stray * stray

@@ -1,0 +1,192 @@
+"""The classifiers: what they must find, what must widen them, what must not change them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rwa_monitor.diagnosis.classification import Judgement, classify, classify_as_paper
+from rwa_monitor.diagnosis.features import Features, SystemFeatures
+from rwa_monitor.diagnosis.likelihood import log_densities
+from rwa_monitor.diagnosis.model import built_in_model, models_for
+from rwa_monitor.diagnosis.state import CarriedState, Tracked
+from rwa_monitor.physics.wheel import built_in_wheel
+
+WHEEL, MODEL = built_in_wheel(), built_in_model()
+MODELS, NAMES = models_for(WHEEL, MODEL), WHEEL.anomalies
+EMPTY = CarriedState.empty()
+
+
+def features(
+    dry: float = 1.0,
+    viscous: float = 1.0,
+    factor_1: float = 1.0,
+    factor_2: float = 1.0,
+    *,
+    rests: bool = True,
+    std: float = 1e-3,
+) -> Features:
+    """A window of the built-in wheel with typical friction times factors."""
+    q_2 = np.array([0, 1, 2, 1, 0, 1] if rests else [1, 2, 1, 2])
+    friction_2 = factor_2 * np.array([0.0, 0.47, 1.05, 0.55, 0.0, 0.5] if rests else [0.47, 1.05, 0.55, 0.95])
+    return Features(
+        dry,
+        std,
+        viscous,
+        std,
+        (
+            SystemFeatures(
+                "fss_1", np.array([0, 1, 0, 1]), factor_1 * np.array([0, 0.4, 0, 0.5]), np.full(4, std), rests=True
+            ),
+            SystemFeatures("fss_2", q_2, friction_2, np.full(q_2.size, std), rests),
+        ),
+    )
+
+
+def judged(seen: Features, carried: CarriedState = EMPTY) -> dict[str, float]:
+    judgement = classify(seen, MODELS, NAMES, MODEL, carried)
+    return {entry.name: entry.probability for entry in judgement.anomalies}
+
+
+def active(judgement: Judgement) -> set[str]:
+    return {entry.name for entry in judgement.anomalies if entry.active}
+
+
+@pytest.mark.parametrize("rests", [True, False])
+@pytest.mark.parametrize(
+    ("change", "expected"),
+    [
+        ({}, set()),
+        ({"dry": 1.3}, {"dry"}),
+        ({"viscous": 1.15}, {"viscous"}),
+        ({"factor_1": 1.6}, {"fss_1"}),
+        ({"factor_2": 1.4}, {"fss_2"}),
+        ({"dry": 1.3, "viscous": 1.15}, {"dry", "viscous"}),
+        ({"viscous": 1.15, "factor_1": 1.6}, {"viscous", "fss_1"}),
+    ],
+)
+def test_anomalies_are_found(change: dict[str, float], expected: set[str], rests: bool) -> None:
+    assert active(classify(features(rests=rests, **change), MODELS, NAMES, MODEL, EMPTY)) == expected
+
+
+def test_all_four_at_once_are_found() -> None:
+    seen = features(dry=1.3, viscous=1.15, factor_1=1.6, factor_2=1.4)
+    assert active(classify(seen, MODELS, NAMES, MODEL, EMPTY)) == set(NAMES)
+
+
+@pytest.mark.parametrize("dry", [1.15, 1.22, 1.5, 2.0, 5.0])
+def test_another_size_than_the_learned_one_is_anomalous_too(dry: float) -> None:
+    assert judged(features(dry=dry))["dry"] > 0.5
+
+
+@given(st.floats(1.0, 8.0), st.floats(0.0, 0.3))
+def test_more_dry_friction_is_never_less_suspect_by_much(dry: float, more: float) -> None:
+    """The densities are a mixture, so the probability may dip a little between its parts, but never across a half."""
+    if judged(features(dry=dry))["dry"] > 0.9:
+        assert judged(features(dry=dry + more))["dry"] > 0.5
+
+
+def test_uncertainty_leaves_the_prior() -> None:
+    """A value known to nothing tells nothing: what remains is the share of the training windows."""
+    seen = features(dry=1.3, std=1e4)
+    for name, probability in judged(seen).items():
+        anomaly = MODEL.anomaly(name)
+        assert anomaly is not None
+        assert probability == pytest.approx(anomaly.rate, abs=0.02)
+    assert not any(entry.telling for entry in classify(seen, MODELS, NAMES, MODEL, EMPTY).anomalies)
+
+
+def test_wider_uncertainty_means_less_extreme_probability() -> None:
+    sure = [judged(features(viscous=1.15, std=std))["viscous"] for std in (0.001, 0.03, 0.1, 0.3)]
+    assert sure == sorted(sure, reverse=True)
+    assert sure[0] > 0.99
+    assert sure[-1] < 0.5
+
+
+@given(st.floats(-0.9, 3.0))
+def test_where_a_system_never_rests_the_split_that_is_handed_over_does_not_matter(moved: float) -> None:
+    """Only base plus friction is seen there: any split of it gives the same judgement."""
+    seen = features(dry=1.3, rests=False)
+    rested, unrested = seen.systems
+    other = replace(
+        seen, base_dry=seen.base_dry - moved, systems=(rested, replace(unrested, friction=unrested.friction + moved))
+    )
+    assert judged(other) == pytest.approx(judged(seen), abs=1e-9)
+
+
+def test_the_most_plausible_split_is_handed_back() -> None:
+    seen = features(dry=1.0, rests=False)
+    rested, unrested = seen.systems
+    wrong = replace(seen, base_dry=0.7, systems=(rested, replace(unrested, friction=unrested.friction + 0.3)))
+    found = classify(wrong, MODELS, NAMES, MODEL, EMPTY).features
+    assert found.base_dry == pytest.approx(1.0, abs=3 * found.base_dry_std)
+    assert found.base_dry_std < 0.1
+    assert found.base_dry + found.systems[1].friction[0] == pytest.approx(1.0 + unrested.friction[0])
+
+
+def test_earlier_windows_decide_what_this_one_leaves_open() -> None:
+    """Base 1.3 with nominal jumps, or base 1.0 with larger ones: two sojourns alone cannot tell."""
+    q = np.array([1, 1])
+    system = SystemFeatures("fss_2", q, np.array([0.47 + 0.16, 0.49 + 0.16]), np.full(2, 1e-3), rests=False)
+    first = features().systems[0]
+    seen = Features(1.0, 0.2, 1.0, 1e-3, (first, system))
+    alone = judged(seen)
+    healthy = judged(seen, CarriedState(base_dry=Tracked(mean=1.0, std=0.005, windows=9)))
+    worn = judged(seen, CarriedState(base_dry=Tracked(mean=1.16, std=0.005, windows=9)))
+    assert healthy["dry"] < alone["dry"] < worn["dry"]
+    assert worn["fss_2"] < alone["fss_2"] < healthy["fss_2"]
+
+
+def test_carried_probability_moves_the_prior_but_cannot_hold_against_evidence() -> None:
+    certain = CarriedState(windows=10, probability=dict.fromkeys(NAMES, 1.0))
+    harmless = CarriedState(windows=10, probability=dict.fromkeys(NAMES, 0.0))
+    assert active(classify(features(), MODELS, NAMES, MODEL, certain)) == set()
+    assert active(classify(features(dry=1.3), MODELS, NAMES, MODEL, harmless)) == {"dry"}
+    vague = features(std=1e4)
+    assert judged(vague, certain)["dry"] > 0.9
+    assert judged(vague, harmless)["dry"] < 0.02
+
+
+def test_overlapping_windows_do_not_count_their_evidence_twice() -> None:
+    seen = features(viscous=1.08, std=0.02)
+    carried = {
+        share: classify(seen, MODELS, NAMES, MODEL, EMPTY, share).to_carry["viscous"] for share in (0.0, 0.5, 1.0)
+    }
+    model = MODEL.anomaly("viscous")
+    assert model is not None
+    assert carried[0.0] == pytest.approx(model.rate, abs=0.02)
+    low, high = sorted((carried[0.0], carried[1.0]))
+    assert low < carried[0.5] < high
+
+
+def test_unlike_anything_learned_is_said() -> None:
+    strange = classify(features(dry=0.4), MODELS, NAMES, MODEL, EMPTY)
+    assert {entry.name for entry in strange.anomalies if entry.unlike} == {"dry"}
+    assert not any(entry.unlike for entry in classify(features(), MODELS, NAMES, MODEL, EMPTY).anomalies)
+
+
+@given(st.floats(-2, 6), st.floats(0, 3))
+def test_densities_are_finite_everywhere(value: float, std: float) -> None:
+    for model in MODELS:
+        assert model is not None
+        for levels in model.levels:
+            if levels is not None:
+                assert np.isfinite(log_densities(levels, np.array([value]), np.array([std]))).all()
+
+
+def test_no_model_leaves_an_anomaly_untold() -> None:
+    models = [*MODELS[:3], None]
+    entry = classify(features(factor_2=3.0), models, NAMES, MODEL, EMPTY).anomalies[3]
+    assert not entry.telling
+    assert not entry.active
+    paper = classify_as_paper(features(factor_2=3.0), models, NAMES).anomalies[3]
+    assert not paper.telling
+
+
+def test_paper_is_active_exactly_where_its_decision_is_positive() -> None:
+    for factor in (1.0, 1.6):
+        judgement = classify_as_paper(features(factor_1=factor), MODELS, NAMES)
+        for entry in judgement.anomalies:
+            assert entry.active == (entry.probability > 0.5) or entry.probability == 0.5
