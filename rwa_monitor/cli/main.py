@@ -22,7 +22,7 @@ from rwa_monitor.errors import InputError, RwaMonitorError
 
 # Each command is `command` in a module of this name. Modules import what they need when the command runs, not before,
 # so that --help and a mistyped option answer at once.
-COMMANDS: Final = ("demo", "run", "simulate", "train", "diagnose", "replay", "recover", "doctor")
+COMMANDS: Final = ("demo", "run", "simulate", "train", "diagnose", "discrepancy", "replay", "recover", "doctor")
 
 
 class Program(click.Group):

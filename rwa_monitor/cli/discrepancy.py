@@ -1,0 +1,155 @@
+"""`discrepancy`: what the simulation of a wheel gets wrong, from recordings of it."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from rwa_monitor.cli.options import FILE, wheel_option
+from rwa_monitor.cli.talk import say
+from rwa_monitor.errors import InputError
+
+if TYPE_CHECKING:
+    from rwa_monitor.discrepancy.find import Search
+    from rwa_monitor.discrepancy.plan import PlannedManoeuvre
+    from rwa_monitor.physics.wheel import Wheel
+    from rwa_monitor.samples import Samples
+
+
+@click.command(name="discrepancy", short_help="Show what the simulation gets wrong, and name the cause.")
+@click.argument("files", nargs=-1, required=True, type=FILE, metavar="FILE...")
+@wheel_option
+@click.option("--json", "as_json", is_flag=True, help="Print the report as one JSON object (rwa.Discrepancy).")
+@click.option("--out", type=FILE, metavar="DIR", help="Write report.html, report.json and extended_wheel.toml there.")
+@click.option(
+    "--bootstrap",
+    type=click.IntRange(0, 10_000),
+    default=0,
+    metavar="B",
+    help="Take p-values from B simulated records without the effect instead of the table.",
+)
+@click.option("--plan", "show_plan", is_flag=True, help="Rank the manoeuvres that would tell the leading causes apart.")
+def command(
+    files: tuple[Path, ...], wheel_file: Path | None, as_json: bool, out: Path | None, bootstrap: int, show_plan: bool
+) -> None:
+    """Find what a wheel's simulation lacks: the cause by name, its size, and what adding it gains.
+
+    Several files are recordings of one wheel and give one joint report. Where the data cannot tell causes apart, all
+    are named, with the manoeuvre that would separate them.
+    """
+    from rwa_monitor.cli.progress import status_line
+    from rwa_monitor.discrepancy.find import find_discrepancy
+    from rwa_monitor.discrepancy.report import plan, sentence
+    from rwa_monitor.formats.wheel_file import read_wheel
+    from rwa_monitor.physics.wheel import built_in_wheel
+
+    wheel = read_wheel(wheel_file) if wheel_file else None
+    recordings: list[tuple[str, Samples]] = []
+    for file in files:
+        name, samples, recorded_wheel = _read(file)
+        wheel = wheel or recorded_wheel
+        recordings.append((name, samples))
+    with status_line("searching") as progress:
+        found = find_discrepancy(recordings, wheel or built_in_wheel(), progress)
+        if bootstrap:
+            from rwa_monitor.discrepancy.bootstrap import with_bootstrap
+
+            found = with_bootstrap(found, bootstrap, progress)
+    manoeuvres = plan(found) if show_plan else []
+    if out is not None:
+        _write_report(found, [str(file) for file in files], out)
+    if as_json:
+        report = found.result.to_json()
+        if show_plan:
+            report["plan"] = [_plan_json(entry) for entry in manoeuvres]
+        click.echo(json.dumps(report, ensure_ascii=False, allow_nan=False))
+        return
+    click.echo(sentence(found.result))
+    _print_details(found)
+    if show_plan:
+        _print_plan(manoeuvres)
+    if out is not None:
+        say(f"report written to {out}")
+
+
+def _read(file: Path) -> tuple[str, Samples, Wheel | None]:
+    """Return name, samples and, where the file carries one, the wheel."""
+    from rwa_monitor.cli.telemetry_files import read_telemetry
+    from rwa_monitor.samples import concatenate
+
+    content = read_telemetry(file)
+    for problem in content.problems:
+        say(f"{file}: {problem}")
+    if len(content.telemetry) != 1:
+        raise InputError(str(file), f"holds {len(content.telemetry)} wheels; give the recordings of one wheel")
+    samples = concatenate([batch.samples for batch in content.telemetry[0].batches])
+    return str(file), samples, content.wheel
+
+
+def _write_report(found: Search, sources: list[str], folder: Path) -> None:
+    from rwa_monitor.discrepancy.find import extended_wheel
+    from rwa_monitor.discrepancy.report import html
+    from rwa_monitor.formats.files import write_text
+
+    folder.mkdir(parents=True, exist_ok=True)
+    report = json.dumps(found.result.to_json(), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+    write_text(folder / "report.json", report)
+    write_text(folder / "extended_wheel.toml", extended_wheel(found).to_toml())
+    write_text(folder / "report.html", html(found, sources))
+
+
+def _print_details(found: Search) -> None:
+    """Print the table of effects, the gain, and what could not be tested."""
+    from rich.console import Console
+    from rich.table import Table
+
+    console = Console(width=None if sys.stdout.isatty() else 120)
+    result = found.result
+    if result.effects:
+        table = Table("effect", "parameters", "gain", "p", "cannot be told from", "what would tell", box=None)
+        for effect in result.effects:
+            parameters = "\n".join(
+                f"{name} = {p.value:.4g}" + (f" ± {p.std:.2g}" if p.std is not None else "") + f" {p.unit}".rstrip(" -")
+                for name, p in effect.parameters.items()
+            )
+            table.add_row(
+                effect.name,
+                parameters,
+                f"{effect.delta_deviance:.0f}",
+                f"{effect.p_value:.1e}",
+                ", ".join(effect.equivalent) or "-",
+                effect.separate_by,
+            )
+        console.print(table)
+    gain = result.gain
+    if gain is not None:
+        console.print(
+            f"held out: RMSE {gain.rmse_base_Nm:.4g} → {gain.rmse_extended_Nm:.4g} N m "
+            f"(noise {gain.noise_std_Nm:.4g}), "
+            f"log score {gain.log_score_base:.4f} → {gain.log_score_extended:.4f} per sample, "
+            f"jumps {gain.changepoints_base} → {gain.changepoints_extended}"
+        )
+    for name, missing in result.untested:
+        console.print(f"not tested: {name} (needs {missing})")
+
+
+def _print_plan(manoeuvres: list[PlannedManoeuvre]) -> None:
+    click.echo("what to fly next:")
+    if not manoeuvres:
+        click.echo("  no mean effect was found; nothing needs telling apart")
+    for entry in manoeuvres:
+        pair = " and ".join(name for name in entry.worst_pair if name)
+        click.echo(f"  {entry.separation:10.1f} nats  {entry.name}: {entry.description} (hardest: {pair})")
+
+
+def _plan_json(entry: PlannedManoeuvre) -> dict[str, object]:
+    return {
+        "manoeuvre": entry.name,
+        "description": entry.description,
+        "separation_nats": entry.separation,
+        "hardest_pair": [name for name in entry.worst_pair if name],
+    }

@@ -1,0 +1,223 @@
+"""Which manoeuvre to fly next: the one that would best tell the leading causes apart.
+
+For each manoeuvre of a small library the motion is laid out, the torque that each leading cause would make there is
+computed, and the best imitation of it by each rival is fitted (shape profiled, level and slope free). What the
+imitation leaves, over 2σ², is the expected difference of log-likelihood.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from scipy.ndimage import uniform_filter1d
+
+from rwa_monitor.discrepancy.base_fit import ColumnCache, Problem
+from rwa_monitor.discrepancy.record import Record
+from rwa_monitor.discrepancy.search import Model
+from rwa_monitor.discrepancy.terms import make_background, make_term, profile
+from rwa_monitor.physics.effects.base import Channels
+from rwa_monitor.physics.effects.catalogue import MEAN_EFFECTS
+from rwa_monitor.physics.wheel import Wheel
+from rwa_monitor.samples import FloatArray
+
+DURATION_S: Final = 2400.0  # of a manoeuvre: less than half an orbit
+MAX_SLOTS: Final = 20_000  # longer ones are laid out with longer slots
+RAMP_S: Final = 20.0  # over which a wheel can change its speed by a good part of its range
+IMITATION_SHARE: Final = 0.01  # of the found effect's energy that a rival must be able to make to be one
+THERMAL_SWING_K: Final = 3.0  # of the bearing over an orbit; 1–5 K are common (effects.md)
+ORBIT_S: Final = 5400.0  # period of a low orbit
+
+
+@dataclass(frozen=True, slots=True)
+class PlannedManoeuvre:
+    """A manoeuvre and what it is worth.
+
+    Attributes
+    ----------
+    name, description
+        What to fly.
+    separation
+        Smallest expected log-likelihood difference between any two leading causes [nats]; above about 5 the data
+        decide.
+    worst_pair
+        The two causes that stay closest.
+    """
+
+    name: str
+    description: str
+    separation: float
+    worst_pair: tuple[str, str]
+
+
+def rank_manoeuvres(problem: Problem, model: Model, rivals: Sequence[str], wheel: Wheel) -> list[PlannedManoeuvre]:
+    """Rank the library's manoeuvres by how well they separate the leading causes, best first.
+
+    Parameters
+    ----------
+    problem, model
+        The data and the extended model: give noise, sizes and the speed range.
+    rivals
+        Names of the leading mean effects: those found and their equivalents. One alone is compared with the base
+        model: how surely the manoeuvre would confirm it.
+    wheel
+        For sample period and limits.
+    """
+    top = float(problem.speed.max())
+    planned = []
+    for name, description, profile_of in MANOEUVRES:
+        laid_out = _lay_out(problem, profile_of, top, wheel)
+        torques = {cause: _expected_torque(problem, model, laid_out, cause) for cause in rivals}
+        pairs = [
+            (_separation(laid_out, torque, other), (cause, other))
+            for cause, torque in torques.items()
+            for other in (torques if len(torques) > 1 else ("",))
+            if other != cause and torque is not None
+        ]
+        if pairs:
+            separation, pair = min(pairs)
+            planned.append(PlannedManoeuvre(name, description, separation, pair))
+    return sorted(planned, key=lambda entry: -entry.separation)
+
+
+def _separation(laid_out: Problem, torque: FloatArray, rival: str) -> float:
+    """Return what the best imitation by `rival` ("": none) leaves of a torque, over 2σ²."""
+    imitated = replace(laid_out, z=torque, columns=laid_out.columns)
+    background = make_background(imitated, (), np.zeros(0, dtype=np.int64))
+    variance = laid_out.noise.long_run_variance
+    if not rival:
+        along = background.design[:, 0]
+        energy = float(along @ along)
+        explained = float(along @ background.z) ** 2 / energy if energy > 0 else 0.0
+        return max(background.zz - explained, 0.0) / (2 * variance)
+    term, criterion = profile(MEAN_EFFECTS[rival], [background], np.full(laid_out.size, 1.0))
+    left = criterion - laid_out.log_size * term.parameters
+    return max(left, 0.0) / 2
+
+
+def _expected_torque(problem: Problem, model: Model, laid_out: Problem, cause: str) -> FloatArray | None:
+    """Return s·torque of a cause in the manoeuvre, as strong as found or as it must be to stand in.
+
+    None where the cause cannot make what was found.
+    """
+    effect = MEAN_EFFECTS[cause]
+    level = np.full(laid_out.size, float(np.median(model.fit.level)))
+    if cause in model.names:
+        index = model.names.index(cause)
+        return make_term(laid_out, effect, model.terms[index].shape, level).columns @ model.strengths(index)
+    # A rival: fitted to what the strongest found effect makes in the recorded data.
+    known = model.terms[0].columns @ model.strengths(0)
+    fitted, _ = profile(
+        effect, [make_background(replace(problem, z=known), (), np.zeros(0, dtype=np.int64))], model.fit.level
+    )
+    design = np.column_stack([np.ones(problem.size), problem.speed, fitted.columns])
+    strengths = np.clip(np.linalg.lstsq(design, known, rcond=None)[0][2:], fitted.low, fitted.high)
+    imitation = fitted.columns @ strengths
+    if float(imitation @ imitation) < IMITATION_SHARE * float(known @ known):
+        return None
+    torque: FloatArray = make_term(laid_out, effect, fitted.shape, level).columns @ strengths
+    return torque
+
+
+def _lay_out(
+    problem: Problem, profile_of: Callable[[FloatArray, float], FloatArray], top: float, wheel: Wheel
+) -> Problem:
+    """Return the manoeuvre as a problem without noise in it: motion, and the noise model of the record."""
+    period = max(wheel.sample_period_s, DURATION_S / MAX_SLOTS)
+    time_s = np.arange(0.0, DURATION_S, period)
+    speed = uniform_filter1d(profile_of(time_s, top), max(int(RAMP_S / period), 1))
+    acceleration = np.gradient(speed, period)
+    inertia = wheel.inertia_kg_m2 or 0.0
+    drag = float(np.median(np.abs(problem.z)))
+    torque = inertia * acceleration + np.sign(speed) * drag
+    channels = Channels(
+        time_s=time_s,
+        speed_rad_s=speed,
+        direction=np.sign(speed),
+        acceleration_rad_s2=acceleration,
+        angle_rad=np.cumsum(speed) * period,
+        motor_torque_Nm=torque,
+        bearing_temperature_degC=20.0 + 0.5 * THERMAL_SWING_K * np.sin(2 * np.pi * time_s / ORBIT_S),
+        dry_level_Nm=np.full(time_s.size, drag),
+        sample_period_s=period,
+        good=np.ones(time_s.size, dtype=bool),
+        motor_torque_rate_Nm_s=np.gradient(torque, period),
+    )
+    used = channels.direction != 0
+    record = Record("plan", channels, np.zeros(time_s.size), used, 0, False, 0.0, 0.0)
+    size = int(used.sum())
+    return Problem(
+        (record,),
+        np.zeros(size),
+        np.zeros(size),
+        0.0,
+        np.abs(speed[used]),
+        channels.direction[used],
+        np.array([0, size]),
+        np.flatnonzero(used),
+        problem.noise,
+        None,
+        ColumnCache(),
+    )
+
+
+def _steps(time_s: FloatArray, speeds: Sequence[float], rate_rad_s2: float) -> FloatArray:
+    """Return equal dwells at the given speeds, joined by ramps of the given acceleration."""
+    dwell = DURATION_S / len(speeds)
+    points_t, points_w = [0.0], [speeds[0]]
+    for i, target in enumerate(speeds):
+        begin = i * dwell
+        ramp = min(abs(target - points_w[-1]) / rate_rad_s2, 0.8 * dwell)
+        points_t += [begin + max(ramp, 1e-3), begin + dwell]
+        points_w += [target, target]
+    return np.interp(time_s, points_t, points_w)
+
+
+MANOEUVRES: Final[tuple[tuple[str, str, Callable[[FloatArray, float], FloatArray]], ...]] = (
+    (
+        "slow zero crossing",
+        "Cross zero speed slowly, from -5 % to +5 % of the top speed and back, in 40 minutes.",
+        lambda t, top: 0.05 * top * np.cos(2 * np.pi * t / DURATION_S + 1e-3),
+    ),
+    (
+        "dwell ladder",
+        "Dwell at 1, 2, 4, 8, 16, 32, 64 and 100 % of the top speed, five minutes each.",
+        lambda t, top: _steps(t, [top * share for share in (0.01, 0.02, 0.04, 0.08, 0.16, 0.32, 0.64, 1.0)], top / 60),
+    ),
+    (
+        "accelerate and brake, both directions",
+        "Ramp up and down at full torque in both directions, with rests of two minutes between.",
+        lambda t, top: _steps(t, [top * s for s in (0.6, 0.2, 0.6, 0.2, -0.2, -0.6, -0.2, -0.6, -0.2, 0.2)], top / 40),
+    ),
+    (
+        "reversals at two accelerations",
+        "Reverse the wheel quickly and slowly in turn.",
+        lambda t, top: (
+            0.1
+            * top
+            * np.where(t < DURATION_S / 2, np.sin(2 * np.pi * t / 1200 + 0.1), np.sin(2 * np.pi * t / 150 + 0.1))
+        ),
+    ),
+    (
+        "coast-down",
+        "Spin up to the top speed and let the wheel coast.",
+        lambda t, top: top * np.exp(-t / (DURATION_S / 3)),
+    ),
+    (
+        "constant speed for an orbit",
+        "Hold 60 % of the top speed while the bearing goes through its thermal cycle, then 20 %.",
+        lambda t, top: _steps(t, [0.6 * top, 0.2 * top], top / 60),
+    ),
+    (
+        "same speeds in both directions",
+        "Dwell at 30 and 70 % of the top speed, first forwards, then backwards.",
+        lambda t, top: _steps(t, [0.3 * top, 0.7 * top, -0.3 * top, -0.7 * top], top / 60),
+    ),
+    (
+        "steps after different dwells",
+        "Step between 30 and 70 % of the top speed after dwells of one, two, four, eight and sixteen minutes.",
+        lambda t, top: np.where(np.floor(np.log2(t / 60.0 + 1.0)) % 2 == 0, 0.3 * top, 0.7 * top),
+    ),
+)
