@@ -9,7 +9,7 @@ Everything comes from running sums; a few samples are read around each candidate
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Final, NamedTuple
 
 import numba
 import numpy as np
@@ -17,9 +17,9 @@ from scipy import special
 
 from rwa_monitor.diagnosis.noise import Tails
 from rwa_monitor.diagnosis.results import Candidates
-from rwa_monitor.diagnosis.running_sums import STRIDE, RunningSums, prefix_moments
+from rwa_monitor.diagnosis.running_sums import STRIDE, RunningSums, SumArrays, prefix_moments
 from rwa_monitor.diagnosis.wglr import MAX_SCALE
-from rwa_monitor.samples import BoolArray, FloatArray, IntArray
+from rwa_monitor.samples import FloatArray, IntArray
 
 LONGEST_HALF: Final = 1024  # slots on each side that a candidate is judged by: enough, and near enough for slow drifts
 # Tests that a window amounts to, per slot. The peaks of all scales are about 1.5 independent tests a slot, but a
@@ -39,6 +39,24 @@ def variance_table(scales: IntArray, variances: FloatArray) -> FloatArray:
     return np.exp(np.interp(np.log(n), np.log(scales), np.log(variances)))
 
 
+class Bar(NamedTuple):
+    """What a jump must clear to be a candidate.
+
+    Attributes
+    ----------
+    variances
+        float64 (MAX_SCALE + 1,), see `variance_table`.
+    threshold
+        χ² threshold of the normalised statistic.
+    outlier
+        Largest outlier of the noise by chance, normalised.
+    """
+
+    variances: FloatArray
+    threshold: float
+    outlier: float
+
+
 @numba.njit(cache=True, error_model="numpy", nogil=True)
 def _ends(low: int, middle: int, high: int) -> int:
     """Return the samples that the prefix sums at three slots read beside the checkpoints."""
@@ -46,20 +64,7 @@ def _ends(low: int, middle: int, high: int) -> int:
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
-def judge(  # noqa: PLR0913, PLR0917 - a kernel takes its state array by array
-    k: int,
-    low: int,
-    high: int,
-    slope: float,
-    checkpoints: FloatArray,
-    x: FloatArray,
-    z: FloatArray,
-    used: BoolArray,
-    centre: FloatArray,
-    variances: FloatArray,
-    threshold: float,
-    outlier: float,
-) -> tuple[float, float, float]:
+def judge(k: int, low: int, high: int, slope: float, sums: SumArrays, bar: Bar) -> tuple[float, float, float]:
     """Test for a jump at slot k between the levels of [low, k) and [k, high), the slope known.
 
     Returns
@@ -68,86 +73,64 @@ def judge(  # noqa: PLR0913, PLR0917 - a kernel takes its state array by array
         Normalised statistic, jump, and the statistic over the threshold that applies to it, which is higher where a
         single outlier of the noise could make the jump. All 0 where a half has no used sample.
     """
-    n0, x0, z0, _, _, _ = prefix_moments(low, checkpoints, x, z, used, centre)
-    n1, x1, z1, _, _, _ = prefix_moments(k, checkpoints, x, z, used, centre)
-    n2, x2, z2, _, _, _ = prefix_moments(high, checkpoints, x, z, used, centre)
+    n0, x0, z0, _, _, _ = prefix_moments(low, sums)
+    n1, x1, z1, _, _, _ = prefix_moments(k, sums)
+    n2, x2, z2, _, _, _ = prefix_moments(high, sums)
     left, right = n1 - n0, n2 - n1
     if left < 1.0 or right < 1.0:
         return 0.0, 0.0, 0.0
     jump = ((z2 - z1) - slope * (x2 - x1)) / right - ((z1 - z0) - slope * (x1 - x0)) / left
     shorter, longer = min(left, right), max(left, right)
-    variance = variances[int(min(shorter, variances.size - 1))]
+    variance = bar.variances[int(min(shorter, bar.variances.size - 1))]
     information = left * right / (left + right)
     statistic = jump * jump * information / variance
     # An outlier o in the shorter half shifts its mean by o/n.
-    by_chance = outlier * outlier * longer / (shorter * (left + right)) / variance
-    return statistic, jump, statistic / max(threshold, by_chance)
+    by_chance = bar.outlier * bar.outlier * longer / (shorter * (left + right)) / variance
+    return statistic, jump, statistic / max(bar.threshold, by_chance)
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
-def refine(
-    k: int,
-    low: int,
-    high: int,
-    reach: int,
-    slope: float,
-    checkpoints: FloatArray,
-    x: FloatArray,
-    z: FloatArray,
-    used: BoolArray,
-    centre: FloatArray,
-) -> tuple[int, int]:
+def refine(k: int, low: int, high: int, reach: int, slope: float, sums: SumArrays) -> tuple[int, int]:
     """Return the most likely slot of a single jump in [low, high) within `reach` of k, and the samples read."""
     first = max(low + 1, k - reach)
     last = min(high - 1, k + reach)
-    n0, x0, z0, _, _, _ = prefix_moments(low, checkpoints, x, z, used, centre)
-    n2, x2, z2, _, _, _ = prefix_moments(high, checkpoints, x, z, used, centre)
-    n1, x1, z1, _, _, _ = prefix_moments(first, checkpoints, x, z, used, centre)
-    e0 = z0 - slope * x0
-    e1 = z1 - slope * x1
-    e2 = z2 - slope * x2
+    n0, x0, z0, _, _, _ = prefix_moments(low, sums)
+    n1, x1, z1, _, _, _ = prefix_moments(first, sums)
+    n2, x2, z2, _, _, _ = prefix_moments(high, sums)
+    e0, e1, e2 = z0 - slope * x0, z1 - slope * x1, z2 - slope * x2
     best, best_value = k, -1.0
     for at in range(first, last + 1):
+        if not sums.used[at]:
+            continue  # a masked slot is not the first sample of a level
         left, right = n1 - n0, n2 - n1
-        # Among slots with the same samples on each side the last one: the first sample of the new level is used.
-        if left > 0.0 and right > 0.0 and used[at]:
+        if left > 0.0 and right > 0.0:
             difference = (e2 - e1) / right - (e1 - e0) / left
             value = difference * difference * left * right / (left + right)
             if value > best_value:
                 best, best_value = at, value
-        if used[at]:
-            n1 += 1.0
-            e1 += (z[at] - centre[1]) - slope * (x[at] - centre[0])
-    return best, max(last - first + 1, 0) + _ends(low, max(first, 0), high)
+        n1 += 1.0
+        e1 += (sums.z[at] - sums.centre[1]) - slope * (sums.x[at] - sums.centre[0])
+    return best, max(last - first + 1, 0) + _ends(low, first, high)
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
-def refine_in_colour(  # noqa: PLR0913, PLR0917 - a kernel takes its state array by array
-    k: int,
-    low: int,
-    high: int,
-    reach: int,
-    slope: float,
-    correlation: float,
-    checkpoints: FloatArray,
-    x: FloatArray,
-    z: FloatArray,
-    used: BoolArray,
-    centre: FloatArray,
+def refine_in_colour(
+    k: int, low: int, high: int, reach: int, slope: float, correlation: float, sums: SumArrays
 ) -> tuple[int, int]:
     """Return the most likely slot of a jump near k where the noise is AR(1), and the samples read.
 
     With the levels left and right of k, the likelihood of each slot follows from the innovations e_k - φ e_{k-1},
     in which a jump is a spike: coloured noise hides where a jump is less than it hides that there is one.
     """
-    n0, x0, z0, _, _, _ = prefix_moments(low, checkpoints, x, z, used, centre)
-    n1, x1, z1, _, _, _ = prefix_moments(k, checkpoints, x, z, used, centre)
-    n2, x2, z2, _, _, _ = prefix_moments(high, checkpoints, x, z, used, centre)
+    n0, x0, z0, _, _, _ = prefix_moments(low, sums)
+    n1, x1, z1, _, _, _ = prefix_moments(k, sums)
+    n2, x2, z2, _, _, _ = prefix_moments(high, sums)
     read = _ends(low, k, high)
     if n1 - n0 < 1.0 or n2 - n1 < 1.0:
         return k, read
     left = ((z1 - z0) - slope * (x1 - x0)) / (n1 - n0)
     right = ((z2 - z1) - slope * (x2 - x1)) / (n2 - n1)
+    used, x, z, x_centre, z_centre = sums.used, sums.x, sums.z, sums.centre[0], sums.centre[1]
     alone = 1.0 - correlation * correlation  # weight of a sample whose neighbour is masked
     first, last = max(low + 1, k - reach), min(high - 1, k + reach)
     cost = 0.0
@@ -158,85 +141,56 @@ def refine_in_colour(  # noqa: PLR0913, PLR0917 - a kernel takes its state array
         if cost < best_cost:
             best, best_cost = at, cost
         # What changes when the slot `at` goes over to the left level: its innovation and the next one's.
-        value = (z[at] - centre[1]) - slope * (x[at] - centre[0])
+        value = (z[at] - z_centre) - slope * (x[at] - x_centre)
         old, new = value - right, value - left
         if used[at - 1]:
-            before = correlation * ((z[at - 1] - centre[1]) - slope * (x[at - 1] - centre[0]) - left)
+            before = correlation * ((z[at - 1] - z_centre) - slope * (x[at - 1] - x_centre) - left)
             cost += (new - before) ** 2 - (old - before) ** 2
         else:
             cost += alone * (new * new - old * old)
         if at + 1 < high and used[at + 1]:
-            after = (z[at + 1] - centre[1]) - slope * (x[at + 1] - centre[0]) - right
+            after = (z[at + 1] - z_centre) - slope * (x[at + 1] - x_centre) - right
             cost += (after - correlation * new) ** 2 - (after - correlation * old) ** 2
     return best, read + max(last - first + 1, 0)
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
-def select(  # noqa: PLR0913, PLR0917 - a kernel takes its state array by array
+def _neighbours(i: int, count: int, index: IntArray, slots: int) -> tuple[int, int]:
+    """Return the candidates before and after the i-th, or the window's ends."""
+    return (index[i - 1] if i > 0 else 0), (index[i + 1] if i + 1 < count else slots)
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def _accept(
     peak_index: IntArray,
     peak_scale: IntArray,
     slots: int,
     slope: float,
-    checkpoints: FloatArray,
-    x: FloatArray,
-    z: FloatArray,
-    used: BoolArray,
-    centre: FloatArray,
-    variances: FloatArray,
-    threshold: float,
-    outlier: float,
-    correlation: float,
-    longest: int,
+    sums: SumArrays,
+    bar: Bar,
     index: IntArray,
     scale: IntArray,
-    values: FloatArray,
 ) -> tuple[int, int]:
-    """Choose the candidates among the peaks, narrow scales first, then drop what is not significant by itself.
+    """Accept the peaks, in their order, that are significant between those accepted before.
 
-    Parameters
-    ----------
-    peak_index, peak_scale
-        int64 (P,), in the order in which they are tried.
-    slots
-        Length of the window.
-    slope
-        f_v of the window.
-    checkpoints, x, z, used, centre
-        The running sums.
-    variances
-        See `variance_table`.
-    threshold, outlier
-        The χ² threshold and the largest outlier by chance, see `judge`.
-    correlation
-        φ of AR(1) noise, 0 where it is not like that.
-    longest
-        Longest half that a candidate is judged by [slots].
-    index, scale, values
-        Outputs: int64 (C,), int64 (C,), float64 (C, 2): statistic and jump; C bounds the number of candidates.
-
-    Returns
-    -------
-    count, read
-        Candidates found and samples read.
+    Writes slot and scale of the accepted to `index` and `scale`, sorted by slot; returns their number, at most the
+    room there, and the samples read.
     """
     count = 0
     read = 0
     for p in range(peak_index.size):
-        k, w = peak_index[p], peak_scale[p]
-        place = 0
-        while place < count and index[place] < k:
-            place += 1
-        if (place < count and index[place] == k) or count == index.size:
+        k, w = int(peak_index[p]), int(peak_scale[p])
+        place = int(np.searchsorted(index[:count], k))
+        if count == index.size or (place < count and index[place] == k):
             continue
         before = index[place - 1] if place > 0 else 0
         after = index[place] if place < count else slots
         low, high = max(k - w, before), min(k + w, after)
-        _, _, excess = judge(k, low, high, slope, checkpoints, x, z, used, centre, variances, threshold, outlier)
+        _, _, excess = judge(k, low, high, slope, sums, bar)
         read += _ends(low, k, high)
         if excess < 1.0:
             continue
-        low, high = max(k - 2 * w, before), min(k + 2 * w, after)
-        k, reads = refine(k, low, high, w, slope, checkpoints, x, z, used, centre)
+        k, reads = refine(k, max(k - 2 * w, before), min(k + 2 * w, after), w, slope, sums)
         read += reads
         for q in range(count, place, -1):
             index[q] = index[q - 1]
@@ -244,52 +198,53 @@ def select(  # noqa: PLR0913, PLR0917 - a kernel takes its state array by array
         index[place] = k
         scale[place] = w
         count += 1
+    return count, read
 
-    # Each candidate again, between its final neighbours. One that fails goes, weakest first, and frees its neighbours.
-    fresh = True
-    while count > 0:
-        weakest, least = -1, 1.0
-        for i in range(count):
-            before = index[i - 1] if i > 0 else 0
-            after = index[i + 1] if i + 1 < count else slots
-            low, high = max(index[i] - longest, before), min(index[i] + longest, after)
-            if fresh:
-                near_low, near_high = max(index[i] - 2 * scale[i], before), min(index[i] + 2 * scale[i], after)
-                index[i], reads = refine(
-                    index[i], near_low, near_high, scale[i], slope, checkpoints, x, z, used, centre
-                )
-                read += reads
-                if correlation > 0.0:
-                    index[i], reads = refine_in_colour(
-                        index[i],
-                        near_low,
-                        near_high,
-                        scale[i],
-                        slope,
-                        correlation,
-                        checkpoints,
-                        x,
-                        z,
-                        used,
-                        centre,
-                    )
-                    read += reads
-            statistic, jump, excess = judge(
-                index[i], low, high, slope, checkpoints, x, z, used, centre, variances, threshold, outlier
-            )
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def _settle(
+    count: int,
+    slots: int,
+    slope: float,
+    correlation: float,
+    sums: SumArrays,
+    bar: Bar,
+    index: IntArray,
+    scale: IntArray,
+    values: FloatArray,
+) -> tuple[int, int]:
+    """Refine the accepted between their final neighbours, then take away the weakest while it fails the bar.
+
+    Writes statistic, jump and excess of each to `values`, float64 (C, 3); returns how many stay and the samples read.
+    """
+    read = 0
+    for i in range(count):
+        before, after = _neighbours(i, count, index, slots)
+        reach = scale[i]
+        low, high = max(index[i] - 2 * reach, before), min(index[i] + 2 * reach, after)
+        index[i], reads = refine(index[i], low, high, reach, slope, sums)
+        read += reads
+        if correlation > 0.0:
+            index[i], reads = refine_in_colour(index[i], low, high, reach, slope, correlation, sums)
+            read += reads
+    first, last = 0, count  # whose neighbours have changed
+    while True:
+        for i in range(first, last):
+            before, after = _neighbours(i, count, index, slots)
+            low, high = max(index[i] - LONGEST_HALF, before), min(index[i] + LONGEST_HALF, after)
+            values[i, 0], values[i, 1], values[i, 2] = judge(index[i], low, high, slope, sums, bar)
             read += _ends(low, index[i], high)
-            values[i, 0] = statistic
-            values[i, 1] = jump
-            if excess < least:
-                weakest, least = i, excess
-        fresh = False
-        if weakest < 0:
-            break
+        if count == 0:
+            return count, read
+        weakest = int(np.argmin(values[:count, 2]))
+        if values[weakest, 2] >= 1.0:
+            return count, read
         for q in range(weakest, count - 1):
             index[q] = index[q + 1]
             scale[q] = scale[q + 1]
+            values[q] = values[q + 1]
         count -= 1
-    return count, read
+        first, last = max(weakest - 1, 0), min(weakest + 1, count)
 
 
 def select_candidates(
@@ -324,27 +279,12 @@ def select_candidates(
     room = min(len(peaks), MOST_CANDIDATES)
     index = np.empty(room, dtype=np.int64)
     scale = np.empty(room, dtype=np.int64)
-    values = np.empty((room, 2))
-    count, read = select(
-        peaks.index[order],
-        peaks.scale[order],
-        sums.slots,
-        slope,
-        sums.checkpoints,
-        sums.x,
-        sums.z,
-        sums.used,
-        sums.centre,
-        variances,
-        threshold,
-        tails.largest_outlier,
-        correlation,
-        LONGEST_HALF,
-        index,
-        scale,
-        values,
-    )
-    sums.samples_read += int(read)
+    values = np.empty((room, 3))
+    bar = Bar(variances, threshold, tails.largest_outlier)
+    arrays, slots = sums.arrays, sums.slots
+    accepted, read = _accept(peaks.index[order], peaks.scale[order], slots, slope, arrays, bar, index, scale)
+    count, more = _settle(accepted, slots, slope, correlation, arrays, bar, index, scale, values)
+    sums.samples_read += int(read + more)
     return Candidates(
         index=index[:count].copy(),
         scale=scale[:count].copy(),

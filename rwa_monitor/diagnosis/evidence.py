@@ -41,24 +41,10 @@ from rwa_monitor.diagnosis.noise import (
     estimate_tails,
     scale_variances,
 )
+from rwa_monitor.diagnosis.peaks import PeakList
 from rwa_monitor.diagnosis.results import Candidates, Evidence, Method, NoiseEstimate
 from rwa_monitor.diagnosis.running_sums import RunningSums
-from rwa_monitor.diagnosis.wglr import (
-    BINS,
-    CHUNK,
-    COUNT_CONFIRMED,
-    COUNT_PEAKS,
-    COUNT_SETTLED,
-    HISTORY,
-    PEAK_CONFIRMED,
-    PEAK_INDEX,
-    PEAK_JUMP,
-    PEAK_SCALE,
-    PEAK_STATISTIC,
-    PREFIXES,
-    STEP,
-    scan,
-)
+from rwa_monitor.diagnosis.wglr import BINS, CHUNK, HISTORY, PREFIXES, STEP, ScanSettings, ScanState, scan
 from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 
@@ -70,8 +56,6 @@ SMALLEST_WEIGHT: Final = 1e-12  # W_b where nothing is known of the slope: only 
 PEAK_TESTS_PER_SLOT: Final = 1.5  # independent tests that the peaks of all scales are, a slot: Σ 1/w, hardly less
 CONFIRMED_RATE: Final = 1e-9  # false-alarm probability of a sample, as in the paper
 KEPT_STATISTIC: Final = 12.0  # peaks below are not kept: no threshold at the close is as low
-MOST_PEAKS: Final = 12_288  # peaks kept at most; a window with more is pruned to the strongest half
-PEAKS_PER_CHUNK: Final = 2_700  # CHUNK · Σ 2/(w + 1) over the scales: no data gives more
 FALSE_CANDIDATES: Final = 0.3  # bearable in a window without a jump; the assignment sorts them out
 CERTAIN_STATISTIC: Final = 30.0  # peaks that split the window while its slope is first estimated
 SMALLEST_SLOPE_SPREAD: Final = 0.05  # [of the slope] the slope known so far is never trusted further than that
@@ -164,22 +148,22 @@ class WindowAccumulator:
             scales = tuple(w for w in scales if w > 1)
         self._scales: IntArray = np.array(scales, dtype=np.int64)
         self._strides: IntArray = np.maximum(self._scales // 4, 1)
+        self._peaks = PeakList(self._scales)
+        self._announced: list[int] = []
         self._variances: FloatArray = np.full(self._scales.size, np.nan)
         self._floors: FloatArray = np.full(self._scales.size, np.inf)
-        self._sure: FloatArray = np.full(self._scales.size, np.inf)  # statistic of a confirmed candidate
-        self._histogram = np.zeros((self._scales.size, BINS), dtype=np.int64)
+        self._sure: FloatArray = np.full(self._scales.size, np.inf)
         self._weight = PAPER_WEIGHT
         self._slope = 0.0 if self.slope_prior is None else self.slope_prior.mean
         self._band = np.inf  # dead band, normalised; known once the first chunk is there
-
-        self._prefix: FloatArray = np.zeros((PREFIXES, HISTORY + CHUNK + 1))
-        self._statistic: FloatArray = np.empty(STEP)
-        self._bits = self._statistic.view(np.int64)
-        self._jump: FloatArray = np.empty(STEP)
-        self._counters: IntArray = np.zeros(3, dtype=np.int64)
-        self._open_peaks: IntArray = np.full((self._scales.size, 3), -1, dtype=np.int64)
-        self._room_for_peaks(PEAKS_PER_CHUNK)
-        self._announced: list[int] = []
+        statistic = np.empty(STEP)
+        self._state = ScanState(
+            prefix=np.zeros((PREFIXES, HISTORY + CHUNK + 1)),
+            histogram=np.zeros((self._scales.size, BINS), dtype=np.int64),
+            statistic=statistic,
+            bits=statistic.view(np.int64),
+            jump=np.empty(STEP),
+        )
 
         # Short windows let the blocks of the noise estimate overlap.
         self._hop = BLOCK if self.slots <= 128 * BLOCK else 4 * BLOCK
@@ -242,7 +226,7 @@ class WindowAccumulator:
             self._sums.count,
             self._start_std,
         )
-        evidence = self._evidence(noise, self._peaks(self._threshold()))
+        evidence = self._evidence(noise, self._peaks.above(self._threshold(), self._variances))
         return replace(evidence, candidates=self._choose(evidence))
 
     def _evidence(self, noise: NoiseEstimate, candidates: Candidates) -> Evidence:
@@ -271,7 +255,7 @@ class WindowAccumulator:
             if begin >= CHUNK:
                 self._mark_used(begin, end)
             self._sums.extend(end)
-            self._room_for_peaks(PEAKS_PER_CHUNK)
+            self._peaks.make_room(self._variances)
             self._scan(begin, end, count_bins=begin >= CHUNK)
             events.extend(self._announce())
             self._done = end
@@ -318,30 +302,11 @@ class WindowAccumulator:
         _mark_used(self._x, self._good, self._band, start, stop, self._used)
 
     def _scan(self, start: int, stop: int, count_bins: bool) -> None:
-        scan(
-            self._x,
-            self._z,
-            self._used,
-            start,
-            stop,
-            self._scales,
-            self._weight,
-            self._slope,
-            self._prefix,
-            self._statistic,
-            self._bits,
-            self._jump,
-            self._histogram,
-            count_bins,
-            self._floors,
-            self._sure,
-            self.method == "paper",
-            self._peak_slots,
-            self._peak_values,
-            self._open_peaks,
-            self._counters,
-            self._confirmed,
+        settings = ScanSettings(
+            self._scales, self._weight, self._slope, self._floors, self._sure, self.method == "paper"
         )
+        arrays = self._peaks.arrays
+        scan(self._x, self._z, self._used, start, stop, count_bins, settings, self._state, arrays)
 
     def _measure_blocks(self) -> None:
         """Measure the noise of all blocks that are complete."""
@@ -364,7 +329,7 @@ class WindowAccumulator:
     def _refresh(self) -> None:
         """Bring the variance of each scale, and what is kept and announced, up to date."""
         start = None if self._start_std is None else self._start_std**2
-        self._variances = scale_variances(self._histogram, self._scales, self._strides, start)
+        self._variances = scale_variances(self._state.histogram, self._scales, self._strides, start)
         known = np.isfinite(self._variances)
         by_chance = np.where(known, self._tails().largest_outlier ** 2 / (2.0 * self._scales), np.inf)
         variances = np.where(known, self._variances, np.inf)
@@ -381,7 +346,7 @@ class WindowAccumulator:
         if self.method == "paper" or variance == 0.0 or self._sums.count < CHUNK:
             return
         noise = NoiseEstimate(float(np.sqrt(variance)), np.full(1, variance), 1.0)
-        so_far = self._evidence(noise, self._peaks(CERTAIN_STATISTIC))
+        so_far = self._evidence(noise, self._peaks.above(CERTAIN_STATISTIC, self._variances))
         fit = estimate(so_far, suppress(so_far.candidates), STEP // 4, self.slope_prior)
         if np.isfinite(fit.viscous_std):
             self._slope = fit.viscous
@@ -391,81 +356,21 @@ class WindowAccumulator:
     def _tails(self) -> Tails:
         if self.method == "paper" or not np.isfinite(self._variances[0]):
             return Tails(np.inf, 0.0)  # the paper takes the noise as Gaussian
-        return estimate_tails(self._histogram[0], float(self._variances[0]), self.slots)
-
-    # ---- peaks -----------------------------------------------------------------------------------------------------
-
-    def _room_for_peaks(self, more: int) -> None:
-        """Make room for `more` peaks, by growth or, beyond MOST_PEAKS, by leaving out the weaker half."""
-        count = int(self._counters[COUNT_PEAKS])
-        if count == 0 and not hasattr(self, "_peak_slots"):
-            self._peak_slots: IntArray = np.zeros((more, 3), dtype=np.int64)
-            self._peak_values: FloatArray = np.zeros((more, 2))
-            self._confirmed: IntArray = np.zeros(more, dtype=np.int64)
-            return
-        if count + more <= self._peak_slots.shape[0]:
-            return
-        if count > MOST_PEAKS - more:
-            self._prune(count)
-            return
-        size = min(max(2 * self._peak_slots.shape[0], count + more), MOST_PEAKS)
-        grown = size - self._peak_slots.shape[0]
-        self._peak_slots = np.concatenate((self._peak_slots, np.zeros((grown, 3), dtype=np.int64)))
-        self._peak_values = np.concatenate((self._peak_values, np.zeros((grown, 2))))
-        self._confirmed = np.zeros(size, dtype=np.int64)
-
-    def _prune(self, count: int) -> None:
-        """Keep the stronger half of the confirmed peaks and all that are still open."""
-        slots, values = self._peak_slots[:count], self._peak_values[:count]
-        strength = values[:, PEAK_STATISTIC] / self._variances[slots[:, PEAK_SCALE]]
-        is_open = slots[:, PEAK_CONFIRMED] == 0
-        is_open[self._open_peaks[:, :2][self._open_peaks[:, :2] >= 0]] = True
-        kept = np.flatnonzero(is_open | (strength >= np.median(strength)))[: MOST_PEAKS - PEAKS_PER_CHUNK]
-        place = np.full(count, -1, dtype=np.int64)
-        place[kept] = np.arange(kept.size)
-        self._peak_slots[: kept.size] = slots[kept]
-        self._peak_values[: kept.size] = values[kept]
-        last = self._open_peaks[:, :2]
-        self._open_peaks[:, :2] = np.where(last >= 0, place[last], -1)
-        self._counters[COUNT_PEAKS] = kept.size
-        self._counters[COUNT_SETTLED] = 0
+        return estimate_tails(self._state.histogram[0], float(self._variances[0]), self.slots)
 
     def _announce(self) -> list[ConfirmedCandidate]:
-        """Return the newly confirmed peaks that are sure, unless a narrower scale has announced the same jump."""
+        """Return the newly confirmed peaks, unless a narrower scale has announced the same jump."""
         events = []
-        for p in self._confirmed[: self._counters[COUNT_CONFIRMED]]:
-            s = int(self._peak_slots[p, PEAK_SCALE])
-            statistic = float(self._peak_values[p, PEAK_STATISTIC])
-            index, scale = int(self._peak_slots[p, PEAK_INDEX]), int(self._scales[s])
+        for s, index, statistic, jump in self._peaks.confirmed():
+            scale = int(self._scales[s])
             if self.method == "joint" and any(abs(index - other) <= scale for other in self._announced[-STEP:]):
                 continue
             self._announced.append(index)
             normalised = statistic / float(self._variances[s])
-            jump = float(self._peak_values[p, PEAK_JUMP])
             chance = PEAK_TESTS_PER_SLOT * self.slots * float(special.chdtrc(1, normalised))
-            events.append(
-                ConfirmedCandidate(
-                    index=index,
-                    jump=jump,
-                    std=abs(jump) / float(np.sqrt(normalised)),
-                    confidence=max(0.0, 1.0 - chance),
-                )
-            )
+            std = abs(jump) / float(np.sqrt(normalised))
+            events.append(ConfirmedCandidate(index, jump, std, confidence=max(0.0, 1.0 - chance)))
         return events
-
-    def _peaks(self, threshold: float) -> Candidates:
-        """Return the peaks of all scales whose normalised statistic reaches `threshold`."""
-        count = int(self._counters[COUNT_PEAKS])
-        place = self._peak_slots[:count, PEAK_SCALE]
-        statistic = self._peak_values[:count, PEAK_STATISTIC] / self._variances[place]
-        chosen = np.flatnonzero(statistic >= threshold)
-        chosen = chosen[np.lexsort((place[chosen], self._peak_slots[chosen, PEAK_INDEX]))]
-        return Candidates(
-            index=self._peak_slots[chosen, PEAK_INDEX],
-            scale=self._scales[place[chosen]],
-            statistic=statistic[chosen],
-            jump=self._peak_values[chosen, PEAK_JUMP],
-        )
 
     # ---- at the close ----------------------------------------------------------------------------------------------
 

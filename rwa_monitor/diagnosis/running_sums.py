@@ -8,7 +8,7 @@ samples, so that an offset far larger than the noise costs no digits.
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Final, NamedTuple
 
 import numba
 import numpy as np
@@ -21,33 +21,41 @@ MOMENTS: Final = 6  # n, x, z, xx, xz, zz
 CENTRE_BLOCK: Final = 64  # slots whose median is the origin of the sums
 
 
+class SumArrays(NamedTuple):
+    """The arrays behind the running sums, as compiled code takes them.
+
+    Attributes
+    ----------
+    checkpoints
+        float64 (slots // STRIDE + 1, 6); row j holds the centred sums over the slots [0, j·STRIDE).
+    x, z, used
+        (slots,), the window's samples and which of them count.
+    centre
+        float64 (2,), what x and z are centred on.
+    """
+
+    checkpoints: FloatArray
+    x: FloatArray
+    z: FloatArray
+    used: BoolArray
+    centre: FloatArray
+
+
 @numba.njit(cache=True, error_model="numpy", nogil=True)
-def extend_checkpoints(
-    checkpoints: FloatArray,
-    running: FloatArray,
-    x: FloatArray,
-    z: FloatArray,
-    used: BoolArray,
-    start: int,
-    stop: int,
-    x_centre: float,
-    z_centre: float,
-) -> None:
+def extend_checkpoints(arrays: SumArrays, running: FloatArray, start: int, stop: int) -> None:
     """Add the slots [start, stop) to the running sums and keep them at every checkpoint passed, in place.
 
     Parameters
     ----------
-    checkpoints
-        float64 (slots // STRIDE + 1, 6); row j holds the centred sums over the slots [0, j·STRIDE).
+    arrays
+        The sums' arrays; the checkpoints are written.
     running
         float64 (6,), the centred sums over [0, start); over [0, stop) afterwards.
-    x, z, used
-        (slots,), the window's samples.
     start, stop
         Slots to add.
-    x_centre, z_centre
-        What x and z are centred on.
     """
+    checkpoints, x, z, used = arrays.checkpoints, arrays.x, arrays.z, arrays.used
+    x_centre, z_centre = arrays.centre[0], arrays.centre[1]
     n, sx, sz, sxx, sxz, szz = running[0], running[1], running[2], running[3], running[4], running[5]
     for k in range(start, stop):
         if k % STRIDE == 0:
@@ -69,21 +77,14 @@ def extend_checkpoints(
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
-def prefix_moments(
-    k: int,
-    checkpoints: FloatArray,
-    x: FloatArray,
-    z: FloatArray,
-    used: BoolArray,
-    centre: FloatArray,
-) -> tuple[float, float, float, float, float, float]:
+def prefix_moments(k: int, arrays: SumArrays) -> tuple[float, float, float, float, float, float]:
     """Return the centred sums (n, x, z, xx, xz, zz) over the slots [0, k); reads at most 15 samples."""
-    row = checkpoints[k // STRIDE]
+    row = arrays.checkpoints[k // STRIDE]
     n, sx, sz, sxx, sxz, szz = row[0], row[1], row[2], row[3], row[4], row[5]
     for i in range(k - k % STRIDE, k):
-        if used[i]:
-            u = x[i] - centre[0]
-            v = z[i] - centre[1]
+        if arrays.used[i]:
+            u = arrays.x[i] - arrays.centre[0]
+            v = arrays.z[i] - arrays.centre[1]
             n += 1.0
             sx += u
             sz += v
@@ -94,25 +95,16 @@ def prefix_moments(
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
-def range_moments(
-    start: IntArray,
-    stop: IntArray,
-    checkpoints: FloatArray,
-    x: FloatArray,
-    z: FloatArray,
-    used: BoolArray,
-    centre: FloatArray,
-    out: FloatArray,
-) -> int:
+def range_moments(start: IntArray, stop: IntArray, arrays: SumArrays, out: FloatArray) -> int:
     """Write the moments of each range [start, stop), not centred, to `out` (6, m); return the samples read."""
     read = 0
-    cx, cz = centre[0], centre[1]
+    cx, cz = arrays.centre[0], arrays.centre[1]
     for i in range(start.size):
         if stop[i] <= start[i]:
             out[:, i] = 0.0
             continue
-        n0, x0, z0, xx0, xz0, zz0 = prefix_moments(start[i], checkpoints, x, z, used, centre)
-        n1, x1, z1, xx1, xz1, zz1 = prefix_moments(stop[i], checkpoints, x, z, used, centre)
+        n0, x0, z0, xx0, xz0, zz0 = prefix_moments(start[i], arrays)
+        n1, x1, z1, xx1, xz1, zz1 = prefix_moments(stop[i], arrays)
         read += start[i] % STRIDE + stop[i] % STRIDE
         n, sx, sz = n1 - n0, x1 - x0, z1 - z0
         out[0, i] = n
@@ -136,6 +128,8 @@ class RunningSums:
 
     Attributes
     ----------
+    arrays
+        What compiled code works on.
     slots
         Slots that have been added.
     samples_read
@@ -152,13 +146,10 @@ class RunningSums:
     """
 
     def __init__(self, x: FloatArray, z: FloatArray, used: BoolArray) -> None:
-        self.x = x
-        self.z = z
-        self.used = used
+        checkpoints = np.zeros((x.size // STRIDE + 1, MOMENTS))
+        self.arrays = SumArrays(checkpoints, x, z, used, centre=np.zeros(2))
         self.slots = 0
         self.samples_read = 0
-        self.centre: FloatArray = np.zeros(2)
-        self.checkpoints: FloatArray = np.zeros((x.size // STRIDE + 1, MOMENTS))
         self._running: FloatArray = np.zeros(MOMENTS)
 
     @property
@@ -172,16 +163,14 @@ class RunningSums:
         Then the sums do not depend on the steps in which they are extended.
         """
         if self.count == 0:
-            new = self.used[self.slots : stop]
+            _, x, z, used, centre = self.arrays
+            new = used[self.slots : stop]
             if new.any():
                 # Medians of the first used slots: one wild first sample must not become the origin of all sums.
                 begin = self.slots + int(np.argmax(new))
                 first = slice(begin, min(stop, begin - begin % CENTRE_BLOCK + CENTRE_BLOCK))
-                self.centre[0] = np.median(self.x[first][self.used[first]])
-                self.centre[1] = np.median(self.z[first][self.used[first]])
-        extend_checkpoints(
-            self.checkpoints, self._running, self.x, self.z, self.used, self.slots, stop, self.centre[0], self.centre[1]
-        )
+                centre[:] = np.median(x[first][used[first]]), np.median(z[first][used[first]])
+        extend_checkpoints(self.arrays, self._running, self.slots, stop)
         self.slots = stop
 
     def between(self, start: IntArray, stop: IntArray) -> Moments:
@@ -203,5 +192,5 @@ class RunningSums:
         if starts.size and (min(starts.min(), stops.min()) < 0 or max(starts.max(), stops.max()) > self.slots):
             raise IndexError(f"a range reaches beyond the window's {self.slots} slots")
         out = np.empty((MOMENTS, starts.size))
-        self.samples_read += range_moments(starts, stops, self.checkpoints, self.x, self.z, self.used, self.centre, out)
+        self.samples_read += range_moments(starts, stops, self.arrays, out)
         return Moments(*(row.reshape(shape) for row in out))

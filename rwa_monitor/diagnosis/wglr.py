@@ -17,7 +17,7 @@ and batch agree to the last bit. Kernels are plain functions over arrays; `.py_f
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Final, NamedTuple
 
 import numba
 import numpy as np
@@ -175,8 +175,73 @@ def _count_bins(histogram: IntArray, bits: IntArray, first: int, count: int, str
             histogram[min(max(place, 0), BINS - 1)] += 1
 
 
+class PeakArrays(NamedTuple):
+    """The list of peaks, as compiled code takes it; see `peaks.PeakList`.
+
+    Attributes
+    ----------
+    slots, values
+        int64 (P, 3) and float64 (P, 2): a row for each peak, columns PEAK_….
+    open
+        int64 (S, 3): for each scale the last peak of each sign, and the last slot above the floor; -1 for none.
+    counters
+        int64 (3,), entries COUNT_….
+    confirmed
+        int64 (P,): rows of the sure peaks that became final in the last scan, COUNT_CONFIRMED of them.
+    """
+
+    slots: IntArray
+    values: FloatArray
+    open: IntArray
+    counters: IntArray
+    confirmed: IntArray
+
+
+class ScanState(NamedTuple):
+    """What a scan carries from slot to slot, and its work space.
+
+    Attributes
+    ----------
+    prefix
+        float64 (5, HISTORY + CHUNK + 1), see `fill_prefix`.
+    histogram
+        int64 (S, BINS), the statistic at every (w/4)-th slot.
+    statistic, bits, jump
+        Work space: float64 (STEP,), the same memory as int64, float64 (STEP,).
+    """
+
+    prefix: FloatArray
+    histogram: IntArray
+    statistic: FloatArray
+    bits: IntArray
+    jump: FloatArray
+
+
+class ScanSettings(NamedTuple):
+    """How a scan looks for peaks; changes at fixed slots of the window only.
+
+    Attributes
+    ----------
+    scales
+        int64 (S,), ascending.
+    weight, slope
+        The slope's prior: W_b and f̃_v.
+    floors, sure
+        float64 (S,), the statistics from which a peak is kept (infinite to keep none), and confirmed.
+    runs
+        Keep the maximum of each contiguous run (the paper) instead of the maxima within ±w.
+    """
+
+    scales: IntArray
+    weight: float
+    slope: float
+    floors: FloatArray
+    sure: FloatArray
+    runs: bool
+
+
 @numba.njit(cache=True, error_model="numpy", nogil=True)
-def _keep_peaks(  # noqa: PLR0913, PLR0917 - a kernel takes its state array by array
+def _keep_peaks(
     statistic: FloatArray,
     jump: FloatArray,
     first: int,
@@ -184,10 +249,7 @@ def _keep_peaks(  # noqa: PLR0913, PLR0917 - a kernel takes its state array by a
     scale: int,
     reach: int,
     floor: float,
-    peak_slots: IntArray,
-    peak_values: FloatArray,
-    open_peaks: IntArray,
-    counters: IntArray,
+    peaks: PeakArrays,
 ) -> None:
     """Add local maxima above `floor` to the list of peaks.
 
@@ -199,80 +261,58 @@ def _keep_peaks(  # noqa: PLR0913, PLR0917 - a kernel takes its state array by a
             continue
         k = first + j
         sign = 1 if jump[j] > 0.0 and reach > 0 else 0
-        last = open_peaks[scale, sign]
+        last = peaks.open[scale, sign]
         belongs = False
         if last >= 0:
-            belongs = k - peak_slots[last, PEAK_INDEX] <= reach if reach > 0 else open_peaks[scale, 2] == k - 1
-        open_peaks[scale, 2] = k
+            belongs = k - peaks.slots[last, PEAK_INDEX] <= reach if reach > 0 else peaks.open[scale, 2] == k - 1
+        peaks.open[scale, 2] = k
         if not belongs:
-            last = counters[COUNT_PEAKS]
-            counters[COUNT_PEAKS] += 1
-            open_peaks[scale, sign] = last
-            peak_slots[last, PEAK_SCALE] = scale
-            peak_slots[last, PEAK_CONFIRMED] = 0
-        elif statistic[j] <= peak_values[last, PEAK_STATISTIC]:
+            last = peaks.counters[COUNT_PEAKS]
+            peaks.counters[COUNT_PEAKS] += 1
+            peaks.open[scale, sign] = last
+            peaks.slots[last, PEAK_SCALE] = scale
+            peaks.slots[last, PEAK_CONFIRMED] = 0
+        elif statistic[j] <= peaks.values[last, PEAK_STATISTIC]:
             continue
-        peak_slots[last, PEAK_INDEX] = k
-        peak_values[last, PEAK_STATISTIC] = statistic[j]
-        peak_values[last, PEAK_JUMP] = jump[j]
+        peaks.slots[last, PEAK_INDEX] = k
+        peaks.values[last, PEAK_STATISTIC] = statistic[j]
+        peaks.values[last, PEAK_JUMP] = jump[j]
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
-def _confirm_peaks(
-    stop: int,
-    scales: IntArray,
-    runs: bool,
-    sure: FloatArray,
-    peak_slots: IntArray,
-    peak_values: FloatArray,
-    open_peaks: IntArray,
-    counters: IntArray,
-    out: IntArray,
-) -> None:
-    """List the sure peaks that no later slot can replace, each once, in `out`; `stop` ends what was scanned."""
-    settled = counters[COUNT_SETTLED]
-    for p in range(settled, counters[COUNT_PEAKS]):
-        if peak_slots[p, PEAK_CONFIRMED] == 0:
-            scale = peak_slots[p, PEAK_SCALE]
-            evaluated = stop - scales[scale]  # the last slot with a statistic
-            if runs:
-                final = open_peaks[scale, 0] != p or open_peaks[scale, 2] < evaluated
+def _confirm_peaks(stop: int, settings: ScanSettings, peaks: PeakArrays) -> None:
+    """List the sure peaks that no later slot can replace, each once; `stop` ends what was scanned."""
+    settled = peaks.counters[COUNT_SETTLED]
+    for p in range(settled, peaks.counters[COUNT_PEAKS]):
+        if peaks.slots[p, PEAK_CONFIRMED] == 0:
+            scale = peaks.slots[p, PEAK_SCALE]
+            w = settings.scales[scale]
+            evaluated = stop - w  # the last slot with a statistic
+            if settings.runs:
+                final = peaks.open[scale, 0] != p or peaks.open[scale, 2] < evaluated
             else:
-                final = peak_slots[p, PEAK_INDEX] + scales[scale] <= evaluated
+                final = peaks.slots[p, PEAK_INDEX] + w <= evaluated
             if final:
-                peak_slots[p, PEAK_CONFIRMED] = 1
-                if peak_values[p, PEAK_STATISTIC] > sure[scale]:
-                    out[counters[COUNT_CONFIRMED]] = p
-                    counters[COUNT_CONFIRMED] += 1
-    while settled < counters[COUNT_PEAKS] and peak_slots[settled, PEAK_CONFIRMED] == 1:
+                peaks.slots[p, PEAK_CONFIRMED] = 1
+                if peaks.values[p, PEAK_STATISTIC] > settings.sure[scale]:
+                    peaks.confirmed[peaks.counters[COUNT_CONFIRMED]] = p
+                    peaks.counters[COUNT_CONFIRMED] += 1
+    while settled < peaks.counters[COUNT_PEAKS] and peaks.slots[settled, PEAK_CONFIRMED] == 1:
         settled += 1
-    counters[COUNT_SETTLED] = settled
+    peaks.counters[COUNT_SETTLED] = settled
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
-def scan(  # noqa: PLR0913, PLR0917 - a kernel takes its state array by array
+def scan(
     x: FloatArray,
     z: FloatArray,
     used: BoolArray,
     start: int,
     stop: int,
-    scales: IntArray,
-    weight: float,
-    slope: float,
-    prefix: FloatArray,
-    statistic: FloatArray,
-    bits: IntArray,
-    jump: FloatArray,
-    histogram: IntArray,
     count_bins: bool,
-    floors: FloatArray,
-    sure: FloatArray,
-    runs: bool,
-    peak_slots: IntArray,
-    peak_values: FloatArray,
-    open_peaks: IntArray,
-    counters: IntArray,
-    confirmed: IntArray,
+    settings: ScanSettings,
+    state: ScanState,
+    peaks: PeakArrays,
 ) -> None:
     """Advance the detection over the slots [start, stop), which lie in one chunk.
 
@@ -283,59 +323,32 @@ def scan(  # noqa: PLR0913, PLR0917 - a kernel takes its state array by array
     start, stop
         The new slots; both multiples of STEP, but for a window's last slot. The statistic of scale w is evaluated at
         k = t - w for every new t, the end of its right half.
-    scales
-        int64 (S,), ascending.
-    weight, slope
-        The slope's prior: W_b and f̃_v.
-    prefix
-        State, see `fill_prefix`.
-    statistic, bits, jump
-        Work space: float64 (STEP,), the same memory as int64, float64 (STEP,).
-    histogram
-        State: int32 (S, BINS), the statistic at every (w/4)-th slot.
     count_bins
         Whether to add to the histogram (not when slots are scanned a second time).
-    floors, sure
-        float64 (S,), the statistics from which a peak is kept (infinite to keep none), and confirmed.
-    runs
-        Keep the maximum of each contiguous run (the paper) instead of the maxima within ±w.
-    peak_slots, peak_values, open_peaks, counters
-        State: the list of peaks, int64 (P, 3) and float64 (P, 2); for each scale the last peak of each sign and the
-        last slot above the floor, int64 (S, 3); counters, int64 (3,).
-    confirmed
-        Output: int64 (P,), rows of the sure peaks that became final; counters[COUNT_CONFIRMED] of them.
+    settings, state, peaks
+        See their classes; state and peaks are changed in place.
     """
     chunk = start - start % CHUNK
-    counters[COUNT_CONFIRMED] = 0
+    peaks.counters[COUNT_CONFIRMED] = 0
     for begin in range(start, stop, STEP):
         end = min(begin + STEP, stop)
-        fill_prefix(prefix, x, z, used, chunk, begin, end, slope)
-        for s in range(scales.size):
-            w = scales[s]
+        fill_prefix(state.prefix, x, z, used, chunk, begin, end, settings.slope)
+        for s in range(settings.scales.size):
+            w = settings.scales[s]
             right = max(begin + 1, 2 * w)  # the first slot's end k + w, with both halves in the window
             count = end - right + 1
             if count <= 0:
                 continue
-            evaluate(prefix, HISTORY + right - chunk, count, w, weight, statistic, jump)
             first = right - w
+            column = HISTORY + right - chunk
+            evaluate(state.prefix, column, count, w, settings.weight, state.statistic, state.jump)
             if count_bins:
-                _count_bins(histogram[s], bits, first, count, max(1, w // 4))
-            if floors[s] < np.inf:
-                reach = 0 if runs else w
-                _keep_peaks(
-                    statistic,
-                    jump,
-                    first,
-                    count,
-                    s,
-                    reach,
-                    floors[s],
-                    peak_slots,
-                    peak_values,
-                    open_peaks,
-                    counters,
-                )
-        _confirm_peaks(end, scales, runs, sure, peak_slots, peak_values, open_peaks, counters, confirmed)
+                _count_bins(state.histogram[s], state.bits, first, count, max(1, w // 4))
+            floor = settings.floors[s]
+            if floor < np.inf:
+                reach = 0 if settings.runs else w
+                _keep_peaks(state.statistic, state.jump, first, count, s, reach, floor, peaks)
+        _confirm_peaks(end, settings, peaks)
 
 
 def wglr(

@@ -160,7 +160,7 @@ def _all_peaks(sums, scales, least):
     """Return every slot above `least` at every scale: many more than a detector would keep."""
     parts = []
     for w in scales:
-        statistic, _ = wglr(sums.x, sums.z, sums.used, w, 1e6, 0.0)
+        statistic, _ = wglr(*sums.arrays[1:4], w, 1e6, 0.0)
         at = np.flatnonzero(np.nan_to_num(statistic) / SIGMA**2 > least)
         parts.append((at, np.full(at.size, w), statistic[at] / SIGMA**2))
     index, scale, statistic = (np.concatenate(part) for part in zip(*parts, strict=True))

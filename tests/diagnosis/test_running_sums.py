@@ -75,8 +75,8 @@ def test_sums_do_not_depend_on_the_steps_of_extension(seed, steps):
         stop = min(stop + step * CENTRE_BLOCK, 1000)
         in_steps.extend(stop)
     in_steps.extend(1000)
-    assert in_steps.checkpoints.tobytes() == at_once.checkpoints.tobytes()
-    assert in_steps.centre.tobytes() == at_once.centre.tobytes()
+    assert in_steps.arrays.checkpoints.tobytes() == at_once.arrays.checkpoints.tobytes()
+    assert in_steps.arrays.centre.tobytes() == at_once.arrays.centre.tobytes()
 
 
 def test_a_wild_first_sample_does_not_become_the_centre():
@@ -118,6 +118,6 @@ def test_kernel_without_the_compiler_gives_the_same_bits():
     sums = _sums(*_record(rng, 300))
     start, stop = np.sort(rng.integers(0, 301, (2, 20)), axis=0)
     compiled, plain = np.empty((MOMENTS, 20)), np.empty((MOMENTS, 20))
-    arguments = (start, stop, sums.checkpoints, sums.x, sums.z, sums.used, sums.centre)
+    arguments = (start, stop, sums.arrays)
     assert range_moments(*arguments, compiled) == range_moments.py_func(*arguments, plain)
     assert compiled.tobytes() == plain.tobytes()

@@ -1,0 +1,114 @@
+"""The list of a window's peaks: local maxima of the wGLR at all scales, kept compact and of bounded size."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from rwa_monitor.diagnosis.results import Candidates
+from rwa_monitor.diagnosis.wglr import (
+    CHUNK,
+    COUNT_CONFIRMED,
+    COUNT_PEAKS,
+    COUNT_SETTLED,
+    PEAK_CONFIRMED,
+    PEAK_INDEX,
+    PEAK_JUMP,
+    PEAK_SCALE,
+    PEAK_STATISTIC,
+    PeakArrays,
+)
+from rwa_monitor.samples import FloatArray, IntArray
+
+MOST_PEAKS: Final = 12_288  # rows at most, 0.6 MB; a window with more peaks is pruned to the strongest half
+
+
+class PeakList:
+    """Peaks of the wGLR, with what the scan needs to go on.
+
+    Parameters
+    ----------
+    scales
+        int64 (S,), half-widths w, ascending.
+    """
+
+    def __init__(self, scales: IntArray) -> None:
+        self.scales = scales
+        # Peaks of one sign at one scale lie more than w apart, so a chunk cannot give more than this.
+        self._per_chunk = int(np.ceil((2.0 / (scales + 1.0)).sum() * CHUNK)) + 2 * scales.size
+        self.arrays = PeakArrays(
+            slots=np.zeros((self._per_chunk, 3), dtype=np.int64),
+            values=np.zeros((self._per_chunk, 2)),
+            open=np.full((scales.size, 3), -1, dtype=np.int64),
+            counters=np.zeros(3, dtype=np.int64),
+            confirmed=np.zeros(self._per_chunk, dtype=np.int64),
+        )
+
+    def __len__(self) -> int:
+        """Count the peaks."""
+        return int(self.arrays.counters[COUNT_PEAKS])
+
+    def make_room(self, variances: FloatArray) -> None:
+        """Make room for the peaks of a chunk: by growth or, beyond MOST_PEAKS, by leaving out the weaker half.
+
+        Parameters
+        ----------
+        variances
+            float64 (S,), by which the scales' statistics compare.
+        """
+        room = self.arrays.slots.shape[0]
+        if len(self) + self._per_chunk <= room:
+            return
+        if len(self) + self._per_chunk > MOST_PEAKS:
+            self._prune(variances)
+            return
+        more = min(max(room, self._per_chunk), MOST_PEAKS - room)
+        self.arrays = self.arrays._replace(
+            slots=np.concatenate((self.arrays.slots, np.zeros((more, 3), dtype=np.int64))),
+            values=np.concatenate((self.arrays.values, np.zeros((more, 2)))),
+            confirmed=np.zeros(room + more, dtype=np.int64),
+        )
+
+    def _prune(self, variances: FloatArray) -> None:
+        """Keep the strongest peaks, half as many as there are, and those that are still open."""
+        count = len(self)
+        slots, values, last = self.arrays.slots[:count], self.arrays.values[:count], self.arrays.open[:, :2]
+        strength = values[:, PEAK_STATISTIC] / variances[slots[:, PEAK_SCALE]]
+        strength[slots[:, PEAK_CONFIRMED] == 0] = np.inf
+        strength[last[last >= 0]] = np.inf
+        kept = np.sort(np.argsort(-strength, kind="stable")[: count // 2])
+        place = np.full(count, -1, dtype=np.int64)
+        place[kept] = np.arange(kept.size)
+        self.arrays.slots[: kept.size] = slots[kept]
+        self.arrays.values[: kept.size] = values[kept]
+        self.arrays.open[:, :2] = np.where(last >= 0, place[last], -1)
+        self.arrays.counters[COUNT_PEAKS] = kept.size
+        self.arrays.counters[COUNT_SETTLED] = 0
+
+    def confirmed(self) -> list[tuple[int, int, float, float]]:
+        """Return (scale's place, index, statistic, jump) of the peaks that the last scan confirmed."""
+        rows = self.arrays.confirmed[: self.arrays.counters[COUNT_CONFIRMED]]
+        slots, values = self.arrays.slots, self.arrays.values
+        return [
+            (
+                int(slots[p, PEAK_SCALE]),
+                int(slots[p, PEAK_INDEX]),
+                float(values[p, PEAK_STATISTIC]),
+                float(values[p, PEAK_JUMP]),
+            )
+            for p in rows
+        ]
+
+    def above(self, threshold: float, variances: FloatArray) -> Candidates:
+        """Return the peaks whose statistic, over its scale's variance, reaches `threshold`; sorted by slot."""
+        slots, values = self.arrays.slots[: len(self)], self.arrays.values[: len(self)]
+        statistic = values[:, PEAK_STATISTIC] / variances[slots[:, PEAK_SCALE]]
+        chosen = np.flatnonzero(statistic >= threshold)
+        chosen = chosen[np.lexsort((slots[chosen, PEAK_SCALE], slots[chosen, PEAK_INDEX]))]
+        return Candidates(
+            index=slots[chosen, PEAK_INDEX],
+            scale=self.scales[slots[chosen, PEAK_SCALE]],
+            statistic=statistic[chosen],
+            jump=values[chosen, PEAK_JUMP],
+        )
