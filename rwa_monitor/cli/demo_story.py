@@ -24,8 +24,8 @@ QUICKER: Final = 5
 WINDOW_SECONDS: Final = 6.0  # wall-clock time in which a window fills
 WHEELS: Final = ("wheel_1", "wheel_2", "wheel_3", "wheel_4")
 FAILING: Final = "wheel_3"
-ANOMALY: Final = "dry"
-FACTOR: Final = 1.45  # on the nominal dry friction: the paper's severity, to which the built-in model was trained
+ANOMALY: Final = "viscous"
+FACTOR: Final = 1.25  # on the nominal viscous friction
 ONSET_SHARE: Final = 0.3  # of the run
 GROWTH_WINDOWS: Final = 0.5
 # What each wheel does, so that no two rows of the table look alike.

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 import click
 
 from rwa_monitor.cli.exit_codes import FAILED, UNREADABLE
-from rwa_monitor.cli.options import FILE, bus_options
+from rwa_monitor.cli.options import FILE, bus_options, warn_if_alone
+from rwa_monitor.cli.progress import counting
 from rwa_monitor.cli.talk import say
 
 if TYPE_CHECKING:
@@ -57,7 +58,8 @@ def command(
     if publish:
         _publish(paths, speed, bus)
         return
-    report = replay(paths)
+    with counting("replaying", "messages") as on_message:
+        report = replay(paths, on_message)
     if verify or exact:
         click.echo(report.long() if long_report else report.short())
     else:
@@ -79,11 +81,13 @@ def _status(report: Report, verify: bool, exact: bool) -> int:
 
 def _publish(paths: Path | tuple[Path, ...], speed: float, bus: BusOptions) -> None:
     """Send the recorded inputs in the pace of their own time."""
+    from rwa_monitor.cli.signals import stop_on_signals
     from rwa_monitor.live.bus import open_session
     from rwa_monitor.live.replay import replay_to_bus
 
     if math.isnan(speed):
         raise click.BadParameter("nan is not a speed", param_hint="--speed")
-    with open_session(bus) as session:
-        sent = replay_to_bus(paths, session, speed=speed)
+    warn_if_alone(bus)
+    with stop_on_signals() as stop, open_session(bus) as session:
+        sent = replay_to_bus(paths, session, speed=speed, stop=stop)
     say(f"{sent} messages published")
