@@ -8,7 +8,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rwa_monitor.physics.effects.coloured_noise import autoregress
-from rwa_monitor.physics.effects.recursions import backward_difference, dahl_bristle, first_order_lag, start_state
+from rwa_monitor.physics.effects.recursions import (
+    backward_difference,
+    dahl_bristle,
+    first_order_lag,
+    start_state,
+    turned_angle,
+)
+from rwa_monitor.physics.effects.torque_ripple import coherent_slots
 
 SPEEDS = np.concatenate([np.linspace(3.0, -3.0, 200), np.zeros(5), np.linspace(0.0, 2.0, 60)])
 USABLE = np.random.default_rng(0).random(SPEEDS.size) > 0.1
@@ -49,6 +56,26 @@ def test_a_rate_across_a_gap_is_over_the_time_since() -> None:
     rate = backward_difference(np.array([0.0, 1.0, np.nan, np.nan, 7.0]), usable, 0.5, start_state())
     assert rate[[0, 1, 4]].tolist() == [0.0, 2.0, 4.0]
     assert np.isnan(rate[2:4]).all()
+
+
+def test_the_wheel_turns_on_through_a_gap() -> None:
+    """Where the speed changes evenly, the angle after a gap is that without it."""
+    speed = np.linspace(10.0, 40.0, 64)
+    usable = np.ones(64, dtype=bool)
+    usable[20:31] = False
+    whole = turned_angle(speed, np.ones(64, dtype=bool), 0.125, np.array([0.0, np.nan, 0.0]))
+    holed = turned_angle(np.where(usable, speed, np.nan), usable, 0.125, np.array([0.0, np.nan, 0.0]))
+    assert whole[-1] == pytest.approx(25.0 * 63 * 0.125, rel=1e-12)
+    np.testing.assert_allclose(holed[usable], whole[usable], rtol=1e-12)
+
+
+@pytest.mark.parametrize("harmonic", [1.0, 6.0])
+def test_phase_wanders_by_a_radian_over_the_coherent_slots(harmonic: float) -> None:
+    rng = np.random.default_rng(4)
+    slots = coherent_slots(harmonic, 0.01, 0.125)
+    wander = [harmonic * 0.125 * 0.01 * rng.normal(size=slots).sum() for _ in range(50)]
+    assert np.std(wander) == pytest.approx(1.0, abs=0.4)  # the spread of 50 has a standard deviation of a tenth
+    assert coherent_slots(harmonic, 0.0, 0.125) > 1e9
 
 
 @given(

@@ -102,6 +102,40 @@ def dahl_bristle(
 
 
 @numba.njit(cache=True)
+def turned_angle(speed_rad_s: FloatArray, usable: BoolArray, period_s: float, state: FloatArray) -> FloatArray:
+    """Integrate the speed by the trapezoidal rule; across a gap as if the speed had changed evenly.
+
+    The one recursion that does not hold its state through gaps: the wheel turns on while nobody looks.
+
+    Parameters
+    ----------
+    speed_rad_s, usable
+        ω (n,), and bool (n,), where it counts.
+    period_s
+        Slot length [s].
+    state
+        float64 (3,), angle, the last ω (NaN at the start), and the slots since. Changed in place.
+
+    Returns
+    -------
+    angle
+        float64 (n,) [rad], 0 at the first usable slot of a record; NaN where not usable.
+    """
+    angle = np.empty(speed_rad_s.size)
+    for k in range(speed_rad_s.size):
+        state[2] += 1.0
+        if usable[k]:
+            if not np.isnan(state[1]):
+                state[0] += 0.5 * (state[1] + speed_rad_s[k]) * period_s * state[2]
+            state[1] = speed_rad_s[k]
+            state[2] = 0.0
+            angle[k] = state[0]
+        else:
+            angle[k] = np.nan
+    return angle
+
+
+@numba.njit(cache=True)
 def backward_difference(values: FloatArray, usable: BoolArray, period_s: float, state: FloatArray) -> FloatArray:
     """Return the rate of change since the last usable slot; 0 at the first usable slot of a record.
 

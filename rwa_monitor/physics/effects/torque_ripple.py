@@ -9,6 +9,7 @@ import numpy as np
 
 from rwa_monitor.physics.effects.base import Channels, MeanEffect, Memory, Parameter
 from rwa_monitor.physics.effects.columns import stack
+from rwa_monitor.physics.effects.recursions import turned_angle
 from rwa_monitor.samples import FloatArray
 
 MAX_HARMONIC: Final = 48  # [-] per turn of the wheel: six pulses per electrical turn, up to eight pole pairs
@@ -53,6 +54,19 @@ class TorqueRipple(MeanEffect):
     def columns(
         cls, channels: Channels, shape: Mapping[str, float], memory: Memory = None
     ) -> tuple[FloatArray, Memory]:
-        del memory
-        phase = shape["harmonic"] * channels.angle_rad
-        return stack(np.cos(phase), np.sin(phase), np.cos(2.0 * phase), np.sin(2.0 * phase)), None
+        """Return cos and sin of h·θ and 2·h·θ, with θ integrated here from the speed.
+
+        At 8 Hz a wheel turns many times between two samples, so that the phase depends on how the speed is integrated:
+        by rectangles it is off by half a slot's angle, which changes with the speed. One rule for simulation and
+        search, the trapezoidal one, keeps them together; `Channels.angle_rad` may follow another.
+        """
+        state = np.array([0.0, np.nan, 0.0]) if memory is None else memory.copy()
+        usable = channels.good & np.isfinite(channels.speed_rad_s)
+        phase = shape["harmonic"] * turned_angle(channels.speed_rad_s, usable, channels.sample_period_s, state)
+        return stack(np.cos(phase), np.sin(phase), np.cos(2.0 * phase), np.sin(2.0 * phase)), state
+
+
+def coherent_slots(harmonic: float, speed_noise_rad_s: float, sample_period_s: float) -> int:
+    """Return after how many slots white noise of the speed has let the phase of a harmonic wander by one radian."""
+    step = harmonic * speed_noise_rad_s * sample_period_s
+    return int(min(1.0 / step**2, np.iinfo(np.int32).max)) if step > 0 else int(np.iinfo(np.int32).max)
