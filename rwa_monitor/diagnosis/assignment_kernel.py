@@ -53,7 +53,7 @@ class Tables(NamedTuple):
 
 
 class Entries(NamedTuple):
-    """Entries of the current stage: their states, scores, nodes in the tree, friction of each system (mean, variance)."""
+    """Entries of the current stage: states, scores, nodes in the tree, friction of each system (mean, variance)."""
 
     rows: Int16Array
     score: FloatArray
@@ -109,9 +109,34 @@ def best_rest(fit: FloatArray, gain: FloatArray) -> FloatArray:
 
 
 @njit(cache=True)
+def best_chains(jump: FloatArray, stay: FloatArray, turn: FloatArray, missed: FloatArray, own: FloatArray) -> None:
+    """Fill in the best log-probability of all that a system may still do, by its laws alone, free to jump anywhere.
+
+    own: float64 (S, Q, m + 1, m + 1), for the sojourn in q begun at node i and not ended up to candidate k.
+    """
+    systems, configurations, nodes = stay.shape
+    for s in range(systems):
+        for k in range(nodes - 1, -1, -1):
+            for q in range(configurations):
+                for i in range(k + 1):
+                    best = stay[s, q, i]
+                    if k < nodes - 1:
+                        best = own[s, q, i, k + 1]
+                        for step in range(STEPS):
+                            direction, skipped = step % 2, step // 2
+                            before = q + _SKIPPED[skipped]
+                            after = before + 2 * direction - 1
+                            if min(before, after) < 0 or max(before, after) >= configurations:
+                                continue
+                            law = jump[s, q, i, k + 1] if skipped == 0 else missed[s, q, skipped - 1, i, k + 1]
+                            best = max(best, law + turn[s, before, direction] + own[s, after, k + 1, k + 1])
+                    own[s, q, i, k] = best
+
+
+@njit(cache=True)
 def expand(
     tables: Tables, cutoff: float, budget: int, kept: int
-) -> tuple[Int32Array, Int32Array, Int32Array, FloatArray, int, bool]:
+) -> tuple[Int32Array, Int32Array, Int32Array, FloatArray, int, float]:
     """Expand all states candidate by candidate.
 
     Parameters
@@ -129,7 +154,7 @@ def expand(
     -------
     tuple
         The tree (parent, action), the complete paths (their last node in the tree, their score), the number of entries
-        expanded, whether the budget cut the search.
+        expanded, and the highest bound of what the budget cut: better paths than that were not missed.
     """
     candidates, systems = tables.signs.shape[0], tables.configurations.size
     width = 1 + 2 * systems
@@ -159,21 +184,25 @@ def expand(
         np.zeros((room, kept, systems, 2)),
     )
     count = _start(tables, cutoff, starts, entries, tree)
-    used, expanded, pruned = count, 0, False
+    used, expanded, lost = count, 0, -np.inf
     for k in range(1, candidates + 1):
         offered = _offer(tables, k, cutoff, entries, count, offers)
         expanded += count
         stage_cutoff = cutoff
         if offered > room:
-            pruned = True
-            stage_cutoff = np.sort(offers.bound[:offered])[offered - room]
+            ordered = np.sort(offers.bound[:offered])
+            stage_cutoff = ordered[offered - room]
+            lost = max(lost, ordered[offered - room - 1])
         found = _merge(tables, k, stage_cutoff, entries, offers, offered, states)
         count = 0
         for state in range(found):
             for rank in range(states.kept[state]):
-                entries.rows[count] = states.rows[state]
+                for column in range(width):
+                    entries.rows[count, column] = states.rows[state, column]
+                for s in range(systems):
+                    entries.friction[count, s, 0] = states.friction[state, rank, s, 0]
+                    entries.friction[count, s, 1] = states.friction[state, rank, s, 1]
                 entries.score[count] = states.score[state, rank]
-                entries.friction[count] = states.friction[state, rank]
                 entries.node[count] = used
                 tree.parent[used] = states.parent[state, rank]
                 tree.action[used] = states.action[state, rank]
@@ -183,7 +212,7 @@ def expand(
         entries.score[at] += tables.fit[entries.rows[at, 0], candidates + 1]
         for s in range(systems):
             entries.score[at] += tables.stay[s, entries.rows[at, 1 + 2 * s], entries.rows[at, 2 + 2 * s]]
-    return tree.parent[:used], tree.action[:used], entries.node[:count], entries.score[:count], expanded, pruned
+    return tree.parent[:used], tree.action[:used], entries.node[:count], entries.score[:count], expanded, lost
 
 
 @njit(cache=True)
@@ -213,6 +242,7 @@ def _offer(tables: Tables, k: int, cutoff: float, entries: Entries, count: int, 
     fit, rest, rest_fit, signs, actions = tables.fit, tables.rest, tables.rest_fit, tables.signs, tables.actions
     steps = np.empty((systems, STEPS, 4))  # log-probability, change of the own bound, mean and variance of the jump
     unattributed = tables.priors[1] + _size_term(tables, k, 0.0, tables.unattributed_variance)
+    highest = _size_term(tables, k, tables.size[k - 1], 0.0)
     offered = 0
     for at in range(count):
         by_own = _weigh_steps(tables, entries, at, k, steps)
@@ -238,7 +268,8 @@ def _offer(tables: Tables, k: int, cutoff: float, entries: Entries, count: int, 
                     own += steps[t, second, 1]
                     mean += steps[t, second, 2]
                     variance += steps[t, second, 3]
-                if score == -np.inf:
+                # Most end here, before the size is weighed: not even a perfect size would bring them within reach.
+                if score + highest + min(rest[k, k], rest_fit[k, k] + own) < cutoff or score == -np.inf:
                     continue
                 score += _size_term(tables, k, mean, variance)
             bound = score + min(rest[node, k], rest_fit[node, k] + own)
@@ -272,7 +303,8 @@ def _weigh_steps(tables: Tables, entries: Entries, at: int, k: int, steps: Float
         total += now
         for step in range(STEPS):
             steps[s, step, 0] = -np.inf
-            steps[s, step, 1:] = 0.0
+            for column in range(1, 4):
+                steps[s, step, column] = 0.0
             direction, skipped = step % 2, step // 2
             before = q + _SKIPPED[skipped]
             after = before + 2 * direction - 1
@@ -312,7 +344,8 @@ def _merge(
             place = (place + 1) & mask
         if states.table[place] < 0:
             states.table[place] = found
-            states.rows[found] = out[0]
+            for column in range(out.shape[1]):
+                states.rows[found, column] = out[0, column]
             states.kept[found] = 0
             found += 1
         _keep(states, states.table[place], offers.score[offer], entries.node[at], a, friction)
@@ -333,10 +366,13 @@ def _keep(states: States, state: int, score: float, parent: int, action: int, fr
         states.score[state, place] = states.score[state, place - 1]
         states.parent[state, place] = states.parent[state, place - 1]
         states.action[state, place] = states.action[state, place - 1]
-        states.friction[state, place] = states.friction[state, place - 1]
+        for s in range(friction.shape[0]):
+            states.friction[state, place, s, 0] = states.friction[state, place - 1, s, 0]
+            states.friction[state, place, s, 1] = states.friction[state, place - 1, s, 1]
         place -= 1
     states.score[state, place], states.parent[state, place], states.action[state, place] = score, parent, action
-    states.friction[state, place] = friction
+    for s in range(friction.shape[0]):
+        states.friction[state, place, s, 0], states.friction[state, place, s, 1] = friction[s, 0], friction[s, 1]
 
 
 @njit(cache=True)
@@ -348,7 +384,8 @@ def _apply(tables: Tables, entries: Entries, at: int, k: int, a: int, out: Int16
     rows, actions = entries.rows, tables.actions
     for column in range(rows.shape[1]):
         out[0, column] = rows[at, column]
-    friction[:] = entries.friction[at]
+    for s in range(friction.shape[0]):
+        friction[s, 0], friction[s, 1] = entries.friction[at, s, 0], entries.friction[at, s, 1]
     if a == REJECT:
         return
     out[0, 0] = k

@@ -24,7 +24,7 @@ from typing import Final
 
 import numpy as np
 
-from rwa_monitor.diagnosis.assignment_kernel import NO_SYSTEM, REJECT, STEPS, Tables, best_rest, expand
+from rwa_monitor.diagnosis.assignment_kernel import NO_SYSTEM, REJECT, STEPS, Tables, best_chains, best_rest, expand
 from rwa_monitor.diagnosis.laws import LawTables
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 
@@ -147,7 +147,7 @@ class SearchResult:
     states
         Number of entries expanded.
     pruned
-        Whether the budget cut the search, so that the best path may have been missed.
+        Whether the budget cut off what may have held a better path.
     """
 
     paths: tuple[Path, ...]
@@ -166,7 +166,8 @@ class Bounds:
     rest_fit
         The same without laws.
     own
-        (S, Q, m + 1, m + 1): a system's own best end of the sojourn begun at node i, not ended up to candidate k.
+        (S, Q, m + 1, m + 1): the best that a system may still do by its laws, its sojourn begun at node i and not ended
+        up to candidate k.
     """
 
     rest: FloatArray
@@ -199,13 +200,8 @@ def search(problem: Problem, *, paths: int, margin: float, budget: int) -> Searc
 def bounds(problem: Problem) -> Bounds:
     """Compute the upper bounds by which paths are dropped; that every law term is ≤ 0 is used."""
     laws, fit = problem.laws, problem.fit
-    later_than = np.maximum(
-        laws.jump + laws.turn.max(axis=2, initial=-np.inf)[:, :, None, None],
-        laws.missed.max(axis=2, initial=-np.inf),
-    )  # (S, Q, node, node): a sojourn's end without what the jump's size is worth
-    later = np.maximum.accumulate(later_than[..., ::-1], axis=-1)[..., ::-1]  # best over nodes ≥ k
-    own = np.broadcast_to(laws.stay[..., None], later.shape).copy()
-    own[..., :-1] = np.maximum(own[..., :-1], later[..., 1:])
+    own = np.full(laws.jump.shape, -np.inf)
+    best_chains(laws.jump, laws.stay, laws.turn, laws.missed, own)
     with_law, size_only = _best_jump(problem)
     return Bounds(best_rest(fit, with_law), best_rest(fit, size_only), own)
 
@@ -278,7 +274,7 @@ def _run(problem: Problem, above: Bounds, cutoff: float, budget: int, paths: int
         unattributed_variance=sizes.unattributed_variance if sizes else 1.0,
     )
     kept = KEPT_PER_STATE if paths > 1 else 1
-    parent, action, last, score, states, pruned = expand(tables, cutoff, budget, kept)
+    parent, action, last, score, states, lost = expand(tables, cutoff, budget, kept)
     found = []
     for at in np.argsort(-score, kind="stable")[:paths]:
         taken = np.zeros(problem.signs.shape[0], dtype=np.int64)
@@ -287,7 +283,7 @@ def _run(problem: Problem, above: Bounds, cutoff: float, budget: int, paths: int
             taken[k] = action[node]
             node = int(parent[node])
         found.append(Path(float(score[at]), _start_of(int(action[node]), problem.configurations), taken))
-    return SearchResult(tuple(found), int(states), bool(pruned))
+    return SearchResult(tuple(found), int(states), bool(lost > found[0].score))
 
 
 def _start_of(number: int, configurations: IntArray) -> tuple[int, ...]:
