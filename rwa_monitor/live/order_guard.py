@@ -77,15 +77,13 @@ class Counts:
 class Batch:
     """One message of samples: who sent it ("" when it does not say), its number (None likewise), the samples.
 
-    `repeated` is True for a number that has passed already and was not missing: its samples are duplicates.
-    `passed` is True for any number that has passed: its samples never step the clock.
+    `passed` is True for a number that was given up as missing: its samples come late and never step the clock.
     """
 
     publisher: str
     number: int | None
     samples: Samples
     passed: bool = False
-    repeated: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -209,22 +207,29 @@ class Sequencer:
                 self.expected = batch.number + 1
             return [batch], []
         if batch.number < self.expected:
-            return [self._passed(batch, batch.number, frontier_ns)], []
+            return self._passed(batch, batch.number, frontier_ns), []
         if batch.number in self.held:  # the same message twice while it waits
-            return [replace(batch, passed=True, repeated=True)], []
+            self._count_duplicate(batch)
+            return [], []
         self.held[batch.number] = batch
         return self._release(1 if len(self.held) > HOLD_BACK_MESSAGES else 0)
 
-    def _passed(self, batch: Batch, number: int, frontier_ns: int | None) -> Batch:
-        continues = frontier_ns is not None and len(batch.samples) > 0 and int(batch.samples.time_ns[0]) > frontier_ns
-        if continues and number not in self.skipped:
-            # The same name, numbers anew, and the time goes on: a publisher that restarted under a fixed name.
+    def _passed(self, batch: Batch, number: int, frontier_ns: int | None) -> list[Batch]:
+        """Take a message whose number has passed: a late one, a new count under an old name, or a repetition."""
+        if number in self.skipped:
+            del self.skipped[number]
+            return [replace(batch, passed=True)]
+        if frontier_ns is not None and len(batch.samples) > 0 and int(batch.samples.time_ns[0]) > frontier_ns:
+            # The numbers begin anew and the time goes on: a publisher that restarted under a fixed name.
             self._begin(batch)
             self.expected = number + 1
-            return batch
-        repeated = number not in self.skipped
-        self.skipped.pop(number, None)
-        return replace(batch, passed=True, repeated=repeated)
+            return [batch]
+        self._count_duplicate(batch)
+        return []
+
+    def _count_duplicate(self, batch: Batch) -> None:
+        self.counts.queued -= len(batch.samples)
+        self.counts.duplicate += len(batch.samples)
 
     def _release(self, at_least: int) -> tuple[list[Batch], list[SequenceEvent]]:
         """Release what is next in order, and at least so many of those that wait, over the gaps before them."""
@@ -383,8 +388,6 @@ class OrderGuard:
         rows, slots = rows[ahead], slots[ahead]
 
         taken = is_filled(behind) | np.isin(behind, slots)
-        if batch.repeated:
-            taken[:] = True
         counts.duplicate += int(taken.sum())
         counts.late += int(behind_rows.size - taken.sum())
         counts.rejected += rejected

@@ -336,6 +336,13 @@ class Recorder:
         self._writer = None
         self._predecessor = Predecessor(writer.path.name, writer.sha256)
 
+    def abandon(self) -> None:
+        """Close the file as it is, without its end, as a crash would leave it."""
+        if self._writer is not None:
+            self._writer.abandon()
+            self._predecessor = predecessor_of(self._writer.path)
+            self._writer = None
+
     def _write(self, topic: str, schema: str, payload: bytes, time_ns: int | None) -> None:
         if self._writer is None:
             return
@@ -352,10 +359,7 @@ class Recorder:
     def _fail(self, error: OSError, now_s: float) -> None:
         self.error = f"nothing is recorded: {error.strerror or error}"
         self._failed_s = now_s
-        if self._writer is not None:
-            self._writer.abandon()
-            self._predecessor = predecessor_of(self._writer.path)
-            self._writer = None
+        self.abandon()
 
 
 def last_recording(folder: Path) -> Path | None:

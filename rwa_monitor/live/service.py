@@ -19,7 +19,7 @@ from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
 from threading import Event, Thread
-from typing import Any, Final
+from typing import Any, Final, Protocol
 
 import zenoh
 
@@ -35,7 +35,7 @@ from rwa_monitor.live.outputs import Output, health_output, outputs_of, trouble_
 from rwa_monitor.live.recorder import FolderLock, Predecessor, Recorder, predecessor_of
 from rwa_monitor.live.recording import RECORDING_SUFFIX, Recording, read_recording
 from rwa_monitor.live.warm_up import warm_up
-from rwa_monitor.messages import Diagnosis, Health, SamplesMessage, Status, split_key
+from rwa_monitor.messages import Diagnosis, Health, Message, SamplesMessage, Status, split_key
 from rwa_monitor.physics.wheel import Wheel, built_in_wheel
 
 IDLE_WAIT_S: Final = 0.1  # how long to wait for a message before looking at the clock again
@@ -113,11 +113,12 @@ def run(
     """
     WheelCore(options.wheel, options.model, method=options.method)  # a wheel that cannot be served is told at once
     with ExitStack() as stack:
+        clock = Clock()
         recorder: Recorder | None = None
-        past = _Past()
+        past = Past()
         if options.record is not None:
             stack.enter_context(FolderLock(options.record))
-            past = _read_past(options.record, options.setup(), stop, say)
+            past = read_past(options.record, options.setup(), stop, say)
             if stop.is_set():
                 return
             recorder = Recorder(
@@ -126,7 +127,7 @@ def run(
                 model_json=options.model.to_json() if options.model else "",
                 settings=options.settings(),
                 predecessor=past.predecessor,
-                wall_ns=time.time_ns,
+                wall_ns=clock.wall_ns,
             )
         # In a thread of its own, so that a stop signal is heard while kernels are compiled on a new machine.
         compiling = Thread(target=warm_up, args=(options.setup(),), name="warm-up", daemon=True)
@@ -134,7 +135,7 @@ def run(
         if session is None:
             session = stack.enter_context(open_session(options.bus))
         bus = stack.enter_context(MonitorBus(session, Inbox()))
-        monitor = Monitor(options, bus, recorder, say)
+        monitor = Monitor(options, bus, recorder, say, clock)
         stack.callback(monitor.close)
         monitor.begin(past)
         bus.subscribe(options.wheels)
@@ -168,6 +169,26 @@ class _Served:
     status_recorded_s: float = float("-inf")
 
 
+@dataclass(frozen=True, slots=True)
+class Clock:
+    """The clocks of the machine: wall time [ns], and one that only goes forward [s]."""
+
+    wall_ns: Callable[[], int] = time.time_ns
+    monotonic_s: Callable[[], float] = time.monotonic
+
+
+class Bus(Protocol):
+    """What the monitor needs of a bus; `bus.MonitorBus` is one."""
+
+    inbox: Inbox
+
+    def publish(self, key: str, message: type[Message], payload: bytes) -> None:
+        """Publish a message."""
+
+    def answer(self, encoding: str, latest: Callable[[], dict[str, bytes]]) -> None:
+        """Answer the questions that wait with the latest messages."""
+
+
 class Monitor:
     """Serves all wheels of a bus, one message at a time.
 
@@ -181,21 +202,29 @@ class Monitor:
         None to record nothing.
     say
         Takes lines of talk.
+    clock
+        For flushing, status and how long things take; never for a diagnosis.
     """
 
     def __init__(
-        self, options: RunOptions, bus: MonitorBus, recorder: Recorder | None, say: Callable[[str], None]
+        self,
+        options: RunOptions,
+        bus: Bus,
+        recorder: Recorder | None,
+        say: Callable[[str], None],
+        clock: Clock,
     ) -> None:
         self.options = options
         self.bus = bus
         self.recorder = recorder
         self.say = say
+        self.clock = clock
         self._served: dict[tuple[str, str], _Served] = {}
         self._model_sha256 = options.model.sha256() if options.model else ""
         self._tick_due_s = 0.0
         self._said: str = ""
 
-    def begin(self, past: _Past) -> None:
+    def begin(self, past: Past) -> None:
         """Take over what an earlier run left behind, and begin the recording."""
         for key, core in past.cores.items():
             self._served[key] = _Served(core=core)
@@ -203,11 +232,11 @@ class Monitor:
         for output in past.unrecorded:
             inherited[output.key] = inherited.get(output.key, 0) + 1
         if self.recorder is not None:
-            self.recorder.begin(self._checkpoints(), time.monotonic(), inherited)
+            self.recorder.begin(self._checkpoints(), self.clock.monotonic_s(), inherited)
             self._tell_recorder()
             for output in past.unrecorded:
                 self.recorder.output(output.key, output.schema, output.payload, output.time_ns)
-            self.recorder.sync(time.monotonic())
+            self.recorder.sync(self.clock.monotonic_s())
         for output in (*past.latest.values(), *past.unrecorded):
             self._publish(output)
             if output.message is Diagnosis:
@@ -220,12 +249,12 @@ class Monitor:
         if message is None:
             self.bus.inbox.wake.wait(IDLE_WAIT_S)
         else:
-            self._receive(*message)
+            self.receive(*message)
         self.tick()
 
     def tick(self) -> None:
         """Do what is due by the clock: flush and rotate the recording, answer questions, publish status."""
-        now_s = time.monotonic()
+        now_s = self.clock.monotonic_s()
         if now_s >= self._tick_due_s:
             self._tick_due_s = now_s + TICK_S
             self._tick(now_s)
@@ -235,11 +264,12 @@ class Monitor:
         for key, served in self._served.items():
             self._status(key, served, record=True)
         if self.recorder is not None:
-            self.recorder.close(time.monotonic())
+            self.recorder.close(self.clock.monotonic_s())
 
     # ---- in ------------------------------------------------------------------------------------------------------
 
-    def _receive(self, key: str, payload: bytes) -> None:
+    def receive(self, key: str, payload: bytes) -> None:
+        """Process one message from beginning to end: record, diagnose, record, publish."""
         try:
             spacecraft, wheel, _ = split_key(key)
             if not self._is_ours(spacecraft, wheel):
@@ -259,10 +289,10 @@ class Monitor:
         if self.recorder is not None:
             self.recorder.input(key, SamplesMessage.schema_name(), payload, last_ns)
         served.last_sample_ns, served.publisher = last_ns, message.publisher
-        begin_s = time.perf_counter()
+        begin_s = self.clock.monotonic_s()
         events = core.feed(samples, message.publisher, message.batch)
         if any(isinstance(event, WindowDiagnosed) for event in events):
-            served.diagnosis_s = time.perf_counter() - begin_s
+            served.diagnosis_s = self.clock.monotonic_s() - begin_s
         self._handle(served, spacecraft, wheel, events)
 
     def _handle(self, served: _Served, spacecraft: str, wheel: str, events: Iterable[CoreEvent]) -> None:
@@ -279,7 +309,7 @@ class Monitor:
             for output in outputs:
                 self.recorder.output(output.key, output.schema, output.payload, output.time_ns)
             if closed:
-                self.recorder.sync(time.monotonic())
+                self.recorder.sync(self.clock.monotonic_s())
         for output in outputs:
             self._publish(output)
         if closed:
@@ -375,14 +405,14 @@ class Monitor:
             queue_depth=len(self.bus.inbox),
             window_fill=core.window_fill if core else 0.0,
             last_error=last_error,
-            recording=str(recording) if recording else None,
+            recording=recording.name if recording else None,
             software=SOFTWARE,
             model_sha256=self._model_sha256,
             publisher=served.publisher,
             windows=served.windows,
             last_sample_ns=served.last_sample_ns,
             diagnosis_s=served.diagnosis_s,
-            now_wall_ns=time.time_ns(),
+            now_wall_ns=self.clock.wall_ns(),
         )
         topic = f"rwa/{spacecraft}/{wheel}/{Status.kind}"
         payload = status.to_json()
@@ -412,7 +442,7 @@ class Monitor:
 
 
 @dataclass(slots=True)
-class _Past:
+class Past:
     """What the recordings of a folder tell.
 
     Attributes
@@ -433,9 +463,9 @@ class _Past:
     latest: dict[str, Output] = field(default_factory=dict)
 
 
-def _read_past(folder: Path, setup: rebuild.Setup, stop: Event, say: Callable[[str], None]) -> _Past:
+def read_past(folder: Path, setup: rebuild.Setup, stop: Event, say: Callable[[str], None]) -> Past:
     """Rebuild the cores from the last recording of a folder that can be used; incomplete when stopped."""
-    past = _Past()
+    past = Past()
     for path in sorted(folder.glob(f"*{RECORDING_SUFFIX}"), reverse=True):
         if past.predecessor is None:
             past.predecessor = predecessor_of(path)

@@ -1,0 +1,303 @@
+"""Makes the reference recordings in `replay/`: small, complete, and each with something that must happen in it.
+
+The monitor itself makes them, with everything but a bus: simulated telemetry in, a recording out, under clocks that
+count messages, so that the same code gives the same bytes. `manifest.json` says what each must give when replayed.
+Renew them after a change that is meant to change diagnoses:
+
+    python -m rwa_monitor.live.references [FOLDER]
+"""
+
+from __future__ import annotations
+
+import json
+import shutil
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from hashlib import sha256
+from itertools import count
+from pathlib import Path
+from threading import Event
+from typing import Any, Final
+
+import numpy as np
+
+from rwa_monitor import SOFTWARE
+from rwa_monitor.diagnosis.model import built_in_model
+from rwa_monitor.live.bus import Inbox
+from rwa_monitor.live.recorder import Recorder
+from rwa_monitor.live.recording import read_recording, recordings_of
+from rwa_monitor.live.service import Clock, Monitor, RunOptions, read_past
+from rwa_monitor.messages import Diagnosis, Message, SamplesMessage, Status, samples_json
+from rwa_monitor.physics.scenario import Scenario
+from rwa_monitor.physics.telemetry import simulate
+from rwa_monitor.physics.wheel import Wheel, built_in_wheel
+from rwa_monitor.samples import NANOSECONDS_PER_SECOND, Samples
+
+WINDOW_SLOTS: Final = 4_000
+BATCH: Final = 200  # samples of a message
+FRICTION_STEP_Nm: Final = 1e-8  # as a telemetry word would have; far below the noise of 3.9e-5 N m
+KEY: Final = "rwa/reference/wheel_1/samples"
+MANIFEST: Final = "manifest.json"
+
+
+def reference_wheel() -> Wheel:
+    """Return the built-in wheel with a window of 4,000 slots and all durations shortened alike."""
+    tables = built_in_wheel().to_tables()
+    scale = WINDOW_SLOTS / tables["window"]["samples"]
+    tables["wheel"]["name"] = "reference"
+    tables["window"].update(samples=WINDOW_SLOTS, hop=WINDOW_SLOTS)
+    for system in tables["fss"]:
+        for law in system["durations"]:
+            law.update(low=max(1, round(law["low"] * scale)), high=max(2, round(law["high"] * scale)))
+    return Wheel.from_tables(tables, "reference wheel")
+
+
+# ---- what happens ----------------------------------------------------------------------------------------------------
+
+Messages = list[tuple[str, bytes]]
+
+
+@dataclass(frozen=True, slots=True)
+class Reference:
+    """One reference.
+
+    Attributes
+    ----------
+    name, about
+        Folder, and what it shows.
+    scenario
+        What happens to the wheel: text of a scenario file.
+    seed
+        Of the simulator.
+    runs
+        Turns the telemetry into the messages of one or more runs of the monitor; all but the last end in a crash.
+    required
+        What must be in it, by name: a test of the summary (see `summary`).
+    """
+
+    name: str
+    about: str
+    scenario: str
+    seed: int
+    runs: Callable[[Samples], list[Messages]] = field(default=lambda samples: [_messages(samples, "first")])
+    required: dict[str, Callable[[dict[str, Any]], bool]] = field(default_factory=dict)
+
+
+def _messages(samples: Samples, publisher: str, first: int = 0) -> Messages:
+    """Cut samples into numbered messages."""
+    starts = range(0, len(samples), BATCH)
+    return [
+        (KEY, samples_json(samples[start : start + BATCH], publisher, first + number))
+        for number, start in enumerate(starts)
+    ]
+
+
+def _bad_day(samples: Samples) -> list[Messages]:
+    """Return a day on which everything goes wrong that telemetry and publishers can do."""
+    speed = samples.speed_rad_s.copy()
+    friction = np.array(samples.friction_torque_Nm)
+    speed[700:720] = np.nan  # not measured
+    friction[1_500:1_540] = np.inf  # not finite
+    speed[2_100:2_103] = 5.0e4  # beyond the wheel's limits: a wrong unit
+    time_ns = samples.time_ns.copy()
+    time_ns[11_000:] += 3 * WINDOW_SLOTS * 125_000_000  # the clock steps by three windows
+    samples = replace(samples, time_ns=time_ns, speed_rad_s=speed, friction_torque_Nm=friction)
+    keep = np.ones(len(samples), dtype=np.bool_)
+    keep[3_130:3_170] = False  # a gap
+    first = _messages(samples[keep][:6_000], "first")
+    second = _messages(samples[keep][6_000:], "second")  # the publisher restarts under a new name
+
+    del first[8]  # lost for good
+    first.insert(12, first[11])  # delivered twice
+    first.insert(20, first.pop(14))  # delivered when its slots have passed
+    first[22:24] = [first[23], first[22]]  # overtaken, in time
+    first.insert(16, (KEY, b'{"time_ns": [1, 2], "speed_rad_s": [1.0]}'))  # lengths differ
+    first.insert(18, (KEY, b"\x00 no JSON"))
+    intruder = _messages(samples[5_000:5_400], "intruder", 70)
+    first[26:26] = intruder[:1]  # a second publisher while the first one lives
+    first[28:28] = intruder[1:]
+    return [first[:21], first[21:] + second]  # the monitor is killed in between
+
+
+REFERENCES: Final = (
+    Reference(
+        name="nominal",
+        about="a healthy wheel, three windows",
+        scenario="[scenario]\nduration_s = 1550.0\n",
+        seed=11,
+        required={
+            "three whole windows": lambda seen: len(seen["verdicts"]) == 3,
+            "all nominal": lambda seen: set(seen["verdicts"]) == {"nominal"},
+            "jumps were found": lambda seen: seen["changepoints"] > 10,
+        },
+    ),
+    Reference(
+        name="dry",
+        about="dry friction grows by 30 % after the first window",
+        scenario="[scenario]\nduration_s = 2050.0\n[anomalies.dry]\nfactor = 1.3\nonset_s = 500.0\n",
+        seed=12,
+        required={
+            "nominal before": lambda seen: seen["verdicts"][0] == "nominal",
+            "dry alone at the end": lambda seen: seen["active"][-1] == ["dry"],
+        },
+    ),
+    Reference(
+        name="two_anomalies",
+        about="dry friction +30 % and switching system 1 at 1.6 times its friction, derived from current",
+        scenario="[scenario]\nduration_s = 2050.0\nfriction_given = false\n"
+        "[anomalies.dry]\nfactor = 1.3\n[anomalies.fss_1]\nfactor = 1.6\n",
+        seed=13,
+        required={
+            "both at once at the end": lambda seen: seen["active"][-1] == ["dry", "fss_1"],
+        },
+    ),
+    Reference(
+        name="bad_day",
+        about="gaps, duplicates, late, non-finite and impossible samples, refused messages, a clock step, "
+        "a second publisher, a restarted publisher, and a killed monitor",
+        scenario="[scenario]\nduration_s = 1800.0\n",
+        seed=14,
+        runs=_bad_day,
+        required={
+            "two files": lambda seen: len(seen["files"]) == 2,
+            "a window after the restart": lambda seen: len(seen["verdicts"]) >= 2,
+            "a window with lost slots": lambda seen: min(seen["coverage"]) < 0.97,
+            "a partial window at the clock step": lambda seen: any(seen["partial"]),
+            "refused messages": lambda seen: seen["refused"] == 2,
+            "samples of every kind": lambda seen: all(
+                seen["counts"][f"samples_{what}"] > 0 for what in ("used", "masked", "late", "duplicate", "rejected")
+            ),
+            "missed slots": lambda seen: seen["counts"]["slots_missed"] >= 40,
+            "missed messages": lambda seen: seen["counts"]["messages_missed"] >= 1,
+        },
+    ),
+)
+
+
+# ---- making them -----------------------------------------------------------------------------------------------------
+
+
+class _Silence:
+    """A bus on which nobody speaks and nobody listens."""
+
+    def __init__(self) -> None:
+        self.inbox = Inbox()
+
+    def publish(self, key: str, message: type[Message], payload: bytes) -> None:
+        """Publish to nobody."""
+
+    def answer(self, encoding: str, latest: Callable[[], dict[str, bytes]]) -> None:
+        """Answer nobody."""
+
+
+def make(reference: Reference, folder: Path) -> None:
+    """Make one reference recording, or a chain of them, in a new folder."""
+    options = RunOptions(wheel=reference_wheel(), model=built_in_model(), record=folder)
+    scenario = Scenario.from_toml(reference.scenario, reference.name)
+    samples = simulate(scenario, options.wheel, np.random.default_rng(reference.seed)).samples
+    runs = reference.runs(_as_telemetry(samples))
+    folder.mkdir(parents=True)
+    ticks = count()
+    # Messages come every 25 s of the wheel's time; the machine's clocks count them.
+    clock = Clock(wall_ns=lambda: next(ticks) * NANOSECONDS_PER_SECOND, monotonic_s=lambda: float(next(ticks)))
+    for number, messages in enumerate(runs):
+        _run(options, folder, messages, clock, killed=number + 1 < len(runs))
+
+
+def _as_telemetry(samples: Samples) -> Samples:
+    """Return the channels that a spacecraft would send down, in steps of its telemetry words."""
+    friction = samples.friction_torque_Nm
+    if friction is None:
+        return Samples(samples.time_ns, samples.speed_rad_s, motor_current_A=samples.motor_current_A)
+    steps = np.round(friction / FRICTION_STEP_Nm)
+    return Samples(samples.time_ns, samples.speed_rad_s, friction_torque_Nm=np.round(steps * FRICTION_STEP_Nm, 8))
+
+
+def _run(options: RunOptions, folder: Path, messages: Messages, clock: Clock, *, killed: bool) -> None:
+    past = read_past(folder, options.setup(), Event(), lambda _: None)
+    recorder = Recorder(
+        folder,
+        wheel_toml=options.wheel.to_toml(),
+        model_json=options.model.to_json() if options.model else "",
+        settings=options.settings(),
+        predecessor=past.predecessor,
+        wall_ns=clock.wall_ns,
+    )
+    monitor = Monitor(options, _Silence(), recorder, lambda _: None, clock)
+    monitor.begin(past)
+    for key, payload in messages:
+        monitor.receive(key, payload)
+        monitor.tick()
+    if killed:
+        recorder.sync(clock.monotonic_s())
+        recorder.abandon()
+    else:
+        monitor.close()
+
+
+# ---- what is in them -------------------------------------------------------------------------------------------------
+
+
+def summary(folder: Path) -> dict[str, Any]:
+    """Return what a reference holds, as the manifest says it."""
+    files: dict[str, str] = {}
+    diagnoses: list[Diagnosis] = []
+    statuses: list[Status] = []
+    inputs = changepoints = refused = 0
+    for path in recordings_of(folder):
+        files[path.name] = sha256(path.read_bytes()).hexdigest()
+        for message in read_recording(path).messages:
+            if message.schema == Diagnosis.schema_name():
+                diagnoses.append(Diagnosis.parse(message.data, message.topic))
+            elif message.schema == Status.schema_name():
+                statuses.append(Status.parse(message.data, message.topic))
+            inputs += message.schema == SamplesMessage.schema_name()
+            changepoints += message.schema == "rwa.Changepoints"
+            refused += message.schema == "rwa.Refused"
+    last = statuses[-1].model_dump()
+    return {
+        "files": files,
+        "inputs": inputs,
+        "refused": refused,
+        "changepoints": changepoints,
+        "verdicts": [diagnosis.verdict for diagnosis in diagnoses],
+        "active": [[name for name, entry in d.anomalies.items() if entry.active] for d in diagnoses],
+        "coverage": [diagnosis.coverage for diagnosis in diagnoses],
+        "partial": [diagnosis.partial for diagnosis in diagnoses],
+        "counts": {name: value for name, value in last.items() if name.startswith(("samples_", "slots_", "messages_"))},
+    }
+
+
+def missing(reference: Reference, seen: dict[str, Any]) -> list[str]:
+    """Return which of the things that must have happened in a reference did not."""
+    return [what for what, happened in reference.required.items() if not happened(seen)]
+
+
+def renew(folder: Path) -> Iterator[tuple[Reference, dict[str, Any]]]:
+    """Make all references and their manifest anew; yield each with its summary."""
+    manifest: dict[str, Any] = {"software": SOFTWARE, "recordings": {}}
+    for reference in REFERENCES:
+        target = folder / reference.name
+        if target.exists():
+            shutil.rmtree(target)
+        make(reference, target)
+        seen = summary(target)
+        manifest["recordings"][reference.name] = {"about": reference.about, **seen}
+        yield reference, seen
+    (folder / MANIFEST).write_text(json.dumps(manifest, indent=1) + "\n", encoding="utf-8")
+
+
+def main(arguments: Sequence[str]) -> int:
+    """Renew the references in a folder (`replay` unless told); exit code 1 if something did not happen in one."""
+    failed = False
+    for reference, seen in renew(Path(arguments[0]) if arguments else Path("replay")):
+        absent = missing(reference, seen)
+        failed |= bool(absent)
+        note = f"MISSING: {', '.join(absent)}" if absent else "as required"
+        sys.stdout.write(f"{reference.name}: {seen['verdicts']} {seen['active']}: {note}\n")
+    return 1 if failed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
