@@ -14,6 +14,7 @@ _ACTION = {
     "viscous": "Check the lubricant: compare with bearing temperature and age before blaming wear.",
 }
 _ACTION_SYSTEM = "Check for cage or oil-pocket trouble: compare the size and rate of its jumps with earlier windows."
+WORTH_NAMING = 0.1  # probability from which another anomaly is named beside the one diagnosed
 _NEVER_RESTED = (
     "A switching system never rested in this window, so base dry friction and its own were told apart by learned"
     " ranges and earlier windows only."
@@ -94,28 +95,48 @@ def explain(
     adequacy
         Whether the friction model fits.
     """
-    active = [anomaly for anomaly in anomalies if anomaly.active]
-    sentences = [reason]
-    if verdict == "anomalous":
-        worst = max(active, key=lambda anomaly: anomaly.severity or 0.0)
-        if worst.severity is not None and worst.severity_std is not None:
-            sentences.append(
-                f"Severity of {worst.name} is {worst.severity:.2g} ± {worst.severity_std:.1g}"
-                " (0 at the nominal bound, 1 at the typical learned anomaly)."
-            )
-        sentences.append(_ACTION.get(worst.name, _ACTION_SYSTEM))
+    worst = max((a for a in anomalies if a.active), key=lambda anomaly: anomaly.severity or 0.0, default=None)
+    if verdict == "anomalous" and worst is not None:
+        qualification = _rivals(anomalies, base_known=base_known) or (_severity(worst) if base_known else _NEVER_RESTED)
+        action = _ACTION.get(worst.name, _ACTION_SYSTEM)
     elif verdict == "nominal":
-        before = f"{windows_before} earlier windows agree with this state" if windows_before else "no earlier window"
-        sentences.append(f"No action is needed ({before}).")
+        qualification = "" if base_known else _NEVER_RESTED
+        action = f"No action is needed{_earlier(windows_before)}."
     else:
-        sentences.append("Wait for the next window, or give this one more samples, before acting.")
+        qualification = ""
+        action = "Wait for the next window, or give this one more samples, before acting."
     if not adequacy.adequate:
         suspect = f"; {adequacy.suspected_effect} is suspected" if adequacy.suspected_effect else ""
-        doubt = f"Trust it less than usual: the friction model does not fit, {adequacy.finding}{suspect}"
-        sentences[1:2] = [f"{doubt} (rwa-monitor discrepancy tells more)."]
-    elif not base_known and verdict != "inconclusive":
-        sentences[1:2] = [_NEVER_RESTED]
-    return " ".join(sentences[:3])
+        qualification = (
+            f"Trust it less than usual: the friction model does not fit, {adequacy.finding}{suspect}"
+            " (rwa-monitor discrepancy tells more)."
+        )
+    return " ".join(sentence for sentence in (reason, qualification, action) if sentence)
+
+
+def _rivals(anomalies: Sequence[AnomalyDiagnosis], *, base_known: bool) -> str:
+    """Return a sentence that names what it could be instead, "" where nothing else is likely."""
+    rivals = [anomaly for anomaly in anomalies if not anomaly.active and anomaly.probability > WORTH_NAMING]
+    if not rivals:
+        return ""
+    names = " or ".join(f"{title(rival.name)} ({percent(rival.probability)})" for rival in rivals)
+    why = "" if base_known else ", since a switching system never rested in it"
+    return f"It may be {names} instead: this window alone cannot fully tell them apart{why}."
+
+
+def _severity(anomaly: AnomalyDiagnosis) -> str:
+    if anomaly.severity is None or anomaly.severity_std is None:
+        return ""
+    return (
+        f"The severity of {anomaly.name} is {anomaly.severity:.2g} ± {anomaly.severity_std:.1g}"
+        " (0 at the nominal bound, 1 at the typical learned anomaly)."
+    )
+
+
+def _earlier(windows: int) -> str:
+    if windows == 0:
+        return "; there is no earlier window to compare with"
+    return f"; {windows} earlier window{'' if windows == 1 else 's'} of this wheel went into this"
 
 
 def _sentence(text: str) -> str:

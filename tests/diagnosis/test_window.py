@@ -1,0 +1,267 @@
+"""Whole windows: simulated telemetry in, diagnosis out."""
+
+import math
+from dataclasses import asdict, replace
+
+import numpy as np
+import pytest
+
+from rwa_monitor.diagnosis.evidence import WindowAccumulator
+from rwa_monitor.diagnosis.model import Model, built_in_model
+from rwa_monitor.diagnosis.results import Method
+from rwa_monitor.diagnosis.state import CarriedState
+from rwa_monitor.diagnosis.window import diagnose_window
+from rwa_monitor.diagnosis.window_diagnosis import WindowDiagnosis
+from rwa_monitor.physics.scenario import Anomaly, Scenario
+from rwa_monitor.physics.telemetry import simulate
+from rwa_monitor.physics.wheel import Wheel, built_in_wheel
+from rwa_monitor.samples import BoolArray, FloatArray
+
+MODEL = built_in_model()
+EMPTY = CarriedState.empty()
+
+
+def telemetry(seed: int, wheel: Wheel | None = None, **factors: float) -> tuple[FloatArray, FloatArray]:
+    """Speed and friction torque of one window with anomalies by factor."""
+    scenario = Scenario(anomalies={name: Anomaly(factor=factor) for name, factor in factors.items()})
+    samples = simulate(scenario, wheel or built_in_wheel(), np.random.default_rng(seed)).samples
+    assert samples.friction_torque_Nm is not None
+    return samples.speed_rad_s, samples.friction_torque_Nm
+
+
+def diagnose(
+    speed: FloatArray,
+    torque: FloatArray,
+    *,
+    wheel: Wheel | None = None,
+    model: Model | None = MODEL,
+    carried: CarriedState = EMPTY,
+    method: Method = "joint",
+    good: BoolArray | None = None,
+) -> tuple[WindowDiagnosis, CarriedState]:
+    wheel = wheel or built_in_wheel()
+    window = WindowAccumulator(wheel, method, speed.size)
+    window.append(speed, torque, np.isfinite(speed) & np.isfinite(torque) if good is None else good)
+    return diagnose_window(window.close(), wheel, model, carried, method)
+
+
+def active(diagnosis: WindowDiagnosis) -> set[str]:
+    return {anomaly.name for anomaly in diagnosis.anomalies if anomaly.active}
+
+
+@pytest.mark.parametrize(
+    "factors", [{}, {"dry": 1.3}, {"viscous": 1.15}, {"fss_1": 1.6}, {"fss_2": 1.4}, {"dry": 1.3, "fss_1": 1.6}]
+)
+def test_what_is_simulated_is_diagnosed(factors: dict[str, float]) -> None:
+    diagnosis, state = diagnose(*telemetry(6, **factors))
+    assert diagnosis.features.base_known
+    assert active(diagnosis) == set(factors)
+    assert diagnosis.verdict == ("anomalous" if factors else "nominal")
+    assert diagnosis.model_adequate
+    assert diagnosis.coverage == 1.0
+    assert state.windows == 1
+    for value, truth in (
+        (diagnosis.base_dry, 1.6e-3 * factors.get("dry", 1.0)),
+        (diagnosis.viscous, 5.333e-6 * factors.get("viscous", 1.0)),
+    ):
+        assert value.value is not None
+        assert value.std is not None
+        assert abs(value.value - truth) < 4.0 * value.std
+        assert value.std < 5e-3 * truth
+    for name in factors:
+        anomaly = diagnosis.anomaly(name)
+        assert anomaly.probability > 0.9
+        assert anomaly.estimate is not None
+        assert anomaly.nominal_high is not None
+        assert anomaly.nominal_low is not None
+        # The ranges of a system overlap: its highest configuration alone may look nominal, all sojourns do not.
+        nominal = 0.5 * (anomaly.nominal_low + anomaly.nominal_high)
+        assert anomaly.estimate > (anomaly.nominal_high if name in ("dry", "viscous") else nominal)
+        assert anomaly.severity is not None
+        assert 0.0 <= anomaly.severity < 2.0
+        assert diagnosis.explanation.startswith(diagnosis.reason)
+
+
+@pytest.mark.parametrize("factors", [{}, {"dry": 1.3}, {"fss_2": 1.4}])
+def test_where_a_system_never_rests_the_rest_is_probability(factors: dict[str, float]) -> None:
+    diagnosis, _ = diagnose(*telemetry(5, **factors))
+    assert not diagnosis.features.base_known
+    assert diagnosis.base_dry.value is not None
+    assert diagnosis.base_dry.std is not None
+    truth = 1.6e-3 * factors.get("dry", 1.0)
+    assert abs(diagnosis.base_dry.value - truth) < 3.0 * diagnosis.base_dry.std
+    assert active(diagnosis) == set(factors)
+    suspected = diagnosis.anomaly("dry").probability + diagnosis.anomaly("fss_2").probability
+    assert suspected == pytest.approx(1.0 if factors else 0.0, abs=0.02)  # one of the two, which is less sure
+    assert all(anomaly.probability < 0.95 for anomaly in diagnosis.anomalies)
+    assert "never rested" in diagnosis.explanation
+
+
+def test_everything_that_leaves_is_plain_finite_and_in_order() -> None:
+    diagnosis, _ = diagnose(*telemetry(6))
+    indices = [changepoint.index for changepoint in diagnosis.changepoints]
+    assert indices == sorted(indices)
+    assert len(indices) > 5
+
+    def check(content: object) -> None:
+        if isinstance(content, float):
+            assert math.isfinite(content)
+        parts = content.values() if isinstance(content, dict) else content if isinstance(content, (list, tuple)) else ()
+        for part in parts:
+            check(part)
+
+    content = asdict(replace(diagnosis))
+    del content["features"]
+    check(content)
+    for system in diagnosis.fss:
+        assert len(system.configuration) == len(system.friction_Nm) == len(system.start_index)
+        assert list(system.start_index) == sorted(system.start_index)
+    for anomaly in diagnosis.anomalies:
+        assert 0.0 <= anomaly.probability <= 1.0
+
+
+@pytest.mark.parametrize("method", ["joint", "paper"])
+def test_the_same_window_gives_the_same_diagnosis(method: Method) -> None:
+    speed, torque = telemetry(7, fss_2=1.4)
+    first, second = (diagnose(speed, torque, method=method) for _ in range(2))
+    assert repr(first) == repr(second)
+
+
+# ---- what must change nothing ----------------------------------------------------------------------------------------
+
+
+def _content(diagnosis: WindowDiagnosis) -> dict[str, object]:
+    content = asdict(diagnosis)
+    for key in ("features", "wheel_sha256", "explanation", "reason"):
+        del content[key]
+    return content
+
+
+@pytest.mark.parametrize("factors", [{}, {"dry": 1.3}, {"fss_2": 1.4}])
+def test_reversing_the_direction_of_rotation_changes_nothing(factors: dict[str, float]) -> None:
+    speed, torque = telemetry(8, **factors)
+    forward, backward = diagnose(speed, torque)[0], diagnose(-speed, -torque)[0]
+    assert _content(backward) == _content(forward)
+
+
+@pytest.mark.parametrize("scale", [0.25, 4.0, 3.7])
+def test_a_wheel_with_all_torques_scaled_gets_the_same_judgement(scale: float) -> None:
+    """Powers of two change no digit; other scales change rounding only."""
+    wheel = built_in_wheel()
+    assert wheel.nominal is not None
+    assert wheel.noise.friction_std_Nm is not None
+    nominal = wheel.nominal.model_copy(
+        update={
+            "dry_torque_Nm": scale * wheel.nominal.dry_torque_Nm,
+            "viscous_Nm_s_rad": scale * wheel.nominal.viscous_Nm_s_rad,
+        }
+    )
+    noise = wheel.noise.model_copy(update={"friction_std_Nm": scale * wheel.noise.friction_std_Nm})
+    scaled = wheel.model_copy(update={"nominal": nominal, "noise": noise})
+    speed, torque = telemetry(9, dry=1.3)
+    plain, other = diagnose(speed, torque)[0], diagnose(speed, scale * torque, wheel=scaled)[0]
+    assert active(other) == active(plain) == {"dry"}
+    for one, two in zip(plain.anomalies, other.anomalies, strict=True):
+        assert two.probability == pytest.approx(one.probability, rel=1e-6, abs=1e-9)
+        assert two.severity == pytest.approx(one.severity, rel=1e-6, abs=1e-9)
+    assert other.base_dry.value is not None
+    assert plain.base_dry.value is not None
+    assert other.base_dry.value == pytest.approx(scale * plain.base_dry.value, rel=1e-9)
+
+
+def test_more_dry_friction_shifts_the_base_and_nothing_else() -> None:
+    speed, torque = telemetry(10)
+    shift = 0.3 * 1.6e-3
+    plain, shifted = diagnose(speed, torque)[0], diagnose(speed, torque + np.sign(speed) * shift)[0]
+    assert [c.index for c in shifted.changepoints] == [c.index for c in plain.changepoints]
+    assert [c.fss for c in shifted.changepoints] == [c.fss for c in plain.changepoints]
+    assert shifted.base_dry.value is not None
+    assert plain.base_dry.value is not None
+    assert shifted.base_dry.value - plain.base_dry.value == pytest.approx(shift, abs=1e-6 * 1.6)
+    assert shifted.viscous.value == pytest.approx(plain.viscous.value, rel=1e-4)
+    assert active(shifted) == {"dry"}
+
+
+def test_masked_samples_lower_the_coverage_only() -> None:
+    speed, torque = telemetry(11, viscous=1.15)
+    torque = torque.copy()
+    torque[np.random.default_rng(0).random(torque.size) < 0.2] = np.nan
+    diagnosis, _ = diagnose(speed, torque)
+    assert diagnosis.coverage == pytest.approx(0.8, abs=0.01)
+    assert diagnosis.verdict == "anomalous"
+    assert active(diagnosis) == {"viscous"}
+
+
+# ---- windows and wheels that tell too little -------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("used", [0, 1, 10, 100])
+@pytest.mark.parametrize("method", ["joint", "paper"])
+def test_too_few_samples_are_inconclusive_with_the_reason(used: int, method: Method) -> None:
+    speed, torque = telemetry(12)
+    good = np.zeros(speed.size, dtype=bool)
+    good[20_000 : 20_000 + used] = True
+    diagnosis, state = diagnose(speed, torque, good=good, method=method)
+    assert diagnosis.verdict == "inconclusive"
+    assert "usable sample" in diagnosis.reason
+    assert len(diagnosis.anomalies) == 4
+    if used < 16:
+        assert state == EMPTY
+
+
+def test_without_a_model_friction_is_split_and_nothing_is_judged() -> None:
+    diagnosis, state = diagnose(*telemetry(13), model=None)
+    assert diagnosis.verdict == "inconclusive"
+    assert "no model" in diagnosis.reason
+    assert diagnosis.model_sha256 == ""
+    assert diagnosis.base_dry.value == pytest.approx(1.6e-3, rel=5e-3)
+    assert state.probability == {}
+    assert not active(diagnosis)
+
+
+def test_a_bare_wheel_is_split_as_far_as_it_goes() -> None:
+    wheel = Wheel(name="bare", sample_period_s=0.125)
+    speed, torque = telemetry(14)
+    diagnosis, _ = diagnose(speed, torque, wheel=wheel)
+    assert diagnosis.verdict == "inconclusive"
+    assert "[nominal]" in diagnosis.reason
+    assert [anomaly.name for anomaly in diagnosis.anomalies] == ["dry", "viscous"]
+    assert diagnosis.viscous.value == pytest.approx(5.333e-6, rel=0.02)
+
+
+def test_an_unknown_system_is_judged_by_the_wheel_file() -> None:
+    wheel = built_in_wheel()
+    renamed = wheel.fss[1].model_copy(update={"name": "cage"})
+    wheel = wheel.model_copy(update={"fss": (wheel.fss[0], renamed)})
+    healthy, _ = diagnose(*telemetry(15, wheel), wheel=wheel)
+    ill, _ = diagnose(*telemetry(15, wheel, cage=1.8), wheel=wheel)
+    assert healthy.verdict == "nominal"
+    assert active(ill) == {"cage"}
+    assert ill.anomaly("cage").severity is None  # nothing was learned to compare with
+
+
+# ---- carried state ---------------------------------------------------------------------------------------------------
+
+
+def test_earlier_windows_are_named_and_used() -> None:
+    first, state = diagnose(*telemetry(16))
+    second, after = diagnose(*telemetry(17), carried=state)
+    assert first.prior_sha256 == EMPTY.sha256()
+    assert second.prior_sha256 == state.sha256()
+    assert after.windows == 2
+    assert state.probability["dry"] < 0.01
+    assert state.base_dry is not None
+    assert state.base_dry.mean == pytest.approx(1.0, abs=0.01)
+    assert "1 earlier window" in second.explanation
+
+
+def test_a_slowly_growing_anomaly_does_not_become_the_new_normal() -> None:
+    state, verdicts = EMPTY, []
+    for window in range(16):
+        factor = 1.0 + 0.02 * window
+        diagnosis, state = diagnose(*telemetry(100 + window, dry=factor), carried=state)
+        verdicts.append((factor, diagnosis.verdict, "dry" in active(diagnosis)))
+    assert all(verdict == "nominal" for factor, verdict, _ in verdicts if factor <= 1.04)
+    assert all(dry for factor, _, dry in verdicts if factor >= 1.2)
+    assert state.base_dry is not None
+    assert state.base_dry.mean == pytest.approx(1.3, abs=0.03)
