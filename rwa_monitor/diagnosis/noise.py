@@ -275,14 +275,16 @@ def estimate_noise(
     autocovariance[1 : last + 1] = variance - levels[:last]
     factor = 1.0 + 2.0 * float(autocovariance[1:].sum()) / variance
 
-    # The widest scale with enough independent contrasts bounds the long run from its own side.
+    # The widest scale with enough independent contrasts bounds the long run from its own side. A short window has only
+    # narrow ones, which cannot deny a long memory.
     independent = samples / scales
-    wide = np.flatnonzero(np.isfinite(variances) & (independent >= 100) & (scales >= 16))
+    wide = np.flatnonzero(np.isfinite(variances) & (scales >= 8) & (independent >= np.where(scales > 16, 100, 20)))
     if wide.size:
         s = wide[-1]
         error = 3.0 * 1.5 * np.sqrt(2.0 / independent[s])
         ratio = float(variances[s]) / variance
-        factor = float(np.clip(factor, ratio * max(1.0 - error, 0.2), ratio * (1.0 + error)))
+        highest = ratio * (1.0 + error) if independent[s] >= 100 else np.inf
+        factor = float(np.clip(factor, ratio * max(1.0 - error, 0.5), highest))
     return NoiseEstimate(float(np.sqrt(variance)), autocovariance, max(factor, 1e-3))
 
 

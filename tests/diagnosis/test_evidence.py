@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import tracemalloc
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -10,10 +12,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import signal
 
+from rwa_monitor.diagnosis.estimation import estimate
 from rwa_monitor.diagnosis.evidence import CONFIRMED_RATE, KEPT_STATISTIC, WindowAccumulator
 from rwa_monitor.diagnosis.wglr import CHUNK, STEP
 from rwa_monitor.physics.wheel import Wheel, built_in_wheel
 
+MEASURED = os.environ.get("RWA_MEASURED_DATA")
 WHEEL = built_in_wheel()
 TORQUE = 1.6e-3  # N m, the nominal dry torque
 SIGMA = 3.9e-5  # N m, 0.024 of it
@@ -91,6 +95,16 @@ def test_sample_by_sample_is_the_same_as_all_at_once():
     assert _bytes(single) == _bytes(whole)
     assert others == events
     assert [event.index for event in events] == [1300, 1310]
+
+
+def test_a_window_with_far_too_many_peaks_is_pruned_alike_in_any_cut():
+    rng = np.random.default_rng(21)
+    speed, torque, good = _telemetry(21, 30_000)
+    torque = torque + 20 * SIGMA * rng.integers(0, 2, 30_000)
+    whole, events = _gather(speed, torque, good)
+    pieces, others = _gather(speed, torque, good, np.arange(97, 30_000, 97))
+    assert _bytes(pieces) == _bytes(whole)
+    assert others == events
 
 
 def test_a_full_or_closed_window_takes_no_more():
@@ -204,6 +218,23 @@ def test_short_and_empty_windows_close(n):
     nothing, _ = _gather(speed, torque, np.zeros(n, dtype=bool))
     assert nothing.used == 0
     assert len(nothing.candidates) == 0
+
+
+@pytest.mark.parametrize("joint", range(1, 7))
+@pytest.mark.measured
+@pytest.mark.skipif(MEASURED is None, reason="RWA_MEASURED_DATA does not say where the measured tables are")
+def test_measured_joints_have_the_published_viscous_friction(joint):
+    """TX40: least squares over our used samples gives the coefficients of an independent fit (see its README)."""
+    published = (8.05, 5.53, 1.97, 1.11, 1.86, 0.65)[joint - 1]
+    folder = Path(MEASURED) / "tx40"
+    wheel = Wheel.from_toml((folder / "wheel.toml").read_text(), "wheel.toml")
+    table = np.genfromtxt(folder / f"joint{joint}.csv", delimiter=",", names=True)
+    speed, torque = table["speed_rad_s"], table["friction_torque_Nm"]
+    evidence, _ = _gather(speed, torque, np.ones(speed.size, dtype=bool), wheel=wheel)
+    fit = estimate(evidence, np.zeros(0, dtype=np.int64))
+    # The published fit has an offset too, and joint 6 a second speed.
+    assert fit.viscous == pytest.approx(published, rel=0.04)
+    assert evidence.noise.std < fit.rmse < 1.5 * evidence.noise.std
 
 
 def test_noise_free_data_shows_its_jumps_only():
