@@ -1,0 +1,73 @@
+"""The blind suite: `python -m tests.blind.suite --records N --jobs J --seed S` writes docs/blind.md and a JSON."""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import json
+import sys
+import tempfile
+from collections.abc import Iterator
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from multiprocessing import get_context
+from pathlib import Path
+
+from tests.blind.formulas import MEAN, PAIRS, OUTSIDE
+from tests.blind.generator import NOISE_EFFECTS, SWITCHING_EFFECTS, Case, plan
+from tests.blind.table import report
+from tests.blind.trial import Outcome, run_trial
+
+PER_EFFECT, NULLS, PER_PAIR, PER_OUTSIDE = 20, 200, 3, 12  # of the full suite
+
+
+def cases(seed: int) -> list[Case]:
+    """Return the plan of the full suite, ordered so that any first part of it is balanced over what is hidden."""
+    groups: list[list[Case]] = [
+        [plan("one", (name,), i + k, seed) for i in range(PER_EFFECT)]
+        for k, name in enumerate((*MEAN, *NOISE_EFFECTS, *SWITCHING_EFFECTS))
+    ]
+    groups += [[plan("outside", (name,), i + k, seed) for i in range(PER_OUTSIDE)] for k, name in enumerate(OUTSIDE)]
+    groups += [[plan("two", pair, 3 * i + 1 + k % 2, seed) for i in range(PER_PAIR)] for k, pair in enumerate(PAIRS)]
+    groups += [[plan("null", (), k + 10 * i, seed + k) for i in range(NULLS // 10)] for k in range(10)]
+    return [case for case, _ in _spread(groups)]
+
+
+def _spread(groups: list[list[Case]]) -> Iterator[tuple[Case, float]]:
+    """Yield all cases so that each group advances evenly."""
+    places = [((i + 0.5 * (g + 1) / len(groups)) / len(group), case) for g, group in enumerate(groups) for i, case in enumerate(group)]
+    for at, case in sorted(places, key=lambda entry: entry[0]):
+        yield case, at
+
+
+def _run(case: Case, folder: str) -> Outcome:
+    return run_trial(case, Path(folder))
+
+
+def main(argv: list[str] | None = None) -> int:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--records", type=int, default=None, help="the first N of the plan; default: all")
+    parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--only", default="", help="records that hide an effect whose name holds this")
+    parser.add_argument("--out", type=Path, default=Path("docs/blind.md"))
+    parser.add_argument("--json", type=Path, default=Path("docs/blind.json"))
+    options = parser.parse_args(argv)
+    wanted = [case for case in cases(options.seed) if options.only in " ".join((case.kind, *case.effects))]
+    wanted = list(itertools.islice(wanted, options.records))
+    outcomes: list[Outcome] = []
+    with tempfile.TemporaryDirectory() as folder, ProcessPoolExecutor(options.jobs, get_context("spawn")) as pool:
+        running = [pool.submit(_run, case, folder) for case in wanted]
+        for done, future in enumerate(as_completed(running), start=1):
+            outcomes.append(future.result())
+            print(f"\r{done}/{len(wanted)} records", end="", file=sys.stderr, flush=True)
+    print(file=sys.stderr)
+    outcomes.sort(key=lambda outcome: (outcome.case.kind, outcome.case.effects, outcome.case.seed))
+    options.json.parent.mkdir(parents=True, exist_ok=True)
+    options.json.write_text("\n".join(json.dumps(outcome.to_json()) for outcome in outcomes) + "\n")
+    options.out.write_text(report(outcomes, options.seed))
+    print(options.out.read_text())
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,211 @@
+"""One blind trial: write the record, let the search answer from the files alone, then read the truth and judge."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rwa_monitor.discrepancy.base_fit import Problem, fit
+from rwa_monitor.discrepancy.find import Search, find_discrepancy
+from rwa_monitor.discrepancy.gain import held_out
+from rwa_monitor.discrepancy.search import Model
+from rwa_monitor.discrepancy.terms import Term
+from rwa_monitor.formats.csv_table import write_csv
+from rwa_monitor.formats.table import read_table
+from rwa_monitor.formats.wheel_file import read_wheel, write_wheel
+from rwa_monitor.physics.effects.base import Channels, MeanEffect
+from rwa_monitor.physics.effects.catalogue import CATALOGUE
+from rwa_monitor.physics.effects.switching_base import Jumps, SwitchingEvidence
+from rwa_monitor.physics.effects.noise_base import NoiseEffect
+from rwa_monitor.physics.effects.switching_base import SwitchingEffect
+from tests.blind.equivalence import accepted
+from tests.blind.generator import NOISE_EFFECTS, SWITCHING_EFFECTS, Case, Hidden, generate, orthogonal
+
+ACCEPTANCE = 25.0  # effects.md, "How to find them", 5
+TWICE_ACCEPTANCE = 2 * ACCEPTANCE
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a trial gave."""
+
+    case: Case
+    shapes: dict[str, dict[str, float]]
+    oracle_gain: float  # of the weakest hidden effect; infinite where none is hidden
+    verdict: str
+    effects: list[dict[str, Any]]
+    unexplained: str | None
+    untested: list[str]
+    jumps_base: int
+    jumps_extended: int
+    jumps_true: int
+    gain_share: float | None
+    seconds: float
+
+    def to_json(self) -> dict[str, Any]:
+        return {**asdict(self), "kind": self.case.kind}
+
+    @property
+    def background(self) -> set[str]:
+        """Noise effects that are there beside the hidden effect: naming them is right."""
+        return {"ar": {"coloured_noise"}, "student_t": {"heavy_tailed_noise"}}.get(self.case.noise, set())
+
+    @property
+    def named(self) -> list[dict[str, Any]]:
+        """The effects named, strongest first, without noise that is there beside the hidden effect."""
+        hidden = set(self.case.effects)
+        return [e for e in self.effects if e["name"] in hidden or e["name"] not in self.background]
+
+    @property
+    def testable(self) -> bool:
+        return self.oracle_gain >= TWICE_ACCEPTANCE
+
+    @property
+    def first_right(self) -> bool:
+        return bool(self.named) and self.named[0]["name"] in accepted(self.case.effects[0], self.case)
+
+    @property
+    def inside(self) -> bool:
+        """Whether the hidden effect, or one that no such record can tell from it, is in the reported set."""
+        return all(self.reported(name) for name in self.case.effects)
+
+    def reported(self, name: str) -> bool:
+        same = accepted(name, self.case)
+        return any(same & {effect["name"], *effect["equivalent"]} for effect in self.named)
+
+    @property
+    def set_size(self) -> int | None:
+        """Number of names in the set that holds the answer, or in the first where none does."""
+        for effect in self.named:
+            if accepted(self.case.effects[0], self.case) & {effect["name"], *effect["equivalent"]}:
+                return 1 + len(effect["equivalent"])
+        return 1 + len(self.named[0]["equivalent"]) if self.named else None
+
+    @property
+    def false_names(self) -> list[str]:
+        """Mean and switching effects that were named and are not there; noise effects that are not there, too."""
+        right = set().union(*(accepted(name, self.case) for name in self.case.effects)) if self.case.effects else set()
+        return [e["name"] for e in self.named if not right & {e["name"], *e["equivalent"]}]
+
+
+def run_trial(case: Case, folder: Path) -> Outcome:
+    """Run one trial in a folder of its own."""
+    samples, wheel, hidden = generate(case)
+    table, wheel_file = folder / f"{case.seed}.csv", folder / f"{case.seed}.toml"
+    write_csv(samples, table)
+    write_wheel(wheel, wheel_file)
+    del samples, wheel
+    search, answer, seconds = _answer(table, wheel_file)
+    table.unlink()
+    wheel_file.unlink()
+    gain = answer["gain"]
+    return Outcome(
+        case=case,
+        shapes=hidden.shapes,
+        oracle_gain=oracle_gain(search, hidden),
+        verdict=answer["verdict"],
+        effects=[{k: e[k] for k in ("name", "family", "equivalent", "delta_deviance")} for e in answer["effects"]],
+        unexplained=None if answer["unexplained"] is None else answer["unexplained"]["signature"],
+        untested=[entry["effect"] for entry in answer["untested"]],
+        jumps_base=gain["changepoints_base"],
+        jumps_extended=gain["changepoints_extended"],
+        jumps_true=hidden.visible_jumps,
+        gain_share=gain_share(search, hidden),
+        seconds=seconds,
+    )
+
+
+def _answer(table: Path, wheel_file: Path) -> tuple[Search, dict[str, Any], float]:
+    """Answer from the two files alone."""
+    wheel = read_wheel(wheel_file)
+    read = read_table(table)
+    begin = time.perf_counter()
+    search = find_discrepancy([("record", read.samples)], wheel)
+    return search, search.result.to_json(), time.perf_counter() - begin
+
+
+# ---- what an oracle would gain ---------------------------------------------------------------------------------------
+
+
+def oracle_gain(search: Search, hidden: Hidden) -> float:
+    """Return the gain of the true form, fitted at the true jumps; of the weakest effect where several are hidden."""
+    gains = []
+    for name in hidden.case.effects:
+        if name in hidden.torque:
+            gains.append(_torque_gain(search.problem, hidden, name))
+        elif name in NOISE_EFFECTS:
+            gains.append(_noise_gain(search.problem, hidden, name))
+        elif name in SWITCHING_EFFECTS:
+            gains.append(_switching_gain(search, hidden, name))
+    return min(gains, default=float("inf"))
+
+
+def _torque_gain(problem: Problem, hidden: Hidden, name: str) -> float:
+    """Least squares of the true column beside sign, speed and true levels; white noise of the true variance."""
+    parameters = 1 + max(len(hidden.shapes[name]) - 1, 0)
+    column = orthogonal(np.sign(hidden.speed) * hidden.torque[name], np.abs(hidden.speed), hidden.jump_index)
+    others = sum(t for other, t in hidden.torque.items() if other != name)
+    del others  # the oracle knows the other effect, too
+    energy = float(column @ column)
+    along = float(column @ (np.sign(hidden.speed) * hidden.residual)) / np.sqrt(energy)
+    statistic = (np.sqrt(energy) + along) ** 2 / max(hidden.long_run_std, hidden.noise_std) ** 2
+    return float(statistic - parameters * problem.log_size)
+
+
+def _noise_gain(problem: Problem, hidden: Hidden, name: str) -> float:
+    """The class's own likelihood, on the true noise."""
+    effect = CATALOGUE[name]
+    assert issubclass(effect, NoiseEffect)
+    channels = problem.records[0].channels
+    if name == "tachometer_quantisation":
+        return float("inf")  # the lattice stands in the table
+    return float(effect.fit(hidden.residual, channels, channels.good).penalised_gain)
+
+
+def _switching_gain(search: Search, hidden: Hidden, name: str) -> float:
+    """The class's own likelihood, with the true jumps; where it needs an attribution, the number of sojourns."""
+    effect = CATALOGUE[name]
+    assert issubclass(effect, SwitchingEffect)
+    channels = search.problem.records[0].channels
+    size = hidden.level[hidden.jump_index] - hidden.level[hidden.jump_index - 1]
+    if name in ("extra_switching_system", "wrong_duration_law"):
+        return 10.0 * len(hidden.jump_index)
+    evidence = SwitchingEvidence(
+        hidden.residual, channels, channels.good, Jumps(hidden.jump_index, size), systems={}
+    )
+    return float(effect.fit(evidence).penalised_gain)
+
+
+class _TrueForm(MeanEffect):
+    """The hidden torque itself, its strength to be fitted."""
+
+    name = "true_form"
+    parameters = ()
+
+
+def gain_share(search: Search, hidden: Hidden) -> float | None:
+    """Return the held-out gain of the extended model as a share of the gain of the true form, fitted."""
+    if not hidden.torque:
+        return None
+    problem = search.problem
+    columns = np.stack([t[problem.slot] * problem.sign for t in hidden.torque.values()], axis=1)
+    free = np.full(columns.shape[1], np.inf)
+    term = Term(_TrueForm, {}, columns, -free, free)
+    oracle = Model((term,), fit(problem, columns, start=_true_jumps(problem, hidden)))
+    base, extended = search.scores[0].log_score, search.scores[-1].log_score
+    whole = held_out(problem, oracle).log_score - base
+    return float((extended - base) / whole) if whole * problem.size > ACCEPTANCE else None
+
+
+def _true_jumps(problem: Problem, hidden: Hidden) -> Sequence[np.ndarray[Any, np.dtype[np.int64]]]:
+    at = np.searchsorted(problem.slot, hidden.jump_index)
+    return [np.unique(at[(at > 0) & (at < problem.size)]).astype(np.int64)]
+
+
+__all__ = ["Outcome", "run_trial"]
+_ = Channels
