@@ -25,6 +25,7 @@ from rwa_monitor.samples import FloatArray, IntArray
 
 STATE_CAP: Final = 2000  # states kept per candidate: the paper's number "may increase exponentially"
 OPTIMISTIC_GRID: Final = 257  # times before the window that are tried for the first sojourn
+LOG_IMPOSSIBLE: Final = -50.0  # of a duration outside its hard support, where there is no other way
 NOT_YET: Final = -1  # in place of a candidate: the system has not jumped in the window
 
 
@@ -67,7 +68,8 @@ def assign_as_paper(evidence: Evidence, wheel: Wheel, *, limit: int = STATE_CAP)
     Returns
     -------
     tuple[Assignment, Estimate]
-        Where no sequence of jumps is possible under the hard duration laws, all candidates are unattributed.
+        Where no sequence of jumps is possible under the hard duration laws, impossible durations are allowed at a
+        price; where none is possible even so, all candidates are unattributed.
     """
     candidates = evidence.candidates
     exclude = default_exclusion(candidates.scale)
@@ -75,7 +77,12 @@ def assign_as_paper(evidence: Evidence, wheel: Wheel, *, limit: int = STATE_CAP)
     directions = np.where(np.diff(intervals.level) >= 0, 1, -1)
     log_false = float(np.log(max(special.chdtrc(1, evidence.threshold), 1e-300)))
     tables = [_tables(system, candidates.index) for system in wheel.fss]
-    choices, start, score, states, pruned = _programme(tables, directions, intervals.rejection_cost + log_false, limit)
+    rejection = intervals.rejection_cost + log_false
+    choices, start, score, states, pruned = _programme(tables, directions, rejection, limit)
+    if choices is None:
+        # A jump that was missed makes every sequence impossible under hard laws; then the impossible gets a price.
+        choices, start, score, more, pruned = _programme([_softened(t) for t in tables], directions, rejection, limit)
+        states += more
     system = np.array(choices, dtype=np.int64) if choices is not None else np.full(len(candidates), UNATTRIBUTED)
     accepted = system != REJECTED
     levels = estimate(evidence, candidates.index[accepted], exclude[accepted])
@@ -98,6 +105,11 @@ def assign_as_paper(evidence: Evidence, wheel: Wheel, *, limit: int = STATE_CAP)
         pruned=pruned,
     )
     return assignment, levels
+
+
+def _softened(tables: _Tables) -> _Tables:
+    """Return a system's tables with impossible durations at a price; impossible transitions stay impossible."""
+    return _Tables(np.maximum(tables.ends, LOG_IMPOSSIBLE), np.maximum(tables.lasts, LOG_IMPOSSIBLE), tables.turn)
 
 
 def _programme(
