@@ -136,15 +136,11 @@ def estimate(
     sxx = np.maximum(moments.xx - moments.x * x_mean, 0.0)
     sxz = moments.xz - moments.x * z_mean
     szz = np.maximum(moments.zz - moments.z * z_mean, 0.0)
-
-    long_run = variance * noise.long_run_factor
-    information = float(sxx.sum())
-    slope, slope_variance = _slope(information, float(sxz.sum()), float(moments.xx.sum()), long_run, prior)
-    slope_std = float(np.sqrt(slope_variance))
+    slope, slope_std = _slope(moments, sxx, sxz, noise, prior)
 
     level = z_mean - slope * x_mean
     with np.errstate(invalid="ignore"):  # 0 · inf: an interval at zero speed does not feel an unknown slope
-        shared = np.nan_to_num(x_mean**2 * slope_variance, nan=0.0, posinf=np.inf)
+        shared = np.nan_to_num(x_mean**2 * slope_std**2, nan=0.0, posinf=np.inf)
     level_variance = np.where(seen, variance * mean_variance_factor(noise, n) / n + shared, np.inf)
     level = _fill_unseen(level, seen)
 
@@ -169,20 +165,33 @@ def estimate(
     )
 
 
-def _slope(
-    information: float, covariance: float, size: float, variance: float, prior: SlopePrior | None
+def estimate_slope(
+    evidence: Evidence, index: IntArray, exclude: IntArray | int = 0, prior: SlopePrior | None = None
 ) -> tuple[float, float]:
-    """Return the slope and its variance from S_xx, S_xz of all intervals and the prior."""
+    """Return the shared slope and its standard deviation alone; parameters as those of `estimate`."""
+    margin = np.broadcast_to(np.asarray(exclude, dtype=np.int64), index.shape)
+    moments = interval_moments(evidence.sums, evidence.slots, index, margin)
+    share = 1.0 / np.maximum(moments.n, 1.0)
+    sxx = np.maximum(moments.xx - moments.x**2 * share, 0.0)
+    sxz = moments.xz - moments.x * moments.z * share
+    return _slope(moments, sxx, sxz, evidence.noise, prior)
+
+
+def _slope(
+    moments: Moments, sxx: FloatArray, sxz: FloatArray, noise: NoiseEstimate, prior: SlopePrior | None
+) -> tuple[float, float]:
+    """Return the slope and its standard deviation from the intervals' sums about their means and the prior."""
+    variance = noise.std**2 * noise.long_run_factor
+    information, covariance = float(sxx.sum()), float(sxz.sum())
     # Below this, S_xx is the rounding of Σx²: the speed is constant in every interval.
-    if information <= 1e-11 * size:
+    if information <= 1e-11 * float(moments.xx.sum()):
         information, covariance = 0.0, 0.0
-    if prior is None:
-        if information == 0.0:
-            return 0.0, np.inf
-        return covariance / information, variance / information
-    weight = variance / prior.std**2
-    total = information + weight
-    return (covariance + weight * prior.mean) / total, variance / total
+    if prior is not None:
+        weight = variance / prior.std**2
+        information, covariance = information + weight, covariance + weight * prior.mean
+    if information == 0.0:
+        return 0.0, np.inf
+    return covariance / information, float(np.sqrt(variance / information))
 
 
 def _fill_unseen(level: FloatArray, seen: BoolArray) -> FloatArray:

@@ -27,7 +27,7 @@ from rwa_monitor.diagnosis.changepoints import (
 from rwa_monitor.diagnosis.estimation import (
     SlopePrior,
     default_exclusion,
-    estimate,
+    estimate_slope,
     nominal_slope_prior,
 )
 from rwa_monitor.diagnosis.noise import (
@@ -347,10 +347,10 @@ class WindowAccumulator:
             return
         noise = NoiseEstimate(float(np.sqrt(variance)), np.full(1, variance), 1.0)
         so_far = self._evidence(noise, self._peaks.above(CERTAIN_STATISTIC, self._variances))
-        fit = estimate(so_far, suppress(so_far.candidates), STEP // 4, self.slope_prior)
-        if np.isfinite(fit.viscous_std):
-            self._slope = fit.viscous
-            spread = max(fit.viscous_std, SMALLEST_SLOPE_SPREAD * abs(fit.viscous), SMALLEST_STD)
+        slope, std = estimate_slope(so_far, suppress(so_far.candidates), STEP // 4, self.slope_prior)
+        if np.isfinite(std):
+            self._slope = slope
+            spread = max(std, SMALLEST_SLOPE_SPREAD * abs(slope), SMALLEST_STD)
             self._weight = max(variance / spread**2, SMALLEST_WEIGHT)
 
     def _tails(self) -> Tails:
@@ -391,10 +391,8 @@ class WindowAccumulator:
         margin: IntArray | int = STEP // 4
         candidates = peaks
         for _ in range(3):
-            fit = estimate(evidence, index, margin, self.slope_prior)
-            candidates = select_candidates(
-                peaks, self._sums, fit.viscous, table, evidence.threshold, self._tails(), colour
-            )
+            slope, _ = estimate_slope(evidence, index, margin, self.slope_prior)
+            candidates = select_candidates(peaks, self._sums, slope, table, evidence.threshold, self._tails(), colour)
             if np.array_equal(candidates.index, index):
                 break
             index = candidates.index

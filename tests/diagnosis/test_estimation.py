@@ -11,6 +11,7 @@ from rwa_monitor.diagnosis.estimation import (
     SlopePrior,
     default_exclusion,
     estimate,
+    estimate_slope,
     interval_bounds,
     jump_std,
     nominal_slope_prior,
@@ -68,6 +69,7 @@ def test_levels_slope_and_stds_are_those_of_least_squares(prior, share, exclude)
     fit = estimate(_evidence(x, z, used), index, exclude, prior)
     solution, covariance, _ = _least_squares(x, z, used, index, exclude, prior)
     np.testing.assert_allclose([*fit.level, fit.viscous], solution, rtol=1e-9)
+    assert estimate_slope(_evidence(x, z, used), index, exclude, prior) == pytest.approx((fit.viscous, fit.viscous_std))
     np.testing.assert_allclose([*fit.level_std, fit.viscous_std], np.sqrt(np.diag(covariance)), rtol=1e-7)
 
 
