@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Final
 
 import click
 
-from rwa_monitor.cli.options import FILE
+from rwa_monitor.cli.options import FILE, not_nan
 from rwa_monitor.cli.talk import say
 
 if TYPE_CHECKING:
@@ -34,6 +34,7 @@ NOTICEABLE_S: Final = 1.0  # what a person notices as waiting
 @click.option(
     "--duration",
     type=click.FloatRange(1.0, MAX_DURATION_S),
+    callback=not_nan,
     default=DEFAULT_DURATION_S,
     show_default=True,
     metavar="S",
@@ -68,8 +69,8 @@ def command(duration: float, no_browser: bool, port: int | None, record: Path) -
     spacecraft = time.strftime("demo-%Y%m%dT%H%M%S", time.gmtime())
     story = tell(spacecraft, duration, start_ns=time.time_ns(), seed=SEED)
     options = RunOptions(wheels=f"rwa/{spacecraft}/*/samples", wheel=story.wheel, model=built_in_model(), record=record)
-    say(f"four simulated wheels, {story.speed:.0f} times faster than real time; recording in {record}")
     with stop_on_signals() as stop, open_session(BusOptions()) as session, ThreadPoolExecutor(2) as workers:
+        say(f"four simulated wheels, {story.speed:.0f} times faster than real time; recording in {record}")
         _compile_kernels(options, stop)
         view = DemoView(session, spacecraft, story.start_ns)
         ended = Event()

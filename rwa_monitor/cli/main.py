@@ -20,6 +20,11 @@ from rwa_monitor.cli.exit_codes import FAILED, INTERRUPTED, WRONG_USE
 from rwa_monitor.cli.talk import PROGRAM, say
 from rwa_monitor.errors import InputError, RwaMonitorError
 
+# One thread for linear algebra, unless the user says otherwise: our matrices are small, threads would only wait for
+# each other, and the order of sums, so the last bit, would depend on the machine. Before numpy is imported anywhere.
+for _variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.setdefault(_variable, "1")
+
 # Each command is `command` in a module of this name. Modules import what they need when the command runs, not before,
 # so that --help and a mistyped option answer at once.
 COMMANDS: Final = ("demo", "run", "simulate", "train", "diagnose", "discrepancy", "replay", "recover", "doctor")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeVar
@@ -19,6 +20,24 @@ Decorated = TypeVar("Decorated", bound=Callable[..., Any])
 # Whether a file exists and can be used is said by whoever reads it, with the reason; click only makes it a Path.
 FILE: Final = click.Path(path_type=Path)
 
+
+def not_nan(ctx: click.Context, param: click.Parameter, value: float) -> float:
+    """Refuse NaN, which lies in no range and outside of none; a callback for options with a number."""
+    del ctx, param
+    if math.isnan(value):
+        raise click.BadParameter("nan is no number here")
+    return value
+
+
+speed_option = click.option(
+    "--speed",
+    type=click.FloatRange(0, min_open=True),
+    callback=not_nan,
+    default=1.0,
+    show_default=True,
+    metavar="X",
+    help="When publishing: times real time; or inf.",
+)
 wheel_option = click.option(
     "--wheel", "wheel_file", type=FILE, metavar="W.toml", help="Constants of the wheel.  [default: the built-in wheel]"
 )

@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import json
-import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
 from rwa_monitor.cli.exit_codes import FAILED, UNREADABLE
-from rwa_monitor.cli.options import FILE, bus_options, warn_if_alone
+from rwa_monitor.cli.options import FILE, bus_options, speed_option, warn_if_alone
 from rwa_monitor.cli.progress import counting
 from rwa_monitor.cli.talk import say
 
@@ -25,14 +24,7 @@ if TYPE_CHECKING:
 @click.option("--exact", is_flag=True, help="Demand equal bytes; means --verify.")
 @click.option("--long", "long_report", is_flag=True, help="List every difference, not only their number per field.")
 @click.option("--publish", is_flag=True, help="Publish the recorded inputs on the bus instead.")
-@click.option(
-    "--speed",
-    type=click.FloatRange(0, min_open=True),
-    default=1.0,
-    show_default=True,
-    metavar="X",
-    help="With --publish: times real time; or inf.",
-)
+@speed_option
 @bus_options
 @click.pass_context
 def command(
@@ -85,8 +77,6 @@ def _publish(paths: Path | tuple[Path, ...], speed: float, bus: BusOptions) -> N
     from rwa_monitor.live.bus import open_session
     from rwa_monitor.live.replay import replay_to_bus
 
-    if math.isnan(speed):
-        raise click.BadParameter("nan is not a speed", param_hint="--speed")
     warn_if_alone(bus)
     with stop_on_signals() as stop, open_session(bus) as session:
         sent = replay_to_bus(paths, session, speed=speed, stop=stop)

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 import click
 
-from rwa_monitor.cli.options import FILE, bus_options, warn_if_alone, wheel_option
+from rwa_monitor.cli.options import FILE, bus_options, not_nan, speed_option, warn_if_alone, wheel_option
 from rwa_monitor.cli.progress import track
 from rwa_monitor.cli.talk import say
 
@@ -107,14 +106,19 @@ def dataset(recipe: str, count: int, seed: int, output: Path, suffix: str) -> No
 @scenario_option
 @wheel_option
 @seed_option
-@click.option(
-    "--speed", type=click.FloatRange(0, min_open=True), default=1.0, show_default=True, help="Times real time; or inf."
-)
+@speed_option
 @click.option("--key", default=DEFAULT_KEY, show_default=True, metavar="KEY", help="The wheel's samples on the bus.")
 @click.option(
     "--batch", type=click.IntRange(1, 100_000), default=256, show_default=True, help="Samples of one message."
 )
-@click.option("--linger", type=click.FloatRange(0), default=2.0, show_default=True, help="Stay on at the end [s].")
+@click.option(
+    "--linger",
+    type=click.FloatRange(0),
+    callback=not_nan,
+    default=2.0,
+    show_default=True,
+    help="Stay on at the end [s].",
+)
 @bus_options
 def publish(
     scenario_file: Path | None,
@@ -135,8 +139,6 @@ def publish(
     from rwa_monitor.live.bus import open_session
     from rwa_monitor.live.publisher import publish as publish_samples
 
-    if math.isnan(speed):
-        raise click.BadParameter("nan is not a speed", param_hint="--speed")
     warn_if_alone(bus)
     samples = _simulate(scenario_file, wheel_file, seed, "published").telemetry.samples
     with stop_on_signals() as stop, open_session(bus) as session:

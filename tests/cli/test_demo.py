@@ -27,7 +27,7 @@ def test_the_demo_finds_the_failing_wheel_and_its_recording_replays(tmp_path: Pa
     assert demo.returncode == 0, demo.stderr
     assert "Traceback" not in demo.stderr
     # The anomaly is said, and of no wheel but the one that the truth names.
-    assert re.search(r"^What was true: the dry friction of wheel_3 grew", demo.stdout, re.MULTILINE)
+    assert re.search(r"^What was true: the viscous friction of wheel_3 grew", demo.stdout, re.MULTILINE)
     anomalous = re.findall(r"^ *[\d.]+ s  (wheel_\d)  +[\d.]+ h  anomalous", demo.stdout, re.MULTILINE)
     assert set(anomalous) == {"wheel_3"}
     assert "first called anomalous" in demo.stdout
