@@ -316,6 +316,9 @@ def _weigh_steps(tables: Tables, entries: Entries, at: int, k: int, steps: Float
             else:
                 law = missed[s, q, skipped - 1, since, k]
                 mean, variance = tables.law_mean[s, before], tables.law_variance[s, before]
+                if tables.sized:  # no candidate, so no change of level that could be seen
+                    hidden = mean - entries.friction[at, s, 0]
+                    law -= 0.5 * hidden**2 / (variance + entries.friction[at, s, 1] + tables.size_variance[k - 1])
             steps[s, step, 0] = law + turn[s, before, direction]
             steps[s, step, 1] = own[s, after, k, k] - now
             steps[s, step, 2] = tables.law_mean[s, after] - mean

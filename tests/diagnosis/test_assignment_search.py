@@ -102,7 +102,11 @@ def follow(problem: Problem, before: Partial, k: int, number: int) -> Partial | 
         score += table[since, k] + laws.turn[s, middle, max(direction, 0)]
         now[s] = (after, k)
         if sizes:
-            old = before.friction[s] if missed == 0 else (sizes.law_mean[s, middle], sizes.law_variance[s, middle])
+            old = before.friction[s]
+            if missed:
+                old = (sizes.law_mean[s, middle], sizes.law_variance[s, middle])
+                hidden = old[0] - before.friction[s][0]
+                score -= 0.5 * hidden**2 / (old[1] + before.friction[s][1] + sizes.variance[k - 1])
             friction[s] = (sizes.law_mean[s, after], sizes.law_variance[s, after])
             mean += friction[s][0] - old[0]
             variance += friction[s][1] + old[1]
