@@ -14,6 +14,8 @@ from rwa_monitor.cli.talk import say
 from rwa_monitor.errors import InputError
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from rwa_monitor.discrepancy.find import Search
     from rwa_monitor.discrepancy.plan import PlannedManoeuvre
     from rwa_monitor.physics.wheel import Wheel
@@ -59,6 +61,7 @@ def command(
             from rwa_monitor.discrepancy.bootstrap import with_bootstrap
 
             found = with_bootstrap(found, bootstrap, progress)
+        found = _with_diagnosis_gain(found, progress)
     manoeuvres = plan(found) if show_plan else []
     if out is not None:
         _write_report(found, [str(file) for file in files], out)
@@ -74,6 +77,20 @@ def command(
         _print_plan(manoeuvres)
     if out is not None:
         say(f"report written to {out}")
+
+
+def _with_diagnosis_gain(found: Search, progress: Callable[[str], None]) -> Search:
+    """Add what the extension does to the diagnosis, where the wheel can be simulated and classified."""
+    from dataclasses import replace
+
+    from rwa_monitor.diagnosis.model import built_in_model
+    from rwa_monitor.evaluation.diagnosis_gain import diagnosis_gain
+
+    rates = diagnosis_gain(found, built_in_model(), progress)
+    if rates is None or found.result.gain is None:
+        return found
+    gain = replace(found.result.gain, diagnosis=rates)
+    return replace(found, result=replace(found.result, gain=gain))
 
 
 def _read(file: Path) -> tuple[str, Samples, Wheel | None]:
@@ -133,6 +150,12 @@ def _print_details(found: Search) -> None:
             f"log score {gain.log_score_base:.4f} → {gain.log_score_extended:.4f} per sample, "
             f"jumps {gain.changepoints_base} → {gain.changepoints_extended}"
         )
+        if gain.diagnosis is not None:
+            before, after = gain.diagnosis.before, gain.diagnosis.after
+            console.print(
+                f"diagnosis of simulated windows with the effect in them: detection {before.detection:.0%} → "
+                f"{after.detection:.0%}, false positives {before.false_positive:.1%} → {after.false_positive:.1%}"
+            )
     for name, missing in result.untested:
         console.print(f"not tested: {name} (needs {missing})")
 
