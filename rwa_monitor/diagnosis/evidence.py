@@ -37,8 +37,10 @@ from rwa_monitor.diagnosis.noise import (
     Tails,
     ar_coefficient,
     block_differences,
+    contrast_variances,
     estimate_noise,
     estimate_tails,
+    quiet_levels,
     scale_variances,
 )
 from rwa_monitor.diagnosis.peaks import PeakList
@@ -60,6 +62,7 @@ FALSE_CANDIDATES: Final = 0.3  # bearable in a window without a jump; the assign
 CERTAIN_STATISTIC: Final = 30.0  # peaks that split the window while its slope is first estimated
 SMALLEST_SLOPE_SPREAD: Final = 0.05  # [of the slope] the slope known so far is never trusted further than that
 LARGEST_VALUE: Final = 1e4  # normalised speed or friction beyond is a broken word of telemetry, not a wheel's
+LEAST_SHARE: Final = 0.8  # of the variance by mean squares that a robust one may be: heavy tails make it smaller
 SPEED_NOISES: Final = 5.0  # dead band in standard deviations of the speed's noise: the sign of ω is certain beyond
 
 
@@ -329,7 +332,12 @@ class WindowAccumulator:
     def _refresh(self) -> None:
         """Bring the variance of each scale, and what is kept and announced, up to date."""
         start = None if self._start_std is None else self._start_std**2
-        self._variances = scale_variances(self._state.histogram, self._scales, self._strides, start)
+        levels, _ = quiet_levels(self._block_sums[: self._blocks], self._block_pairs[: self._blocks])
+        # On a coarse lattice neighbours are mostly equal and quantiles say little; mean squares then hold the variance.
+        self._variances = np.maximum(
+            scale_variances(self._state.histogram, self._scales, self._strides, start),
+            LEAST_SHARE * contrast_variances(levels, self._scales),
+        )
         known = np.isfinite(self._variances)
         by_chance = np.where(known, self._tails().largest_outlier ** 2 / (2.0 * self._scales), np.inf)
         variances = np.where(known, self._variances, np.inf)

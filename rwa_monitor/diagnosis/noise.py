@@ -35,6 +35,10 @@ _JUMPED_RATE: Final = float(special.chdtrc(1, _JUMPED))
 _MOST_JUMPED: Final = 0.3  # beyond that share the estimate is not corrected further
 _BORROWED: Final = 30.0  # worth of the next narrower scale's variance, in independent contrasts
 
+_CHI_MEDIAN: Final = float(2.0 * special.erfinv(0.5) ** 2)  # median of χ²₁
+_LATTICE: Final = 0.5  # of the median that the variance lets expect
+_LEAST_PAIRS: Final = 8  # of 64, at every lag of a block
+
 _LEAST_COLOUR: Final = 0.1  # correlation of neighbours below which noise counts as white
 _AR_TOLERANCE: Final = 0.15  # of ρ(2) = ρ(1)²: a few standard errors in a long window
 
@@ -162,12 +166,14 @@ def estimate_tails(counts: IntArray, variance: float, samples: int) -> Tails:
         return gaussian
     cumulative = np.cumsum(counts) / total
     median, far = (float(_BIN_MIDDLES[np.searchsorted(cumulative, p)]) for p in (0.5, 0.995))
+    if median < _LATTICE * variance * _CHI_MEDIAN:
+        return gaussian  # neighbours are mostly equal: a coarse lattice, whose quantiles say nothing about tails
     # The 99.5 % quantile has a relative standard error of about 0.225/√(0.005 n).
     if far <= _TAIL_RATIO[0] * (_LIGHT_TAIL + 3 * 0.225 / np.sqrt(0.005 * total)) * median:
         return gaussian
     freedom = 1.0 / float(np.interp(far / median, _TAIL_RATIO, _TAIL_INVERSE_FREEDOM))
     # Statistic = difference²/2; its median over that of χ²₁ is the robust variance of a Gaussian sample.
-    robust_std = np.sqrt(median / (2.0 * special.erfinv(0.5) ** 2))
+    robust_std = np.sqrt(median / _CHI_MEDIAN)
     scale = robust_std * float(np.interp(far / median, _TAIL_RATIO, _TAIL_SCALE))
     return Tails(freedom, float(-scale * special.stdtrit(freedom, 0.5 * level)))
 
@@ -231,6 +237,62 @@ def block_differences(
                     pairs[b, lag] += good[i + 1 + lag]
 
 
+def _full_blocks(pairs: FloatArray) -> BoolArray:
+    """Return which blocks have enough pairs of used samples at every lag."""
+    return np.asarray((pairs >= _LEAST_PAIRS).all(axis=1), dtype=np.bool_)
+
+
+def quiet_levels(sums: FloatArray, pairs: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Average the block differences over the blocks in which nothing jumps.
+
+    Parameters
+    ----------
+    sums, pairs
+        float64 (B, LAGS), see `block_differences`.
+
+    Returns
+    -------
+    levels, counts
+        float64 (LAGS,): γ(0) - γ(l) at the lags 1 … LAGS, and the pairs behind it; NaN and 0 without a full block.
+    """
+    full = _full_blocks(pairs)
+    if not full.any():
+        return np.full(LAGS, np.nan), np.zeros(LAGS)
+    sums, pairs = sums[full], pairs[full]
+    score = sums.sum(axis=1) / pairs.sum(axis=1)
+    middle = np.median(score)
+    spread = 1.4826 * np.median(np.abs(score - middle))
+    quiet = score <= middle + 4.0 * spread
+    counts = pairs[quiet].sum(axis=0)
+    return sums[quiet].sum(axis=0) / counts, counts
+
+
+def contrast_variances(levels: FloatArray, scales: IntArray) -> FloatArray:
+    """Return the variance v of each scale's contrast that the block differences imply.
+
+    The weights of a contrast add up to nothing, so its variance needs only γ(0) - γ(l): with r(l) the correlation of
+    the weights, v = -w Σ r(l) (γ(0) - γ(l)) over l ≥ 1.
+
+    Parameters
+    ----------
+    levels
+        float64 (LAGS,), see `quiet_levels`.
+    scales
+        int64 (S,).
+
+    Returns
+    -------
+    float64 (S,); 0 where a contrast is longer than the lags reach, or nothing is known.
+    """
+    variances = np.zeros(scales.size)
+    for s, w in enumerate(scales):
+        if 2 * w <= LAGS and np.isfinite(levels).all():
+            weights = np.repeat([-1.0 / w, 1.0 / w], w)
+            correlation = np.correlate(weights, weights, mode="full")[2 * w :]
+            variances[s] = max(-w * float(correlation @ levels[: 2 * w - 1]), 0.0)
+    return variances
+
+
 def estimate_noise(
     sums: FloatArray, pairs: FloatArray, scales: IntArray, variances: FloatArray, samples: int, start_std: float | None
 ) -> NoiseEstimate:
@@ -248,19 +310,11 @@ def estimate_noise(
         Standard deviation expected before any data; used when there are no blocks and no variances.
     """
     autocovariance = np.zeros(LAGS)
-    full = pairs.min(axis=1) >= 8 if pairs.size else np.zeros(0, dtype=np.bool_)
-    if not full.any():
+    if not _full_blocks(pairs).any():
         known = [value for value in (float(variances[0]), (start_std or np.nan) ** 2) if np.isfinite(value)]
         autocovariance[0] = max(known[0] if known else 0.0, SMALLEST_STD**2)
         return NoiseEstimate(float(np.sqrt(autocovariance[0])), autocovariance, 1.0)
-    sums, pairs = sums[full], pairs[full]
-    score = sums.sum(axis=1) / pairs.sum(axis=1)
-    middle = np.median(score)
-    spread = 1.4826 * np.median(np.abs(score - middle))
-    quiet = score <= middle + 4.0 * spread
-    counts = pairs[quiet].sum(axis=0)
-    levels = sums[quiet].sum(axis=0) / counts  # γ(0) - γ(l)
-
+    levels, counts = quiet_levels(sums, pairs)
     variance = float(levels[3 * LAGS // 4 :].mean())
     last = 0  # the last lag whose correlation is certain
     for _ in range(2):

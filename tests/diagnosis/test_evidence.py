@@ -208,6 +208,16 @@ def test_heavy_tails_do_not_become_short_sojourns():
     assert len(events) <= 4
 
 
+@pytest.mark.parametrize("quantum", [0.5, 2.0])
+def test_quantisation_does_not_become_jumps(quantum):
+    speed, torque, good = _telemetry(22, 40_000, [(20_000, 15.0), (30_000, -10.0)])
+    step = quantum * SIGMA
+    evidence, _ = _gather(speed, step * np.round(torque / step), good)
+    for jump in (20_000, 30_000):
+        assert [k for k in evidence.candidates.index if abs(k - jump) <= 1]
+    assert len(evidence.candidates) <= 4
+
+
 @pytest.mark.parametrize("n", [0, 1, 17, 63, 64, 65, 300, CHUNK - 1, CHUNK, CHUNK + 1])
 def test_short_and_empty_windows_close(n):
     speed, torque, good = _telemetry(11, n)

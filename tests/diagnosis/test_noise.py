@@ -12,9 +12,11 @@ from rwa_monitor.diagnosis.noise import (
     OUTLIERS,
     ar_coefficient,
     block_differences,
+    contrast_variances,
     estimate_noise,
     estimate_tails,
     mean_variance_factor,
+    quiet_levels,
     scale_variances,
 )
 from rwa_monitor.diagnosis.results import NoiseEstimate
@@ -165,3 +167,23 @@ def test_colour_is_called_ar_only_where_it_looks_like_it():
     assert ar_coefficient(_estimate(rng.standard_normal(N))) == 0.0
     assert ar_coefficient(_estimate(np.diff(rng.standard_normal(N + 1)))) == 0.0
     assert ar_coefficient(NoiseEstimate(1.0, np.ones(1), 1.0)) == 0.0
+
+
+@pytest.mark.parametrize("phi", [0.0, 0.5])
+def test_block_differences_imply_the_variance_of_each_contrast(phi):
+    z = _ar(np.random.default_rng(13), phi) if phi else np.random.default_rng(13).standard_normal(N)
+    levels, _ = quiet_levels(*_blocks(z))
+    scales = np.array([1, 2, 8, 32, 64])
+    v = contrast_variances(levels, scales)
+    assert v[-1] == 0.0  # longer than the lags
+    for w, value in zip(scales[:-1], v, strict=False):
+        sums = np.cumsum(np.append(0.0, z))
+        contrast = (sums[2 * w :] - 2 * sums[w:-w] + sums[: -2 * w]) / w
+        # 20,000 samples enter, in contrasts of 2w.
+        assert value == pytest.approx(w / 2 * contrast.var(), rel=4 * np.sqrt(2 * 2 * w / 20_000))
+
+
+def test_a_lattice_has_no_heavy_tails():
+    z = np.round(np.random.default_rng(14).standard_normal(N) / 5.0)
+    counts = _histogram(np.maximum(np.diff(z) ** 2 / 2, 1e-300))
+    assert np.isinf(estimate_tails(counts, 0.05, N).degrees_of_freedom)
