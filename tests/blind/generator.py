@@ -67,7 +67,7 @@ NEEDS_CURRENT = frozenset(
 )
 NEEDS_TEMPERATURE = frozenset({"viscosity_temperature", "torque_constant_temperature"})
 # Strengths beyond which an effect is no longer what its name says; the drawn strength is then weaker. As in the
-# literature of each effect: 90 % of a level, magnets of 0.3 %/K, delays of two seconds. In units of the wheel's where they have one.
+# literature of each effect: 90 % of a level, magnets of 0.3 %/K, delays of two seconds.
 LARGEST = {
     "coulomb_asymmetry": 0.3,
     "load_dependence": 0.5,
@@ -338,9 +338,7 @@ def _telegraph(rng: np.random.Generator, rest: float, active: float) -> Array:
     return out
 
 
-def _noise(
-    case: Case, truth: formulas.Truth, std: float, rng: np.random.Generator
-) -> tuple[Array, tuple[str, ...]]:
+def _noise(case: Case, truth: formulas.Truth, std: float, rng: np.random.Generator) -> tuple[Array, tuple[str, ...]]:
     """Draw the friction's noise, a hidden noise effect in it; and the names of what it shows."""
     names: list[str] = []
     if case.noise == "student_t":

@@ -12,7 +12,7 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from multiprocessing import get_context
 from pathlib import Path
 
-from tests.blind.formulas import MEAN, PAIRS, OUTSIDE
+from tests.blind.formulas import MEAN, OUTSIDE, PAIRS
 from tests.blind.generator import NOISE_EFFECTS, SWITCHING_EFFECTS, Case, plan
 from tests.blind.table import report
 from tests.blind.trial import Outcome, run_trial
@@ -34,7 +34,11 @@ def cases(seed: int) -> list[Case]:
 
 def _spread(groups: list[list[Case]]) -> Iterator[tuple[Case, float]]:
     """Yield all cases so that each group advances evenly."""
-    places = [((i + 0.5 * (g + 1) / len(groups)) / len(group), case) for g, group in enumerate(groups) for i, case in enumerate(group)]
+    places = [
+        ((i + 0.5 * (g + 1) / len(groups)) / len(group), case)
+        for g, group in enumerate(groups)
+        for i, case in enumerate(group)
+    ]
     for at, case in sorted(places, key=lambda entry: entry[0]):
         yield case, at
 

@@ -58,15 +58,31 @@ def report(outcomes: Sequence[Outcome], seed: int) -> str:
         ("true cause inside the reported set", "≥ 98 %", rate(one, lambda o: o.inside)),
         ("mean size of that set", "≤ 3", f"{sum(sizes) / max(len(sizes), 1):.2f}"),
         ("nothing hidden, but a mean or switching effect named", "≤ 2 %", rate(nulls, lambda o: bool(real_names(o)))),
-        ("nothing hidden, but a noise effect named that is not there", "", rate(nulls, lambda o: bool(set(o.false_names) - set(real_names(o))))),
+        (
+            "nothing hidden, but a noise effect named that is not there",
+            "",
+            rate(nulls, lambda o: bool(set(o.false_names) - set(real_names(o)))),
+        ),
         ("nothing hidden, but something unexplained said", "", rate(nulls, lambda o: o.unexplained is not None)),
-        ("noise that is there, named", "", rate([o for o in nulls if o.background], lambda o: o.background <= {e["name"] for e in o.effects})),
+        (
+            "noise that is there, named",
+            "",
+            rate([o for o in nulls if o.background], lambda o: o.background <= {e["name"] for e in o.effects}),
+        ),
         ("two effects, both found", "≥ 88 %", rate(two, lambda o: o.inside)),
         ("outside the catalogue: verdict inadequate", "≥ 90 %", rate(outside, lambda o: o.verdict == "inadequate")),
         ("outside the catalogue: unexplained said", "≥ 80 %", rate(outside, lambda o: o.unexplained is not None)),
         ("outside the catalogue: a wrong name", "≤ 10 %", rate(outside, lambda o: bool(real_names(o)))),
-        ("held-out gain at least 95 % of an oracle's, ≥ 0.5 σ", "share ≥ 95 %", rate(strong, lambda o: (o.gain_share or 0) >= 0.95)),
-        ("jumps after extension within 1 of the truth", "≥ 90 %", rate(mean, lambda o: abs(o.jumps_extended - o.jumps_true) <= 1)),
+        (
+            "held-out gain at least 95 % of an oracle's, ≥ 0.5 σ",
+            "share ≥ 95 %",
+            rate(strong, lambda o: (o.gain_share or 0) >= 0.95),
+        ),
+        (
+            "jumps after extension within 1 of the truth",
+            "≥ 90 %",
+            rate(mean, lambda o: abs(o.jumps_extended - o.jumps_true) <= 1),
+        ),
     ]
     if strong:
         shares = sorted(o.gain_share or 0.0 for o in strong)
@@ -101,7 +117,9 @@ def _by_effect(one: Sequence[Outcome]) -> list[str]:
         those = [o for o in one if o.case.effects[0] == name]
         if not those:
             continue
-        wrong = Counter(o.named[0]["name"] if o.named else o.unexplained or "nothing" for o in those if not o.first_right)
+        wrong = Counter(
+            o.named[0]["name"] if o.named else o.unexplained or "nothing" for o in those if not o.first_right
+        )
         said = ", ".join(f"{what} ×{count}" for what, count in wrong.most_common())
         right, inside = sum(o.first_right for o in those), sum(o.inside for o in those)
         lines.append(f"| {name} | {len(those)} | {right} | {inside} | {said} |")

@@ -20,9 +20,8 @@ from rwa_monitor.formats.table import read_table
 from rwa_monitor.formats.wheel_file import read_wheel, write_wheel
 from rwa_monitor.physics.effects.base import Channels, MeanEffect
 from rwa_monitor.physics.effects.catalogue import CATALOGUE
-from rwa_monitor.physics.effects.switching_base import Jumps, SwitchingEvidence
 from rwa_monitor.physics.effects.noise_base import NoiseEffect
-from rwa_monitor.physics.effects.switching_base import SwitchingEffect
+from rwa_monitor.physics.effects.switching_base import Jumps, SwitchingEffect, SwitchingEvidence
 from tests.blind.equivalence import accepted
 from tests.blind.generator import NOISE_EFFECTS, SWITCHING_EFFECTS, Case, Hidden, generate, orthogonal
 
@@ -175,9 +174,7 @@ def _switching_gain(search: Search, hidden: Hidden, name: str) -> float:
     size = hidden.level[hidden.jump_index] - hidden.level[hidden.jump_index - 1]
     if name in ("extra_switching_system", "wrong_duration_law"):
         return 10.0 * len(hidden.jump_index)
-    evidence = SwitchingEvidence(
-        hidden.residual, channels, channels.good, Jumps(hidden.jump_index, size), systems={}
-    )
+    evidence = SwitchingEvidence(hidden.residual, channels, channels.good, Jumps(hidden.jump_index, size), systems={})
     return float(effect.fit(evidence).penalised_gain)
 
 

@@ -1,0 +1,67 @@
+"""The noise, estimated from records with jumps and tails in them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import signal
+
+from rwa_monitor.discrepancy.noise import clip_outliers, estimate_noise
+
+N = 20_000
+# A robust standard deviation of n Gaussian values has a relative error of 1.17/√n from its median, and AR(1) or
+# differences leave a third of n at worst: four such errors.
+TOLERANCE = 4 * 1.17 / np.sqrt(N / 3)
+
+
+def test_white_noise_with_jumps_in_it() -> None:
+    rng = np.random.default_rng(0)
+    z = 2.0 * rng.normal(size=N)
+    for at in range(500, N, 1300):
+        z[at:] += rng.choice([-1, 1]) * 30.0
+    noise = estimate_noise([z])
+    assert noise.std == pytest.approx(2.0, rel=TOLERANCE + 96 / 1300)  # a jump touches h of 1300 differences
+
+
+def test_white_noise_has_no_colour() -> None:
+    noise = estimate_noise([2.0 * np.random.default_rng(5).normal(size=N)])
+    assert not noise.autocovariance[1:].any()
+    assert noise.long_run_variance == pytest.approx(noise.std**2)
+
+
+@pytest.mark.parametrize("phi", [0.5, 0.9])
+def test_coloured_noise_has_its_long_run_variance(phi: float) -> None:
+    rng = np.random.default_rng(1)
+    z = signal.lfilter([np.sqrt(1 - phi**2)], [1, -phi], rng.normal(size=N))
+    noise = estimate_noise([z])
+    # The sum of 96 estimated autocovariances errs by some √(2·2·96/N)·(1+φ)/(1-φ).
+    expected = (1 + phi) / (1 - phi)
+    assert noise.long_run_variance == pytest.approx(expected, rel=3 * np.sqrt(4 * 96 / N))
+
+
+def test_noise_of_a_central_difference_is_not_taken_as_white() -> None:
+    rng = np.random.default_rng(2)
+    e = rng.normal(size=N + 2)
+    noise = estimate_noise([(e[2:] - e[:-2]) / np.sqrt(2)])
+    assert noise.autocovariance[2] / noise.std**2 == pytest.approx(-0.5, abs=0.05)
+    # A slow column meets next to none of it: sums of a difference telescope.
+    assert noise.variance_along(np.sin(np.arange(N) / 500)) < 0.1 * noise.std**2
+
+
+def test_student_noise_has_the_variance_that_means_scatter_by() -> None:
+    rng = np.random.default_rng(3)
+    z = rng.standard_t(4, N) / np.sqrt(2)  # variance 1
+    noise = estimate_noise([z])
+    # Winsorised at four of the median's standard deviations, t(4) keeps 87–100 % of its variance.
+    assert 0.8 < noise.std**2 < 1.1
+
+
+def test_outliers_are_pulled_in_and_levels_are_not() -> None:
+    rng = np.random.default_rng(4)
+    z = rng.normal(size=1000)
+    z[300] += 40.0
+    z[500:520] += 40.0
+    clipped, outliers = clip_outliers(z, 1.0)
+    assert outliers[300]
+    assert abs(clipped[300]) < 8
+    assert clipped[505:515].mean() > 30

@@ -1,0 +1,130 @@
+"""Records: friction given or derived, gaps, rest, wrong units."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from rwa_monitor.discrepancy.record import make_record
+from rwa_monitor.errors import InputError
+from rwa_monitor.physics.wheel import Limits
+from rwa_monitor.samples import Samples
+from tests.discrepancy.simple import NOISE_NM, PERIOD_S, WHEEL, record, swing
+
+
+def with_current(speed: np.ndarray, friction: np.ndarray) -> Samples:
+    assert WHEEL.inertia_kg_m2 is not None
+    assert WHEEL.torque_constant_Nm_A is not None
+    current = (friction + WHEEL.inertia_kg_m2 * np.gradient(speed, PERIOD_S)) / WHEEL.torque_constant_Nm_A
+    time_ns = (np.arange(speed.size) * round(PERIOD_S * 1e9)).astype(np.int64)
+    return Samples(time_ns=time_ns, speed_rad_s=speed, motor_current_A=current)
+
+
+def test_friction_is_taken_as_given() -> None:
+    samples, _ = record(swing())
+    made = make_record(samples, WHEEL, "given")
+    assert not made.friction_is_derived
+    assert np.array_equal(made.friction_torque_Nm, samples.friction_torque_Nm)
+
+
+def test_friction_is_derived_from_current_and_speed() -> None:
+    speed = swing()
+    friction = np.sign(speed) * 1.6e-3 + 5e-6 * speed
+    made = make_record(with_current(speed, friction), WHEEL, "derived")
+    assert made.friction_is_derived
+    inner = made.used & (np.abs(speed) > 10)
+    # The parabola through 17 samples of this swing errs by its third derivative: J·ω'''·(8 Δt)²/10 < 2e-6 N m.
+    assert np.max(np.abs(made.friction_torque_Nm - friction)[inner]) < 2e-6
+    assert not made.used[:8].any()  # the derivative has no value at the ends
+
+
+def test_without_friction_and_current_a_record_is_refused() -> None:
+    samples, _ = record(swing())
+    with pytest.raises(InputError, match="friction_torque_Nm"):
+        make_record(replace(samples, friction_torque_Nm=None), WHEEL, "poor")
+
+
+def test_a_gap_is_left_out_and_keeps_its_slots() -> None:
+    samples, _ = record(swing())
+    keep = np.ones(len(samples), dtype=bool)
+    keep[2000:2100] = False
+    made = make_record(samples[keep], WHEEL, "gap")
+    assert made.used.size == len(samples)
+    assert not made.used[2000:2100].any()
+    assert made.used[1999]
+    assert made.used[2100]
+
+
+def test_values_that_are_not_finite_are_left_out() -> None:
+    samples, _ = record(swing())
+    assert samples.friction_torque_Nm is not None
+    friction = samples.friction_torque_Nm.copy()
+    friction[100:110] = np.nan
+    made = make_record(replace(samples, friction_torque_Nm=friction), WHEEL, "holes")
+    assert not made.used[100:110].any()
+
+
+def test_rest_is_left_out_but_crossings_stay() -> None:
+    speed = swing()
+    speed[3000:3400] = 0.0
+    made = make_record(record(speed)[0], WHEEL, "rest")
+    assert not made.used[3010:3390].any()
+    assert made.rest_slots >= 380
+    crossing = int(np.flatnonzero(np.diff(np.sign(swing())))[0])
+    near = made.used[crossing - 40 : crossing + 40]
+    # 250 rad/s in 600 s crosses zero at 2.6 rad/s²: five speed noises (0.05 rad/s) are passed within one slot.
+    assert np.count_nonzero(~near) <= 2
+
+
+def test_values_beyond_the_limits_are_a_wrong_unit() -> None:
+    samples, _ = record(swing())
+    in_rpm = replace(samples, speed_rad_s=samples.speed_rad_s * 60 / (2 * np.pi))
+    with pytest.raises(InputError, match="wrong unit"):
+        make_record(in_rpm, WHEEL, "rpm")
+    unlimited = WHEEL.model_copy(update={"limits": Limits()})
+    make_record(in_rpm, unlimited, "rpm")
+
+
+@pytest.mark.parametrize(("factor", "refused"), [(1.0, False), (1000.0, True), (0.001, True)])
+def test_a_voltage_that_contradicts_the_speed_is_refused(factor: float, refused: bool) -> None:
+    speed = swing()
+    samples = with_current(speed, np.sign(speed) * 1.6e-3)
+    assert samples.motor_current_A is not None
+    assert WHEEL.winding_resistance_ohm is not None
+    assert WHEEL.back_emf_constant_V_s_rad is not None
+    voltage = WHEEL.winding_resistance_ohm * samples.motor_current_A + WHEEL.back_emf_constant_V_s_rad * speed
+    samples = replace(samples, motor_voltage_V=factor * voltage)
+    if refused:
+        with pytest.raises(InputError, match="contradicts"):
+            make_record(samples, WHEEL, "volts")
+    else:
+        make_record(samples, WHEEL, "volts")
+
+
+def test_a_file_far_sparser_than_its_sample_period_is_refused() -> None:
+    samples, _ = record(swing())
+    with pytest.raises(InputError, match="sample_period_s"):
+        make_record(replace(samples, time_ns=samples.time_ns * 50), WHEEL, "sparse")
+
+
+def test_an_empty_table_is_refused() -> None:
+    with pytest.raises(InputError, match="no samples"):
+        make_record(Samples(time_ns=np.zeros(0, dtype=np.int64), speed_rad_s=np.zeros(0)), WHEEL, "empty")
+
+
+def test_motion_channels_share_no_noise_with_the_friction_of_their_slot() -> None:
+    # Trap of effects.md: with raw dω/dt a false inertia error of 1.6 % shows at |t| = 36. The correlation of pure
+    # noise in friction and in the prepared acceleration must be that of independent samples.
+    rng = np.random.default_rng(1)
+    assert WHEEL.inertia_kg_m2 is not None
+    speed = 200.0 + rng.normal(0, 0.01, 20_000)
+    made = make_record(with_current(speed, np.full(speed.size, 1.6e-3)), WHEEL, "noise")
+    friction = (made.friction_torque_Nm - 1.6e-3)[made.used]
+    for name in ("acceleration_rad_s2",):
+        channel = getattr(made.channels, name)[made.used]
+        correlation = np.corrcoef(friction, channel)[0, 1]
+        # Both series are smooth over some 20 slots, so that about 1000 values are independent: 4 σ is 0.13.
+        assert abs(correlation) < 4 / np.sqrt(friction.size / 20), name
+    assert np.std(friction) > 0.1 * NOISE_NM
