@@ -161,8 +161,8 @@ def _sizes(case: _Case, level: _Level) -> Sizes:
     shape = (len(laws), max((len(of_system) for of_system in laws), default=1))
     mean, variance = np.zeros(shape), np.zeros(shape)
     for s, of_system in enumerate(laws):
-        mean[s, : len(of_system)] = [law.mean for law in of_system]
-        variance[s, : len(of_system)] = [law.variance for law in of_system]
+        for q in range(len(of_system)):
+            mean[s, q], variance[s, q] = case.priors.moments(s, q)
     blind = ~np.isfinite(level.jump_variance)
     return Sizes(
         jump=level.jump,

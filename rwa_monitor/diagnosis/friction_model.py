@@ -4,14 +4,16 @@ The level between two changepoints is the base, plus the friction of the sojourn
 configuration 0: a return jump undoes its entry), plus jumps that no system made. With Gaussian priors the posterior
 and the evidence have closed forms; both come from the moments of the segments.
 
-Prior of a system's friction: sojourn j in configuration q has (1 + a) · mid_q + d_j, where the anomaly a is shared by
-all sojourns of the system (paper: an anomaly changes P_f) and d_j is the scatter of the friction law. Both are Gaussian
-and wide enough that a factor of 2.5 is unlikely but not forbidden.
+Prior of a system's friction: sojourn j in configuration q has (1 + a) (mid_q + d_j), where the anomaly a is shared by
+all sojourns of the system (paper: an anomaly changes P_f) and d_j is the scatter of the friction law. The base and each
+system are healthy, or one or two of them are not: each such case is a Gaussian model of its own, and the posterior is
+their mixture. Where the window tells the parts apart, all cases agree; where it does not, the mixture is what is known.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import product
 from typing import Final
 
 import numpy as np
@@ -23,45 +25,36 @@ from rwa_monitor.diagnosis.state import CarriedState
 from rwa_monitor.physics.wheel import SwitchingSystem, Wheel
 from rwa_monitor.samples import FloatArray, IntArray
 
-BASE_SPREAD: Final = 0.3  # prior std of base dry friction over its nominal value: +30 % is a mild anomaly
 VISCOUS_SPREAD: Final = 0.5  # the same of the viscous coefficient
 CARRIED_VISCOUS_SPREAD: Final = 0.05  # at least, where earlier windows told the viscous coefficient
-ANOMALY_MEAN: Final = 0.1  # prior mean of a system's anomaly a: mostly 0, sometimes 0.4 … 1.5
-ANOMALY_SPREAD: Final = 0.4
-LEARNED_ANOMALY_SPREAD: Final = 0.15  # about what earlier windows of this very wheel showed
+LEARNED_SPREAD: Final = 0.15  # of the friction of a system against what earlier windows of this very wheel showed
 UNKNOWN_SPREAD: Final = 1.0  # relative, where no friction law is known at all
 MIN_LEARNED: Final = 3.0  # sojourns from which what earlier windows showed replaces the wheel's ranges
 UNATTRIBUTED_SPREAD: Final = 0.5  # prior std of a jump that no system made, over the unit of friction
+MOST_ANOMALIES: Final = 2  # at once, among base and systems
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """One of the states that a part may be in: its probability, and what it then is, Gaussian."""
+
+    probability: float
+    mean: float
+    std: float
+
+
+# Healthy wheels differ by a few per cent; anomalies worth finding are from +20 % to a multiple. Weights and widths are
+# broad on purpose: they only decide where the window cannot.
+BASE_CASES: Final = (Case(0.8, 1.0, 0.06), Case(0.2, 1.5, 0.4))  # base dry friction over its nominal value
+ANOMALY_CASES: Final = (Case(0.8, 0.0, 0.06), Case(0.2, 0.8, 0.5))  # a system's anomaly a
 
 
 @dataclass(frozen=True, slots=True)
 class FrictionLaw:
-    """Gaussian law of a configuration's friction: (1 + a) mid + d, normalised.
-
-    Attributes
-    ----------
-    mid
-        Nominal friction.
-    scatter
-        Standard deviation of d, from sojourn to sojourn.
-    anomaly, anomaly_spread
-        Mean and standard deviation of a.
-    """
+    """Gaussian law of a configuration's friction in a healthy system, normalised: its mean and standard deviation."""
 
     mid: float
     scatter: float
-    anomaly: float
-    anomaly_spread: float
-
-    @property
-    def mean(self) -> float:
-        """Prior mean of the friction."""
-        return self.mid * (1.0 + self.anomaly)
-
-    @property
-    def variance(self) -> float:
-        """Prior variance of the friction of one sojourn."""
-        return self.scatter**2 + (self.mid * self.anomaly_spread) ** 2
 
     @property
     def fixed_at_zero(self) -> bool:
@@ -75,21 +68,41 @@ class Priors:
 
     Attributes
     ----------
-    base, base_std
-        Dry friction with all systems at rest.
+    base
+        Cases of the dry friction with all systems at rest, the healthy one first.
+    anomaly
+        For each system: cases of its anomaly a, the healthy one first.
+    laws
+        For each system and configuration: the friction law at a = 0.
     slope
         Viscous coefficient.
-    laws
-        For each system and configuration.
     unattributed_std
         Standard deviation of a jump that no system made.
     """
 
-    base: float
-    base_std: float
-    slope: SlopePrior
+    base: tuple[Case, ...]
+    anomaly: tuple[tuple[Case, ...], ...]
     laws: tuple[tuple[FrictionLaw, ...], ...]
+    slope: SlopePrior
     unattributed_std: float
+
+    def cases(self) -> list[tuple[Case, ...]]:
+        """Return all states of (base, each system) with at most `MOST_ANOMALIES` anomalies."""
+        parts = (self.base, *self.anomaly)
+        numbered = product(*(range(len(part)) for part in parts))
+        return [
+            tuple(part[i] for part, i in zip(parts, choice, strict=True))
+            for choice in numbered
+            if sum(i > 0 for i in choice) <= MOST_ANOMALIES
+        ]
+
+    def moments(self, s: int, q: int) -> tuple[float, float]:
+        """Return mean and variance of the friction of a sojourn over all cases of its system."""
+        law, cases = self.laws[s][q], self.anomaly[s]
+        total = sum(case.probability for case in cases)
+        first = sum(case.probability * (1 + case.mean) for case in cases) / total
+        second = sum(case.probability * ((1 + case.mean) ** 2 + case.std**2) for case in cases) / total
+        return law.mid * first, second * (law.mid**2 + law.scatter**2) - (law.mid * first) ** 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -145,14 +158,19 @@ def priors_of(wheel: Wheel, carried: CarriedState | None, typical_level: float, 
     jump = typical_jump if typical_jump > 0 else max(abs(typical_level), 1e-300)
     if carried and carried.base_dry:
         drifted = carried.base_dry.drifted()
-        base, base_std = drifted.mean, max(drifted.std, 1e-6 * abs(drifted.mean))
+        base: tuple[Case, ...] = (Case(1.0, drifted.mean, max(drifted.std, 1e-6 * abs(drifted.mean))),)
     elif wheel.nominal:
-        base, base_std = 1.0, BASE_SPREAD
+        base = BASE_CASES
     else:
-        base, base_std = typical_level, 3.0 * (abs(typical_level) + jump)
-    laws = tuple(_laws_of(system, carried, jump) for system in wheel.fss)
-    unit = 1.0 if wheel.nominal else jump
-    return Priors(base, base_std, slope_prior(wheel, carried, typical_level), laws, UNATTRIBUTED_SPREAD * unit)
+        base = (Case(1.0, typical_level, 3.0 * (abs(typical_level) + jump)),)
+    systems = [_system_of(system, carried, jump) for system in wheel.fss]
+    return Priors(
+        base=base,
+        anomaly=tuple(cases for cases, _ in systems),
+        laws=tuple(laws for _, laws in systems),
+        slope=slope_prior(wheel, carried, typical_level),
+        unattributed_std=UNATTRIBUTED_SPREAD * (1.0 if wheel.nominal else jump),
+    )
 
 
 def slope_prior(wheel: Wheel, carried: CarriedState | None, typical_level: float) -> SlopePrior:
@@ -167,25 +185,28 @@ def slope_prior(wheel: Wheel, carried: CarriedState | None, typical_level: float
     return SlopePrior(nominal, VISCOUS_SPREAD * max(nominal, 0.1))
 
 
-def _laws_of(system: SwitchingSystem, carried: CarriedState | None, jump: float) -> tuple[FrictionLaw, ...]:
-    """Return the friction law of each configuration: learned, else the wheel's, else wide and in proportion to q."""
+def _system_of(
+    system: SwitchingSystem, carried: CarriedState | None, jump: float
+) -> tuple[tuple[Case, ...], tuple[FrictionLaw, ...]]:
+    """Return a system's anomaly and friction laws: learned, else the wheel's, else wide and in proportion to q."""
     known = carried.system(system.name) if carried else None
+    memories = [known.friction[q] if known and q < len(known.friction) else None for q in range(system.configurations)]
+    learned = any(memory is not None and memory.count >= MIN_LEARNED for memory in memories)
     laws = []
-    for q in range(system.configurations):
-        memory = known.friction[q] if known and q < len(known.friction) else None
+    for q, memory in enumerate(memories):
         given = system.friction[q] if system.friction else None
         if q == 0 and (given is None or given.low == given.high == 0.0):
-            laws.append(FrictionLaw(0.0, 0.0, 0.0, 0.0))
+            laws.append(FrictionLaw(0.0, 0.0))
         elif memory is not None and memory.count >= MIN_LEARNED:
-            scatter = max(memory.std, 0.02 * abs(memory.mean))
-            laws.append(FrictionLaw(memory.mean, scatter, 0.0, LEARNED_ANOMALY_SPREAD))
+            laws.append(FrictionLaw(memory.mean, max(memory.std, 0.02 * abs(memory.mean))))
         elif given is not None:
             mid = 0.5 * (given.low + given.high)
-            scatter = max((given.high - given.low) / np.sqrt(12.0), 0.02 * abs(mid))
-            laws.append(FrictionLaw(mid, float(scatter), ANOMALY_MEAN, ANOMALY_SPREAD))
+            laws.append(FrictionLaw(mid, max((given.high - given.low) / 12.0**0.5, 0.02 * abs(mid))))
         else:
-            laws.append(FrictionLaw(q * jump, UNKNOWN_SPREAD * jump, 0.0, UNKNOWN_SPREAD))
-    return tuple(laws)
+            laws.append(FrictionLaw(q * jump, UNKNOWN_SPREAD * jump))
+    if learned:
+        return (Case(1.0, 0.0, LEARNED_SPREAD),), tuple(laws)
+    return (ANOMALY_CASES if system.friction else (Case(1.0, 0.0, UNKNOWN_SPREAD),)), tuple(laws)
 
 
 def solve(
@@ -208,11 +229,23 @@ def solve(
     scatter
         Variance of the levels about the model, as `segments.level_scatter`.
     """
-    levels, column, mean, covariance = _design(story, borders, priors)
+    design = _design(story, borders, priors)
     moments = np.stack([segments.n, segments.x, segments.z, segments.xx, segments.xz, segments.zz])
-    log_evidence, posterior_mean, posterior = _condition(levels, moments, mean, covariance, variance, scatter)
-    std = np.sqrt(np.maximum(np.diag(posterior), 0.0))
-    return Posterior(float(log_evidence), posterior_mean, std, posterior, column)
+    scores, means, covariances = [], [], []
+    for case in priors.cases():
+        mean, covariance = _prior_of(design, case, priors)
+        log_evidence, mean, covariance = _condition(design.levels, moments, mean, covariance, variance, scatter)
+        scores.append(log_evidence + sum(np.log(part.probability) for part in case))
+        means.append(mean)
+        covariances.append(covariance)
+    best = max(scores)
+    weights = np.exp(np.array(scores) - best)
+    log_evidence = float(best + np.log(weights.sum()))
+    weights /= weights.sum()
+    mean = weights @ np.stack(means)
+    apart = np.stack(means) - mean
+    covariance = np.tensordot(weights, np.stack(covariances), axes=1) + (apart * weights[:, None]).T @ apart
+    return Posterior(log_evidence, mean, np.sqrt(np.maximum(np.diag(covariance), 0.0)), covariance, design.column)
 
 
 @njit(cache=True)
@@ -303,37 +336,68 @@ def _inverse(matrix: FloatArray) -> tuple[FloatArray, float]:
     return inverse, log_determinant
 
 
-def _design(
-    story: Story, borders: IntArray, priors: Priors
-) -> tuple[FloatArray, tuple[IntArray, ...], FloatArray, FloatArray]:
-    """Return the design without the slope (segments, levels), columns of the sojourns, prior mean and covariance."""
-    last_slot = borders[1:] - 1  # a segment belongs to the sojourns that hold at its end (see `Story`)
-    columns: list[FloatArray] = [np.ones(last_slot.size)]
-    means, deviations = [priors.base], [priors.base_std]
-    shared: list[tuple[int, int, float]] = []  # (column, system, std of the part that the system's anomaly moves)
+@dataclass(frozen=True, slots=True)
+class _Design:
+    """The linear model of a story.
+
+    Attributes
+    ----------
+    levels
+        float64 (segments, unknowns - 1), the slope's column left out.
+    column
+        For each system: int64 (sojourns,), column of each sojourn's friction, -1 where it is 0 by law.
+    owner
+        int64 (free sojourns,), system of each column that holds a sojourn's friction; these follow the base's.
+    mid, scatter
+        float64 (free sojourns,), their friction laws.
+    """
+
+    levels: FloatArray
+    column: tuple[IntArray, ...]
+    owner: IntArray
+    mid: FloatArray
+    scatter: FloatArray
+
+
+def _design(story: Story, borders: IntArray, priors: Priors) -> _Design:
+    """Return the linear model of a story; columns are base, sojourns, unattributed jumps."""
+    last_slot = borders[1:] - 1  # a segment belongs to the sojourns that hold at its end
+    owner: list[int] = []
+    laws: list[FrictionLaw] = []
     places: list[IntArray] = []
+    members: list[FloatArray] = [np.ones((last_slot.size, 1))]
     for s, (configurations, starts) in enumerate(zip(story.configurations, story.starts, strict=True)):
         sojourn = np.searchsorted(starts, last_slot, side="right") - 1
-        place = np.full(configurations.size, -1, dtype=np.int64)
-        for j, q in enumerate(configurations):
-            law = priors.laws[s][int(q)]
-            if law.fixed_at_zero:
-                continue
-            place[j] = len(columns)
-            shared.append((len(columns), s, law.mid * law.anomaly_spread))
-            columns.append((sojourn == j).astype(np.float64))
-            means.append(law.mean)
-            deviations.append(law.scatter)
-        places.append(place)
-    for slot in story.unattributed:
-        columns.append((last_slot >= slot).astype(np.float64))
-        means.append(0.0)
-        deviations.append(priors.unattributed_std)
-    means.append(priors.slope.mean)
-    deviations.append(priors.slope.std)
-    covariance = np.diag(np.square(deviations))
-    common = np.zeros((len(means), len(priors.laws)))
-    for at, s, size in shared:
-        common[at, s] = size
-    covariance += common @ common.T
-    return np.stack(columns, axis=1), tuple(places), np.array(means), covariance
+        of_sojourn = [priors.laws[s][q] for q in configurations.tolist()]
+        free = np.array([not law.fixed_at_zero for law in of_sojourn])
+        place = np.where(free, len(owner) + np.cumsum(free), -1)
+        places.append(place.astype(np.int64))
+        members.append((sojourn[:, None] == np.flatnonzero(free)[None, :]).astype(np.float64))
+        owner.extend([s] * int(free.sum()))
+        laws.extend(law for law in of_sojourn if not law.fixed_at_zero)
+    members.append((last_slot[:, None] >= story.unattributed[None, :]).astype(np.float64))
+    return _Design(
+        levels=np.ascontiguousarray(np.hstack(members)),
+        column=tuple(places),
+        owner=np.array(owner, dtype=np.int64),
+        mid=np.array([law.mid for law in laws], dtype=np.float64),
+        scatter=np.array([law.scatter for law in laws], dtype=np.float64),
+    )
+
+
+def _prior_of(design: _Design, case: tuple[Case, ...], priors: Priors) -> tuple[FloatArray, FloatArray]:
+    """Return prior mean and covariance of all unknowns in one case of base and systems."""
+    unknowns, sojourns = design.levels.shape[1] + 1, design.owner.size
+    base, *systems = case
+    factor = np.array([1.0 + system.mean for system in systems])[design.owner] if sojourns else np.zeros(0)
+    spread = np.array([system.std for system in systems])[design.owner] if sojourns else np.zeros(0)
+    mean, deviation = np.zeros(unknowns), np.full(unknowns, priors.unattributed_std)
+    mean[0], deviation[0] = base.mean, base.std
+    mean[1 : 1 + sojourns] = factor * design.mid
+    deviation[1 : 1 + sojourns] = factor * design.scatter
+    mean[-1], deviation[-1] = priors.slope.mean, priors.slope.std
+    covariance = np.diag(deviation**2)
+    shared = spread * design.mid
+    same = design.owner[:, None] == design.owner[None, :]
+    covariance[1 : 1 + sojourns, 1 : 1 + sojourns] += np.where(same, shared[:, None] * shared[None, :], 0.0)
+    return mean, covariance
