@@ -18,7 +18,6 @@ from typing import Annotated, Any, ClassVar, Final, Literal, Self, TypeVar
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
-from pydantic.json_schema import SkipJsonSchema
 
 from rwa_monitor.diagnosis.results import Method
 from rwa_monitor.diagnosis.window_diagnosis import AnomalyDiagnosis, Value, WindowDiagnosis
@@ -111,14 +110,14 @@ class SamplesMessage(Message):
     kind: ClassVar[str] = "samples"
 
     publisher: Annotated[str, Field(max_length=64)] = ""
-    batch: Count | SkipJsonSchema[None] = None
+    batch: Count | None = None
     time_ns: Annotated[list[TimeNs], Field(min_length=1, max_length=MAX_SAMPLES)]
     speed_rad_s: Readings
-    friction_torque_Nm: Readings | SkipJsonSchema[None] = None
-    motor_current_A: Readings | SkipJsonSchema[None] = None
-    motor_torque_Nm: Readings | SkipJsonSchema[None] = None
-    motor_voltage_V: Readings | SkipJsonSchema[None] = None
-    bearing_temperature_degC: Readings | SkipJsonSchema[None] = None
+    friction_torque_Nm: Readings | None = None
+    motor_current_A: Readings | None = None
+    motor_torque_Nm: Readings | None = None
+    motor_voltage_V: Readings | None = None
+    bearing_temperature_degC: Readings | None = None
 
     @classmethod
     def schema_name(cls) -> str:
@@ -236,7 +235,7 @@ class Diagnosis(Message):
 
     spacecraft: Name
     wheel: Name
-    source: str | SkipJsonSchema[None] = None
+    source: str | None = None
     window_start_ns: int
     window_end_ns: int
     samples: Count

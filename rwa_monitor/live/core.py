@@ -235,6 +235,11 @@ class WheelCore:
         return events
 
     @property
+    def buffer_bytes(self) -> int:
+        """Memory of the ring buffer [bytes]."""
+        return self._ring.nbytes
+
+    @property
     def window_fill(self) -> float:
         """Share of the oldest open window that has passed, 0 … 1."""
         return min((self._done - self._open[0].start) / self._samples, 1.0) if self._open else 0.0
