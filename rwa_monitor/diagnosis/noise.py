@@ -284,13 +284,13 @@ def contrast_variances(levels: FloatArray, scales: IntArray) -> FloatArray:
     -------
     float64 (S,); 0 where a contrast is longer than the lags reach, or nothing is known.
     """
-    variances = np.zeros(scales.size)
-    for s, w in enumerate(scales):
-        if 2 * w <= LAGS and np.isfinite(levels).all():
-            weights = np.repeat([-1.0 / w, 1.0 / w], w)
-            correlation = np.correlate(weights, weights, mode="full")[2 * w :]
-            variances[s] = max(-w * float(correlation @ levels[: 2 * w - 1]), 0.0)
-    return variances
+    if not np.isfinite(levels).all():
+        return np.zeros(scales.size)
+    w, lag = scales[:, None], np.arange(1, LAGS + 1)
+    # w² r(l) of the weights -1/w (w times), +1/w (w times)
+    correlation = np.where(lag < w, 2 * w - 3 * lag, np.minimum(lag - 2 * w, 0))
+    variances: FloatArray = np.maximum(-(correlation @ levels) / scales, 0.0)
+    return np.where(2 * scales <= LAGS, variances, 0.0)
 
 
 def estimate_noise(
