@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import stats
@@ -22,8 +22,8 @@ from rwa_monitor.discrepancy.result import (
 )
 from rwa_monitor.discrepancy.search import Found, Model, Progress, SearchResult, coefficient_covariance, search
 from rwa_monitor.discrepancy.unexplained import judge_leftover
-from rwa_monitor.errors import InputError
-from rwa_monitor.physics.effects.catalogue import MEAN_EFFECTS, to_block
+from rwa_monitor.physics.effects.catalogue import MEAN_EFFECTS, mean_effects, to_block
+from rwa_monitor.physics.effects.removal import effect_torque
 from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import Samples
 
@@ -92,9 +92,12 @@ def find_discrepancy(
 
 def without_known_effects(record: Record, wheel: Wheel) -> Record:
     """Subtract the torque of the effects that the wheel already has."""
-    if not wheel.effect:
+    effects = mean_effects(wheel)
+    if not effects:
         return record
-    raise InputError(wheel.name, "searching beyond an extended wheel is not supported")
+    viscous = wheel.nominal.viscous_Nm_s_rad if wheel.nominal else 0.0
+    torque, _ = effect_torque(effects, record.channels, record.friction_torque_Nm, viscous, [None] * len(effects))
+    return replace(record, friction_torque_Nm=record.friction_torque_Nm - np.nan_to_num(torque))
 
 
 def extended_wheel(search: Search) -> Wheel:

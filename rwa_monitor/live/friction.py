@@ -15,6 +15,7 @@ from rwa_monitor.errors import InputError
 from rwa_monitor.live.ring_buffer import OPTIONAL, RingBuffer
 from rwa_monitor.physics.effects.base import Channels, Memory
 from rwa_monitor.physics.effects.catalogue import mean_effects
+from rwa_monitor.physics.effects.removal import effect_torque
 from rwa_monitor.physics.torque_balance import differentiate, friction_torque, half_width, inertia_of
 from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import FloatArray, Samples
@@ -123,11 +124,13 @@ class FrictionSource:
         while self.effects and low < stop:
             high = min((low // BLOCK_SLOTS + 1) * BLOCK_SLOTS, stop)
             block = slice(low - start, high - start)
-            torque[block] -= self._effect_torque(ring, low, high, acceleration[block])
+            torque[block] -= self._effect_torque(ring, low, high, acceleration[block], torque[block])
             low = high
         return torque
 
-    def _effect_torque(self, ring: RingBuffer, start: int, stop: int, acceleration: FloatArray) -> FloatArray:
+    def _effect_torque(
+        self, ring: RingBuffer, start: int, stop: int, acceleration: FloatArray, friction: FloatArray
+    ) -> FloatArray:
         """Return the torque of all effects in one block of slots [N m]."""
         period_s = self.wheel.sample_period_s
         speed = ring.read("speed_rad_s", start, stop)
@@ -151,8 +154,6 @@ class FrictionSource:
             sample_period_s=period_s,
             good=good,
         )
-        total = np.zeros(stop - start)
-        for i, effect in enumerate(self.effects):
-            torque, self.memories[i] = effect.torque(channels, self.memories[i])
-            total += torque
-        return total
+        viscous = self.wheel.nominal.viscous_Nm_s_rad if self.wheel.nominal else 0.0
+        torque, self.memories = effect_torque(self.effects, channels, friction, viscous, self.memories)
+        return torque

@@ -1,0 +1,168 @@
+"""Views, plan, report and command on one record with a Stribeck effect hidden in it."""
+
+from __future__ import annotations
+
+import html.parser
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from rwa_monitor.cli.main import main
+from rwa_monitor.discrepancy import report
+from rwa_monitor.discrepancy.bootstrap import with_bootstrap
+from rwa_monitor.discrepancy.find import Search, extended_wheel, find_discrepancy
+from rwa_monitor.discrepancy.plan import rank_manoeuvres
+from rwa_monitor.discrepancy.views import all_views
+from rwa_monitor.formats.table import table_writer
+from rwa_monitor.physics.scenario import Scenario
+from rwa_monitor.physics.speed import SpeedProfile
+from rwa_monitor.physics.telemetry import simulate
+from rwa_monitor.physics.wheel import EffectBlock, Wheel, built_in_wheel
+from rwa_monitor.samples import Samples
+
+STRENGTH_NM, WIDTH_RAD_S = 6.0e-4, 10.0
+
+
+def record(effect: EffectBlock | None, seed: int = 7) -> Samples:
+    """Simulate 1500 s of rich motion, with or without the effect."""
+    scenario = Scenario(duration_s=1500.0, speed=SpeedProfile(kind="rich"), effect=(effect,) if effect else ())
+    return simulate(scenario, built_in_wheel(), np.random.default_rng(seed)).samples
+
+
+STRIBECK = EffectBlock(
+    name="stribeck", parameters={"strength_Nm": STRENGTH_NM, "stribeck_speed_rad_s": WIDTH_RAD_S, "exponent": 2.0}
+)
+
+
+@pytest.fixture(scope="module")
+def found() -> Search:
+    """Search one record with the effect."""
+    return find_discrepancy([("hidden.csv", record(STRIBECK))], built_in_wheel())
+
+
+@pytest.fixture(scope="module")
+def nothing() -> Search:
+    """Search one record without any effect."""
+    return find_discrepancy([("plain.csv", record(None))], built_in_wheel())
+
+
+def test_the_hidden_effect_is_found_with_its_parameters(found: Search) -> None:
+    first = found.result.effects[0]
+    assert (found.result.verdict, first.name, first.family) == ("inadequate", "stribeck", "mean")
+    strength, width = first.parameters["strength_Nm"], first.parameters["stribeck_speed_rad_s"]
+    assert strength.std is not None
+    assert abs(strength.value - STRENGTH_NM) < 5 * strength.std + 0.02 * STRENGTH_NM
+    assert width.value == pytest.approx(WIDTH_RAD_S, rel=0.05)
+
+
+def test_the_extension_gains_on_held_out_blocks(found: Search) -> None:
+    gain = found.result.gain
+    assert gain is not None
+    assert gain.log_score_extended > gain.log_score_base
+    assert gain.changepoints_extended < gain.changepoints_base
+    rungs = report.ladder(found)
+    assert [rung.name for rung in rungs] == ["simulation as it is", "+ stribeck"]
+    assert rungs[1].gain_low is not None
+    assert rungs[1].gain_high is not None
+    assert rungs[1].gain_low < rungs[1].gain_high
+
+
+def test_nothing_hidden_nothing_named(nothing: Search) -> None:
+    assert nothing.result.verdict == "adequate"
+    assert nothing.result.effects == ()
+    assert nothing.result.unexplained is None
+    gain = nothing.result.gain
+    assert gain is not None
+    assert gain.rmse_base_Nm == gain.rmse_extended_Nm
+    assert gain.log_score_base == gain.log_score_extended
+
+
+def test_the_views_show_the_effect_before_and_nothing_after(found: Search) -> None:
+    views = {view.name: view for view in all_views(found.problem, found.base, found.extended)}
+    assert views["speed"].base.p_value < 1e-6
+    assert views["speed"].extended.p_value > 1e-3
+    near_zero = views["speed"].base.x < WIDTH_RAD_S
+    assert np.all(views["speed"].base.y[near_zero] > 0)  # extra drag, both directions folded together
+    assert {"temperature", "motor_torque", "angle", "time_since_slew", "slope_per_segment", "tails"} <= set(views)
+    for view in views.values():
+        assert view.base.x.shape == view.base.y.shape == view.base.error.shape == view.expected.shape
+
+
+def test_a_plan_ranks_by_separation_and_prefers_what_shows_the_effect(found: Search) -> None:
+    planned = rank_manoeuvres(found.problem, found.extended, ["stribeck"], built_in_wheel())
+    separations = [entry.separation for entry in planned]
+    assert separations == sorted(separations, reverse=True)
+    worth = {entry.name: entry.separation for entry in planned}
+    assert worth["slow zero crossing"] > 25.0
+    assert worth["constant speed for an orbit"] < 1.0  # far from zero speed nothing of the effect is left
+
+
+def test_a_plan_for_two_rivals_names_the_pair_it_separates(found: Search) -> None:
+    planned = rank_manoeuvres(found.problem, found.extended, ["stribeck", "sublinear_viscous"], built_in_wheel())
+    assert {"stribeck", "sublinear_viscous"} >= set(planned[0].worst_pair) - {""}
+    assert planned[0].separation > 25.0
+
+
+class _Page(html.parser.HTMLParser):
+    """Collects what a page refers to outside of itself."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.outside: list[str] = []
+        self.pictures = 0
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.pictures += tag == "svg"
+        for name, value in attrs:
+            if name in ("src", "href", "xlink:href") and value and not value.startswith("#"):
+                self.outside.append(value)
+
+
+def test_the_page_stands_alone_and_is_the_same_each_time(found: Search) -> None:
+    text = report.html(found, ["hidden.csv"])
+    page = _Page()
+    page.feed(text)
+    assert page.outside == []
+    assert page.pictures >= 12
+    for word in ("stribeck", "hidden.csv", "What to fly next", "extended_wheel.toml", "N m"):
+        assert word in text
+    assert report.html(found, ["hidden.csv"]) == text
+
+
+def test_a_file_name_cannot_inject_markup(found: Search) -> None:
+    assert "<script>alert" not in report.html(found, ["<script>alert(1)</script>.csv"])
+
+
+def test_the_extended_wheel_loads_and_explains_the_data(found: Search) -> None:
+    wheel = Wheel.from_toml(extended_wheel(found).to_toml(), "extended")
+    assert [block.name for block in wheel.effect] == ["stribeck"]
+    again = find_discrepancy([("hidden.csv", record(STRIBECK))], wheel)
+    assert again.result.verdict == "adequate"
+
+
+def test_bootstrap_gives_the_smallest_p_value_it_can(found: Search) -> None:
+    draws = 3
+    effects = with_bootstrap(found, draws, lambda _: None).result.effects
+    assert effects[0].p_value == pytest.approx(1 / (1 + draws))
+
+
+def test_command_writes_report_and_json(tmp_path: Path) -> None:
+    table = tmp_path / "hidden.csv"
+    table_writer(table)(record(STRIBECK), table)
+    result = CliRunner().invoke(
+        main, ["discrepancy", str(table), "--json", "--plan", "--out", str(tmp_path / "out")], catch_exceptions=False
+    )
+    assert result.exit_code == 0
+    answer = json.loads(result.stdout)
+    assert answer["effects"][0]["name"] == "stribeck"
+    assert answer["plan"][0]["separation_nats"] >= answer["plan"][-1]["separation_nats"]
+    assert {path.name for path in (tmp_path / "out").iterdir()} == {
+        "report.html",
+        "report.json",
+        "extended_wheel.toml",
+    }
+    on_disk = json.loads((tmp_path / "out" / "report.json").read_text())
+    assert on_disk["verdict"] == "inadequate"
