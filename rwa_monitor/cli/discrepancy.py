@@ -11,14 +11,12 @@ import click
 
 from rwa_monitor.cli.options import FILE, wheel_option
 from rwa_monitor.cli.talk import say
-from rwa_monitor.errors import InputError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from rwa_monitor.discrepancy.find import Search
     from rwa_monitor.discrepancy.plan import PlannedManoeuvre
-    from rwa_monitor.physics.wheel import Wheel
     from rwa_monitor.samples import Samples
 
 
@@ -44,6 +42,7 @@ def command(
     are named, with the manoeuvre that would separate them.
     """
     from rwa_monitor.cli.progress import status_line
+    from rwa_monitor.cli.telemetry_files import read_samples
     from rwa_monitor.discrepancy.find import find_discrepancy
     from rwa_monitor.discrepancy.report import plan, sentence
     from rwa_monitor.formats.wheel_file import read_wheel
@@ -52,9 +51,9 @@ def command(
     wheel = read_wheel(wheel_file) if wheel_file else None
     recordings: list[tuple[str, Samples]] = []
     for file in files:
-        name, samples, recorded_wheel = _read(file)
-        wheel = wheel or recorded_wheel
-        recordings.append((name, samples))
+        samples, recorded = read_samples(file)
+        wheel = wheel or recorded
+        recordings.append((str(file), samples))
     with status_line("searching") as progress:
         found = find_discrepancy(recordings, wheel or built_in_wheel(), progress)
         if bootstrap:
@@ -91,20 +90,6 @@ def _with_diagnosis_gain(found: Search, progress: Callable[[str], None]) -> Sear
         return found
     gain = replace(found.result.gain, diagnosis=rates)
     return replace(found, result=replace(found.result, gain=gain))
-
-
-def _read(file: Path) -> tuple[str, Samples, Wheel | None]:
-    """Return name, samples and, where the file carries one, the wheel."""
-    from rwa_monitor.cli.telemetry_files import read_telemetry
-    from rwa_monitor.samples import concatenate
-
-    content = read_telemetry(file)
-    for problem in content.problems:
-        say(f"{file}: {problem}")
-    if len(content.telemetry) != 1:
-        raise InputError(str(file), f"holds {len(content.telemetry)} wheels; give the recordings of one wheel")
-    samples = concatenate([batch.samples for batch in content.telemetry[0].batches])
-    return str(file), samples, content.wheel
 
 
 def _write_report(found: Search, sources: list[str], folder: Path) -> None:

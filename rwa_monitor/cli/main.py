@@ -27,7 +27,19 @@ for _variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
 
 # Each command is `command` in a module of this name. Modules import what they need when the command runs, not before,
 # so that --help and a mistyped option answer at once.
-COMMANDS: Final = ("demo", "run", "simulate", "train", "diagnose", "discrepancy", "replay", "recover", "doctor")
+COMMANDS: Final = (
+    "demo",
+    "run",
+    "simulate",
+    "train",
+    "diagnose",
+    "discrepancy",
+    "identify",
+    "tune",
+    "replay",
+    "recover",
+    "doctor",
+)
 
 
 class Program(click.Group):

@@ -15,7 +15,7 @@ from rwa_monitor.formats.table import file_format, read_table
 from rwa_monitor.live.recording import Recording, read_recording
 from rwa_monitor.messages import SamplesMessage
 from rwa_monitor.physics.wheel import Wheel
-from rwa_monitor.samples import Samples
+from rwa_monitor.samples import Samples, concatenate
 
 SAMPLES_TOPIC_PARTS: Final = 4  # rwa/{spacecraft}/{wheel}/samples
 
@@ -126,3 +126,19 @@ def _of_topic(source: str, topic: str, batches: list[SampleBatch]) -> WheelTelem
     if len(parts) != SAMPLES_TOPIC_PARTS:
         raise InputError(source, "is not rwa/{spacecraft}/{wheel}/samples", f"topic {topic}")
     return WheelTelemetry(source, parts[1], parts[2], batches)
+
+
+def read_samples(path: Path) -> tuple[Samples, Wheel | None]:
+    """Read a file of one wheel whole; return its samples and, where the file carries one, its wheel.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be used, or holds several wheels.
+    """
+    content = read_telemetry(path)
+    for problem in content.problems:
+        say(f"{path}: {problem}")
+    if len(content.telemetry) != 1:
+        raise InputError(display_name(path), f"holds {len(content.telemetry)} wheels; one is wanted")
+    return concatenate([batch.samples for batch in content.telemetry[0].batches]), content.wheel

@@ -1,0 +1,398 @@
+"""A wheel's friction, noise and switching laws learned from its recordings alone (the paper's own open question).
+
+The recordings are segmented with a shared viscous slope. Then switching systems are told apart by what a system is: a
+chain over adjacent configurations whose friction is zero in the lowest one.
+
+1. A *visit* is a jump up that is undone by one of the next jumps. Visits much shorter than the mean time between jumps
+   are those of a two-configuration system; they are taken out, and the next time scale is looked at in the same way.
+2. In what remains at the longest scale each jump up or down is a step to the adjacent configuration, so the sequence of
+   signs is the sequence of configurations.
+3. Each configuration's complete sojourns give its duration law (the best of four by BIC), its friction a range.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Final
+
+import numpy as np
+from scipy import special
+
+from rwa_monitor.discrepancy.base_fit import Problem, fit, make_problem
+from rwa_monitor.discrepancy.record import make_record
+from rwa_monitor.errors import InputError
+from rwa_monitor.physics.durations import DurationLaw, Geometric, Lognormal, Uniform, Weibull
+from rwa_monitor.physics.wheel import FrictionRange, Noise, Nominal, SwitchingSystem, Wheel, Window
+from rwa_monitor.samples import BoolArray, FloatArray, IntArray, Samples
+
+MIN_SOJOURNS: Final = 4  # complete ones of a configuration; fewer give no law
+MAX_CONFIGURATIONS: Final = 5  # a chain that needs more is two systems taken for one
+FAST_SHARE: Final = 0.25  # of the mean time between jumps: visits shorter than that are of a faster system
+CLOSED_WITHIN: Final = 4.5  # standard deviations by which a visit's way back may miss its entry
+JUMPS_INSIDE: Final = 1  # jumps of other systems that may fall into a visit
+VISIBLE_AT: Final = 5.0  # standard deviations of a jump below which nothing is made of it
+
+
+@dataclass(frozen=True, slots=True)
+class Learned:
+    """A wheel learned from recordings.
+
+    Attributes
+    ----------
+    wheel
+        With nominal friction, noise, window and switching systems.
+    notes
+        What the values rest on, with uncertainties, one line each; for the head of wheel.toml.
+    """
+
+    wheel: Wheel
+    notes: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class _Sojourn:
+    """A stay at one level: slots, level and its standard deviation [N m]; whether the record cut it."""
+
+    slots: int
+    level: float
+    std: float
+    cut: bool
+
+
+@dataclass(slots=True)
+class _Chain:
+    """One record while systems are taken out of it.
+
+    Attributes
+    ----------
+    rest
+        float64 (n,), s·torque less viscous friction at the used samples [N m].
+    slot
+        int64 (n,), their slots.
+    quiet
+        bool (n,), samples that are in no visit taken out so far.
+    jumps
+        Sample indices of the jumps left.
+    variance
+        Long-run variance of the noise [N² m²].
+    """
+
+    rest: FloatArray
+    slot: IntArray
+    quiet: BoolArray
+    jumps: list[int]
+    variance: float
+
+    def stays(self) -> list[_Sojourn]:
+        """Return the stays between the jumps left, levels from the quiet samples only."""
+        cuts = [0, *self.jumps, self.rest.size]
+        stays = []
+        for i, (a, b) in enumerate(pairwise(cuts)):
+            values = self.rest[a:b][self.quiet[a:b]]
+            if values.size == 0:
+                values = self.rest[a:b]
+            end = int(self.slot[b]) if b < self.slot.size else int(self.slot[-1]) + 1
+            stays.append(
+                _Sojourn(
+                    end - int(self.slot[a]),
+                    float(values.mean()),
+                    float(np.sqrt(self.variance / values.size)),
+                    cut=i in (0, len(cuts) - 2),
+                )
+            )
+        return stays
+
+
+@dataclass(frozen=True, slots=True)
+class _Visits:
+    """What was learned of one system: per configuration, complete durations and friction above the lowest [N m]."""
+
+    durations: list[list[int]]
+    friction: list[list[float]]
+    ups: list[tuple[int, int]]  # per configuration: transitions up, transitions in all
+
+
+def identify(recordings: Sequence[tuple[str, Samples]], start: Wheel, *, systems: bool = True) -> Learned:
+    """Learn a wheel from its recordings.
+
+    Parameters
+    ----------
+    recordings
+        Name and samples of each recording of one wheel, healthy as far as one knows.
+    start
+        What is known already: name, sample period, motor constants. Its nominal friction, noise and switching systems
+        are learned anew.
+    systems
+        Whether to learn switching systems; False for short recordings, nominal friction and noise only.
+
+    Raises
+    ------
+    InputError
+        If a recording cannot be used, or there is too little to learn a law from; says how much more is needed.
+    """
+    bare = start.model_copy(update={"nominal": None, "fss": (), "noise": Noise(), "effect": ()})
+    problem = make_problem([make_record(samples, bare, name) for name, samples in recordings], bare)
+    fitted = fit(problem, np.zeros((problem.size, 0)))
+    viscous = float(fitted.coefficients[0])
+    if viscous < 0:
+        raise InputError(
+            ", ".join(name for name, _ in recordings),
+            f"viscous friction comes out negative ({viscous:.3g} N m s/rad); is the sign of speed or friction right?",
+        )
+    chains = _chains(problem, fitted.jumps, fitted.level + fitted.residual)
+    found = _tell_apart(chains) if systems else []
+    base = _base_level([stay for chain in chains for stay in chain.stays()])
+    if base <= 0:
+        raise InputError(
+            ", ".join(name for name, _ in recordings),
+            f"dry friction comes out negative ({base:.3g} N m); is the sign of speed or friction right?",
+        )
+    nominal_speed = _round_to_two_digits(float(np.quantile(problem.speed, 0.95)))
+    blocks, notes = [], []
+    for number, visits in enumerate(found, start=1):
+        blocks.append(_system(f"fss_{number}", visits, base))
+        notes.append(_note(blocks[-1], visits))
+    slots = sum(record.used.size for record in problem.records)
+    inner = problem.speed - problem.speed.mean()
+    viscous_std = float(np.sqrt(problem.noise.long_run_variance / max(float(inner @ inner), 1e-300)))
+    wheel = bare.model_copy(
+        update={
+            "nominal": Nominal(dry_torque_Nm=base, viscous_Nm_s_rad=viscous, nominal_speed_rad_s=nominal_speed),
+            "noise": Noise(friction_std_Nm=problem.noise.std),
+            "window": _window(start.window, problem),
+            "fss": tuple(blocks),
+        }
+    )
+    colour = problem.noise.long_run_variance / problem.noise.std**2
+    head = (
+        f"learned from {len(recordings)} recording(s), {slots} slots, {problem.size} samples in motion",
+        f"viscous {viscous:.5g} ± {viscous_std:.2g} N m s/rad, base dry {base:.5g} N m",
+        f"noise {problem.noise.std:.3g} N m; the variance of a long mean is {colour:.1f} times that of white noise",
+    )
+    return Learned(Wheel.from_tables(wheel.to_tables(), "learned wheel"), (*head, *notes))
+
+
+def _window(known: Window, problem: Problem) -> Window:
+    """Return the window: as known, but no longer than a recording."""
+    longest = max(record.used.size for record in problem.records)
+    samples = min(known.samples, max(longest, 16))
+    return known.model_copy(update={"samples": samples, "hop": None if known.hop is None else min(known.hop, samples)})
+
+
+def _chains(problem: Problem, jumps: IntArray, rest: FloatArray) -> list[_Chain]:
+    """Return the records as chains of jumps."""
+    chains = []
+    for begin, end in pairwise(problem.starts.tolist()):
+        if end > begin:
+            inside = jumps[(jumps > begin) & (jumps < end)] - begin
+            chains.append(
+                _Chain(
+                    rest[begin:end],
+                    problem.slot[begin:end],
+                    np.ones(end - begin, dtype=bool),
+                    inside.tolist(),
+                    problem.noise.long_run_variance,
+                )
+            )
+    return chains
+
+
+def _tell_apart(chains: list[_Chain]) -> list[_Visits]:
+    """Return the switching systems, fast ones first."""
+    systems = []
+    while True:
+        limit = _fast_limit(chains)
+        pairs = [_visits_of(chain, limit) for chain in chains]
+        if sum(len(of_one) for of_one in pairs) < MIN_SOJOURNS:
+            break
+        visits = _take_out(chains, pairs)
+        if len(visits.durations[0]) < MIN_SOJOURNS:
+            raise _too_little("a switching system of short visits", visits.durations)
+        systems.append(visits)
+    if any(chain.jumps for chain in chains):
+        systems.append(_slow_system([chain.stays() for chain in chains]))
+    return systems
+
+
+def _fast_limit(chains: list[_Chain]) -> int:
+    """Return the duration below which visits are of a system faster than the rest [slots]."""
+    slots = sum(int(chain.slot[-1] - chain.slot[0]) + 1 for chain in chains)
+    jumps = sum(len(chain.jumps) for chain in chains)
+    return int(FAST_SHARE * slots / (jumps + 1))
+
+
+def _visits_of(chain: _Chain, limit: int) -> list[tuple[int, int]]:
+    """Return pairs of positions in `chain.jumps`: a jump up and the one that undoes it within `limit` slots."""
+    stays = chain.stays()
+    size = np.diff([stay.level for stay in stays])
+    std = [float(np.hypot(a.std, b.std)) for a, b in pairwise(stays)]
+    pairs, taken = [], set()
+    for i in range(len(chain.jumps)):
+        if i in taken or size[i] < VISIBLE_AT * std[i]:
+            continue
+        for j in range(i + 1, min(i + 2 + JUMPS_INSIDE, len(chain.jumps))):
+            if j in taken or chain.slot[chain.jumps[j]] - chain.slot[chain.jumps[i]] > limit:
+                continue
+            if abs(size[i] + size[j]) < CLOSED_WITHIN * np.hypot(std[i], std[j]):
+                pairs.append((i, j))
+                taken |= {i, j}
+                break
+    return pairs
+
+
+def _take_out(chains: list[_Chain], pairs: list[list[tuple[int, int]]]) -> _Visits:
+    """Take visits out of the chains; return their durations and friction, and the rests between them."""
+    active: list[int] = []
+    rests: list[int] = []
+    heights: list[float] = []
+    for chain, of_one in zip(chains, pairs, strict=True):
+        level = [stay.level for stay in chain.stays()]
+        for i, j in of_one:
+            begin, end = chain.jumps[i], chain.jumps[j]
+            active.append(int(chain.slot[end] - chain.slot[begin]))
+            heights.append(0.5 * (level[i + 1] - level[i] + level[j] - level[j + 1]))
+            chain.quiet[begin:end] = False
+        for (_, j), (i, _) in pairwise(of_one):
+            rests.append(int(chain.slot[chain.jumps[i]] - chain.slot[chain.jumps[j]]))
+        gone = {position for pair in of_one for position in pair}
+        chain.jumps = [jump for position, jump in enumerate(chain.jumps) if position not in gone]
+    return _Visits([rests, active], [[0.0], heights], [(0, 0), (0, 0)])
+
+
+def _slow_system(chains: list[list[_Sojourn]]) -> _Visits:
+    """Read the one system that is left: each jump is a step to the adjacent configuration.
+
+    Records are aligned by level: one that never comes down to the lowest level of all begins as many configurations up
+    as typical steps fit in between.
+    """
+    steps = [np.diff([stay.level for stay in chain]) for chain in chains]
+    typical = float(np.median(np.abs(np.concatenate(steps))))
+    lowest = min(stay.level for chain in chains for stay in chain)
+    paths = []
+    for chain, step in zip(chains, steps, strict=True):
+        path = np.concatenate([[0], np.cumsum(np.sign(step))]).astype(int)
+        above = int(np.rint((min(stay.level for stay in chain) - lowest) / typical))
+        paths.append(path - path.min() + above)
+    count = max(int(path.max()) for path in paths) + 1
+    if count > MAX_CONFIGURATIONS:
+        raise InputError(
+            "identify",
+            f"the jumps left would need {count} configurations in one chain; they are of several systems that "
+            "durations do not part. Give longer recordings, or a wheel file with the systems",
+        )
+    durations: list[list[int]] = [[] for _ in range(count)]
+    friction: list[list[float]] = [[] for _ in range(count)]
+    ups = [[0, 0] for _ in range(count)]
+    for chain, path in zip(chains, paths, strict=True):
+        for stay, q in zip(chain, path.tolist(), strict=True):
+            friction[q].append(stay.level - lowest)
+            if not stay.cut:
+                durations[q].append(stay.slots)
+        for q, following in pairwise(path.tolist()):
+            ups[q][0] += int(following > q)
+            ups[q][1] += 1
+    if min(len(of_one) for of_one in durations) < MIN_SOJOURNS:
+        raise _too_little("the slow switching system", durations)
+    rest = float(np.mean(friction[0]))
+    friction = [[value - rest for value in of_one] for of_one in friction]
+    return _Visits(durations, friction, [(up, total) for up, total in ups])
+
+
+def _too_little(what: str, durations: list[list[int]]) -> InputError:
+    counts = ", ".join(f"q = {q}: {len(of_one)}" for q, of_one in enumerate(durations))
+    fewest = max(min(len(of_one) for of_one in durations), 1)
+    return InputError(
+        "identify",
+        f"too little data to learn {what}: complete sojourns seen {counts}, at least {MIN_SOJOURNS} of each are "
+        f"needed; give about {int(np.ceil(2 * MIN_SOJOURNS / fewest))} times as many recordings",
+    )
+
+
+def _base_level(stays: list[_Sojourn]) -> float:
+    """Return the dry friction with all systems at rest [N m]: the mean of the stays at the lowest level."""
+    lowest = min(stay.level for stay in stays)
+    near = [stay for stay in stays if stay.level < lowest + 0.5 * _smallest_step(stays)]
+    return float(np.average([stay.level for stay in near], weights=[stay.slots for stay in near]))
+
+
+def _smallest_step(stays: list[_Sojourn]) -> float:
+    levels = np.sort([s.level for s in stays])
+    steps = np.diff(levels)
+    visible = steps[steps > VISIBLE_AT * float(np.median([s.std for s in stays]))]
+    return float(visible.min()) if visible.size else float("inf")
+
+
+def _system(name: str, visits: _Visits, base_Nm: float) -> SwitchingSystem:
+    """Return the wheel-file block of a system."""
+    ranges = []
+    for q, values in enumerate(visits.friction):
+        relative = np.array(values) / base_Nm
+        # A sample of n misses about 1/(n+1) of a range at each end.
+        margin = 0.0 if q == 0 else float(np.ptp(relative)) / (relative.size + 1)
+        low, high = (0.0, 0.0) if q == 0 else (float(relative.min()) - margin, float(relative.max()) + margin)
+        ranges.append(FrictionRange(low=_four_digits(low), high=_four_digits(high)))
+    count = len(visits.durations)
+    up = None
+    if count > 2 and all(total > 0 for _, total in visits.ups[1:-1]):
+        # Laplace's rule of succession: no transition is ruled out because it was not seen.
+        middle = [_four_digits((ups + 1) / (total + 2)) for ups, total in visits.ups[1:-1]]
+        up = (1.0, *middle, 0.0)
+    return SwitchingSystem(
+        name=name,
+        durations=tuple(duration_law(np.array(of_one)) for of_one in visits.durations),
+        friction=tuple(ranges),
+        up=up,
+    )
+
+
+def duration_law(slots: IntArray) -> DurationLaw:
+    """Return the law that fits complete durations best by BIC.
+
+    A uniform law needs its ends guessed beyond the sample; the guess is the unbiased one, a margin of span/(n-1) split
+    over both ends, and its likelihood is that of the sample in it.
+
+    Parameters
+    ----------
+    slots
+        int64 (n,), n ≥ 1.
+    """
+    values = slots.astype(np.float64)
+    span = float(np.ptp(values))
+    margin = int(np.ceil(span / max(values.size - 1, 1)))
+    laws: list[DurationLaw] = [
+        Uniform(low=max(int(values.min()) - margin, 1), high=int(values.max()) + max(margin, 1)),
+        Geometric(mean_slots=max(float(values.mean()), 1.0)),
+    ]
+    if span > 0:
+        logs = np.log(values)
+        laws.append(Lognormal(mu=float(logs.mean()), sigma=max(float(logs.std(ddof=1)), 1e-3)))
+        # Weibull by the moments of log x: var = π²/6k², mean = log λ - γ/k.
+        shape = float(np.pi / np.sqrt(6.0) / max(float(logs.std(ddof=1)), 1e-3))
+        shape = min(shape, 50.0)
+        laws.append(Weibull(shape=shape, scale=float(np.exp(logs.mean() - special.digamma(1.0) / shape))))
+
+    def bic(law: DurationLaw) -> float:
+        parameters = 1 if isinstance(law, Geometric) else 2
+        likelihood = float(np.sum(np.maximum(law.log_pmf(values), -700.0)))
+        return -2 * likelihood + parameters * float(np.log(values.size))
+
+    return min(laws, key=bic)
+
+
+def _note(system: SwitchingSystem, visits: _Visits) -> str:
+    parts = []
+    for q, (law, seen) in enumerate(zip(system.durations, visits.durations, strict=True)):
+        mean = float(np.mean(seen))
+        error = float(np.std(seen, ddof=1) / np.sqrt(len(seen))) if len(seen) > 1 else float("nan")
+        parts.append(f"q = {q}: {law.law}, mean {mean:.4g} ± {error:.2g} slots from {len(seen)} sojourns")
+    return f"{system.name}: {'; '.join(parts)}"
+
+
+def _four_digits(value: float) -> float:
+    return float(f"{value:.4g}")
+
+
+def _round_to_two_digits(value: float) -> float:
+    return float(f"{value:.2g}") if value > 0 else 1.0

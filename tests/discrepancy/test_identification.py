@@ -1,0 +1,110 @@
+"""A wheel learned from its recordings: the built-in wheel comes back; too little data is refused."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from rwa_monitor.cli.main import main
+from rwa_monitor.discrepancy.identification import duration_law, identify
+from rwa_monitor.errors import InputError
+from rwa_monitor.formats.table import table_writer
+from rwa_monitor.physics.durations import Uniform
+from rwa_monitor.physics.scenario import Scenario
+from rwa_monitor.physics.speed import SpeedProfile
+from rwa_monitor.physics.telemetry import simulate
+from rwa_monitor.physics.wheel import Wheel, built_in_wheel
+from rwa_monitor.samples import Samples
+
+
+def recordings(count: int, seed: int) -> list[tuple[str, Samples]]:
+    """Simulate healthy recordings of the built-in wheel, 80,000 slots each."""
+    kinds = ("orbit", "one_direction")
+    return [
+        (
+            f"day_{i}.csv",
+            simulate(
+                Scenario(speed=SpeedProfile(kind=kinds[i % 2])), built_in_wheel(), np.random.default_rng((seed, i))
+            ).samples,
+        )
+        for i in range(count)
+    ]
+
+
+@pytest.fixture(scope="module")
+def learned() -> Wheel:
+    """Learn the built-in wheel from ten recordings."""
+    bare = Wheel(name="learned", sample_period_s=0.125)
+    return identify(recordings(10, seed=21), bare).wheel
+
+
+def test_nominal_friction_and_noise_come_back(learned: Wheel) -> None:
+    true = built_in_wheel()
+    assert learned.nominal is not None
+    assert true.nominal is not None
+    assert true.noise.friction_std_Nm is not None
+    assert learned.nominal.dry_torque_Nm == pytest.approx(true.nominal.dry_torque_Nm, rel=2e-3)
+    assert learned.nominal.viscous_Nm_s_rad == pytest.approx(true.nominal.viscous_Nm_s_rad, rel=2e-3)
+    assert learned.noise.friction_std_Nm == pytest.approx(true.noise.friction_std_Nm, rel=0.02)
+
+
+def test_both_switching_systems_come_back(learned: Wheel) -> None:
+    assert [system.configurations for system in learned.fss] == [2, 3]
+    for system, true in zip(learned.fss, built_in_wheel().fss, strict=True):
+        for law, true_law in zip(system.durations, true.durations, strict=True):
+            # The mean of n sojourns of a uniform law is off by 0.58/√(3n) of its half-range at one sigma; 25 % of the
+            # mean is beyond four sigma for the fewest (about 6) sojourns seen here.
+            assert law.mean() == pytest.approx(true_law.mean(), rel=0.25)
+        assert system.friction is not None
+        assert true.friction is not None
+        for found, stated in zip(system.friction, true.friction, strict=True):
+            assert found.low == pytest.approx(stated.low, abs=0.08)
+            assert found.high == pytest.approx(stated.high, abs=0.08)
+
+
+def test_the_learned_wheel_loads(learned: Wheel) -> None:
+    assert Wheel.from_toml(learned.to_toml(), "learned") == learned
+
+
+def test_too_little_data_is_refused_with_what_is_needed() -> None:
+    with pytest.raises(InputError, match=r"too little data .* times as many recordings"):
+        identify(recordings(1, seed=5), Wheel(name="short", sample_period_s=0.125))
+
+
+def test_without_systems_one_recording_is_enough() -> None:
+    wheel = identify(recordings(1, seed=5), Wheel(name="short", sample_period_s=0.125), systems=False).wheel
+    assert wheel.fss == ()
+    assert wheel.nominal is not None
+
+
+def test_a_reversed_sign_is_refused() -> None:
+    name, samples = recordings(1, seed=5)[0]
+    assert samples.friction_torque_Nm is not None
+    wrong = Samples(samples.time_ns, samples.speed_rad_s, -samples.friction_torque_Nm)
+    with pytest.raises(InputError, match="negative"):
+        identify([(name, wrong)], Wheel(name="reversed", sample_period_s=0.125), systems=False)
+
+
+def test_duration_law_of_uniform_durations_covers_them() -> None:
+    durations = Uniform(low=100, high=300).sample(np.random.default_rng(3), 40)
+    law = duration_law(durations)
+    assert law.law == "uniform"
+    assert np.all(law.pmf(durations) > 0)
+
+
+def test_command_writes_a_wheel_with_its_uncertainties(tmp_path: Path) -> None:
+    _, samples = recordings(1, seed=5)[0]
+    table = tmp_path / "day.csv"
+    table_writer(table)(samples, table)
+    output = tmp_path / "wheel.toml"
+    arguments = ["identify", str(table), "--no-systems", "-o", str(output)]
+    result = CliRunner().invoke(main, arguments, catch_exceptions=False)
+    assert result.exit_code == 0
+    text = output.read_text()
+    assert text.startswith("# learned from 1 recording")
+    assert "±" in text
+    assert tomllib.loads(text)["wheel"] == {"name": "day", "sample_period_s": 0.125}
