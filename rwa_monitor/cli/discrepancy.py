@@ -24,7 +24,12 @@ if TYPE_CHECKING:
 @click.argument("files", nargs=-1, required=True, type=FILE, metavar="FILE...")
 @wheel_option
 @click.option("--json", "as_json", is_flag=True, help="Print the report as one JSON object (rwa.Discrepancy).")
-@click.option("--out", type=FILE, metavar="DIR", help="Write report.html, report.json and extended_wheel.toml there.")
+@click.option(
+    "--out",
+    type=FILE,
+    metavar="DIR",
+    help="Write report.html, report.json and extended_wheel.toml there, with the gain of the diagnosis (takes longer).",
+)
 @click.option(
     "--bootstrap",
     type=click.IntRange(0, 10_000),
@@ -60,7 +65,8 @@ def command(
             from rwa_monitor.discrepancy.bootstrap import with_bootstrap
 
             found = with_bootstrap(found, bootstrap, progress)
-        found = _with_diagnosis_gain(found, progress)
+        if out is not None:
+            found = _with_diagnosis_gain(found, progress)
     manoeuvres = plan(found) if show_plan else []
     if out is not None:
         _write_report(found, [str(file) for file in files], out)

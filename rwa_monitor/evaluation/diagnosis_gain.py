@@ -21,7 +21,7 @@ from rwa_monitor.physics.telemetry import simulate
 from rwa_monitor.physics.wheel import Wheel
 
 SEED: Final = 41_000  # of the first window; no other part of the project uses 41,000 … 41,999
-WINDOWS: Final = 48
+WINDOWS: Final = 16
 # Clear anomalies, so that what is lost is lost to the missing effect: those of the data set recipe `mild`, doubled.
 FACTORS: Final = {"dry": 1.6, "viscous": 1.3}
 FACTOR_OF_SYSTEMS: Final = 2.0
