@@ -1,0 +1,330 @@
+"""Recordings on disk: written so that a crash loses little, read so that nothing false is believed."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import textwrap
+import zlib
+from itertools import count, pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+
+from rwa_monitor.errors import InputError
+from rwa_monitor.live.recorder import FolderLock, Predecessor, Recorder, RecordingWriter
+from rwa_monitor.live.recording import RecordedMessage, file_sha256, read_recording, recordings_of
+from rwa_monitor.live.recover import recover
+
+TOPICS = ("rwa/sat/a/samples", "rwa/sat/b/samples")
+
+
+def write_file(path: Path, messages: int = 400, flush_every: int = 40) -> list[bytes]:
+    """Write a recording of random messages that do not compress; return them."""
+    rng = np.random.default_rng(messages)
+    ticks = count(1)
+    writer = RecordingWriter(path, {"settings.json": b'{"a":1}', "wheel.toml": b"# w"}, lambda: next(ticks))
+    payloads = []
+    for number in range(messages):
+        payloads.append(rng.bytes(200) + number.to_bytes(4, "big"))
+        writer.write(TOPICS[number % 2], "rwa.Samples", payloads[-1], 1_000 * number)
+        if number % flush_every == flush_every - 1:
+            writer.sync()
+    writer.close()
+    assert writer.sha256 == file_sha256(path)
+    return payloads
+
+
+@pytest.fixture
+def whole(tmp_path: Path) -> tuple[Path, list[bytes]]:
+    path = tmp_path / "whole.mcap"
+    return path, write_file(path)
+
+
+def test_a_recording_gives_back_what_was_written(whole: tuple[Path, list[bytes]]) -> None:
+    path, payloads = whole
+    recording = read_recording(path)
+    assert recording.finished
+    assert recording.problems == []
+    assert recording.settings() == {"a": 1}
+    assert [message.data for message in recording.messages] == payloads
+    assert recording.messages[3] == RecordedMessage(TOPICS[1], "rwa.Samples", 3_000, 4, payloads[3])
+
+
+def test_other_tools_read_it_too(whole: tuple[Path, list[bytes]]) -> None:
+    path, payloads = whole
+    with path.open("rb") as file:
+        found = [
+            (schema.name, message.data) for schema, _, message in make_reader(file, validate_crcs=True).iter_messages()
+        ]
+    assert found == [("rwa.Samples", payload) for payload in payloads]
+
+
+def test_log_times_never_go_back(tmp_path: Path) -> None:
+    path = tmp_path / "times.mcap"
+    writer = RecordingWriter(path, {}, lambda: 7)
+    for time_ns in (100, 50, None, 200):
+        writer.write(TOPICS[0], "rwa.Samples", b"x", time_ns)
+    writer.close()
+    assert [message.log_time for message in read_recording(path).messages] == [100, 100, 100, 200]
+
+
+def test_every_cut_gives_true_messages_in_order_and_says_what_is_lost(whole: tuple[Path, list[bytes]]) -> None:
+    path, payloads = whole
+    data = path.read_bytes()
+    cut = path.with_name("cut.mcap")
+    saved = []
+    for length in sorted({*range(8, len(data), 997), *range(len(data) - 60, len(data))}):
+        cut.write_bytes(data[:length])
+        recording = read_recording(cut)
+        got = [message.data for message in recording.messages]
+        assert got == payloads[: len(got)]
+        assert not recording.finished
+        assert recording.problems or got == payloads[: len(got) // 40 * 40]
+        saved.append(len(got))
+    assert saved == sorted(saved)
+    # Each flush ends a chunk: what was flushed is there as soon as its bytes are.
+    assert saved[-1] == len(payloads)
+    assert {amount % 40 for amount in saved} == {0}
+
+
+def test_bit_flips_never_give_false_messages(whole: tuple[Path, list[bytes]]) -> None:
+    path, payloads = whole
+    data = path.read_bytes()
+    rng = np.random.default_rng(8)
+    places = {payload: number for number, payload in enumerate(payloads)}
+    damaged = path.with_name("damaged.mcap")
+    losses = 0
+    for _ in range(400):
+        broken = bytearray(data)
+        position = int(rng.integers(8, len(data)))
+        broken[position] ^= 1 << int(rng.integers(8))
+        damaged.write_bytes(broken)
+        recording = read_recording(damaged)
+        numbers = [places[message.data] for message in recording.messages]  # KeyError: a message that never was
+        assert numbers == sorted(numbers)
+        assert all(message.topic == TOPICS[places[message.data] % 2] for message in recording.messages)
+        assert len(numbers) >= len(payloads) - 40  # one flip costs one chunk at most
+        if len(numbers) < len(payloads) or not recording.attachments:
+            assert recording.problems
+            losses += 1
+    assert losses > 300  # most bytes are in chunks
+
+
+def test_a_lost_first_chunk_does_not_take_the_names_of_all_topics_along(whole: tuple[Path, list[bytes]]) -> None:
+    path, payloads = whole
+    data = bytearray(path.read_bytes())
+    position = data.index(payloads[5][:20]) if payloads[5][:20] in data else data.index(b"\x04\x00\x00\x00zstd") + 40
+    data[position] ^= 0xFF
+    path.write_bytes(data)
+    recording = read_recording(path)
+    assert [message.data for message in recording.messages] == payloads[40:]
+    assert len(recording.problems) == 1
+
+
+def test_a_damaged_attachment_is_not_believed(whole: tuple[Path, list[bytes]]) -> None:
+    path, _ = whole
+    data = path.read_bytes()
+    path.write_bytes(data.replace(b'{"a":1}', b'{"a":2}', 1))
+    recording = read_recording(path)
+    assert recording.problems
+    with pytest.raises(InputError, match=r"settings\.json"):
+        recording.settings()
+
+
+@pytest.mark.parametrize("content", [b"", b"\x89MCAP", b"time_s,speed_rad_s\n", bytes(100)])
+def test_what_is_no_recording_is_refused(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "no.mcap"
+    path.write_bytes(content)
+    with pytest.raises(InputError, match="is no MCAP file"):
+        read_recording(path)
+    with pytest.raises(InputError, match="does not exist"):
+        recordings_of(tmp_path / "nothing")
+
+
+# ---- recover ---------------------------------------------------------------------------------------------------------
+
+
+def test_recover_saves_what_a_cut_file_holds(whole: tuple[Path, list[bytes]]) -> None:
+    path, payloads = whole
+    cut, saved = path.with_name("cut.mcap"), path.with_name("saved.mcap")
+    cut.write_bytes(path.read_bytes()[:60_000])
+    recovery = recover(cut, saved)
+    recording = read_recording(saved)
+    assert recording.finished
+    assert recording.problems == []
+    assert len(recovery.lost) == 1
+    assert recovery.messages == len(recording.messages) == 200
+    assert [message.data for message in recording.messages] == payloads[: recovery.messages]
+    assert recording.messages == read_recording(cut).messages
+    assert recording.settings() == {"a": 1}
+
+
+def test_recover_says_nothing_is_lost_when_nothing_is(whole: tuple[Path, list[bytes]]) -> None:
+    path, payloads = whole
+    recovery = recover(path, path.with_name("copy.mcap"))
+    assert (recovery.messages, recovery.lost) == (len(payloads), ())
+
+
+def test_recover_overwrites_nothing(whole: tuple[Path, list[bytes]]) -> None:
+    path, _ = whole
+    before = path.read_bytes()
+    with pytest.raises(InputError, match="exists already"):
+        recover(path, path)
+    assert path.read_bytes() == before
+
+
+# ---- recorder --------------------------------------------------------------------------------------------------------
+
+
+def recorder(folder: Path, predecessor: Predecessor | None = None, max_file_bytes: int = 10**7) -> Recorder:
+    return Recorder(
+        folder,
+        wheel_toml="",
+        model_json="",
+        settings={"method": "joint"},
+        predecessor=predecessor,
+        wall_ns=lambda: 1,
+        max_file_bytes=max_file_bytes,
+    )
+
+
+def test_a_second_is_all_that_is_not_on_the_disk(tmp_path: Path) -> None:
+    writing = recorder(tmp_path)
+    writing.begin({}, now_s=0.0)
+    for second in range(3):
+        writing.input(TOPICS[0], "rwa.Samples", b"%d" % second, second)
+        writing.tend(second + 1.0, dict)
+    writing.input(TOPICS[0], "rwa.Samples", b"late", 9)
+    writing.tend(3.5, dict)
+    assert writing.path is not None
+    seen = [message.data for message in read_recording(writing.path).messages]
+    assert seen == [b"0", b"1", b"2"]
+    writing.close(4.0)
+
+
+def test_files_follow_each_other_with_name_and_hash(tmp_path: Path) -> None:
+    writing = recorder(tmp_path, max_file_bytes=20_000)
+    writing.begin({"sat/a": b'{"n":0}'}, now_s=0.0)
+    rng = np.random.default_rng(1)
+    for number in range(100):
+        writing.input(TOPICS[0], "rwa.Samples", rng.bytes(1_000), number)
+        writing.tend(number * 1.5, lambda: {"sat/a": b'{"n":1}'})
+    writing.close(200.0)
+    files = recordings_of(tmp_path)
+    assert len(files) > 3
+    for before, after in pairwise(files):
+        recording = read_recording(after)
+        assert recording.settings()["predecessor"] == {"name": before.name, "sha256": file_sha256(before)}
+        assert recording.attachments["checkpoint/sat/a.json"] == b'{"n":1}'
+    assert sum(len(read_recording(path).messages) for path in files) == 100
+
+
+def test_refused_messages_on_ever_new_keys_do_not_fill_the_recording_with_topics(tmp_path: Path) -> None:
+    writing = recorder(tmp_path)
+    writing.begin({}, now_s=0.0)
+    for number in range(1_200):
+        writing.refused(f"rwa/x/{number}/samples", b"?")
+    writing.close(1.0)
+    (path,) = recordings_of(tmp_path)
+    topics = {message.topic for message in read_recording(path).messages}
+    assert len(topics) == 1_001
+    assert "rwa/refused" in topics
+
+
+def test_two_monitors_cannot_record_in_one_folder(tmp_path: Path) -> None:
+    with FolderLock(tmp_path), pytest.raises(InputError, match="another monitor"):
+        FolderLock(tmp_path)
+    with FolderLock(tmp_path):
+        pass
+
+
+def test_a_folder_that_cannot_be_made_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(InputError, match="--record"):
+        FolderLock(tmp_path / "file" / "inside")
+
+
+DISK_FULL = """
+    import resource, signal, sys
+    from pathlib import Path
+    from rwa_monitor.live.recorder import Recorder
+
+    signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (60_000, resource.RLIM_INFINITY))  # the system says: file too large
+    folder = Path(sys.argv[1])
+    recorder = Recorder(folder, wheel_toml="", model_json="", settings={}, predecessor=None, wall_ns=lambda: 1)
+    recorder.begin({}, 0.0)
+    first = recorder.path
+    import random
+    data = random.Random(1)
+    for number in range(100):
+        recorder.input("rwa/a/b/samples", "rwa.Samples", data.randbytes(1_000), number)
+        recorder.tend(0.1 * number, dict)
+    assert recorder.error.startswith("nothing is recorded"), recorder.error
+    assert recorder.path is None
+    resource.setrlimit(resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
+    recorder.tend(100.0, lambda: {"a/b": b"{}"})  # the disk works again
+    assert recorder.error == "", recorder.error
+    assert recorder.path not in (None, first)
+    recorder.input("rwa/a/b/samples", "rwa.Samples", b"again", 999)
+    recorder.close(101.0)
+    print("done")
+"""
+
+
+def test_a_failing_disk_is_told_survived_and_used_again_when_it_works(tmp_path: Path) -> None:
+    result = subprocess.run(
+        [sys.executable, "-c", textwrap.dedent(DISK_FULL), str(tmp_path)],
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert result.stdout == "done\n", result.stderr
+    first, second = recordings_of(tmp_path)
+    assert 20 < len(read_recording(first).messages) < 60
+    assert [message.data for message in read_recording(second).messages] == [b"again"]
+    assert read_recording(second).settings()["predecessor"]["name"] == first.name
+
+
+KILLED = """
+    import sys, time
+    from itertools import count, pairwise
+    from pathlib import Path
+    from rwa_monitor.live.recorder import Recorder
+
+    recorder = Recorder(
+        Path(sys.argv[1]), wheel_toml="", model_json="", settings={}, predecessor=None, wall_ns=time.time_ns
+    )
+    recorder.begin({}, time.monotonic())
+    for number in count():
+        recorder.input("rwa/a/b/samples", "rwa.Samples", b"%d" % number, number)
+        if number % 50 == 49:
+            recorder.sync(time.monotonic())
+            print(number + 1, flush=True)  # promised to be on the disk
+"""
+
+
+@pytest.mark.processes
+def test_what_was_on_the_disk_survives_a_kill_at_any_moment(tmp_path: Path) -> None:
+    rng = np.random.default_rng(zlib.crc32(b"kill"))
+    for trial in range(5):
+        folder = tmp_path / str(trial)
+        folder.mkdir()
+        with subprocess.Popen(
+            [sys.executable, "-c", textwrap.dedent(KILLED), str(folder)], stdout=subprocess.PIPE, text=True
+        ) as child:
+            assert child.stdout is not None
+            for _ in range(int(rng.integers(1, 60))):
+                promised = int(child.stdout.readline())
+            child.kill()
+            promised = int(([str(promised), *child.stdout.read().split()])[-1])
+        (path,) = recordings_of(folder)
+        saved = folder / "saved.mcap"
+        recover(path, saved)
+        numbers = [int(message.data) for message in read_recording(saved).messages]
+        assert numbers == list(range(len(numbers)))
+        assert len(numbers) >= promised
