@@ -177,7 +177,11 @@ def make_problem(records: Sequence[Record], wheel: Wheel) -> Problem:
 
 def _with_noise_of_rest(problem: Problem) -> Problem:
     """Estimate the noise from what a first fit leaves, not from the signal."""
-    residual = fit(problem, np.zeros((problem.size, 0))).residual
+    return with_noise_of(problem, fit(problem, np.zeros((problem.size, 0))).residual)
+
+
+def with_noise_of(problem: Problem, residual: FloatArray) -> Problem:
+    """Return the problem with the noise estimated from a model's residual, float64 (n,) [N m]."""
     pieces = [residual[a:b] for a, b in zip(problem.starts[:-1], problem.starts[1:], strict=True) if b > a]
     return replace(problem, noise=estimate_noise(pieces))
 

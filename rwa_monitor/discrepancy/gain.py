@@ -16,9 +16,11 @@ import numpy as np
 from rwa_monitor.discrepancy.base_fit import JUMP_PENALTY, Problem, remove_levels, segment_starts, solve_bounded
 from rwa_monitor.discrepancy.search import Model
 from rwa_monitor.discrepancy.segmentation import segment
-from rwa_monitor.samples import BoolArray, FloatArray
+from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 
 BLOCKS: Final = 10  # contiguous blocks per search problem; even ones train for odd ones and back
+KEPT_SHARE: Final = 0.2  # of the log-likelihood gained in sample that must remain out of sample
+CONFIRMABLE_SHARE: Final = 0.1  # of a term's energy that must lie in the blocks of either parity
 TOLERATED_LOSS: Final = 5.0  # an effect seen in one block only cannot be confirmed by the others; it must not harm
 
 
@@ -44,7 +46,7 @@ class HeldOut:
 def held_out(problem: Problem, model: Model) -> HeldOut:
     """Score a model on held-out blocks; shapes stay as found, all strengths and the slope are fitted anew."""
     edges = np.linspace(0, problem.size, BLOCKS + 1).astype(np.int64)
-    block = np.searchsorted(edges, np.arange(problem.size), side="right") - 1
+    block = _block_of(problem)
     squares, scores, counts = np.zeros(BLOCKS), np.zeros(BLOCKS), np.diff(edges)
     for parity in (0, 1):
         train = block % 2 == parity
@@ -57,9 +59,26 @@ def held_out(problem: Problem, model: Model) -> HeldOut:
 
 
 def holds_out(problem: Problem, simpler: Model, richer: Model) -> bool:
-    """Say whether the richer model is no worse on held-out blocks (an acceptance rule of the search)."""
-    gain = held_out(problem, richer).log_score - held_out(problem, simpler).log_score
-    return gain * problem.size > -TOLERATED_LOSS
+    """Say whether the richer model's last term also pays on blocks that it was not fitted to.
+
+    It must keep a fair share of the gain it shows in sample; a coincidence keeps none. Where it shows in blocks of one
+    parity only, the others cannot confirm it: then it must do no harm.
+    """
+    kept = (held_out(problem, richer).log_score - held_out(problem, simpler).log_score) * problem.size
+    term = richer.terms[-1]
+    inner = remove_levels(term.columns, segment_starts(problem, richer.fit.jumps))
+    odd = _block_of(problem) % 2 == 1
+    energy = np.array([float(np.sum(inner[~odd] ** 2)), float(np.sum(inner[odd] ** 2))])
+    if energy.min() < CONFIRMABLE_SHARE * energy.sum():
+        return kept > -TOLERATED_LOSS
+    in_sample = 0.5 * (simpler.fit.criterion - richer.fit.criterion + term.parameters * problem.log_size)
+    return kept > KEPT_SHARE * in_sample
+
+
+def _block_of(problem: Problem) -> IntArray:
+    """Return the block of each joined sample, int64 (n,)."""
+    edges = np.linspace(0, problem.size, BLOCKS + 1).astype(np.int64)
+    return np.searchsorted(edges, np.arange(problem.size), side="right") - 1
 
 
 def _design(problem: Problem, model: Model) -> FloatArray:

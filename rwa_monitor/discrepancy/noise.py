@@ -64,7 +64,8 @@ def estimate_noise(pieces: Sequence[FloatArray]) -> Noise:
     # Medians do not see tails; differences of neighbours, of which a jump touches one, say how much they add.
     gamma *= tail_factor(np.concatenate([np.diff(piece) for piece in pieces]))
     tail = gamma[-max(lags.size // 4, 1) :]
-    sill = float(np.median(tail))
+    # Where slow waves are left, differences over long lags exceed the spread of the values themselves.
+    sill = min(float(np.median(tail)), float(np.mean(np.concatenate([piece - piece.mean() for piece in pieces]) ** 2)))
     covariance = np.zeros(MAX_LAG + 1)
     covariance[0] = sill
     covariance[1 : lags.size + 1] = sill - gamma
