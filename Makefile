@@ -91,6 +91,28 @@ format: $(VENV)/.installed-dev ## lets ruff mend and format what it can
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
+# ---- what takes longer than the tests ---------------------------------------------------------------------------------
+
+.PHONY: schemas
+schemas: $(VENV)/.installed-dev ## writes schemas/ anew from the messages
+	$(BIN)/python -m rwa_monitor.messages schemas
+
+.PHONY: blind
+blind: $(VENV)/.installed-dev ## the blind suite: hides effects, requires finding them; writes docs/blind.md (BLIND_ARGS=...)
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.blind.suite $(BLIND_ARGS)
+
+# Basilisk is an outside wheel simulator, 600 MB, in an environment of its own.
+OUTSIDE_VENV := .outside-venv
+.PHONY: outside
+outside: $(VENV)/.installed-dev ## judges records of an outside wheel simulator (Basilisk)
+	@test -x $(OUTSIDE_VENV)/bin/python || "$$(tools/find_python.sh)" -m venv $(OUTSIDE_VENV)
+	$(OUTSIDE_VENV)/bin/python -m pip install --quiet bsk==2.12.1
+	mkdir -p build/outside
+	for case in crossing rest; do \
+	  $(OUTSIDE_VENV)/bin/python benchmarks/basilisk/record.py $$case build/outside/$$case.csv build/outside/$$case.toml || exit 1; \
+	done
+	$(BIN)/python benchmarks/basilisk/check.py build/outside
+
 
 # ---- for maintainers -------------------------------------------------------------------------------------------------
 # The locks are made with uv, which is a tool of the maintainer only: users install them with pip alone.
@@ -112,5 +134,5 @@ lock: ## writes requirements.txt and requirements-dev.txt anew from pyproject.to
 
 .PHONY: clean
 clean: ## removes the environment and everything generated; recordings stay
-	rm -rf $(VENV) $(UV_VENV) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis .benchmarks
+	rm -rf $(VENV) $(UV_VENV) $(OUTSIDE_VENV) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis .benchmarks
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
