@@ -1,0 +1,41 @@
+"""Writes docs/benchmark.md: `python benchmarks/accuracy.py [--windows N] [--seed N] [--workers N] [-o FILE]`.
+
+Exit code 1 when a target is missed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from pathlib import Path
+
+# One thread for linear algebra in every process, before numpy is imported: the workers share the cores.
+for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.setdefault(variable, "1")
+
+from rwa_monitor.evaluation.benchmark import RECIPES, SEED, WINDOWS, run, targets  # noqa: E402
+from rwa_monitor.evaluation.report import to_markdown  # noqa: E402
+
+PAGE = Path(__file__).resolve().parent.parent / "docs" / "benchmark.md"
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--windows", type=int, default=WINDOWS, help="windows per recipe (default %(default)s)")
+    parser.add_argument("--seed", type=int, default=SEED, help="of the data sets (default %(default)s)")
+    parser.add_argument("--workers", type=int, default=2, help="processes (default %(default)s)")
+    parser.add_argument("--recipes", nargs="+", default=list(RECIPES), help="data sets (default: %(default)s)")
+    parser.add_argument("-o", "--output", type=Path, default=PAGE, help="page to write (default docs/benchmark.md)")
+    arguments = parser.parse_args()
+    result = run(arguments.recipes, arguments.windows, arguments.seed, arguments.workers)
+    command = f"python benchmarks/accuracy.py --windows {arguments.windows} --seed {arguments.seed}"
+    arguments.output.write_text(to_markdown(result, command), encoding="utf-8")
+    missed = [target for target in targets(result) if not target.met]
+    for target in missed:
+        sys.stderr.write(f"missed: {target.name}: {target.reached:.4f}, wanted {target.wanted:.4f}\n")
+    return 1 if missed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
