@@ -95,7 +95,11 @@ format: $(VENV)/.installed-dev ## lets ruff mend and format what it can
 
 .PHONY: schemas
 schemas: $(VENV)/.installed-dev ## writes schemas/ anew from the messages
-	$(BIN)/python -m rwa_monitor.messages schemas
+	$(BIN)/python -m rwa_monitor.live.schemas schemas
+
+.PHONY: references
+references: $(VENV)/.installed-dev ## makes the reference recordings in replay/ anew, after a change meant to change diagnoses
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m rwa_monitor.live.references replay
 
 .PHONY: blind
 blind: $(VENV)/.installed-dev ## the blind suite: hides effects, requires finding them; writes docs/blind.md (BLIND_ARGS=...)

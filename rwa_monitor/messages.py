@@ -12,8 +12,6 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Sequence
-from pathlib import Path
 from typing import Annotated, Any, ClassVar, Final, Literal, Self, TypeVar
 
 import numpy as np
@@ -561,22 +559,8 @@ def split_key(key: str) -> tuple[str, str, str]:
 
 
 def schema_files() -> dict[str, str]:
-    """Return the JSON Schemas of all messages as file name and text, as they stand in `schemas/`."""
+    """Return the JSON Schemas of all messages as file name and text; `live.schemas` writes them into `schemas/`."""
     return {
         f"{message.schema_name()}.json": json.dumps(message.json_schema(), indent=2, ensure_ascii=False) + "\n"
         for message in MESSAGES
     }
-
-
-def write_schemas(arguments: Sequence[str] = ("schemas",)) -> None:
-    """Write the schemas of all messages into a folder (`python -m rwa_monitor.messages [FOLDER]`)."""
-    folder = Path(arguments[0]) if arguments else Path("schemas")
-    folder.mkdir(parents=True, exist_ok=True)
-    for name, text in schema_files().items():
-        (folder / name).write_text(text, encoding="utf-8")
-
-
-if __name__ == "__main__":
-    import sys
-
-    write_schemas(sys.argv[1:])

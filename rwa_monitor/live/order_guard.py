@@ -207,25 +207,26 @@ class Sequencer:
                 self.expected = batch.number + 1
             return [batch], []
         if batch.number < self.expected:
-            return self._passed(batch, batch.number, frontier_ns), []
+            return self._passed(batch, batch.number, frontier_ns)
         if batch.number in self.held:  # the same message twice while it waits
             self._count_duplicate(batch)
             return [], []
         self.held[batch.number] = batch
         return self._release(1 if len(self.held) > HOLD_BACK_MESSAGES else 0)
 
-    def _passed(self, batch: Batch, number: int, frontier_ns: int | None) -> list[Batch]:
+    def _passed(self, batch: Batch, number: int, frontier_ns: int | None) -> tuple[list[Batch], list[SequenceEvent]]:
         """Take a message whose number has passed: a late one, a new count under an old name, or a repetition."""
         if number in self.skipped:
             del self.skipped[number]
-            return [replace(batch, passed=True)]
+            return [replace(batch, passed=True)], []
         if frontier_ns is not None and len(batch.samples) > 0 and int(batch.samples.time_ns[0]) > frontier_ns:
             # The numbers begin anew and the time goes on: a publisher that restarted under a fixed name.
+            ready, events = self._release(len(self.held))
             self._begin(batch)
             self.expected = number + 1
-            return [batch]
+            return [*ready, batch], events
         self._count_duplicate(batch)
-        return []
+        return [], []
 
     def _count_duplicate(self, batch: Batch) -> None:
         self.counts.queued -= len(batch.samples)

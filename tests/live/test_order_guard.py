@@ -183,6 +183,16 @@ def test_a_publisher_that_counts_anew_under_its_old_name_is_served() -> None:
     assert core.counts.used == 300
 
 
+def test_a_publisher_that_counts_anew_leaves_no_message_behind() -> None:
+    parts = batches(4)
+    core = new_core()
+    core.feed(parts[0], "same", 0)
+    core.feed(parts[2], "same", 2)  # waits for 1, which never comes
+    core.feed(parts[3], "same", 0)
+    assert (core.counts.used, core.counts.queued, core.counts.messages_missed) == (150, 0, 1)
+    assert accounted(core.counts)
+
+
 def test_a_first_message_that_overtook_the_one_before_waits_for_it() -> None:
     parts = batches(3)
     core = new_core()
