@@ -102,27 +102,27 @@ def test_the_catalogue_holds_the_switching_effects_of_the_specification() -> Non
 
 @every_switching_effect
 def test_it_is_found_in_its_own_jumps(effect: type[SwitchingEffect]) -> None:
-    """Over eight records: above the acceptance threshold on average, and first among all in at least seven."""
+    """Over five records: above the acceptance threshold on average, and first among all in at least four."""
     first, gains = 0, []
-    for seed in range(8):
+    for seed in range(5):
         evidence = record(effect.name, seed)
         fits = {other.name: other.fit(evidence).penalised_gain for other in ALL}
         gains.append(fits[effect.name])
         first += max(fits, key=fits.__getitem__) == effect.name
     assert np.mean(gains) > 25, gains
-    assert first >= 7
+    assert first >= 4
 
 
 @every_switching_effect
 def test_the_known_laws_show_nothing(effect: type[SwitchingEffect]) -> None:
-    gains = [effect.fit(record(None, seed)).penalised_gain for seed in range(8)]
+    gains = [effect.fit(record(None, seed)).penalised_gain for seed in range(5)]
     assert max(gains) < 12, gains
 
 
 @every_switching_effect
 def test_simulate_then_fit_gives_the_parameters_back(effect: type[SwitchingEffect]) -> None:
-    """The mean over eight records, within five of its standard deviations or 10 %."""
-    fits = [effect.fit(record(effect.name, seed)) for seed in range(8)]
+    """The mean over five records, within five of its standard deviations or 10 %."""
+    fits = [effect.fit(record(effect.name, seed)) for seed in range(5)]
     for name, value in CASES[effect.name].items():
         found = np.array([fit.values[name] for fit in fits])
         spread = found.std(ddof=1) / np.sqrt(found.size)
@@ -195,3 +195,26 @@ def test_temperature_triggered_jumps_need_the_temperature() -> None:
     effect = SWITCHING_EFFECTS["speed_triggered_jumps"](strength_s_rad=0.0, strength_1_K=0.1)
     with pytest.raises(InputError, match="temperature"):
         effect.clock(replace(rich_motion(256), bearing_temperature_degC=None))
+
+
+def test_a_relaxation_is_seen_behind_the_staircase_that_a_segmentation_makes_of_it() -> None:
+    """Each relaxing jump found as one jump and two steps back: the fit keeps the jump and drops the steps."""
+    true = record("decaying_jump", 2)
+    big = np.flatnonzero((np.diff(true.jumps.index, append=SLOTS) > 500) & (np.abs(true.jumps.size_Nm) > 4e-4))
+    index, size = [], []
+    for j in big:
+        for after, share in ((0, 1.0), (80, -0.2), (240, -0.2)):
+            index.append(true.jumps.index[j] + after)
+            size.append(share * true.jumps.size_Nm[j])
+    kept = Jumps(true.jumps.index[big], true.jumps.size_Nm[big])
+    stairs = Jumps(np.array(index, dtype=np.int64), np.array(size))
+    effect = SWITCHING_EFFECTS["decaying_jump"](strength=0.5, time_constant_s=20.0)
+    noise = SIGMA_NM * np.random.default_rng(0).normal(size=SLOTS)
+    friction = noise + effect.torque(true.channels, kept) + true.channels.direction * kept.total(SLOTS)
+    residual = friction - true.channels.direction * stairs.total(SLOTS)
+    fit = effect.fit(
+        replace(true, residual_Nm=residual, jumps=stairs, sojourns={}, unattributed=np.zeros(0, dtype=bool))
+    )
+    assert fit.values["strength"] == pytest.approx(0.5, abs=0.05)
+    assert fit.values["time_constant_s"] == pytest.approx(20.0, rel=0.1)
+    assert fit.penalised_gain > 100

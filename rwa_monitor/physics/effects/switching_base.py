@@ -232,13 +232,16 @@ class BeyondBase:
         channels = evidence.channels
         known = np.isfinite(evidence.residual_Nm) & np.isfinite(channels.speed_rad_s)
         self.used: BoolArray = evidence.good & known & (channels.direction != 0)
-        self.segment = evidence.jumps.segment(len(channels))[self.used]
+        self._segment_of_slot = evidence.jumps.segment(len(channels))
+        self.segment = self._segment_of_slot[self.used]
         self._count = np.maximum(np.bincount(self.segment), 1)
         self._direction = channels.direction[self.used]
         self._variance_factor = evidence.variance_factor
-        self.speed = self.centred(np.abs(channels.speed_rad_s[self.used]))
+        self._speed = np.abs(channels.speed_rad_s[self.used])
+        self._residual = evidence.residual_Nm[self.used] * self._direction
+        self.speed = self.centred(self._speed)
         self._energy = float(np.sum(self.speed**2))
-        self.along = self.centred(evidence.residual_Nm[self.used] * self._direction)
+        self.along = self.centred(self._residual)
         self.target = self._without_slope(self.along)
 
     def centred(self, values: FloatArray) -> FloatArray:
@@ -255,6 +258,15 @@ class BeyondBase:
         if self._energy == 0.0:
             return along
         return along - self.speed * (float(np.sum(self.speed * along)) / self._energy)
+
+    def level(self, torque_Nm: FloatArray) -> FloatArray:
+        """Return the level in each slot, float64 (n,), when a torque (n,) is taken off the residual first."""
+        left = self._residual - torque_Nm[self.used] * self._direction
+        centred = self.centred(left)
+        slope = float(np.sum(self.speed * centred)) / self._energy if self._energy > 0.0 else 0.0
+        mean = np.bincount(self.segment, left - slope * self._speed) / self._count
+        whole: FloatArray = mean[np.minimum(self._segment_of_slot, mean.size - 1)]
+        return whole
 
     def gain(self, column: FloatArray, low: float, high: float) -> tuple[float, float, float]:
         """Return log-likelihood gain, strength and its standard deviation of one column beside levels and slope.
