@@ -19,7 +19,7 @@ from rwa_monitor.physics.wheel import built_in_wheel
 
 RECIPES: Final = ("paper", "mild")
 WINDOWS: Final = 300
-SEED: Final = 4_711
+SEED: Final = 8_128
 TIMED_WINDOWS: Final = 20
 # What is compared: the features and the classifier on them.
 COMPARED: Final[dict[str, tuple[str, Method]]] = {

@@ -25,7 +25,7 @@ from rwa_monitor.physics.wheel import FrictionRange, SwitchingSystem, Wheel, bui
 # near the paper's figures, about 95 % detection of each anomaly and false positives of about 3 % (docs/benchmark.md).
 MILD_SEVERITIES: Final = {"dry": 1.30, "viscous": 1.15, "fss_1": 1.6, "fss_2": 1.4}
 HARD_SEVERITIES: Final = {**MILD_SEVERITIES, "fss_3": 1.6}
-PAPER_SEVERITIES: Final = {"dry": 2.2, "viscous": 1.10, "fss_1": 1.8, "fss_2": 2.2}
+PAPER_SEVERITIES: Final = {"dry": 2.2, "viscous": 1.12, "fss_1": 1.8, "fss_2": 2.2}
 
 # Healthy wheels differ from their wheel file's historical averages: preload and lubricant fill vary from unit to unit,
 # and a degree of temperature changes viscous friction by some per cent (effects.md: −2…−8 %/K). A wheel's averages are
