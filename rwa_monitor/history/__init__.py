@@ -1,0 +1,1 @@
+"""Diagnoses over months: what was found, when, what alarm it raised, and who has seen it."""

@@ -1,0 +1,226 @@
+"""When a diagnosis becomes an alarm: a pure state machine over the windows of a wheel.
+
+One possible anomaly of one wheel has one alarm. Each decided window gives it a level on the ladder normal, watch,
+warning, distress, critical. The alarm's level is the highest that at least k of the last n windows reach, so that one
+bad window does not shout. It clears only when it is normal again *and* acknowledged; an alarm that climbs above what
+was acknowledged wants to be acknowledged again (ISA-18.2). Time is the windows' own, except that of a person's deed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from enum import IntEnum, StrEnum
+from typing import Final
+
+from rwa_monitor.messages import Anomaly, Diagnosis
+
+MODEL_ALARM: Final = "model"  # the alarm that the friction model does not fit the wheel
+
+
+class Level(IntEnum):
+    """How bad it is, as operations rooms say it."""
+
+    NORMAL = 0
+    WATCH = 1
+    WARNING = 2
+    DISTRESS = 3
+    CRITICAL = 4
+
+    @property
+    def word(self) -> str:
+        """The level as it is written in messages."""
+        return self.name.lower()
+
+
+class Phase(StrEnum):
+    """Where an alarm stands between its rise and its end."""
+
+    QUIET = "quiet"
+    ACTIVE = "active"  # not yet acknowledged
+    ACKNOWLEDGED = "acknowledged"  # and still not normal
+    RETURNED = "returned"  # normal again, not yet acknowledged
+
+
+class EventKind(StrEnum):
+    """What the audit trail records."""
+
+    RAISED = "raised"
+    ESCALATED = "escalated"
+    EASED = "eased"
+    RETURNED = "returned"
+    RELAPSED = "relapsed"
+    ACKNOWLEDGED = "acknowledged"
+    CLEARED = "cleared"
+
+
+@dataclass(frozen=True, slots=True)
+class Policy:
+    """When windows make an alarm.
+
+    Attributes
+    ----------
+    k, n
+        A level counts when k of the last n decided windows reach it; normal is when none of the last n is above it.
+    warning, distress, critical
+        Severity of an anomaly (0 at the nominal bound, 1 at the median of the learned anomaly) from which a window
+        reaches that level; an active anomaly below is a watch.
+    """
+
+    k: int = 2
+    n: int = 3
+    warning: float = 0.5
+    distress: float = 1.5
+    critical: float = 3.0
+
+    def __post_init__(self) -> None:
+        """Check that the policy can raise an alarm, and that the levels are in order."""
+        if not 1 <= self.k <= self.n:
+            raise ValueError(f"k = {self.k} of n = {self.n} windows is impossible")
+        if not 0.0 <= self.warning <= self.distress <= self.critical:
+            raise ValueError("the severities of warning, distress and critical are not in order")
+
+    def level_of(self, anomaly: Anomaly) -> Level:
+        """Return the level that one anomaly of one window reaches."""
+        if not anomaly.active:
+            return Level.NORMAL
+        severity = anomaly.severity or 0.0
+        steps = ((self.critical, Level.CRITICAL), (self.distress, Level.DISTRESS), (self.warning, Level.WARNING))
+        return next((level for bound, level in steps if severity >= bound), Level.WATCH)
+
+
+@dataclass(frozen=True, slots=True)
+class Observation:
+    """The level that one window gives one alarm, and the window's end [ns, wheel's clock]."""
+
+    level: Level
+    time_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class Alarm:
+    """One alarm as it stands.
+
+    Attributes
+    ----------
+    recent
+        Levels of the last n decided windows, the oldest first.
+    phase, level
+        Where it stands now.
+    peak
+        The highest level since it was raised.
+    acknowledged_level
+        The level that somebody has seen; NORMAL while nobody has.
+    raised_ns, changed_ns
+        Ends of the windows at which it was raised and last changed [ns, wheel's clock]; None while it is quiet.
+    """
+
+    recent: tuple[Level, ...] = ()
+    phase: Phase = Phase.QUIET
+    level: Level = Level.NORMAL
+    peak: Level = Level.NORMAL
+    acknowledged_level: Level = Level.NORMAL
+    raised_ns: int | None = None
+    changed_ns: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class AlarmEvent:
+    """A line of the audit trail: what happened, the level then, and when [ns, the wheel's clock]."""
+
+    kind: EventKind
+    level: Level
+    time_ns: int
+
+
+def observe(diagnosis: Diagnosis, policy: Policy) -> dict[str, Observation]:
+    """Return what a window says to each alarm of its wheel; nothing when it decides nothing."""
+    if diagnosis.verdict == "inconclusive":
+        return {}
+    time_ns = diagnosis.window_end_ns
+    alarmed = diagnosis.verdict == "anomalous"
+    observations = {
+        name: Observation(policy.level_of(anomaly) if alarmed else Level.NORMAL, time_ns)
+        for name, anomaly in diagnosis.anomalies.items()
+    }
+    # A wrong model is no fault of the wheel, but what it says of the wheel is then worth less.
+    observations[MODEL_ALARM] = Observation(Level.NORMAL if diagnosis.model_adequate else Level.WATCH, time_ns)
+    return observations
+
+
+def advance(alarm: Alarm, observation: Observation, policy: Policy) -> tuple[Alarm, list[AlarmEvent]]:
+    """Take one window into an alarm; returns the alarm after it and what is to be told."""
+    recent = (*alarm.recent, observation.level)[-policy.n :]
+    level = _level(recent, policy)
+    if level == Level.NORMAL and alarm.phase != Phase.QUIET and any(recent):
+        level = min(alarm.level, Level.WATCH)  # still a bad window among the last n: it has not settled
+    events = list(_events(alarm, level, observation.time_ns))
+    after = replace(alarm, recent=recent, level=level, peak=max(alarm.peak, level))
+    for event in events:
+        after = _enter(after, event)
+    return after, events
+
+
+def acknowledge(alarm: Alarm, time_ns: int) -> tuple[Alarm, list[AlarmEvent]]:
+    """Note that somebody has seen an alarm; a quiet one, or one already seen, stays as it is.
+
+    Parameters
+    ----------
+    alarm
+        The alarm.
+    time_ns
+        The wheel's clock then: the end of the latest window.
+    """
+    if alarm.phase not in {Phase.ACTIVE, Phase.RETURNED}:
+        return alarm, []
+    events = [AlarmEvent(EventKind.ACKNOWLEDGED, alarm.level, time_ns)]
+    if alarm.phase == Phase.RETURNED:
+        events.append(AlarmEvent(EventKind.CLEARED, Level.NORMAL, time_ns))
+    for event in events:
+        alarm = _enter(alarm, event)
+    return alarm, events
+
+
+def _level(recent: tuple[Level, ...], policy: Policy) -> Level:
+    """Return the highest level that at least k of the last windows reach."""
+    descending = sorted(recent, reverse=True)
+    return descending[policy.k - 1] if len(descending) >= policy.k else Level.NORMAL
+
+
+def _events(alarm: Alarm, level: Level, time_ns: int) -> Iterator[AlarmEvent]:
+    """Tell what a new level means for an alarm."""
+    if alarm.phase == Phase.QUIET:
+        if level > Level.NORMAL:
+            yield AlarmEvent(EventKind.RAISED, level, time_ns)
+    elif alarm.phase == Phase.RETURNED:
+        if level > Level.NORMAL:
+            yield AlarmEvent(EventKind.RELAPSED, level, time_ns)
+    elif level == Level.NORMAL:
+        yield AlarmEvent(EventKind.RETURNED, level, time_ns)
+        if alarm.phase == Phase.ACKNOWLEDGED:
+            yield AlarmEvent(EventKind.CLEARED, level, time_ns)
+    elif level > alarm.level:
+        yield AlarmEvent(EventKind.ESCALATED, level, time_ns)
+    elif level < alarm.level:
+        yield AlarmEvent(EventKind.EASED, level, time_ns)
+
+
+def _enter(alarm: Alarm, event: AlarmEvent) -> Alarm:
+    """Return the alarm after an event."""
+    alarm = replace(alarm, changed_ns=event.time_ns)
+    match event.kind:
+        case EventKind.RAISED:
+            return replace(alarm, phase=Phase.ACTIVE, raised_ns=event.time_ns)
+        case EventKind.RELAPSED:
+            return replace(alarm, phase=Phase.ACTIVE)
+        case EventKind.ESCALATED:
+            seen = alarm.phase == Phase.ACKNOWLEDGED and event.level <= alarm.acknowledged_level
+            return alarm if seen else replace(alarm, phase=Phase.ACTIVE)
+        case EventKind.RETURNED:
+            return replace(alarm, phase=Phase.RETURNED)
+        case EventKind.ACKNOWLEDGED:
+            return replace(alarm, phase=Phase.ACKNOWLEDGED, acknowledged_level=max(alarm.peak, event.level))
+        case EventKind.CLEARED:
+            return Alarm(recent=alarm.recent)
+        case EventKind.EASED:
+            return alarm

@@ -1,0 +1,57 @@
+"""What the history tells: plain records, as the API shows them."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from rwa_monitor.messages import Message, Number
+
+LevelWord = Literal["normal", "watch", "warning", "distress", "critical"]
+PhaseWord = Literal["quiet", "active", "acknowledged", "returned"]
+EventWord = Literal["raised", "escalated", "eased", "returned", "relapsed", "acknowledged", "cleared"]
+
+
+class AlarmLine(Message):
+    """One line of an alarm's audit trail; `person` is "" where no person did it."""
+
+    event: EventWord
+    level: LevelWord
+    time_ns: int
+    wall_ns: int
+    person: str
+    note: str
+
+
+class AlarmRecord(Message):
+    """One alarm from its rise to its end; `closed_ns` is null while it is open."""
+
+    id: int
+    spacecraft: str
+    wheel: str
+    name: str
+    phase: PhaseWord
+    level: LevelWord
+    peak: LevelWord
+    reason: str
+    raised_ns: int
+    changed_ns: int
+    closed_ns: int | None
+    trail: list[AlarmLine]
+
+
+class EstimateRecord(Message):
+    """One estimate of one window, with its nominal range."""
+
+    name: str
+    window_start_ns: int
+    window_end_ns: int
+    value: Number | None
+    std: Number | None
+    nominal_low: Number | None
+    nominal_high: Number | None
+    unit: str
+    probability: Annotated[float, Field(ge=0, le=1)]
+    severity: Number | None
+    active: bool
