@@ -1,20 +1,31 @@
 """Friction split into base, viscous and each sojourn's share, given who jumped when (errata 10).
 
 The same linear Gaussian model that ranks the assignments. Where a system rests in the window, the data alone tell base
-and system apart. Where it never does, learned friction laws and earlier windows decide as far as they can; what they
-leave open shows in the standard deviations.
+and system apart. Where it never does, learned friction laws and earlier windows decide as far as they can. A system
+that shows fewer configurations than it has may also be one configuration higher or lower throughout, which leaves every
+jump as it is and moves the base by a whole configuration: such stories count by their probability. The values are those
+of the assignment; what the alternatives leave open shows in the standard deviations.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass, replace
+from itertools import islice, product
+from typing import Final
+
 import numpy as np
 
-from rwa_monitor.diagnosis.friction_model import Story, priors_of, solve
+from rwa_monitor.diagnosis.friction_model import Posterior, Story, priors_of, solve
+from rwa_monitor.diagnosis.laws import log_probability, onsets
 from rwa_monitor.diagnosis.results import REJECTED, UNATTRIBUTED, Assignment, Components, Estimate, Evidence
 from rwa_monitor.diagnosis.segments import effective_variance, level_scatter
 from rwa_monitor.diagnosis.state import CarriedState
 from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import FloatArray, IntArray
+
+MOST_SHIFTS: Final = 16  # stories weighed beside each other
+MOST_AGAINST: Final = 30.0  # log-likelihood: beyond, an alternative is certain, and exp stays finite
+CERTAIN: Final = 0.05  # probability up to which a system that never rests is none
 
 
 def split(
@@ -36,8 +47,7 @@ def split(
     Components
         Normalised. Jumps that no system made are part of the base: it is the mean over the window's samples.
     """
-    is_free = assignment.system == UNATTRIBUTED
-    story = Story(assignment.configurations, assignment.starts, assignment.index[is_free])
+    story = Story(assignment.configurations, assignment.starts, assignment.index[assignment.system == UNATTRIBUTED])
     jumps = np.unique(assignment.index[assignment.system != REJECTED])
     borders = np.concatenate([[0], jumps, [evidence.slots]]).astype(np.int64)
     segments = evidence.sums.between(borders[:-1], borders[1:])
@@ -46,31 +56,85 @@ def split(
     seen = np.isfinite(estimate.level)
     priors = priors_of(wheel, carried, float(np.mean(estimate.level[seen])) if seen.any() else 0.0, typical_jump)
     variance = effective_variance(evidence.noise)
-    posterior = solve(story, borders, segments, priors, variance, level_scatter(variance))
+    told = onsets(wheel.fss, carried)
 
+    views: list[_View] = []
+    for shifted in _shifts(story, wheel):
+        laws = sum(
+            log_probability(system, shifted.configurations[s], shifted.starts[s], evidence.slots, told[s])
+            for s, system in enumerate(wheel.fss)
+        )
+        posterior = solve(shifted, borders, segments, priors, variance, level_scatter(variance))
+        views.append(_view(shifted, posterior, borders, segments.n, laws))
+    best = views[0]
+    weights = np.exp([min(view.score - best.score, MOST_AGAINST) for view in views])
+    weights /= weights.sum()
+    return Components(
+        base_dry=best.base,
+        base_dry_std=float(_spread(weights, np.array([v.base for v in views]), np.array([v.base_std for v in views]))),
+        viscous=best.viscous,
+        viscous_std=best.viscous_std,
+        fss_friction=best.friction,
+        fss_friction_std=tuple(
+            _spread(weights, np.stack([v.friction[s] for v in views]), np.stack([v.friction_std[s] for v in views]))
+            for s in range(len(wheel.fss))
+        ),
+        base_ambiguous=float(weights @ np.array([not view.rests for view in views])) > CERTAIN,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _View:
+    """What one story says: its log-likelihood, the parts of friction, and whether all systems rest at some time."""
+
+    score: float
+    base: float
+    base_std: float
+    viscous: float
+    viscous_std: float
+    friction: tuple[FloatArray, ...]
+    friction_std: tuple[FloatArray, ...]
+    rests: bool
+
+
+def _shifts(story: Story, wheel: Wheel) -> list[Story]:
+    """Return the story, and those in which systems are some configurations higher or lower throughout."""
+    options = []
+    for system, configurations in zip(wheel.fss, story.configurations, strict=True):
+        low, high = -int(configurations.min()), system.configurations - 1 - int(configurations.max())
+        options.append([0, *(shift for shift in range(low, high + 1) if shift)])
+    return [
+        replace(story, configurations=tuple(q + d for q, d in zip(story.configurations, shift, strict=True)))
+        for shift in islice(product(*options), MOST_SHIFTS)
+    ]
+
+
+def _view(story: Story, posterior: Posterior, borders: IntArray, samples: FloatArray, laws: float) -> _View:
+    """Read the parts of friction from a posterior."""
     weights = np.zeros(posterior.mean.size)
     weights[0] = 1.0
     first_free = posterior.mean.size - 1 - story.unattributed.size
-    total = max(float(segments.n.sum()), 1.0)
+    total = max(float(samples.sum()), 1.0)
     for j, slot in enumerate(story.unattributed):
-        weights[first_free + j] = float(segments.n[borders[:-1] >= slot].sum()) / total
-    friction, friction_std = [], []
-    for column in posterior.column:
-        known = column >= 0
-        friction.append(np.where(known, posterior.mean[column], 0.0))
-        friction_std.append(np.where(known, posterior.std[column], 0.0))
-    return Components(
-        base_dry=float(weights @ posterior.mean),
-        base_dry_std=float(np.sqrt(np.maximum(weights @ posterior.covariance @ weights, 0.0))),
+        weights[first_free + j] = float(samples[borders[:-1] >= slot].sum()) / total
+    return _View(
+        score=laws + posterior.log_evidence,
+        base=float(weights @ posterior.mean),
+        base_std=float(np.sqrt(np.maximum(weights @ posterior.covariance @ weights, 0.0))),
         viscous=float(posterior.mean[-1]),
         viscous_std=float(posterior.std[-1]),
-        fss_friction=tuple(friction),
-        fss_friction_std=tuple(friction_std),
-        base_ambiguous=not all(
-            _rests(configurations, starts, borders, segments.n)
-            for configurations, starts in zip(assignment.configurations, assignment.starts, strict=True)
+        friction=tuple(np.where(at >= 0, posterior.mean[at], 0.0) for at in posterior.column),
+        friction_std=tuple(np.where(at >= 0, posterior.std[at], 0.0) for at in posterior.column),
+        rests=all(
+            _rests(configurations, starts, borders, samples)
+            for configurations, starts in zip(story.configurations, story.starts, strict=True)
         ),
     )
+
+
+def _spread(weights: FloatArray, values: FloatArray, stds: FloatArray) -> FloatArray:
+    """Return the root mean square distance from the first view's values to all that may be; arrays (views, …)."""
+    return np.asarray(np.sqrt(weights @ (stds**2 + (values - values[0]) ** 2)))
 
 
 def _rests(configurations: IntArray, starts: IntArray, borders: IntArray, samples: FloatArray) -> bool:

@@ -182,3 +182,24 @@ def _fill(tables: LawTables, s: int, system: SwitchingSystem, index: IntArray, s
                     tables.missed[s, q, direction, 1:, 1:][later] = np.where(
                         between >= 2, np.log(MISSED_SHARE) + tables.turn[s, q, direction] + lomax, -np.inf
                     )
+
+
+def log_probability(
+    system: SwitchingSystem, configurations: IntArray, starts: IntArray, slots: int, first: Onset | None
+) -> float:
+    """Return the log-probability of all that one system did in a window.
+
+    Parameters
+    ----------
+    system, first
+        Its laws, and what is known of its first sojourn.
+    configurations, starts
+        int64 (sojourns,), see `results.Assignment`.
+    slots
+        Length of the window.
+    """
+    tables = law_tables((system,), starts[1:], slots, (first,))
+    nodes = np.arange(configurations.size)
+    up = (np.diff(configurations) > 0).astype(np.int64)
+    moves = tables.jump[0, configurations[:-1], nodes[:-1], nodes[1:]] + tables.turn[0, configurations[:-1], up]
+    return float(moves.sum() + tables.stay[0, configurations[-1], nodes[-1]])
