@@ -108,3 +108,12 @@ def test_differences_are_counted_by_field() -> None:
     left = ("k", "s", b'{"changepoints":[{"index":1},{"index":2}]}')
     right = ("k", "s", b'{"changepoints":[{"index":3},{"index":4}]}')
     assert {difference.field for difference in compare([left], [right]).differences} == {"changepoints.index"}
+
+
+def test_a_hash_of_floats_may_differ_where_the_floats_agree() -> None:
+    left = ("k", "s", b'{"provenance":{"prior_sha256":"a","wheel_sha256":"w"},"value":1.0}')
+    right = ("k", "s", b'{"provenance":{"prior_sha256":"b","wheel_sha256":"w"},"value":1.0000000000001}')
+    assert compare([left], [right]).differences == []
+    assert not compare([left], [right]).bytes_equal
+    other = ("k", "s", right[2].replace(b'"w"', b'"v"'))
+    assert [difference.path for difference in compare([left], [other]).differences] == ["provenance.wheel_sha256"]
