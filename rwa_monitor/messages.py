@@ -509,12 +509,14 @@ class Gain(Message):
 
 
 class Discrepancy(Message):
-    """What the simulation of a wheel gets wrong, the strongest effect first."""
+    """What the simulation of a wheel gets wrong, the strongest effect first; from the samples start_ns … end_ns."""
 
     kind: ClassVar[str] = "discrepancy"
 
     spacecraft: Name
     wheel: Name
+    start_ns: int
+    end_ns: int
     verdict: Literal["adequate", "inadequate", "untestable"]
     effects: list[FoundEffect]
     unexplained: Unexplained | None

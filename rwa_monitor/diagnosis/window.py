@@ -119,7 +119,7 @@ def diagnose_window(
         return _too_few(case, models), carried
     stages = _run_stages(case)
     judgement = _judge(case, models, stages.features)
-    fits = adequacy.check(evidence, stages.estimate, stages.assignment, len(wheel.fss))
+    fits = adequacy.check(evidence, stages.estimate, stages.assignment, wheel.fss)
     diagnosis = _diagnosis(case, models, stages, judgement, fits)
     state = next_state(
         carried,

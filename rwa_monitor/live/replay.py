@@ -17,7 +17,8 @@ from rwa_monitor.live import rebuild
 from rwa_monitor.live.compare import Comparable, Comparison, compare
 from rwa_monitor.live.publisher import LINGER_S, ReliablePublisher
 from rwa_monitor.live.recording import Recording, file_sha256, read_recording, recordings_of
-from rwa_monitor.messages import Diagnosis, SamplesMessage
+from rwa_monitor.live.searches import jobs_of, search_message
+from rwa_monitor.messages import Diagnosis, Discrepancy, SamplesMessage
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND
 
 MAX_LISTED: Final = 20  # fields in the short report
@@ -120,6 +121,7 @@ class _Chain:
     notes: list[str] = field(default_factory=list)
     broken: list[str] = field(default_factory=list)
     messages: list[tuple[str, bytes]] = field(default_factory=list)
+    inputs: list[tuple[str, bytes]] = field(default_factory=list)  # topic and payload of all samples so far
     owed: list[Comparable] = field(default_factory=list)  # outputs that the file before was cut too early to hold
 
     def add(self, recording: Recording, on_message: Callable[[int], None] | None) -> None:
@@ -144,9 +146,23 @@ class _Chain:
             replayed, self.owed = replayed[: len(own)], replayed[len(own) :]
         self.comparison.add_all(compare(own, replayed))
 
+        self._search_again(recording, setup.wheel.to_toml())
         if not any(schema == Diagnosis.schema_name() for _, schema, _ in (*own, *inherited)):
             self._note(recording, f"holds no closed window ({rebuilt.inputs} messages of samples)")
         self.files.append(recording.path)
+
+    def _search_again(self, recording: Recording, wheel_toml: str) -> None:
+        """Repeat the discrepancy searches whose reports are recorded, and compare by content."""
+        for message in recording.messages:
+            if message.schema == SamplesMessage.schema_name():
+                self.inputs.append((message.topic, message.data))
+        reports = [m for m in recording.messages if m.schema == Discrepancy.schema_name()]
+        parsed = [Discrepancy.parse(message.data, message.topic) for message in reports]
+        jobs = jobs_of(parsed, self.inputs, wheel_toml)
+        for message, job in zip(reports, jobs, strict=True):
+            again = search_message(job)
+            entry = (message.topic, message.schema)
+            self.comparison.add_all(compare([(*entry, message.data)], [(*entry, again.to_json())]))
 
     def report(self) -> Report:
         """Return what was found."""

@@ -34,6 +34,7 @@ from rwa_monitor.live.core import WheelCore, WindowDiagnosed
 from rwa_monitor.live.outputs import Output, health_output, outputs_of, trouble_in
 from rwa_monitor.live.recorder import FolderLock, Predecessor, Recorder, predecessor_of
 from rwa_monitor.live.recording import RECORDING_SUFFIX, Recording, read_recording
+from rwa_monitor.live.searches import Searches
 from rwa_monitor.live.warm_up import warm_up
 from rwa_monitor.messages import Diagnosis, Health, Message, SamplesMessage, Status, split_key
 from rwa_monitor.physics.wheel import Wheel, built_in_wheel
@@ -220,6 +221,7 @@ class Monitor:
         self.say = say
         self.clock = clock
         self._served: dict[tuple[str, str], _Served] = {}
+        self.searches = Searches(options.wheel, options.record, say)
         self._model_sha256 = options.model.sha256() if options.model else ""
         self._tick_due_s = 0.0
         self._said: str = ""
@@ -261,6 +263,7 @@ class Monitor:
 
     def close(self) -> None:
         """Write the last status of each wheel and the end of the recording."""
+        self.searches.close()
         for key, served in self._served.items():
             self._status(key, served, record=True)
         if self.recorder is not None:
@@ -289,6 +292,7 @@ class Monitor:
         if self.recorder is not None:
             self.recorder.input(key, SamplesMessage.schema_name(), payload, last_ns)
         served.last_sample_ns, served.publisher = last_ns, message.publisher
+        self.searches.take_input(spacecraft, wheel, payload)
         begin_s = self.clock.monotonic_s()
         events = core.feed(samples, message.publisher, message.batch)
         if any(isinstance(event, WindowDiagnosed) for event in events):
@@ -315,6 +319,9 @@ class Monitor:
         if closed:
             served.windows += sum(isinstance(event, WindowDiagnosed) for event in events)
             self._status((spacecraft, wheel), served, record=True)
+        for event in events:
+            if isinstance(event, WindowDiagnosed) and not event.partial:
+                self.searches.take_diagnosis(spacecraft, wheel, adequate=event.diagnosis.model_adequate)
 
     def _refuse(self, key: str, payload: bytes, error: InputError) -> None:
         """Count and record a message that cannot be used; it changes nothing else."""
@@ -363,6 +370,10 @@ class Monitor:
         if self.recorder is not None:
             self.recorder.tend(now_s, self._checkpoints)
             self._tell_recorder()
+        for found in self.searches.poll():
+            if self.recorder is not None:
+                self.recorder.output(found.key, found.schema, found.payload, found.time_ns)
+            self._publish(found)
         self.bus.answer(Health.encoding(), self._latest_health)
         for key, served in self._served.items():
             if now_s >= served.status_due_s:

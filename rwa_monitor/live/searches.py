@@ -1,0 +1,263 @@
+"""Full discrepancy searches beside the monitor: in another process, at low priority, never delaying a diagnosis.
+
+A wheel whose friction model does not fit for `PATIENCE` windows in a row is searched once: the samples of the last of
+these windows go to a child process, its answer is published on …/discrepancy, recorded, and written as a report beside
+the recordings. The wheel is searched again only after its model has fitted in between.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from multiprocessing.connection import Connection
+from multiprocessing.context import SpawnProcess
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from rwa_monitor.discrepancy.find import extended_wheel, find_discrepancy
+from rwa_monitor.errors import RwaMonitorError
+from rwa_monitor.formats.files import write_text
+from rwa_monitor.live.outputs import Output
+from rwa_monitor.messages import Discrepancy, SamplesMessage, key_of
+from rwa_monitor.physics.wheel import Wheel
+from rwa_monitor.samples import concatenate
+
+PATIENCE: Final = 2  # windows in a row whose model does not fit, before a search
+NICENESS: Final = 10  # of the child process: it takes what diagnosis leaves
+MAX_KEPT_BYTES: Final = 64_000_000  # of messages kept for searches, all wheels together
+MAX_WAITING: Final = 16  # searches that wait for the one that runs; a fleet gone wrong needs an engineer, not a queue
+
+WheelKey = tuple[str, str]
+
+
+@dataclass(frozen=True, slots=True)
+class SearchJob:
+    """One search: the wheel, its constants as wheel.toml, and the messages that hold its samples."""
+
+    spacecraft: str
+    wheel: str
+    wheel_toml: str
+    payloads: tuple[bytes, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class SearchAnswer:
+    """What a search gives: the message, and the files of its report; or what went wrong, in words."""
+
+    job: SearchJob
+    message: bytes = b""
+    end_ns: int = 0
+    report: dict[str, str] = field(default_factory=dict)
+    problem: str = ""
+
+
+def search_message(job: SearchJob) -> Discrepancy:
+    """Run a search and return its message; the same job always gives the same message.
+
+    Raises
+    ------
+    InputError
+        If the samples cannot be searched.
+    """
+    return _search(job)[0]
+
+
+def _search(job: SearchJob, *, with_report: bool = False) -> tuple[Discrepancy, dict[str, str]]:
+    messages = [SamplesMessage.parse(payload, job.wheel) for payload in job.payloads]
+    samples = concatenate([message.samples() for message in messages])
+    _, first = np.unique(samples.time_ns, return_index=True)
+    samples = samples[first]
+    wheel = Wheel.from_toml(job.wheel_toml, job.wheel)
+    search = find_discrepancy([(f"{job.spacecraft}/{job.wheel}", samples)], wheel)
+    message = Discrepancy.model_validate(
+        {
+            "spacecraft": job.spacecraft,
+            "wheel": job.wheel,
+            "start_ns": int(samples.time_ns[0]),
+            "end_ns": int(samples.time_ns[-1]),
+            **search.result.to_json(),
+        }
+    )
+    if not with_report:
+        return message, {}
+    from rwa_monitor.discrepancy.report import html  # noqa: PLC0415 - the monitor starts without the plotting library
+
+    report = {
+        "report.html": html(search, [f"{job.spacecraft}/{job.wheel}, live"]),
+        "extended_wheel.toml": extended_wheel(search).to_toml(),
+    }
+    return message, report
+
+
+def _child(job: SearchJob, connection: Connection) -> None:
+    """Run in the child process: search, send the answer, end."""
+    os.nice(NICENESS)
+    try:
+        message, report = _search(job, with_report=True)
+        connection.send(SearchAnswer(job, message.to_json(), message.end_ns, report))
+    except RwaMonitorError as error:
+        connection.send(SearchAnswer(job, problem=str(error)))
+    finally:
+        connection.close()
+
+
+@dataclass(slots=True)
+class _Watched:
+    """One wheel: inadequate windows in a row, whether it was searched since, and its messages of this window."""
+
+    inadequate: int = 0
+    searched: bool = False
+    payloads: list[bytes] = field(default_factory=list)
+    size: int = 0
+
+
+class Searches:
+    """Watches diagnoses for wheels whose model does not fit, and has them searched.
+
+    Parameters
+    ----------
+    wheel
+        Constants of all wheels.
+    folder
+        Where reports are written, `discrepancy/{spacecraft}/{wheel}/` below it; None for nowhere.
+    say
+        Takes lines of talk.
+    """
+
+    def __init__(self, wheel: Wheel, folder: Path | None, say: Callable[[str], None]) -> None:
+        self.wheel_toml = wheel.to_toml()
+        self.folder = folder
+        self.say = say
+        self._watched: dict[WheelKey, _Watched] = {}
+        self._kept_bytes = 0
+        self._waiting: deque[SearchJob] = deque()
+        self._process: SpawnProcess | None = None
+        self._connection: Connection | None = None
+
+    def take_input(self, spacecraft: str, wheel: str, payload: bytes) -> None:
+        """Keep a message of a wheel that may have to be searched."""
+        watched = self._watched.get((spacecraft, wheel))
+        if watched is None or not watched.inadequate or watched.searched:
+            return
+        if self._kept_bytes + len(payload) > MAX_KEPT_BYTES:
+            self.say(f"{spacecraft}/{wheel}: no room to keep its samples for a discrepancy search")
+            self._forget(watched)
+            watched.searched = True
+            return
+        watched.payloads.append(payload)
+        watched.size += len(payload)
+        self._kept_bytes += len(payload)
+
+    def take_diagnosis(self, spacecraft: str, wheel: str, *, adequate: bool) -> None:
+        """Take note of a closed window."""
+        watched = self._watched.setdefault((spacecraft, wheel), _Watched())
+        if adequate:
+            self._forget(watched)
+            watched.inadequate, watched.searched = 0, False
+            return
+        watched.inadequate += 1
+        if watched.inadequate >= PATIENCE and not watched.searched and watched.payloads:
+            if len(self._waiting) < MAX_WAITING:
+                self._waiting.append(SearchJob(spacecraft, wheel, self.wheel_toml, tuple(watched.payloads)))
+                self.say(f"{spacecraft}/{wheel}: its friction model does not fit; searching for the cause")
+            else:
+                self.say(f"{spacecraft}/{wheel}: its friction model does not fit; too many wheels wait for a search")
+            watched.searched = True
+        self._forget(watched)
+
+    def poll(self) -> list[Output]:
+        """Start the next search where none runs, and return what the last one found, ready to be published."""
+        if self._process is None:
+            self._start_next()
+            return []
+        assert self._connection is not None
+        if self._connection.poll():
+            try:
+                answer: SearchAnswer | None = self._connection.recv()
+            except EOFError:
+                answer = None
+            self._end_process()
+            return [] if answer is None else self._outputs(answer)
+        if not self._process.is_alive():
+            self.say(f"a discrepancy search ended without an answer (exit code {self._process.exitcode})")
+            self._end_process()
+        return []
+
+    def close(self) -> None:
+        """Stop the search that runs; nothing of it is lost that a replay could not find again."""
+        if self._process is not None:
+            self._process.kill()
+            self._end_process()
+
+    def _start_next(self) -> None:
+        if not self._waiting:
+            return
+        context = multiprocessing.get_context("spawn")  # after a fork the child's Zenoh session would be dead
+        self._connection, childs_end = context.Pipe(duplex=False)
+        self._process = context.Process(target=_child, args=(self._waiting.popleft(), childs_end), daemon=True)
+        self._process.start()
+        childs_end.close()
+
+    def _end_process(self) -> None:
+        if self._process is not None:
+            self._process.join(1.0)
+            self._process = None
+        if self._connection is not None:
+            self._connection.close()
+            self._connection = None
+
+    def _outputs(self, answer: SearchAnswer) -> list[Output]:
+        job = answer.job
+        name = f"{job.spacecraft}/{job.wheel}"
+        if answer.problem:
+            self.say(f"{name}: the discrepancy search could not be made: {answer.problem}")
+            return []
+        if self.folder is not None:
+            self._write_report(self.folder / "discrepancy" / job.spacecraft / job.wheel, answer.report)
+        key = key_of(Discrepancy, job.spacecraft, job.wheel)
+        return [Output(key, Discrepancy, Discrepancy.schema_name(), answer.message, answer.end_ns)]
+
+    def _write_report(self, folder: Path, report: dict[str, str]) -> None:
+        """Write the report's files; a disk that refuses costs the report, not the monitor."""
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            for name, text in report.items():
+                write_text(folder / name, text)
+        except (OSError, RwaMonitorError) as error:
+            self.say(f"the discrepancy report could not be written: {error}")
+        else:
+            self.say(f"discrepancy report in {folder}")
+
+    def _forget(self, watched: _Watched) -> None:
+        self._kept_bytes -= watched.size
+        watched.payloads, watched.size = [], 0
+
+
+def jobs_of(messages: Sequence[Discrepancy], inputs: Sequence[tuple[str, bytes]], wheel_toml: str) -> list[SearchJob]:
+    """Return the searches that recorded reports came from, for a replay.
+
+    Parameters
+    ----------
+    messages
+        The recorded reports.
+    inputs
+        Topic and payload of all samples recorded, in order.
+    wheel_toml
+        The recording's wheel.
+    """
+    jobs = []
+    for message in messages:
+        topic = key_of(SamplesMessage, message.spacecraft, message.wheel)
+        payloads = []
+        for key, payload in inputs:
+            if key == topic:
+                time_ns = SamplesMessage.parse(payload, key).time_ns
+                if time_ns and min(time_ns) >= message.start_ns and max(time_ns) <= message.end_ns:
+                    payloads.append(payload)
+        jobs.append(SearchJob(message.spacecraft, message.wheel, wheel_toml, tuple(payloads)))
+    return jobs

@@ -1,0 +1,150 @@
+"""A wheel whose model does not fit is searched in another process; the report is published, recorded and replayed."""
+
+from __future__ import annotations
+
+import json
+import time
+from pathlib import Path
+from threading import Event, Thread
+
+import numpy as np
+
+from rwa_monitor.diagnosis.model import built_in_model
+from rwa_monitor.live.bus import BusOptions, open_session
+from rwa_monitor.live.publisher import publish
+from rwa_monitor.live.recording import read_recording, recordings_of
+from rwa_monitor.live.replay import replay
+from rwa_monitor.live.searches import Searches, SearchJob, search_message
+from rwa_monitor.live.service import RunOptions, run
+from rwa_monitor.messages import Discrepancy, samples_json
+from rwa_monitor.physics.datasets import scaled_wheel
+from rwa_monitor.physics.scenario import Scenario
+from rwa_monitor.physics.speed import SpeedProfile
+from rwa_monitor.physics.telemetry import simulate
+from rwa_monitor.physics.wheel import EffectBlock, Wheel, Window, built_in_wheel
+from rwa_monitor.samples import Samples
+
+SLOTS = 8_000
+LIMIT_S = 90.0  # for a search of 8,000 slots in a new process, which takes about 5 s; a hang is what this catches
+
+
+def small_wheel() -> Wheel:
+    """Return the built-in wheel with windows a tenth as long and systems ten times as lively."""
+    window = Window(samples=SLOTS, hop=SLOTS, dead_band_rad_s=1.0)
+    return scaled_wheel(built_in_wheel(), 0.1).model_copy(update={"window": window})
+
+
+def telemetry(windows: int) -> Samples:
+    """Simulate a wheel with windage, as if its housing leaked, that its constants do not know."""
+    effect = EffectBlock(name="quadratic_drag", parameters={"strength_Nm_s2_rad2": 3.0e-8})
+    scenario = Scenario(duration_s=windows * SLOTS * 0.125 + 20.0, speed=SpeedProfile(kind="rich"), effect=(effect,))
+    return simulate(scenario, small_wheel(), np.random.default_rng(12)).samples
+
+
+def batches(samples: Samples) -> list[bytes]:
+    """Cut samples into messages of 250."""
+    return [samples_json(samples[i : i + 250], "p", n) for n, i in enumerate(range(0, len(samples), 250))]
+
+
+def wait_for_output(searches: Searches) -> list[Discrepancy]:
+    """Poll until an answer is there."""
+    end_s = time.monotonic() + LIMIT_S
+    while time.monotonic() < end_s:
+        outputs = searches.poll()
+        if outputs:
+            return [Discrepancy.parse(output.payload, output.key) for output in outputs]
+        Event().wait(0.05)
+    raise AssertionError("no answer in time")
+
+
+def test_two_inadequate_windows_are_searched_once(tmp_path: Path) -> None:
+    said: list[str] = []
+    searches = Searches(small_wheel(), tmp_path, said.append)
+    try:
+        searches.take_diagnosis("sat", "a", adequate=False)
+        for payload in batches(telemetry(1)):
+            searches.take_input("sat", "a", payload)
+        searches.take_diagnosis("sat", "a", adequate=False)
+        (message,) = wait_for_output(searches)
+        assert message.verdict == "inadequate"
+        assert message.effects[0].name == "quadratic_drag"
+        folder = tmp_path / "discrepancy" / "sat" / "a"
+        assert Wheel.from_toml((folder / "extended_wheel.toml").read_text(), "x").effect[0].name == "quadratic_drag"
+        assert (folder / "report.html").read_text().startswith("<!doctype html>")
+        searches.take_diagnosis("sat", "a", adequate=False)
+        assert searches.poll() == []
+    finally:
+        searches.close()
+
+
+def test_an_adequate_window_in_between_starts_again(tmp_path: Path) -> None:
+    searches = Searches(small_wheel(), tmp_path, lambda _: None)
+    for adequate in (False, True, False):
+        searches.take_diagnosis("sat", "a", adequate=adequate)
+        searches.take_input("sat", "a", b"{}")
+    assert searches.poll() == []
+    searches.close()
+
+
+def test_samples_that_cannot_be_searched_are_told_and_nothing_is_published(tmp_path: Path) -> None:
+    said: list[str] = []
+    searches = Searches(small_wheel(), tmp_path, said.append)
+    try:
+        searches.take_diagnosis("sat", "a", adequate=False)
+        few = Samples(np.arange(5) * 125_000_000, np.full(5, 100.0), np.full(5, 1e-3))
+        searches.take_input("sat", "a", samples_json(few, "p", 0))
+        searches.take_diagnosis("sat", "a", adequate=False)
+        end_s = time.monotonic() + LIMIT_S
+        while not any("could not be made" in line for line in said) and time.monotonic() < end_s:
+            assert searches.poll() == []
+            Event().wait(0.05)
+        assert "only 5 good samples" in said[-1]
+    finally:
+        searches.close()
+
+
+def test_close_ends_a_running_search_at_once(tmp_path: Path) -> None:
+    searches = Searches(small_wheel(), tmp_path, lambda _: None)
+    searches.take_diagnosis("sat", "a", adequate=False)
+    for payload in batches(telemetry(1)):
+        searches.take_input("sat", "a", payload)
+    searches.take_diagnosis("sat", "a", adequate=False)
+    searches.poll()
+    begin_s = time.monotonic()
+    searches.close()
+    assert time.monotonic() - begin_s < 10.0  # two seconds are the limit, with five-fold slack
+
+
+def test_the_same_job_gives_the_same_message() -> None:
+    job = SearchJob("sat", "a", small_wheel().to_toml(), tuple(batches(telemetry(1))))
+    assert search_message(job).to_json() == search_message(job).to_json()
+
+
+def test_live_search_is_published_recorded_and_verified(tmp_path: Path) -> None:
+    """From samples on a bus to a named cause: three windows of a wheel that its model does not fit."""
+    heard: list[bytes] = []
+    stop, found = Event(), Event()
+
+    def listen(sample: object) -> None:
+        heard.append(bytes(sample.payload))  # type: ignore[attr-defined]
+        found.set()
+
+    options = RunOptions(wheel=small_wheel(), model=built_in_model(), record=tmp_path)
+    with open_session(BusOptions()) as session:
+        subscriber = session.declare_subscriber("rwa/sat/a/discrepancy", listen)
+        monitor = Thread(target=run, args=(options, stop), kwargs={"session": session, "say": lambda _: None})
+        monitor.start()
+        publish({"rwa/sat/a/samples": telemetry(3)}, session, speed=float("inf"), batch_samples=250, stop=Event())
+        heard_in_time = found.wait(LIMIT_S)
+        stop.set()
+        monitor.join(20.0)
+        subscriber.undeclare()
+    assert heard_in_time
+    message = json.loads(heard[0])
+    assert message["effects"][0]["name"] == "quadratic_drag"
+    (path,) = recordings_of(tmp_path)
+    recorded = [m for m in read_recording(path).messages if m.schema == Discrepancy.schema_name()]
+    assert [m.data for m in recorded] == heard
+    report = replay(tmp_path)
+    assert report.compared[Discrepancy.schema_name()] == 1
+    assert report.equal
