@@ -366,6 +366,12 @@ def jump_sets(problem: Problem, fitted: Fit) -> list[IntArray]:
     return sets
 
 
+def strong_jumps(problem: Problem, fitted: Fit) -> IntArray:
+    """Return the jumps of the level and residual that are worth many times their price: what no smooth effect makes."""
+    price = ANNEALING[0] * JUMP_PENALTY * problem.log_size * problem.noise.long_run_variance
+    return _segment_records(problem, fitted.level + fitted.residual, price)
+
+
 def _segment_records(problem: Problem, values: FloatArray, penalty: float) -> IntArray:
     """Segment each record by itself; joined indices."""
     found = [

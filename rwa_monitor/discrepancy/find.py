@@ -10,6 +10,7 @@ from scipy import stats
 
 from rwa_monitor.discrepancy.base_fit import Problem, make_problem, with_noise_of
 from rwa_monitor.discrepancy.gain import HeldOut, held_out, holds_out
+from rwa_monitor.discrepancy.jump_terms import JUMP_TERMS
 from rwa_monitor.discrepancy.other_families import noise_effects, switching_effects
 from rwa_monitor.discrepancy.record import Record, make_record
 from rwa_monitor.discrepancy.result import (
@@ -22,7 +23,7 @@ from rwa_monitor.discrepancy.result import (
 )
 from rwa_monitor.discrepancy.search import Found, Model, Progress, SearchResult, coefficient_covariance, search
 from rwa_monitor.discrepancy.unexplained import judge_leftover
-from rwa_monitor.physics.effects.catalogue import MEAN_EFFECTS, mean_effects, to_block
+from rwa_monitor.physics.effects.catalogue import CATALOGUE, MEAN_EFFECTS, mean_effects, to_block
 from rwa_monitor.physics.effects.removal import effect_torque
 from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import Samples
@@ -75,7 +76,7 @@ def find_discrepancy(
     records = [without_known_effects(make_record(samples, wheel, name), wheel) for name, samples in recordings]
     problem = make_problem(records, wheel)
     known = {block.name for block in wheel.effect}
-    candidates = [effect for effect in MEAN_EFFECTS.values() if effect.name not in known]
+    candidates = [effect for effect in (*MEAN_EFFECTS.values(), *JUMP_TERMS) if effect.name not in known]
     found = search(problem, candidates, holds_out, progress)
     if found.found:
         # What the effect did to the base model's residual passed for coloured noise; without it the eye is sharper.
@@ -115,7 +116,7 @@ def extended_wheel(search: Search) -> Wheel:
     for index, term in enumerate(model.terms):
         names = [parameter.name for parameter in term.effect.strength_parameters()]
         strengths = dict(zip(names, model.strengths(index).tolist(), strict=True))
-        blocks.append(to_block(term.effect(**{**term.shape, **strengths})))
+        blocks.append(to_block(CATALOGUE[term.effect.name](**{**term.shape, **strengths})))
     return search.wheel.model_copy(update={"effect": (*search.wheel.effect, *blocks)})
 
 
@@ -144,7 +145,7 @@ def _describe(problem: Problem, model: Model, found: Found) -> FoundEffect:
             parameters[parameter.name] = ParameterValue(float(term.shape[parameter.name]), None, parameter.unit)
     return FoundEffect(
         found.name,
-        "mean",
+        term.effect.family,
         found.equivalent,
         term.effect.separate_by,
         parameters,

@@ -21,11 +21,13 @@ from rwa_monitor.discrepancy.base_fit import (
     jumps_off_crossings,
     remove_levels,
     segment_starts,
+    strong_jumps,
 )
 from rwa_monitor.discrepancy.terms import (
     EXPLAINED_AWAY,
     Term,
     available,
+    depends_on_level,
     make_background,
     make_robust_background,
     make_term,
@@ -188,24 +190,30 @@ def extensions(
     starts = jump_sets(problem, current.fit)
     backgrounds = [make_background(problem, current.terms, jumps) for jumps in starts]
     robust = make_robust_background(problem, current.terms)
+    strong = make_background(problem, current.terms, strong_jumps(problem, current.fit))
     screened = []
     for effect in effects:
         if effect.name in current.names:
             continue
         progress(f"{' + '.join((*current.names, effect.name))}")
-        term, bound = profile(effect, backgrounds, current.fit.level)
-        screened.append((bound, term))
-    screened.sort(key=lambda entry: entry[0])
-    models: list[Model] = []
-    for bound, term in screened:
-        if len(models) >= MAX_REFITS or bound > current.fit.criterion + SCREEN_MARGIN:
-            break
-        models.append(refit(problem, (*current.terms, term), starts))
-        if term.shape:
-            other = profile_robustly(term.effect, robust, current.fit.level)
-            rival = refit(problem, (*current.terms, other), [])
-            if rival.fit.criterion < models[-1].fit.criterion:
-                models[-1] = rival
+        # Three starts: the jumps as they are, which may have swallowed the effect; only those that nothing smooth
+        # makes; none at all.
+        tries = [(profile(effect, backgrounds, current.fit.level)[0], starts)]
+        if effect.shape_parameters() or depends_on_level(effect):
+            tries.append((profile(effect, [strong], strong.level)[0], [strong.jump_set]))
+        if effect.shape_parameters() and not depends_on_level(effect):
+            tries.append((profile_robustly(effect, robust, current.fit.level), []))
+        for term, jumps in tries:
+            terms = (*current.terms, term)
+            screened.append(Model(terms, _fit(problem, terms, jumps)))
+    best: dict[str, Model] = {}
+    for model in sorted(screened, key=lambda model: model.fit.criterion):
+        best.setdefault(model.names[-1], model)
+    models = [
+        refit(problem, model.terms, [model.fit.jumps])
+        for model in [*best.values()][:MAX_REFITS]
+        if model.fit.criterion < current.fit.criterion + SCREEN_MARGIN
+    ]
     return sorted(models, key=lambda model: model.fit.criterion)
 
 
@@ -222,6 +230,8 @@ def refit(problem: Problem, terms: Sequence[Term], starts: Sequence[IntArray]) -
                 others = [other for j, other in enumerate(refined) if j != i]
                 background = make_background(problem, others, best.fit.jumps)
                 refined[i], _ = profile(term.effect, [background], best.fit.level, around=term)
+            elif depends_on_level(term.effect):
+                refined[i] = make_term(problem, term.effect, term.shape, best.fit.level)
         again = Model(tuple(refined), _fit(problem, tuple(refined), [best.fit.jumps]))
         improvement = best.fit.criterion - again.fit.criterion
         if improvement > 0:

@@ -69,18 +69,53 @@ def make_term(problem: Problem, effect: type[MeanEffect], shape: Mapping[str, fl
     strengths = effect.strength_parameters()
     key = (effect.name, tuple(shape.items()))
     columns = problem.columns.get(key)
+    if columns is None and depends_on_level(effect) and level is not None:
+        columns = _columns_with_level(problem, effect, shape, level)
     if columns is None:
-        levels = [*problem.spread(level)] if effect.uses_level and level is not None else [None] * len(problem.records)
-        per_record = []
-        for record, dry in zip(problem.records, levels, strict=True):
-            values, _ = effect.columns(replace(record.channels, dry_level_Nm=dry), shape)
-            per_record.append(values[record.used])
+        per_record = [effect.columns(record.channels, shape)[0][record.used] for record in problem.records]
         columns = np.nan_to_num(np.concatenate(per_record)) * problem.sign[:, None]
-        if not effect.uses_level:
+        if not depends_on_level(effect):
             problem.columns.put(key, columns)
     return Term(
         effect, dict(shape), columns, np.array([p.low for p in strengths]), np.array([p.high for p in strengths])
     )
+
+
+def depends_on_level(effect: type[MeanEffect]) -> bool:
+    """Say whether an effect's columns follow from the dry level: it scales with it, or with a motor torque that holds it."""
+    return effect.uses_level or "motor_torque_Nm" in effect.needs
+
+
+def _columns_with_level(
+    problem: Problem, effect: type[MeanEffect], shape: Mapping[str, float], level: FloatArray
+) -> FloatArray:
+    """Evaluate the columns with a dry level, and with the motor torque that accelerates and overcomes that level.
+
+    The measured motor torque holds the very friction that is to be explained, jumps and noise included: less J·dω/dt it
+    would explain everything by itself. What a motor torque effect makes of the level is piecewise constant as the level
+    is; it is left to the levels.
+    """
+    columns = _evaluate_with_level(problem, effect, shape, level)
+    if effect.uses_level:
+        return columns
+    step = 1e-3 * float(np.mean(np.abs(level))) or 1.0
+    share = np.mean((_evaluate_with_level(problem, effect, shape, level + step) - columns) / step, axis=0)
+    return columns - level[:, None] * share
+
+
+def _evaluate_with_level(
+    problem: Problem, effect: type[MeanEffect], shape: Mapping[str, float], level: FloatArray
+) -> FloatArray:
+    slope = float((problem.z - level) @ problem.speed / max(float(problem.speed @ problem.speed), 1e-300))
+    per_record = []
+    for record, dry in zip(problem.records, problem.spread(level), strict=True):
+        channels = replace(record.channels, dry_level_Nm=dry)
+        if record.accelerating_torque_Nm is not None:
+            motor = record.accelerating_torque_Nm + channels.direction * dry + slope * channels.speed_rad_s
+            rate = np.gradient(motor, channels.sample_period_s)
+            channels = replace(channels, motor_torque_Nm=motor, motor_torque_rate_Nm_s=rate)
+        per_record.append(effect.columns(channels, shape)[0][record.used])
+    return np.nan_to_num(np.concatenate(per_record)) * problem.sign[:, None]
 
 
 def available(problem: Problem, effect: type[MeanEffect]) -> str | None:
@@ -97,6 +132,7 @@ class Background:
 
     problem: Problem
     first: IntArray
+    jump_set: IntArray
     jumps: int
     design: FloatArray  # (n, 1 + p) without levels
     gram: FloatArray
@@ -105,6 +141,7 @@ class Background:
     high: FloatArray
     z: FloatArray  # without levels
     zz: float
+    level: FloatArray  # (n,), dry level with this jump set [N m]
 
     def criterion_with(self, term: Term) -> float:
         """Return RSS/σ² + penalties with the term added, jumps kept (an upper bound of the full criterion)."""
@@ -135,17 +172,25 @@ def make_background(problem: Problem, chosen: Sequence[Term], jumps: IntArray) -
     first = segment_starts(problem, jumps)
     design = remove_levels(np.column_stack([problem.speed, *(term.columns for term in chosen)]), first)
     z = remove_levels(problem.z, first)
+    gram, moment = design.T @ design, design.T @ z
+    low = np.concatenate([[-np.inf], *(term.low for term in chosen)])
+    high = np.concatenate([[np.inf], *(term.high for term in chosen)])
+    rest = problem.z - np.column_stack([problem.speed, *(term.columns for term in chosen)]) @ solve_bounded(
+        problem, gram, moment, low, high
+    )
     return Background(
         problem,
         first,
+        jumps,
         int(jumps.size),
         design,
-        design.T @ design,
-        design.T @ z,
-        np.concatenate([[-np.inf], *(term.low for term in chosen)]),
-        np.concatenate([[np.inf], *(term.high for term in chosen)]),
+        gram,
+        moment,
+        low,
+        high,
         z,
         float(z @ z),
+        rest - remove_levels(rest, first),
     )
 
 
