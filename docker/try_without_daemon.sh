@@ -3,14 +3,14 @@
 # image registry: a Debian base from packages stands in for the base image, and the same Zenoh library in router mode,
 # with the same router.json5, for the router's image. Root, and Debian's packages buildah, podman, runc and debootstrap.
 #
-#   docker/try_without_daemon.sh [SECONDS]      how long the monitor runs; 30 unless told
+#   docker/try_without_daemon.sh [SECONDS]      how long the monitor runs; 60 unless told, in which two windows close
 #
 # Everything it makes lies in one scratch folder (SCRATCH, a temporary one unless told) and is removed at the end; with
 # KEEP=1 the base and the image stay in SCRATCH and are used again.
 set -euo pipefail
 
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
-seconds="${1:-30}"
+seconds="${1:-60}"
 scratch="${SCRATCH:-$(mktemp -d -t rwa-monitor-docker.XXXXXX)}"
 mkdir -p "$scratch/recordings"
 
@@ -72,7 +72,7 @@ say "built; runs as user $user; --help answers"
 # ---- router, simulator, monitor --------------------------------------------------------------------------------------
 # The arguments are read from compose.yaml, so that what is tried is what is shipped.
 arguments() {
-  "${PYTHON:-.venv/bin/python}" -c '
+  "${PYTHON:-python3}" -c '
 import sys, yaml
 print("\n".join(yaml.safe_load(open("docker/compose.yaml"))["services"][sys.argv[1]]["command"]))' "$1"
 }
@@ -101,7 +101,8 @@ chown 10001:10001 "$scratch/recordings"
 on_bus+=(--network container:rwa-router)
 run --detach --name rwa-monitor "${on_bus[@]}" --volume "$scratch/recordings:/recordings" \
   rwa-monitor "${monitor[@]}" >/dev/null
-run --detach --name rwa-simulator "${on_bus[@]}" rwa-monitor "${simulate[@]}" >/dev/null
+run --detach --name rwa-simulator "${on_bus[@]}" \
+  --volume "$PWD/docker/scenario.toml:/etc/rwa-monitor/scenario.toml:ro" rwa-monitor "${simulate[@]}" >/dev/null
 say "router, simulator and monitor run for $seconds s"
 sleep "$seconds"
 

@@ -10,8 +10,10 @@ from typing import Final
 
 import numpy as np
 
+from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.live.core import WheelCore
 from rwa_monitor.live.rebuild import Setup
+from rwa_monitor.physics.wheel import built_in_wheel
 from rwa_monitor.samples import Samples
 
 WINDOW_SLOTS: Final = 2_048
@@ -33,3 +35,7 @@ def warm_up(setup: Setup) -> None:
     core = WheelCore(short, setup.model, method=setup.method)
     core.feed(Samples(time_ns=slot * short.period_ns, speed_rad_s=speed, friction_torque_Nm=torque))
     core.finish()
+
+
+if __name__ == "__main__":  # when an image is built
+    warm_up(Setup(built_in_wheel(), built_in_model(), "joint"))
