@@ -101,6 +101,14 @@ schemas: $(VENV)/.installed-dev ## writes schemas/ anew from the messages
 references: $(VENV)/.installed-dev ## makes the reference recordings in replay/ anew, after a change meant to change diagnoses
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m rwa_monitor.live.references replay
 
+.PHONY: model
+model: $(VENV)/.installed-dev ## trains the built-in model anew (about two minutes); the same bytes on the same machine
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m rwa_monitor.evaluation.built_in -o rwa_monitor/diagnosis/built_in_model.json
+
+.PHONY: accuracy
+accuracy: $(VENV)/.installed-dev ## the accuracy benchmark; writes docs/benchmark.md (ACCURACY_ARGS="--windows 1000")
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python benchmarks/accuracy.py $(ACCURACY_ARGS)
+
 .PHONY: blind
 blind: $(VENV)/.installed-dev ## the blind suite: hides effects, requires finding them; writes docs/blind.md (BLIND_ARGS=...)
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.blind.suite $(BLIND_ARGS)
