@@ -22,6 +22,7 @@ from rwa_monitor.discrepancy.noise import Noise, clip_outliers, estimate_noise
 from rwa_monitor.discrepancy.record import Record
 from rwa_monitor.discrepancy.segmentation import segment
 from rwa_monitor.errors import InputError
+from rwa_monitor.physics import torque_balance
 from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 
@@ -81,6 +82,8 @@ class Problem:
         Noise of z [N m].
     nominal_viscous
         Nominal viscous coefficient [N m s/rad] as a weak prior, or None.
+    derivative_taps
+        Of the filter with which friction is derived where it is not given.
     """
 
     records: tuple[Record, ...]
@@ -94,6 +97,7 @@ class Problem:
     noise: Noise
     nominal_viscous: float | None
     columns: ColumnCache = field(default_factory=ColumnCache)
+    derivative_taps: FloatArray = field(default_factory=lambda: np.ones(1))
 
     @property
     def size(self) -> int:
@@ -170,6 +174,9 @@ def make_problem(records: Sequence[Record], wheel: Wheel) -> Problem:
     slot = np.concatenate([np.flatnonzero(r.used) for r in records]).astype(np.int64)
     nominal = wheel.nominal.viscous_Nm_s_rad if wheel.nominal else None
     problem = Problem(tuple(records), z, z, 0.0, speed, sign, starts, slot, estimate_noise([z]), nominal)
+    if any(record.friction_is_derived for record in records):
+        taps = torque_balance.derivative_taps(wheel.friction.derivative, wheel.sample_period_s)
+        problem = replace(problem, derivative_taps=taps)
     problem = _with_noise_of_rest(problem)
     problem = _clip(problem)
     return _with_noise_of_rest(problem)
@@ -341,6 +348,8 @@ def sharp_jumps(problem: Problem, fitted: Fit, reach: int = 48, threshold: float
         before = max(int(borders[borders < jump].max(initial=0)), jump - reach)
         after = min(int(borders[borders > jump].min(initial=problem.size)), jump + reach)
         n1, n2 = jump - before, after - jump
+        if min(n1, n2) == 0:
+            continue
         step = values[jump:after].mean() - values[before:jump].mean()
         if step * step * n1 * n2 / (n1 + n2) > threshold * problem.noise.long_run_variance:
             kept.append(jump)

@@ -83,7 +83,7 @@ def find_discrepancy(
         calmer = with_noise_of(problem, found.ladder[-1].fit.residual)
         if calmer.noise.long_run_variance < CALMER * problem.noise.long_run_variance:
             problem = calmer
-            found = search(problem, candidates, holds_out, progress)
+            found = search(problem, candidates, holds_out, progress, begin_with=found.ladder[-1])
     progress("what is left")
     found, leftover, complete = judge_leftover(problem, found)
     progress("noise and jumps")

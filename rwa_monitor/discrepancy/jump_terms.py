@@ -1,4 +1,4 @@
-"""Effects of the jumps that are torques too: once there are jumps, they have columns, and compete with the mean effects.
+"""Effects of the jumps that are torques too: once there are jumps, they have columns and compete with mean effects.
 
 Otherwise smooth mean effects would take their place: an exponential after each jump looks like a lag or a drift.
 """

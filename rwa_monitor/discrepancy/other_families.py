@@ -2,62 +2,249 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from scipy import stats
+from scipy import optimize, stats
 
+from rwa_monitor.diagnosis.assignment import assign
+from rwa_monitor.diagnosis.evidence import WindowAccumulator
+from rwa_monitor.diagnosis.results import UNATTRIBUTED
 from rwa_monitor.discrepancy.base_fit import Problem
 from rwa_monitor.discrepancy.result import FoundEffect, ParameterValue
-from rwa_monitor.discrepancy.search import ACCEPT_GAIN, Model
-from rwa_monitor.physics.effects.base import Effect
-from rwa_monitor.physics.effects.catalogue import CATALOGUE
+from rwa_monitor.discrepancy.search import ACCEPT_GAIN, EQUIVALENT_WITHIN, Model
+from rwa_monitor.physics.effects.base import Channels, Effect
+from rwa_monitor.physics.effects.catalogue import CATALOGUE, NOISE_EFFECTS, SWITCHING_EFFECTS
 from rwa_monitor.physics.effects.likelihood import LikelihoodFit
-from rwa_monitor.physics.effects.noise_base import NoiseEffect
-from rwa_monitor.physics.effects.switching_base import Jumps, SwitchingEffect, SwitchingEvidence
+from rwa_monitor.physics.effects.speed_dependent_noise import spread_factor
+from rwa_monitor.physics.effects.switching_base import Jumps, Sojourns, SwitchingEvidence
 from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import BoolArray, FloatArray
 
 TESTS: Final = 10.0  # noise and switching effects in the catalogue
 OUTLIER_AT: Final = 7.0  # standard deviations
 FEW_OUTLIERS: Final = 12
+QUANTISED: Final = "tachometer_quantisation"
+COLOURED: Final = "coloured_noise"
+HEAVY: Final = "heavy_tailed_noise"
+CAGE: Final = "cage_instability"
+CAGE_PREFERRED: Final = 0.5  # of the best gain
+LATER_SHARE: Final = 0.02  # of an accepted gain that the next must reach: no law of noise is exact
+BURST_SLOTS: Final = 400  # longest burst; longer ones are sojourns of a switching system
+WEAK_BURST: Final = 6.0  # standard deviations
+MIN_WHITTLE: Final = 500  # samples
+WHITTLE_BINS: Final = 200  # of frequency; a filter of 17 taps varies over a seventeenth
+MOST_JUMPS: Final = 400  # more are no jumps, and their attribution says nothing
 AROUND_JUMPS: Final = 3  # slots on each side of a jump whose residual depends on where exactly it was put
 
 
 def noise_effects(problem: Problem, model: Model) -> list[FoundEffect]:
-    """Return the noise effects that the residual shows, strongest first."""
-    fits: dict[str, list[LikelihoodFit]] = {}
-    for index, record in enumerate(problem.records):
-        residual, good = residual_on_slots(problem, model, index)
-        for name, effect in CATALOGUE.items():
-            if issubclass(effect, NoiseEffect):
-                if name == "coloured_noise" and record.friction_is_derived:
-                    continue  # the derivative filter colours the noise: that is in the model already
-                fits.setdefault(name, []).append(effect.fit(residual, record.channels, good))
-    return _accepted(fits)
+    """Return the noise effects that the residual shows, strongest first.
+
+    Forward: what is found is taken out of the residual (whitened, scaled, …) before the next is looked for, since each
+    of them makes the likelihood of the others rise.
+    """
+    views = [_view(problem, model, index) for index in range(len(problem.records))]
+    if any(_is_quantised(problem, index, view) for index, view in enumerate(views)):
+        # Rounding errors are not Gaussian and follow the speed: beside them no other noise can be judged.
+        return _accepted({QUANTISED: [CATALOGUE[QUANTISED].fit(v.residual, v.channels, v.good) for v in views]})  # type: ignore[attr-defined]
+    found: list[FoundEffect] = []
+    wall = ACCEPT_GAIN
+    left = [name for name in NOISE_EFFECTS if name != QUANTISED]
+    while left:
+        fits = {name: [_fit_noise(problem, i, view, name) for i, view in enumerate(views)] for name in left}
+        gains = {name: sum(fit.penalised_gain for fit in of) for name, of in fits.items()}
+        name = max(gains, key=lambda n: gains[n])
+        if CAGE in gains and gains[CAGE] > CAGE_PREFERRED * gains[name]:
+            name = CAGE  # a band of noise alone explains the noise of a burst, but not its drag
+        if gains[name] < wall:
+            break
+        found += _accepted({name: fits[name]})
+        wall = max(wall, LATER_SHARE * gains[name])
+        views = [_without(view, name, fit) for view, fit in zip(views, fits[name], strict=True)]
+        left = [other for other in left if other != name and not (name == CAGE and other == HEAVY)]
+    return sorted(found, key=lambda entry: -entry.delta_deviance)
+
+
+@dataclass(frozen=True, slots=True)
+class _View:
+    """A record's residual as the noise effects see it; arrays over its slots."""
+
+    residual: FloatArray
+    with_bursts: FloatArray  # short weak sojourns left in
+    channels: Channels
+    good: BoolArray
+
+
+def _view(problem: Problem, model: Model, index: int) -> _View:
+    residual, good = residual_on_slots(problem, model, index)
+    return _View(residual, residual + _weak_sojourns(problem, model, index), problem.records[index].channels, good)
+
+
+def _weak_sojourns(problem: Problem, model: Model, index: int) -> FloatArray:
+    """Return what short, weak excursions of the level add to it, as a torque on the slots [N m]: they may be bursts."""
+    begin, end = int(problem.starts[index]), int(problem.starts[index + 1])
+    level = model.fit.level[begin:end]
+    edges = np.concatenate([[0], np.flatnonzero(np.diff(level)) + 1, [level.size]])
+    extra = np.zeros(level.size)
+    limit = WEAK_BURST * problem.noise.std
+    for i in range(1, edges.size - 2):
+        before, here, after = level[edges[i] - 1], level[edges[i]], level[edges[i + 1]]
+        short = edges[i + 1] - edges[i] <= BURST_SLOTS
+        if short and abs(before - after) < 0.5 * limit and abs(here - 0.5 * (before + after)) < limit:
+            extra[edges[i] : edges[i + 1]] = here - 0.5 * (before + after)
+    on_slots = np.zeros(problem.records[index].used.size)
+    on_slots[problem.slot[begin:end]] = extra * problem.sign[begin:end]
+    return on_slots
+
+
+def _is_quantised(problem: Problem, index: int, view: _View) -> bool:
+    if not problem.records[index].friction_is_derived:
+        return False
+    fit = CATALOGUE[QUANTISED].fit(view.residual, view.channels, view.good)  # type: ignore[attr-defined]
+    return bool(fit.penalised_gain >= ACCEPT_GAIN)
+
+
+def _fit_noise(problem: Problem, index: int, view: _View, name: str) -> LikelihoodFit:
+    if name == COLOURED and problem.records[index].friction_is_derived:
+        return coloured_beyond_filter(view.residual, view.good, problem.derivative_taps)
+    residual = view.with_bursts if name == CAGE else view.residual
+    return NOISE_EFFECTS[name].fit(residual, view.channels, view.good)
+
+
+def _without(view: _View, name: str, fit: LikelihoodFit) -> _View:
+    """Return the residual with a noise effect taken out, as far as its likelihood knows it."""
+    residual, good, values = view.residual.copy(), view.good, fit.values
+    speed = np.abs(view.channels.speed_rad_s)
+    if name == COLOURED:
+        residual[1:] -= values["ar_coefficient"] * view.residual[:-1]
+        good = good & np.concatenate([[False], good[:-1]])
+    elif name == HEAVY:
+        nu = values["degrees_of_freedom"]
+        usable = good & np.isfinite(residual)
+        scale2 = float(np.mean(residual[usable] ** 2)) * max(nu - 2, 0.05) / nu
+        residual *= np.sqrt((nu + 1) / (nu + residual**2 / max(scale2, 1e-300)))
+    elif name == "speed_dependent_noise":
+        residual /= spread_factor(speed, values)
+    elif name == CAGE:
+        good = good & ~(np.abs(speed - values["band_speed_rad_s"]) < 1.5 * values["band_half_width_rad_s"])
+    return replace(view, residual=residual, with_bursts=residual, good=good)
+
+
+def coloured_beyond_filter(residual: FloatArray, good: BoolArray, taps: FloatArray) -> LikelihoodFit:
+    """Fit AR(1) noise beside the white speed noise that a known derivative filter colours.
+
+    Whittle's likelihood (1953): the periodogram is exponential about S(f) = a·AR(f; φ) + b·|H(f)|², H the filter's
+    transfer function. Compared with φ = 0.
+    """
+    usable = good & np.isfinite(residual)
+    count = int(usable.sum())
+    effect = NOISE_EFFECTS[COLOURED]
+    if count < MIN_WHITTLE:
+        return effect.nothing_found(count)
+    values = np.where(usable, residual, 0.0)
+    power = np.abs(np.fft.rfft(values)) ** 2 / count
+    frequency = np.arange(power.size) / values.size
+    bins = np.minimum((frequency * 2 * WHITTLE_BINS).astype(np.int64), WHITTLE_BINS - 1)
+    weight = np.bincount(bins, minlength=WHITTLE_BINS).astype(np.float64)
+    mean = np.bincount(bins, power, WHITTLE_BINS) / weight
+    at = np.bincount(bins, frequency, WHITTLE_BINS) / weight
+    lag = np.arange(taps.size) - taps.size // 2
+    transfer = np.abs(np.exp(-2j * np.pi * np.outer(at, lag)) @ taps) ** 2
+    transfer /= max(float(np.sum(taps**2)), 1e-300)
+    scale = float(np.mean(mean))
+
+    def log_likelihood(x: FloatArray) -> float:
+        phi = float(x[2])
+        colour = (1 - phi**2) / (1 + phi**2 - 2 * phi * np.cos(2 * np.pi * at))
+        spectrum = np.exp(x[0]) * colour + np.exp(x[1]) * transfer
+        return -float(np.sum(weight * (np.log(spectrum) + mean / spectrum)))
+
+    def loss(x: FloatArray) -> float:
+        return -log_likelihood(x)
+
+    start = np.log([0.5 * scale, 0.5 * scale])
+    limits = [(np.log(1e-4 * scale), np.log(10 * scale))] * 2
+
+    def best(low: float, high: float) -> tuple[float, FloatArray]:
+        begin = np.append(start, 0.5 * (low + high))
+        found = optimize.minimize(loss, begin, bounds=[*limits, (low, high)])
+        return -float(found.fun), found.x
+
+    plain, _ = best(0.0, 0.0)
+    coloured, at_best = best(0.0, 0.99)
+    phi = float(at_best[2])
+    return LikelihoodFit(
+        {"ar_coefficient": phi},
+        {"ar_coefficient": float(np.sqrt((1 - phi**2) / count))},
+        max(coloured - plain, 0.0),
+        1,
+        count,
+    )
 
 
 def switching_effects(problem: Problem, model: Model, wheel: Wheel) -> list[FoundEffect]:
-    """Return the switching effects that the jumps found show, strongest first."""
+    """Return the switching effect that the jumps show best; those as good in its place are its equivalents."""
     fits: dict[str, list[LikelihoodFit]] = {}
-    for index, record in enumerate(problem.records):
-        residual, good = residual_on_slots(problem, model, index, keep_jumps=True)
-        begin, end = int(problem.starts[index]), int(problem.starts[index + 1])
-        jumps = model.fit.jumps[(model.fit.jumps > begin) & (model.fit.jumps < end)]
-        size = model.fit.level[jumps] - model.fit.level[jumps - 1]
-        evidence = SwitchingEvidence(
-            residual,
-            replace(record.channels, dry_level_Nm=problem.spread(model.fit.level)[index]),
-            good,
-            Jumps(problem.slot[jumps], size),
-            systems={system.name: system for system in wheel.fss},
-            variance_factor=problem.noise.long_run_variance / problem.noise.std**2,
-        )
-        for name, effect in CATALOGUE.items():
-            if issubclass(effect, SwitchingEffect):
-                fits.setdefault(name, []).append(effect.fit(evidence))
-    return _accepted(fits)
+    for index in range(len(problem.records)):
+        evidence = _switching_evidence(problem, model, wheel, index)
+        for name in ("extra_switching_system", "wrong_duration_law", "speed_triggered_jumps"):
+            fits.setdefault(name, []).append(SWITCHING_EFFECTS[name].fit(evidence))
+    found = _accepted(fits)
+    if not found:
+        return []
+    same = tuple(e.name for e in found[1:] if found[0].delta_deviance - e.delta_deviance < EQUIVALENT_WITHIN)
+    return [replace(found[0], equivalent=same)]
+
+
+def _switching_evidence(problem: Problem, model: Model, wheel: Wheel, index: int) -> SwitchingEvidence:
+    """Gather the jumps of a record, attributed to the wheel's switching systems where it has some."""
+    record = problem.records[index]
+    residual, good = residual_on_slots(problem, model, index, keep_jumps=True)
+    begin, end = int(problem.starts[index]), int(problem.starts[index + 1])
+    found = model.fit.jumps[(model.fit.jumps > begin) & (model.fit.jumps < end)]
+    evidence = SwitchingEvidence(
+        residual,
+        replace(record.channels, dry_level_Nm=problem.spread(model.fit.level)[index]),
+        good,
+        Jumps(problem.slot[found], model.fit.level[found] - model.fit.level[found - 1]),
+        systems={system.name: system for system in wheel.fss},
+        variance_factor=problem.noise.long_run_variance / problem.noise.std**2,
+    )
+    if not wheel.fss or wheel.nominal is None or not 0 < found.size <= MOST_JUMPS:
+        return evidence
+    return _attributed(evidence, problem, model, wheel, index)
+
+
+def _attributed(
+    evidence: SwitchingEvidence, problem: Problem, model: Model, wheel: Wheel, index: int
+) -> SwitchingEvidence:
+    """Attribute the jumps by the diagnosis's own search, on the friction that the model leaves to the base law."""
+    record = problem.records[index]
+    begin, end = int(problem.starts[index]), int(problem.starts[index + 1])
+    base = model.fit.level + model.fit.residual + model.fit.coefficients[0] * problem.speed
+    torque = np.full(record.used.size, np.nan)
+    torque[problem.slot[begin:end]] = (base * problem.sign)[begin:end]
+    plain = wheel.model_copy(update={"effect": ()})
+    window = WindowAccumulator(plain, slots=record.used.size)
+    window.append(np.nan_to_num(record.channels.speed_rad_s), np.nan_to_num(torque), np.isfinite(torque))
+    gathered = window.close()
+    if not len(gathered.candidates):
+        return evidence
+    assignment, _ = assign(gathered, plain)
+    accepted = assignment.direction != 0
+    unit = wheel.nominal.dry_torque_Nm if wheel.nominal else 1.0
+    sojourns = {}
+    for system, q, starts in zip(wheel.fss, assignment.configurations, assignment.starts, strict=True):
+        # The first and the last are cut by the record's ends.
+        sojourns[system.name] = Sojourns(starts[1:-1], q[1:-1], np.diff(starts)[1:])
+    return replace(
+        evidence,
+        jumps=Jumps(assignment.index[accepted], unit * assignment.jump[accepted]),
+        unattributed=assignment.system[accepted] == UNATTRIBUTED,
+        sojourns=sojourns,
+    )
 
 
 def residual_on_slots(

@@ -26,7 +26,7 @@ from rwa_monitor.slots import SlotGrid
 MAX_GAP_FACTOR: Final = 4  # a record may hold at most this many slots per sample; sparser ones are wrong files
 MIN_REST_SLOTS: Final = 8  # shorter stays near zero are crossings
 REST_BAND_IN_SPEED_NOISE: Final = 5.0  # within this many standard deviations the sign of ω means nothing
-BIAS_REACH: Final = 20  # slots beyond the derivative filter that tell its bias, at 4 % of the filter's noise
+BIAS_REACH: Final = 20  # slots beyond the derivative filter that tell its bias, at 17 % of the filter's noise
 SMOOTHING_REACH: Final = 6  # slots beyond the hole, on each side, from which motion is estimated
 
 
@@ -53,8 +53,8 @@ class Record:
     speed_step_rad_s
         Lattice on which the measured speed lies, 0 where there is none.
     accelerating_torque_Nm
-        float64 (n,), motor torque less friction [N m]: the part of K_T·I that holds nothing of the friction that is to be
-        explained. None where there is no motor torque.
+        float64 (n,), motor torque less friction [N m]: the part of K_T·I that holds nothing of the friction that is
+        to be explained. None where there is no motor torque.
     """
 
     source: str
@@ -209,16 +209,17 @@ def _derivative_bias(speed: FloatArray, wheel: Wheel) -> FloatArray:
     """Return by how much the wheel's derivative filter misses dω/dt where that bends [rad/s²].
 
     A least-squares parabola smooths the acceleration of a fast slew: friction derived with it is off by several
-    standard deviations while the acceleration rises and falls. An odd cubic through the slots just outside the filter,
-    which share no noise with it, says by how much; 0 where it meets a gap or an end.
+    standard deviations while the acceleration rises and falls. An odd polynomial of fifth order through the slots just
+    outside the filter, which share no noise with it, says by how much; 0 where it meets a gap or an end.
     """
     taps = torque_balance.derivative_taps(wheel.friction.derivative, wheel.sample_period_s)
     half = taps.size // 2
     j = np.arange(half + 1, half + BIAS_REACH + 1)
     span = float(j[-1])
-    odd = np.stack([j / span, (j / span) ** 3], axis=1)
+    odd = np.stack([(j / span) ** power for power in (1, 3, 5)], axis=1)
     inner = np.arange(-half, half + 1) / span
-    missed = np.array([taps @ inner - 1 / (span * wheel.sample_period_s), taps @ inner**3])
+    missed = np.array([float(taps @ inner**power) for power in (1, 3, 5)])
+    missed[0] -= 1 / (span * wheel.sample_period_s)
     outer = missed @ np.linalg.pinv(odd) / 2
     whole = np.concatenate([-outer[::-1], np.zeros(2 * half + 1), outer])
     return np.nan_to_num(correlate1d(speed, whole, mode="constant", cval=np.nan))

@@ -112,6 +112,7 @@ def search(
     effects: Sequence[type[MeanEffect]],
     holds_out: Callable[[Problem, Model, Model], bool],
     progress: Progress = lambda _: None,
+    begin_with: Model | None = None,
 ) -> SearchResult:
     """Search for mean effects, forward with swaps.
 
@@ -125,11 +126,16 @@ def search(
         Says whether the second model predicts held-out data better than the first.
     progress
         Called with a word on each step.
+    begin_with
+        A model found before, with another estimate of the noise: its effects are taken over and judged anew.
     """
     progress("base model")
     base = Model((), fit(problem, np.zeros((problem.size, 0))))
     testable, untestable = sort_out(problem, effects, base)
     ladder = [base]
+    if begin_with is not None:
+        for count in range(1, len(begin_with.terms) + 1):
+            ladder.append(refit(problem, begin_with.terms[:count], [begin_with.fit.jumps, ladder[-1].fit.jumps]))
     best_rejected = 0.0
     while len(ladder[-1].terms) < MAX_EFFECTS:
         current = ladder[-1]

@@ -82,7 +82,7 @@ def make_term(problem: Problem, effect: type[MeanEffect], shape: Mapping[str, fl
 
 
 def depends_on_level(effect: type[MeanEffect]) -> bool:
-    """Say whether an effect's columns follow from the dry level: it scales with it, or with a motor torque that holds it."""
+    """Say whether an effect's columns follow from the dry level, by itself or as a part of the motor torque."""
     return effect.uses_level or "motor_torque_Nm" in effect.needs
 
 
@@ -92,15 +92,19 @@ def _columns_with_level(
     """Evaluate the columns with a dry level, and with the motor torque that accelerates and overcomes that level.
 
     The measured motor torque holds the very friction that is to be explained, jumps and noise included: less J·dω/dt it
-    would explain everything by itself. What a motor torque effect makes of the level is piecewise constant as the level
-    is; it is left to the levels.
+    would explain everything by itself. A column that follows the level would explain its jumps by themselves, too: the
+    part in proportion to the level is left to the levels.
     """
     columns = _evaluate_with_level(problem, effect, shape, level)
-    if effect.uses_level:
+    if not effect.uses_level:
+        step = 1e-3 * float(np.mean(np.abs(level))) or 1.0
+        share = np.median((_evaluate_with_level(problem, effect, shape, level + step) - columns) / step, axis=0)
+        return np.asarray(columns - level[:, None] * share, dtype=np.float64)
+    centred = level - level.mean()
+    energy = float(centred @ centred)
+    if energy <= (1e-9 * float(np.max(np.abs(level)))) ** 2 * level.size:
         return columns
-    step = 1e-3 * float(np.mean(np.abs(level))) or 1.0
-    share = np.mean((_evaluate_with_level(problem, effect, shape, level + step) - columns) / step, axis=0)
-    return columns - level[:, None] * share
+    return np.asarray(columns - centred[:, None] * (centred @ columns / energy), dtype=np.float64)
 
 
 def _evaluate_with_level(
