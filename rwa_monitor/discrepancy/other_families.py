@@ -32,7 +32,7 @@ CAGE: Final = "cage_instability"
 CAGE_PREFERRED: Final = 0.5  # of the best gain
 LATER_SHARE: Final = 0.02  # of an accepted gain that the next must reach: no law of noise is exact
 BURST_SLOTS: Final = 400  # longest burst; longer ones are sojourns of a switching system
-WEAK_BURST: Final = 6.0  # standard deviations
+WEAK_BURST: Final = 4.0  # standard deviations
 MIN_WHITTLE: Final = 500  # samples
 WHITTLE_BINS: Final = 200  # of frequency; a filter of 17 taps varies over a seventeenth
 MOST_JUMPS: Final = 400  # more are no jumps, and their attribution says nothing
@@ -56,7 +56,7 @@ def noise_effects(problem: Problem, model: Model) -> list[FoundEffect]:
         fits = {name: [_fit_noise(problem, i, view, name) for i, view in enumerate(views)] for name in left}
         gains = {name: sum(fit.penalised_gain for fit in of) for name, of in fits.items()}
         name = max(gains, key=lambda n: gains[n])
-        if CAGE in gains and gains[CAGE] > CAGE_PREFERRED * gains[name]:
+        if name != COLOURED and CAGE in gains and gains[CAGE] > CAGE_PREFERRED * gains[name]:
             name = CAGE  # a band of noise alone explains the noise of a burst, but not its drag
         if gains[name] < wall:
             break

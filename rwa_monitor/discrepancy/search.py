@@ -18,7 +18,6 @@ from rwa_monitor.discrepancy.base_fit import (
     Problem,
     fit,
     jump_sets,
-    jumps_off_crossings,
     remove_levels,
     segment_starts,
     strong_jumps,
@@ -160,7 +159,7 @@ def sort_out(
     """Split the effects into those this data can test and those it cannot, with the reason."""
     testable: list[type[MeanEffect]] = []
     untestable: list[tuple[str, str]] = []
-    background = make_background(problem, (), jumps_off_crossings(problem, base.fit.jumps))
+    background = make_background(problem, (), np.zeros(0, dtype=np.int64))  # jumps may have swallowed the effect
     for effect in effects:
         lacking = available(problem, effect)
         if lacking is not None:

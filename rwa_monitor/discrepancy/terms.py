@@ -27,7 +27,7 @@ GRID_POINTS: Final = 9  # per continuous shape parameter; the profile is then re
 LOG_SPACING_FROM: Final = 8.0  # ratio of bounds from which a shape parameter is spaced in logarithm
 ROBUST_PAIRS: Final = 8_000  # differences that the robust start looks at, evenly spread
 ROBUST_ROUNDS: Final = 5  # reweightings; the shape only starts the fit
-EXPLAINED_AWAY: Final = 1e-6  # share of a column's square below which levels and slope already hold it
+EXPLAINED_AWAY: Final = 1e-8  # share of a column's square below which levels and slope already hold it
 
 
 @dataclass(frozen=True, slots=True)

@@ -121,7 +121,8 @@ ONE_SIGN = {
 def draw_shape(name: str, truth: Truth, rng: np.random.Generator) -> Shape:
     """Draw an effect's shape: typical values for a wheel, in shares of what the record spans."""
     top = float(np.max(np.abs(truth.speed)))
-    step = float(np.median(np.abs(truth.acceleration[np.abs(truth.speed) < 0.1 * top]))) * truth.period
+    slow = np.abs(truth.speed) < max(0.1 * top, 1.5 * float(np.min(np.abs(truth.speed))))
+    step = float(np.median(np.abs(truth.acceleration[slow]))) * truth.period
     if name == "stribeck":
         return {
             "stribeck_speed_rad_s": float(np.exp(rng.uniform(np.log(0.012), np.log(0.08)))) * top,
