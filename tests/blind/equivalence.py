@@ -7,12 +7,13 @@ from __future__ import annotations
 
 from tests.blind.generator import Case
 
-# K_T·I - J·dω/dt: an error of K_T is an error of J up to a factor on all friction, which is free. Without the voltage no
-# record of current and speed tells them apart.
+# K_T·I - J·dω/dt: an error of K_T is an error of J up to a factor on all friction, which is free. Without the voltage
+# no record of current and speed tells them apart.
 BALANCE = frozenset({"inertia_error", "torque_constant_error"})
 
-# Where the motor torque does not change sign against the motion, |K_T I|·s is K_T I.
-ONE_DIRECTION_LOAD = frozenset({"inertia_error", "torque_constant_error", "load_dependence"})
+# Where the motor torque does not change sign against the motion, |K_T I|·s is K_T I: in one direction, and on a geared
+# joint, whose friction is larger than what accelerates it.
+LOAD = frozenset({"inertia_error", "torque_constant_error", "load_dependence"})
 
 # Level jumps in both directions are needed to tell an offset from one in proportion to the level; a plain swing has a
 # few jumps in each half at most.
@@ -25,7 +26,7 @@ REVERSAL = frozenset({"presliding", "current_delay"})
 SLOW = frozenset({"viscosity_temperature", "run_in_drift", "lubricant_lag"})
 
 CLASSES: dict[str, tuple[frozenset[str], ...]] = {
-    "one_direction": (BALANCE, ONE_DIRECTION_LOAD, SLOW),
+    "one_direction": (BALANCE, LOAD, SLOW),
     "crossings": (BALANCE, OFFSET, REVERSAL),
     "rich": (BALANCE,),
 }
@@ -34,7 +35,8 @@ CLASSES: dict[str, tuple[frozenset[str], ...]] = {
 def accepted(name: str, case: Case) -> frozenset[str]:
     """Return the names that are right where `name` is hidden in a record of this case."""
     same = frozenset({name})
-    for group in CLASSES[case.manoeuvre]:
+    groups = (*CLASSES[case.manoeuvre], LOAD) if case.scale == "joint" else CLASSES[case.manoeuvre]
+    for group in groups:
         if name in group:
             same |= group
     return same

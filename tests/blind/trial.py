@@ -18,7 +18,7 @@ from rwa_monitor.discrepancy.terms import Term
 from rwa_monitor.formats.csv_table import write_csv
 from rwa_monitor.formats.table import read_table
 from rwa_monitor.formats.wheel_file import read_wheel, write_wheel
-from rwa_monitor.physics.effects.base import Channels, MeanEffect
+from rwa_monitor.physics.effects.base import MeanEffect
 from rwa_monitor.physics.effects.catalogue import CATALOGUE
 from rwa_monitor.physics.effects.noise_base import NoiseEffect
 from rwa_monitor.physics.effects.switching_base import Jumps, SwitchingEffect, SwitchingEvidence
@@ -148,8 +148,6 @@ def _torque_gain(problem: Problem, hidden: Hidden, name: str) -> float:
     """Least squares of the true column beside sign, speed and true levels; white noise of the true variance."""
     parameters = 1 + max(len(hidden.shapes[name]) - 1, 0)
     column = orthogonal(np.sign(hidden.speed) * hidden.torque[name], np.abs(hidden.speed), hidden.jump_index)
-    others = sum(t for other, t in hidden.torque.items() if other != name)
-    del others  # the oracle knows the other effect, too
     energy = float(column @ column)
     along = float(column @ (np.sign(hidden.speed) * hidden.residual)) / np.sqrt(energy)
     statistic = (np.sqrt(energy) + along) ** 2 / max(hidden.long_run_std, hidden.noise_std) ** 2
@@ -202,7 +200,3 @@ def gain_share(search: Search, hidden: Hidden) -> float | None:
 def _true_jumps(problem: Problem, hidden: Hidden) -> Sequence[np.ndarray[Any, np.dtype[np.int64]]]:
     at = np.searchsorted(problem.slot, hidden.jump_index)
     return [np.unique(at[(at > 0) & (at < problem.size)]).astype(np.int64)]
-
-
-__all__ = ["Outcome", "run_trial"]
-_ = Channels
