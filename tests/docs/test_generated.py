@@ -1,0 +1,48 @@
+"""The generated pages are those of the code, and every page shows what there is."""
+
+from __future__ import annotations
+
+import importlib.util
+import re
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+from rwa_monitor.physics.effects.catalogue import CATALOGUE
+
+ROOT = Path(__file__).parents[2]
+DOCS = ROOT / "docs"
+WRITTEN = sorted([ROOT / "README.md", ROOT / "CHANGELOG.md", *DOCS.rglob("*.md")])
+
+
+def _generator() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("docs_make", DOCS / "make.py")
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_generated_pages_are_those_of_the_code() -> None:
+    for name, text in _generator().pages().items():
+        assert (DOCS / name).read_text(encoding="utf-8") == text, f"docs/{name} is old: python docs/make.py"
+
+
+def test_every_effect_has_a_page_and_a_picture_and_nothing_else_has() -> None:
+    pages = {file.stem for file in (DOCS / "effects").glob("*.md")} - {"index"}
+    assert pages == set(CATALOGUE)
+    assert {file.stem for file in (DOCS / "effects" / "pictures").glob("*.png")} == set(CATALOGUE)
+
+
+def test_a_picture_is_drawn_by_its_code(tmp_path: Path) -> None:
+    file = tmp_path / "stribeck.png"
+    _generator().draw_effect(CATALOGUE["stribeck"], file)
+    assert file.read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize("page", WRITTEN, ids=lambda page: str(page.relative_to(ROOT)))
+def test_links_inside_the_repository_lead_somewhere(page: Path) -> None:
+    for target in re.findall(r"\]\(([^)#]+)(?:#[^)]*)?\)", page.read_text(encoding="utf-8")):
+        if not re.match(r"[a-z]+:", target):
+            assert (page.parent / target).exists(), f"{target} in {page.name}"
