@@ -1,0 +1,1 @@
+"""The four stages of the paper, one file each, and the window that runs them in order."""
