@@ -381,6 +381,13 @@ def strong_jumps(problem: Problem, fitted: Fit) -> IntArray:
     return _segment_records(problem, fitted.level + fitted.residual, price)
 
 
+def strong_level(problem: Problem, level: FloatArray) -> FloatArray:
+    """Return a level, float64 (n,), with only its strong jumps left [N m]."""
+    price = ANNEALING[0] * JUMP_PENALTY * problem.log_size * problem.noise.long_run_variance
+    jumps = _segment_records(problem, level, price)
+    return level - remove_levels(level, segment_starts(problem, jumps))
+
+
 def _segment_records(problem: Problem, values: FloatArray, penalty: float) -> IntArray:
     """Segment each record by itself; joined indices."""
     found = [

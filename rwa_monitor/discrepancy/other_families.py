@@ -13,7 +13,7 @@ from rwa_monitor.diagnosis.evidence import WindowAccumulator
 from rwa_monitor.diagnosis.results import UNATTRIBUTED
 from rwa_monitor.discrepancy.base_fit import Problem
 from rwa_monitor.discrepancy.result import FoundEffect, ParameterValue
-from rwa_monitor.discrepancy.search import ACCEPT_GAIN, EQUIVALENT_WITHIN, Model
+from rwa_monitor.discrepancy.search import ACCEPT_GAIN, Model
 from rwa_monitor.physics.effects.base import Channels, Effect
 from rwa_monitor.physics.effects.catalogue import CATALOGUE, NOISE_EFFECTS, SWITCHING_EFFECTS
 from rwa_monitor.physics.effects.likelihood import LikelihoodFit
@@ -25,6 +25,7 @@ from rwa_monitor.samples import BoolArray, FloatArray
 TESTS: Final = 10.0  # noise and switching effects in the catalogue
 OUTLIER_AT: Final = 7.0  # standard deviations
 FEW_OUTLIERS: Final = 12
+WRONG_LAW: Final = "wrong_duration_law"
 QUANTISED: Final = "tachometer_quantisation"
 COLOURED: Final = "coloured_noise"
 HEAVY: Final = "heavy_tailed_noise"
@@ -32,18 +33,21 @@ CAGE: Final = "cage_instability"
 CAGE_PREFERRED: Final = 0.5  # of the best gain
 LATER_SHARE: Final = 0.02  # of an accepted gain that the next must reach: no law of noise is exact
 BURST_SLOTS: Final = 400  # longest burst; longer ones are sojourns of a switching system
-WEAK_BURST: Final = 4.0  # standard deviations
+WEAK_BURST: Final = 6.0  # standard deviations
+FEWEST_BURSTS: Final = 6  # fewer short weak sojourns are a switching system's
+WRONG_LAW_WALL: Final = 60.0  # a few jumps attributed wrongly make odd sojourns, as a wrong law does
 MIN_WHITTLE: Final = 500  # samples
 WHITTLE_BINS: Final = 200  # of frequency; a filter of 17 taps varies over a seventeenth
 MOST_JUMPS: Final = 400  # more are no jumps, and their attribution says nothing
 AROUND_JUMPS: Final = 3  # slots on each side of a jump whose residual depends on where exactly it was put
 
 
-def noise_effects(problem: Problem, model: Model) -> list[FoundEffect]:
+def noise_effects(problem: Problem, model: Model, *, explained: bool = True) -> list[FoundEffect]:
     """Return the noise effects that the residual shows, strongest first.
 
     Forward: what is found is taken out of the residual (whitened, scaled, …) before the next is looked for, since each
-    of them makes the likelihood of the others rise.
+    of them makes the likelihood of the others rise. Where something is left unexplained, bursts of drag cannot be told
+    from it and are not looked for.
     """
     views = [_view(problem, model, index) for index in range(len(problem.records))]
     if any(_is_quantised(problem, index, view) for index, view in enumerate(views)):
@@ -51,7 +55,7 @@ def noise_effects(problem: Problem, model: Model) -> list[FoundEffect]:
         return _accepted({QUANTISED: [CATALOGUE[QUANTISED].fit(v.residual, v.channels, v.good) for v in views]})  # type: ignore[attr-defined]
     found: list[FoundEffect] = []
     wall = ACCEPT_GAIN
-    left = [name for name in NOISE_EFFECTS if name != QUANTISED]
+    left = [name for name in NOISE_EFFECTS if name != QUANTISED and (explained or name != CAGE)]
     while left:
         fits = {name: [_fit_noise(problem, i, view, name) for i, view in enumerate(views)] for name in left}
         gains = {name: sum(fit.penalised_gain for fit in of) for name, of in fits.items()}
@@ -87,13 +91,16 @@ def _weak_sojourns(problem: Problem, model: Model, index: int) -> FloatArray:
     begin, end = int(problem.starts[index]), int(problem.starts[index + 1])
     level = model.fit.level[begin:end]
     edges = np.concatenate([[0], np.flatnonzero(np.diff(level)) + 1, [level.size]])
-    extra = np.zeros(level.size)
+    extra, bursts = np.zeros(level.size), 0
     limit = WEAK_BURST * problem.noise.std
     for i in range(1, edges.size - 2):
         before, here, after = level[edges[i] - 1], level[edges[i]], level[edges[i + 1]]
         short = edges[i + 1] - edges[i] <= BURST_SLOTS
         if short and abs(before - after) < 0.5 * limit and abs(here - 0.5 * (before + after)) < limit:
             extra[edges[i] : edges[i + 1]] = here - 0.5 * (before + after)
+            bursts += 1
+    if bursts < FEWEST_BURSTS:
+        extra[:] = 0.0
     on_slots = np.zeros(problem.records[index].used.size)
     on_slots[problem.slot[begin:end]] = extra * problem.sign[begin:end]
     return on_slots
@@ -115,21 +122,24 @@ def _fit_noise(problem: Problem, index: int, view: _View, name: str) -> Likeliho
 
 def _without(view: _View, name: str, fit: LikelihoodFit) -> _View:
     """Return the residual with a noise effect taken out, as far as its likelihood knows it."""
-    residual, good, values = view.residual.copy(), view.good, fit.values
+    residual, bursts, good, values = view.residual.copy(), view.with_bursts.copy(), view.good, fit.values
     speed = np.abs(view.channels.speed_rad_s)
     if name == COLOURED:
         residual[1:] -= values["ar_coefficient"] * view.residual[:-1]
+        bursts[1:] -= values["ar_coefficient"] * view.with_bursts[:-1]
         good = good & np.concatenate([[False], good[:-1]])
     elif name == HEAVY:
         nu = values["degrees_of_freedom"]
         usable = good & np.isfinite(residual)
         scale2 = float(np.mean(residual[usable] ** 2)) * max(nu - 2, 0.05) / nu
+        bursts *= np.sqrt((nu + 1) / (nu + bursts**2 / max(scale2, 1e-300)))
         residual *= np.sqrt((nu + 1) / (nu + residual**2 / max(scale2, 1e-300)))
     elif name == "speed_dependent_noise":
         residual /= spread_factor(speed, values)
+        bursts /= spread_factor(speed, values)
     elif name == CAGE:
         good = good & ~(np.abs(speed - values["band_speed_rad_s"]) < 1.5 * values["band_half_width_rad_s"])
-    return replace(view, residual=residual, with_bursts=residual, good=good)
+    return replace(view, residual=residual, with_bursts=bursts, good=good)
 
 
 def coloured_beyond_filter(residual: FloatArray, good: BoolArray, taps: FloatArray) -> LikelihoodFit:
@@ -191,11 +201,11 @@ def switching_effects(problem: Problem, model: Model, wheel: Wheel) -> list[Foun
         evidence = _switching_evidence(problem, model, wheel, index)
         for name in ("extra_switching_system", "wrong_duration_law", "speed_triggered_jumps"):
             fits.setdefault(name, []).append(SWITCHING_EFFECTS[name].fit(evidence))
-    found = _accepted(fits)
-    if not found:
-        return []
-    same = tuple(e.name for e in found[1:] if found[0].delta_deviance - e.delta_deviance < EQUIVALENT_WITHIN)
-    return [replace(found[0], equivalent=same)]
+    found = [
+        effect for effect in _accepted(fits) if effect.name != WRONG_LAW or effect.delta_deviance >= WRONG_LAW_WALL
+    ]
+    # Their likelihoods are of different things (counts, durations, places), so that a difference decides nothing.
+    return [replace(found[0], equivalent=tuple(effect.name for effect in found[1:]))] if found else []
 
 
 def _switching_evidence(problem: Problem, model: Model, wheel: Wheel, index: int) -> SwitchingEvidence:

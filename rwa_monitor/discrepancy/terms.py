@@ -19,6 +19,7 @@ from rwa_monitor.discrepancy.base_fit import (
     same_record,
     segment_starts,
     solve_bounded,
+    strong_level,
 )
 from rwa_monitor.physics.effects.base import MeanEffect, Parameter
 from rwa_monitor.samples import FloatArray, IntArray
@@ -93,8 +94,10 @@ def _columns_with_level(
 
     The measured motor torque holds the very friction that is to be explained, jumps and noise included: less J·dω/dt it
     would explain everything by itself. A column that follows the level would explain its jumps by themselves, too: the
-    part in proportion to the level is left to the levels.
+    part in proportion to the level is left to the levels. Only strong jumps count: many weak ones may follow another
+    effect, and the column would then follow it as well.
     """
+    level = strong_level(problem, level)
     columns = _evaluate_with_level(problem, effect, shape, level)
     if not effect.uses_level:
         step = 1e-3 * float(np.mean(np.abs(level))) or 1.0

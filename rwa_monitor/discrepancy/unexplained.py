@@ -13,15 +13,15 @@ from typing import ClassVar, Final
 
 import numpy as np
 
-from rwa_monitor.discrepancy.base_fit import Problem, jump_sets
+from rwa_monitor.discrepancy.base_fit import Problem, jump_sets, strong_jumps
 from rwa_monitor.discrepancy.gain import holds_out
 from rwa_monitor.discrepancy.result import Unexplained
 from rwa_monitor.discrepancy.search import ACCEPT_GAIN, Model, SearchResult, refit
-from rwa_monitor.discrepancy.terms import Term, make_background, make_term
+from rwa_monitor.discrepancy.terms import Term, make_term
 from rwa_monitor.physics.effects.base import Channels, MeanEffect, Memory, Parameter
 from rwa_monitor.samples import FloatArray
 
-KNOTS: Final = 8  # of a free curve
+KNOTS: Final = 14  # of a free curve: a feature as wide as a tenth of the range is not missed
 
 
 class _FreeCurve(MeanEffect):
@@ -87,7 +87,6 @@ CURVES: Final = (
         flips=True,
     ),
     _curve("curve_temperature", "a drag that depends on temperature", lambda c: c.bearing_temperature_degC, flips=True),
-    _curve("curve_motor_torque", "a torque that depends on motor torque", lambda c: c.motor_torque_Nm, flips=False),
 )
 
 
@@ -164,7 +163,6 @@ def judge_leftover(problem: Problem, found: SearchResult) -> tuple[SearchResult,
 
 def _free_terms(problem: Problem, model: Model) -> list[Term]:
     """Return the free curves that these records allow, periodic ones at the best frequency."""
-    background = make_background(problem, model.terms, model.fit.jumps)
     terms = [
         make_term(problem, curve, {}, None)
         for curve in CURVES
@@ -174,9 +172,7 @@ def _free_terms(problem: Problem, model: Model) -> list[Term]:
         frequency = _best_frequency(problem, model, flips=effect.flips)
         if frequency is not None:
             terms.append(make_term(problem, effect, {"frequency_Hz": frequency}, None))
-    # Only those that the jumps as they are do not make hopeless are fitted with jumps of their own.
-    limit = model.fit.criterion + problem.log_size * KNOTS
-    return [term for term in terms if background.criterion_with(term) < limit]
+    return terms
 
 
 def _best_frequency(problem: Problem, model: Model, *, flips: bool) -> float | None:
@@ -195,7 +191,8 @@ def _best_frequency(problem: Problem, model: Model, *, flips: bool) -> float | N
 
 
 def _with(problem: Problem, model: Model, term: Term) -> Model:
-    return refit(problem, (*model.terms, term), jump_sets(problem, model.fit))
+    starts = [*jump_sets(problem, model.fit), strong_jumps(problem, model.fit)]
+    return refit(problem, (*model.terms, term), starts)
 
 
 def _needed(problem: Problem, model: Model, index: int) -> bool:
