@@ -47,6 +47,11 @@ def _run(case: Case, folder: str) -> Outcome:
     return run_trial(case, Path(folder))
 
 
+def _write(outcomes: list[Outcome], path: Path) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text("\n".join(json.dumps(outcome.to_json()) for outcome in outcomes) + "\n")
+
+
 def main(argv: list[str] | None = None) -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--records", type=int, default=None, help="the first N of the plan; default: all")
@@ -63,11 +68,12 @@ def main(argv: list[str] | None = None) -> int:
         running = [pool.submit(_run, case, folder) for case in wanted]
         for done, future in enumerate(as_completed(running), start=1):
             outcomes.append(future.result())
+            _write(outcomes, options.json)  # as they come: a long run that is cut short has not been for nothing
             print(f"\r{done}/{len(wanted)} records", end="", file=sys.stderr, flush=True)
     print(file=sys.stderr)
     outcomes.sort(key=lambda outcome: (outcome.case.kind, outcome.case.effects, outcome.case.seed))
-    options.json.parent.mkdir(parents=True, exist_ok=True)
-    options.json.write_text("\n".join(json.dumps(outcome.to_json()) for outcome in outcomes) + "\n")
+    _write(outcomes, options.json)
+    options.out.parent.mkdir(parents=True, exist_ok=True)
     options.out.write_text(report(outcomes, options.seed))
     print(options.out.read_text())
     return 0
