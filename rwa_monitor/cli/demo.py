@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import time
 from collections import Counter
+from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from threading import Event, Thread
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
 
 DEFAULT_DURATION_S: Final = 90.0
 MAX_DURATION_S: Final = 3600.0  # an hour simulates half a month of four wheels; it is all made before it begins
-SEED: Final = 1
+DEFAULT_SEED: Final = 1
 BATCH_SAMPLES: Final = 256
 NOTICEABLE_S: Final = 1.0  # what a person notices as waiting
 
@@ -43,6 +44,14 @@ NOTICEABLE_S: Final = 1.0  # what a person notices as waiting
 @click.option("--no-browser", is_flag=True, help="Open no browser (this version has no page to open yet).")
 @click.option("--port", type=click.IntRange(0, 65535), metavar="P", help="Of the page (not in this version yet).")
 @click.option(
+    "--seed",
+    type=click.IntRange(min=0),
+    default=DEFAULT_SEED,
+    show_default=True,
+    metavar="N",
+    help="Of the satellite: another one hides another effect.",
+)
+@click.option(
     "--record",
     type=FILE,
     default=Path("recordings"),
@@ -50,11 +59,12 @@ NOTICEABLE_S: Final = 1.0  # what a person notices as waiting
     metavar="DIR",
     help="Folder of the recordings.",
 )
-def command(duration: float, no_browser: bool, port: int | None, record: Path) -> None:
+def command(duration: float, no_browser: bool, port: int | None, seed: int, record: Path) -> None:
     """Show the main job on a simulated satellite: four wheels, one of which begins to fail.
 
-    Telemetry flows some 300 times faster than real time over a bus inside this process; the monitor diagnoses each
-    window as it closes and records everything. At the end the truth is told. Ctrl-C ends it earlier.
+    Another one has an effect that the monitor's wheel file lacks; the monitor finds out which. Telemetry flows some 300
+    times faster than real time over a bus inside this process; the monitor diagnoses each window as it closes and
+    records everything. At the end the truth is told. Ctrl-C ends it earlier.
     """
     del no_browser, port  # the dashboard's, which comes later
     from rwa_monitor.cli.demo_story import tell
@@ -67,7 +77,7 @@ def command(duration: float, no_browser: bool, port: int | None, record: Path) -
 
     # A new satellite each time: what the folder holds of the last one is not carried over to this one's healthy wheels.
     spacecraft = time.strftime("demo-%Y%m%dT%H%M%S", time.gmtime())
-    story = tell(spacecraft, duration, start_ns=time.time_ns(), seed=SEED)
+    story = tell(spacecraft, duration, start_ns=time.time_ns(), seed=seed)
     options = RunOptions(wheels=f"rwa/{spacecraft}/*/samples", wheel=story.wheel, model=built_in_model(), record=record)
     with stop_on_signals() as stop, open_session(BusOptions()) as session, ThreadPoolExecutor(2) as workers:
         say(f"four simulated wheels, {story.speed:.0f} times faster than real time; recording in {record}")
@@ -87,6 +97,7 @@ def command(duration: float, no_browser: bool, port: int | None, record: Path) -
         satellite.result()
         monitor.result()
         view.close()
+    _tell_findings(story, view, record)
     _tell_the_truth(story, view, record)
 
 
@@ -103,6 +114,56 @@ def _compile_kernels(options: RunOptions, stop: Event) -> None:
         compiling.join(NOTICEABLE_S)
 
 
+def _tell_findings(story: Story, view: DemoView, record: Path) -> None:
+    """Print what the searches found missing in the wheels' model, what that gains, and where it is written."""
+    found_in = {wheel: row.discrepancy for wheel, row in sorted(view.rows.items()) if row.discrepancy is not None}
+    for wheel, found in found_in.items():
+        click.echo(f"\nWhat the monitor found in {wheel}, {view.rows[wheel].discrepancy_s:.0f} s into the demo:")
+        for effect in found.effects:
+            others = (
+                f", or, as well as these data can tell, {', '.join(effect.equivalent)}" if effect.equivalent else ""
+            )
+            click.echo(f"  missing in its model: {effect.name}{others}")
+            for name, value in effect.parameters.items():
+                spread = f" ± {value.std:.1g}" if value.std is not None else ""
+                click.echo(f"    {name} = {value.value:.4g}{spread}")
+        if found.unexplained is not None:
+            click.echo(f"  left unexplained: {found.unexplained.signature}")
+        if found.gain is not None and found.effects:
+            gain = found.gain
+            rmse = f"{gain.rmse_base_Nm * 1e6:.2f} → {gain.rmse_extended_Nm * 1e6:.2f} µN m"
+            score = f"{gain.log_score_base:.4f} → {gain.log_score_extended:.4f} a sample"
+            jumps = f"{gain.changepoints_base} → {gain.changepoints_extended}"
+            click.echo(f"  gain on held-out blocks: RMSE {rmse}, log score {score}; jumps of the friction {jumps}")
+        folder = record / "discrepancy" / found.spacecraft / wheel
+        if wheel == story.hiding and (folder / "extended_wheel.toml").exists():
+            before, after = view.rows[wheel].diagnoses, _diagnose_again(story, folder / "extended_wheel.toml")
+            click.echo(f"  its windows as they were diagnosed: {_counted(d.verdict for d in before)}")
+            click.echo(f"  and once more, with the model extended: {_counted(after[: len(before)])}")
+        click.echo(f"  report: {folder / 'report.html'}\n  extended model: {folder / 'extended_wheel.toml'}")
+    if story.hiding not in found_in:
+        click.echo(
+            f"\nThe demo ended before the search of {story.hiding}, whose model lacks an effect, had an answer;"
+            " a longer --duration shows it."
+        )
+
+
+def _diagnose_again(story: Story, extended: Path) -> list[str]:
+    """Return the verdicts on the full windows of the wheel that hides an effect, with its extended model."""
+    from rwa_monitor.diagnosis.model import built_in_model
+    from rwa_monitor.live.core import diagnose_samples
+    from rwa_monitor.physics.wheel import Wheel
+
+    wheel = Wheel.from_toml(extended.read_text(encoding="utf-8"), str(extended))
+    samples = story.hidden.samples
+    windows = diagnose_samples(samples, wheel, built_in_model())
+    return [window.diagnosis.verdict for window in windows if not window.partial]
+
+
+def _counted(verdicts: Iterable[str]) -> str:
+    return ", ".join(f"{count} {verdict}" for verdict, count in Counter(verdicts).items())
+
+
 def _tell_the_truth(story: Story, view: DemoView, record: Path) -> None:
     """Print what happened, what the monitor said of it, and how to check the recording."""
     from rwa_monitor.cli.demo_story import ANOMALY, FACTOR, FAILING
@@ -111,9 +172,14 @@ def _tell_the_truth(story: Story, view: DemoView, record: Path) -> None:
         f"\nWhat was true: the {ANOMALY} friction of {FAILING} grew to {FACTOR} times its nominal value"
         f" from {view.hours(story.onset_ns):.1f} h on; the other wheels were healthy."
     )
+    effect = story.hidden.effect
+    values = ", ".join(f"{name} = {value:.4g}" for name, value in effect.parameters.items())
+    click.echo(
+        f"{story.hiding} has {effect.name} ({values}), which the monitor's wheel file lacks: {story.hidden.sigmas:.1f}"
+        " standard deviations of the noise beyond what dry and viscous friction can take up."
+    )
     for wheel, row in sorted(view.rows.items()):
-        counts = Counter(diagnosis.verdict for diagnosis in row.diagnoses)
-        said = ", ".join(f"{count} {verdict}" for verdict, count in counts.items()) or "no window was full yet"
+        said = _counted(diagnosis.verdict for diagnosis in row.diagnoses) or "no window was full yet"
         click.echo(f"  {wheel}  {len(row.diagnoses)} windows: {said}")
         first = next((diagnosis for diagnosis in row.diagnoses if diagnosis.verdict == "anomalous"), None)
         if first is not None:

@@ -1,4 +1,4 @@
-"""What happens in the demo: a satellite with four wheels, one of which begins to fail half-way.
+"""What happens in the demo: a satellite with four wheels; one begins to fail, one hides an effect from its model.
 
 Nothing here is shown to the monitor but the samples; the rest is told at the end, so that the user can compare.
 """
@@ -11,6 +11,7 @@ from typing import Final
 
 import numpy as np
 
+from rwa_monitor.cli.demo_hidden import Hidden, hide
 from rwa_monitor.physics.datasets import scaled_wheel
 from rwa_monitor.physics.scenario import Anomaly, Scenario
 from rwa_monitor.physics.speed import SpeedProfile
@@ -46,6 +47,8 @@ class Story:
         Times faster than real time.
     start_ns, onset_ns
         Times of the first sample and of the anomaly's onset, on the wheels' clock [ns].
+    hiding, hidden
+        The wheel that has an effect which `wheel` lacks, and the effect.
     """
 
     wheel: Wheel
@@ -53,6 +56,8 @@ class Story:
     speed: float
     start_ns: int
     onset_ns: int
+    hiding: str
+    hidden: Hidden
 
 
 def samples_key(spacecraft: str, wheel: str) -> str:
@@ -88,8 +93,13 @@ def tell(spacecraft: str, duration_s: float, start_ns: int, seed: int) -> Story:
     simulated_s = duration_s * speed
     onset_s = ONSET_SHARE * simulated_s
     failure = {ANOMALY: Anomaly(factor=FACTOR, onset_s=onset_s, growth_s=GROWTH_WINDOWS * window_s)}
-    telemetry = {}
-    for name, profile, rng in zip(WHEELS, PROFILES, np.random.default_rng(seed).spawn(len(WHEELS)), strict=True):
+    *streams, hidden_stream = np.random.default_rng(seed).spawn(len(WHEELS) + 1)
+    hiding = str(hidden_stream.choice([name for name in WHEELS if name != FAILING]))
+    hidden = hide(wheel, simulated_s, start_ns, hidden_stream)
+    telemetry = {samples_key(spacecraft, hiding): hidden.samples}
+    for name, profile, rng in zip(WHEELS, PROFILES, streams, strict=True):
+        if name == hiding:
+            continue
         scenario = Scenario(
             duration_s=simulated_s,
             start_ns=start_ns,
@@ -98,4 +108,4 @@ def tell(spacecraft: str, duration_s: float, start_ns: int, seed: int) -> Story:
             channels=("friction_torque_Nm", "motor_current_A"),
         )
         telemetry[samples_key(spacecraft, name)] = simulate(scenario, wheel, rng).samples
-    return Story(wheel, telemetry, speed, start_ns, start_ns + round(onset_s * 1e9))
+    return Story(wheel, telemetry, speed, start_ns, start_ns + round(onset_s * 1e9), hiding, hidden)

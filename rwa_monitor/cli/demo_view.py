@@ -18,12 +18,13 @@ from rich.text import Text
 
 from rwa_monitor.cli.diagnosis_view import VERDICT_STYLE
 from rwa_monitor.live.bus import Inbox
-from rwa_monitor.messages import Changepoints, Diagnosis, Message, Status
+from rwa_monitor.live.searches import PATIENCE
+from rwa_monitor.messages import Changepoints, Diagnosis, Discrepancy, Gain, Message, Status
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND
 
 REFRESH_S: Final = 0.2
 # What the view listens to, by the last part of the key.
-KINDS: Final[dict[str, type[Message]]] = {kind.kind: kind for kind in (Diagnosis, Changepoints, Status)}
+KINDS: Final[dict[str, type[Message]]] = {kind.kind: kind for kind in (Diagnosis, Changepoints, Discrepancy, Status)}
 
 
 @dataclass(slots=True)
@@ -42,6 +43,10 @@ class WheelRow:
         Share of the running window that has passed.
     said_anomalous_s
         Wall-clock time of the first anomalous verdict since the demo began [s]; None while there is none.
+    misfits
+        Windows in a row whose friction model did not fit.
+    discrepancy, discrepancy_s
+        What the search found, and its wall-clock time since the demo began [s]; None while there is none.
     """
 
     diagnoses: list[Diagnosis] = field(default_factory=list)
@@ -49,11 +54,25 @@ class WheelRow:
     jumps: int = 0
     window_fill: float = 0.0
     said_anomalous_s: float | None = None
+    misfits: int = 0
+    discrepancy: Discrepancy | None = None
+    discrepancy_s: float | None = None
 
     @property
     def last(self) -> Diagnosis | None:
         """The latest diagnosis."""
         return self.diagnoses[-1] if self.diagnoses else None
+
+    @property
+    def model(self) -> str:
+        """What is known of the wheel's friction model, in a few words."""
+        if self.discrepancy is not None:
+            return found_in_words(self.discrepancy)
+        if self.misfits >= PATIENCE:
+            return "does not fit, searching…"
+        if self.misfits:
+            return "does not fit"
+        return "fits" if self.diagnoses else ""
 
 
 class DemoView:
@@ -114,8 +133,11 @@ class DemoView:
                     row.since_ns = message.window_start_ns
                 row.diagnoses.append(message)
                 row.jumps = 0
+                row.misfits = 0 if message.model_adequate else row.misfits + 1
                 if message.verdict == "anomalous" and row.said_anomalous_s is None:
                     row.said_anomalous_s = self.elapsed_s()
+            case Discrepancy():
+                row.discrepancy, row.discrepancy_s = message, self.elapsed_s()
 
     def elapsed_s(self) -> float:
         """Return how long the demo has been running [s]."""
@@ -129,12 +151,16 @@ class DemoView:
                 yield lambda: live.update(self._table(), refresh=True)
             return
         printed: dict[str, int] = {}
+        said: dict[str, str] = {}
 
         def print_new() -> None:
             for wheel, row in sorted(self.rows.items()):
                 for diagnosis in row.diagnoses[printed.get(wheel, 0) :]:
                     click.echo(self._line(wheel, diagnosis))
                 printed[wheel] = len(row.diagnoses)
+                if row.model != said.get(wheel, "fits") and row.model:
+                    click.echo(f"{self.elapsed_s():6.1f} s  {wheel}  model {row.model}")
+                said[wheel] = row.model or "fits"
 
         yield print_new
         self.take_messages()
@@ -147,8 +173,9 @@ class DemoView:
     def _table(self) -> Table:
         hours = max((self.hours(row.last.window_end_ns) for row in self.rows.values() if row.last), default=0.0)
         table = Table(title=f"simulated satellite, {hours:.1f} h of telemetry", title_justify="left", expand=True)
-        for column in ("wheel", "verdict", "since", "reason", "windows", "jumps", "window"):
-            table.add_column(column, no_wrap=column != "reason", ratio=1 if column == "reason" else None)
+        for column in ("wheel", "verdict", "since", "reason", "friction model", "windows", "jumps", "window"):
+            wide = column in ("reason", "friction model")
+            table.add_column(column, no_wrap=not wide, ratio=1 if wide else None)
         for wheel, row in sorted(self.rows.items()):
             verdict = row.last.verdict if row.last else "waiting"
             table.add_row(
@@ -156,6 +183,7 @@ class DemoView:
                 Text(verdict, VERDICT_STYLE.get(verdict, "dim")),
                 f"{self.hours(row.since_ns):.1f} h" if row.since_ns is not None else "",
                 row.last.reason if row.last else "the first window is being filled",
+                Text(row.model, "bold yellow" if row.misfits or row.discrepancy else "dim"),
                 str(len(row.diagnoses)),
                 str(row.jumps),
                 ProgressBar(total=1.0, completed=row.window_fill, width=12),
@@ -165,3 +193,26 @@ class DemoView:
     def hours(self, time_ns: int) -> float:
         """Return a time of the wheels' clock as hours since the demo's first sample."""
         return (time_ns - self._start_ns) / NANOSECONDS_PER_SECOND / 3600.0
+
+
+def found_in_words(found: Discrepancy) -> str:
+    """Return what a search found, in a few words with the gain."""
+    if not found.effects:
+        return f"{found.verdict}, no known effect explains it" if found.unexplained else found.verdict
+    effect = found.effects[0]
+    words = f"lacks {effect.name}"
+    if effect.equivalent:
+        words += f" (or {', '.join(effect.equivalent)}: the data cannot tell)"
+    if len(found.effects) > 1:
+        words += f", and {', '.join(other.name for other in found.effects[1:])}"
+    if found.gain is not None:
+        words += f"; {gain_in_words(found.gain)}"
+    return words
+
+
+def gain_in_words(gain: Gain) -> str:
+    """Return what the effects found gain on held-out data, before → after."""
+    return (
+        f"RMSE {gain.rmse_base_Nm / gain.noise_std_Nm:.3f} → {gain.rmse_extended_Nm / gain.noise_std_Nm:.3f} σ,"
+        f" jumps {gain.changepoints_base} → {gain.changepoints_extended}"
+    )
