@@ -21,6 +21,7 @@ from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 BLOCKS: Final = 10  # contiguous blocks per search problem; even ones train for odd ones and back
 KEPT_SHARE: Final = 0.2  # of the log-likelihood gained in sample that must remain out of sample
 CONFIRMABLE_SHARE: Final = 0.1  # of a term's energy that must lie in the blocks of either parity
+TRAINABLE_SHARE: Final = 0.01  # of a term's energy that the training blocks must hold
 TOLERATED_LOSS: Final = 5.0  # an effect seen in one block only cannot be confirmed by the others; it must not harm
 
 
@@ -93,7 +94,14 @@ def _train(problem: Problem, model: Model, train: BoolArray) -> FloatArray:
     z = remove_levels(problem.z[train], first)
     low = np.concatenate([[-np.inf], *(term.low for term in model.terms)])
     high = np.concatenate([[np.inf], *(term.high for term in model.terms)])
-    return solve_bounded(problem, design.T @ design, design.T @ z, low, high)
+    # A term that the training blocks hardly show is not trained: it predicts nothing, rather than anything.
+    everywhere = remove_levels(_design(problem, model), segment_starts(problem, model.fit.jumps))
+    shown = np.sum(design**2, axis=0) >= TRAINABLE_SHARE * np.sum(everywhere**2, axis=0)
+    shown[0] = True
+    coefficients = np.zeros(shown.size)
+    kept = design[:, shown]
+    coefficients[shown] = solve_bounded(problem, kept.T @ kept, kept.T @ z, low[shown], high[shown])
+    return coefficients
 
 
 def _judge(problem: Problem, model: Model, coefficients: FloatArray, begin: int, end: int) -> tuple[float, float]:

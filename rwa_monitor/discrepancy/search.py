@@ -24,6 +24,7 @@ from rwa_monitor.discrepancy.base_fit import (
 )
 from rwa_monitor.discrepancy.terms import (
     EXPLAINED_AWAY,
+    FEW_CHOICES,
     Term,
     available,
     depends_on_level,
@@ -215,7 +216,7 @@ def extensions(
     for model in sorted(screened, key=lambda model: model.fit.criterion):
         best.setdefault(model.names[-1], model)
     models = [
-        refit(problem, model.terms, [model.fit.jumps])
+        _best_choice(problem, refit(problem, model.terms, [model.fit.jumps]))
         for model in [*best.values()][:MAX_REFITS]
         if model.fit.criterion < current.fit.criterion + SCREEN_MARGIN
     ]
@@ -243,6 +244,23 @@ def refit(problem: Problem, terms: Sequence[Term], starts: Sequence[IntArray]) -
             best = again
         if improvement < WORTH_REFINING:
             break
+    return best
+
+
+def _best_choice(problem: Problem, model: Model) -> Model:
+    """Try the other values of a discrete shape parameter of the last term, where they are few.
+
+    Jumps that were fitted to one value would not let another win.
+    """
+    best, last = model, model.terms[-1]
+    for parameter in last.effect.shape_parameters():
+        if not 1 < len(parameter.choices) <= FEW_CHOICES:
+            continue
+        for value in parameter.choices:
+            if value != last.shape[parameter.name]:
+                term = make_term(problem, last.effect, {**last.shape, parameter.name: value}, model.fit.level)
+                other = refit(problem, (*model.terms[:-1], term), [])
+                best = min(best, other, key=lambda m: m.fit.criterion)
     return best
 
 

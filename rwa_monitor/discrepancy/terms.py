@@ -24,6 +24,7 @@ from rwa_monitor.discrepancy.base_fit import (
 from rwa_monitor.physics.effects.base import MeanEffect, Parameter
 from rwa_monitor.samples import FloatArray, IntArray
 
+FEW_CHOICES: Final = 3  # of a discrete shape parameter: so few are tried again in each refinement
 GRID_POINTS: Final = 9  # per continuous shape parameter; the profile is then refined between neighbours
 LOG_SPACING_FROM: Final = 8.0  # ratio of bounds from which a shape parameter is spaced in logarithm
 ROBUST_PAIRS: Final = 8_000  # differences that the robust start looks at, evenly spread
@@ -314,7 +315,8 @@ def _axes(problem: Problem, effect: type[MeanEffect], around: Term | None) -> li
 
 def _axis(parameter: Parameter, low: float, high: float, around: Term | None) -> _Axis:
     if parameter.choices:
-        choices = parameter.choices if around is None else (around.shape[parameter.name],)
+        keep = around is not None and len(parameter.choices) > FEW_CHOICES
+        choices = (around.shape[parameter.name],) if around is not None and keep else parameter.choices
         return _Axis(parameter.name, choices, False, False)
     if not low < high:
         return _Axis(parameter.name, (low,), False, False)
