@@ -31,9 +31,10 @@ COLOURED: Final = "coloured_noise"
 HEAVY: Final = "heavy_tailed_noise"
 CAGE: Final = "cage_instability"
 CAGE_PREFERRED: Final = 0.5  # of the best gain
-LATER_SHARE: Final = 0.02  # of an accepted gain that the next must reach: no law of noise is exact
+LATER_SHARE: Final = 0.05  # of an accepted gain that the next must reach: no law of noise is exact
 BURST_SLOTS: Final = 400  # longest burst; longer ones are sojourns of a switching system
 WEAK_BURST: Final = 6.0  # standard deviations
+BURSTS_IN_BAND: Final = 0.7  # share of the time in short weak sojourns that a band of speeds must hold
 FEWEST_BURSTS: Final = 6  # fewer short weak sojourns are a switching system's
 WRONG_LAW_WALL: Final = 60.0  # a few jumps attributed wrongly make odd sojourns, as a wrong law does
 MIN_WHITTLE: Final = 500  # samples
@@ -116,8 +117,15 @@ def _is_quantised(problem: Problem, index: int, view: _View) -> bool:
 def _fit_noise(problem: Problem, index: int, view: _View, name: str) -> LikelihoodFit:
     if name == COLOURED and problem.records[index].friction_is_derived:
         return coloured_beyond_filter(view.residual, view.good, problem.derivative_taps)
-    residual = view.with_bursts if name == CAGE else view.residual
-    return NOISE_EFFECTS[name].fit(residual, view.channels, view.good)
+    effect = NOISE_EFFECTS[name]
+    if name == CAGE:
+        fit = effect.fit(view.with_bursts, view.channels, view.good)
+        burst = view.good & np.isfinite(view.residual) & (view.with_bursts != view.residual)
+        off = np.abs(np.abs(view.channels.speed_rad_s) - fit.values["band_speed_rad_s"])
+        inside = np.count_nonzero(burst & (off <= 1.5 * fit.values["band_half_width_rad_s"]))
+        if inside >= BURSTS_IN_BAND * np.count_nonzero(burst):
+            return fit  # else the sojourns are those of a switching system, at any speed
+    return effect.fit(view.residual, view.channels, view.good)
 
 
 def _without(view: _View, name: str, fit: LikelihoodFit) -> _View:

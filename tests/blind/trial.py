@@ -171,7 +171,9 @@ def _switching_gain(search: Search, hidden: Hidden, name: str) -> float:
     channels = search.problem.records[0].channels
     size = hidden.level[hidden.jump_index] - hidden.level[hidden.jump_index - 1]
     if name in ("extra_switching_system", "wrong_duration_law"):
-        return 10.0 * len(hidden.jump_index)
+        # A sojourn that its law forbids costs log 50 (one in fifty is granted to chance); a law that is fitted takes
+        # back about half of it. The first and last sojourn of both systems are cut.
+        return 2 * 0.5 * float(np.log(50.0)) * max(len(hidden.jump_index) - 4, 0)
     evidence = SwitchingEvidence(hidden.residual, channels, channels.good, Jumps(hidden.jump_index, size), systems={})
     return float(effect.fit(evidence).penalised_gain)
 
