@@ -101,6 +101,10 @@ schemas: $(VENV)/.installed-dev ## writes schemas/ anew from the messages
 references: $(VENV)/.installed-dev ## makes the reference recordings in replay/ anew, after a change meant to change diagnoses
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m rwa_monitor.live.references replay
 
+.PHONY: docs
+docs: $(VENV)/.installed-dev ## writes the generated pages and pictures of docs/ anew
+	$(BIN)/python docs/make.py --pictures
+
 .PHONY: model
 model: $(VENV)/.installed-dev ## trains the built-in model anew (about two minutes); the same bytes on the same machine
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m rwa_monitor.evaluation.built_in -o rwa_monitor/diagnosis/built_in_model.json
