@@ -258,9 +258,11 @@ def _best_choice(problem: Problem, model: Model) -> Model:
             continue
         for value in parameter.choices:
             if value != last.shape[parameter.name]:
-                term = make_term(problem, last.effect, {**last.shape, parameter.name: value}, model.fit.level)
-                other = refit(problem, (*model.terms[:-1], term), [])
-                best = min(best, other, key=lambda m: m.fit.criterion)
+                background = make_background(problem, model.terms[:-1], model.fit.jumps)
+                term, _ = profile(last.effect, [background], model.fit.level, fixed={parameter.name: value})
+                terms = (*model.terms[:-1], term)
+                others = [refit(problem, terms, [model.fit.jumps]), refit(problem, terms, [])]
+                best = min(best, *others, key=lambda m: m.fit.criterion)
     return best
 
 

@@ -265,11 +265,16 @@ def profile_robustly(effect: type[MeanEffect], background: RobustBackground, lev
 
 
 def profile(
-    effect: type[MeanEffect], backgrounds: Sequence[Background], level: FloatArray | None, around: Term | None = None
+    effect: type[MeanEffect],
+    backgrounds: Sequence[Background],
+    level: FloatArray | None,
+    around: Term | None = None,
+    fixed: Mapping[str, float] | None = None,
 ) -> tuple[Term, float]:
     """Find the shape parameters with the best criterion over the given backgrounds.
 
     A coarse grid inside the record's bounds (or around a known term), then a bounded refinement: no fixed grid decides.
+    Parameters in `fixed` keep their values.
 
     Returns
     -------
@@ -277,7 +282,10 @@ def profile(
         The effect at its best shape, and the criterion there.
     """
     problem = backgrounds[0].problem
-    axes = _axes(problem, effect, around)
+    axes = [
+        _Axis(axis.name, (fixed[axis.name],), False, False) if fixed and axis.name in fixed else axis
+        for axis in _axes(problem, effect, around)
+    ]
     cache: dict[tuple[float, ...], tuple[Term, float]] = {}
 
     def evaluate(values: tuple[float, ...]) -> tuple[Term, float]:

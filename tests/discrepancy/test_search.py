@@ -1,0 +1,91 @@
+"""The traps of the search: what must not be explained, and what jumps must not swallow."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from rwa_monitor.discrepancy.base_fit import make_problem, strong_level
+from rwa_monitor.discrepancy.find import find_discrepancy
+from rwa_monitor.discrepancy.jump_terms import JUMP_TERMS
+from rwa_monitor.discrepancy.record import make_record
+from rwa_monitor.discrepancy.terms import make_term
+from rwa_monitor.physics.effects.catalogue import CATALOGUE, MEAN_EFFECTS
+from rwa_monitor.samples import Samples
+from tests.discrepancy.simple import DRY_NM, NOISE_NM, PERIOD_S, VISCOUS, WHEEL, record, swing
+
+
+def one_way(count: int = 8000) -> np.ndarray:
+    """A speed that never changes direction, with slews [rad/s]."""
+    time = np.arange(count) * PERIOD_S
+    return 200.0 + 40.0 * np.sin(2 * np.pi * time / 700) + 20.0 * np.tanh(np.sin(2 * np.pi * time / 240) / 0.1)
+
+
+def with_current(samples: Samples) -> Samples:
+    assert WHEEL.inertia_kg_m2 is not None
+    assert WHEEL.torque_constant_Nm_A is not None
+    assert samples.friction_torque_Nm is not None
+    motor = samples.friction_torque_Nm + WHEEL.inertia_kg_m2 * np.gradient(one_way(len(samples)), PERIOD_S)
+    return Samples(samples.time_ns, samples.speed_rad_s, samples.friction_torque_Nm, motor / WHEEL.torque_constant_Nm_A)
+
+
+def test_a_current_that_holds_the_friction_does_not_explain_it() -> None:
+    samples, level = record(one_way())
+    problem = make_problem([make_record(with_current(samples), WHEEL, "current")], WHEEL)
+    joined = level[problem.slot]
+    column = make_term(problem, MEAN_EFFECTS["torque_constant_error"], {}, joined).columns[:, 0]
+    # What is left of K_T·I is J·dω/dt and the slope: no jump of the level is in it.
+    steps = [abs(column[k + 20 : k + 60].mean() - column[k - 60 : k - 20].mean()) for k in (1500, 4000, 6200)]
+    moves = [abs(column[k + 20 : k + 60].mean() - column[k - 60 : k - 20].mean()) for k in (1000, 3000, 5000)]
+    assert max(steps) < 0.1 * 0.4 * DRY_NM + max(moves)
+
+
+def test_a_record_in_one_direction_with_current_is_adequate() -> None:
+    samples, _ = record(one_way())
+    result = find_discrepancy([("plain", with_current(samples))], WHEEL).result
+    assert result.verdict == "adequate", [effect.name for effect in result.effects]
+
+
+def test_the_bias_of_the_derivative_is_taken_out() -> None:
+    assert WHEEL.inertia_kg_m2 is not None
+    assert WHEEL.torque_constant_Nm_A is not None
+    time = np.arange(4000) * PERIOD_S
+    # Acceleration that swings within 100 slots: a parabola over 17 slots misses 2.8 % of it.
+    rate = 2 * np.pi / (100 * PERIOD_S)
+    speed = 150.0 + 5.0 * np.sin(rate * time)
+    acceleration = 5.0 * rate * np.cos(rate * time)
+    friction = DRY_NM + VISCOUS * speed
+    current = (friction + WHEEL.inertia_kg_m2 * acceleration) / WHEEL.torque_constant_Nm_A
+    time_ns = (np.arange(4000) * round(PERIOD_S * 1e9)).astype(np.int64)
+    made = make_record(Samples(time_ns, speed, None, current), WHEEL, "bent")
+    inner = slice(60, -60)
+    missed = 0.028 * WHEEL.inertia_kg_m2 * np.max(np.abs(acceleration))
+    assert np.max(np.abs(made.friction_torque_Nm[inner] - friction[inner])) < 0.02 * missed
+
+
+def test_an_effect_that_jumps_could_follow_is_named_and_gives_the_jumps_back() -> None:
+    def stribeck(speed: np.ndarray, level: np.ndarray) -> np.ndarray:
+        return 3e-4 * np.exp(-((np.abs(speed) / 12.0) ** 2)) * np.sign(speed)
+
+    samples, _ = record(swing(), effect=stribeck)
+    search = find_discrepancy([("stribeck", samples)], WHEEL)
+    assert [effect.name for effect in search.result.effects] == ["stribeck"]
+    assert search.extended.fit.jumps.size == 3
+    found = search.result.effects[0].parameters["stribeck_speed_rad_s"].value
+    assert found == pytest.approx(12.0, rel=0.15)
+
+
+def test_columns_of_the_jumps_are_those_of_the_catalogue() -> None:
+    assert {term.name for term in JUMP_TERMS} == {"decaying_jump", "viscous_jump"}
+    for term in JUMP_TERMS:
+        assert term.family == "switching"
+        assert [p.name for p in term.parameters] == [p.name for p in CATALOGUE[term.name].parameters]
+
+
+def test_only_strong_jumps_are_left_in_a_level() -> None:
+    samples, level = record(swing())
+    problem = make_problem([make_record(samples, WHEEL, "level")], WHEEL)
+    joined = level[problem.slot].copy()
+    joined[3000:3010] += 2 * NOISE_NM  # worth 40 at a price of 216 for a strong one
+    strong = strong_level(problem, joined)
+    assert np.flatnonzero(np.abs(np.diff(strong)) > 1e-9).size == 3
