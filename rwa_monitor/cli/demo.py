@@ -142,9 +142,12 @@ def _tell_findings(story: Story, view: DemoView, record: Path) -> None:
             click.echo(f"  and once more, with the model extended: {_counted(after[: len(before)])}")
         click.echo(f"  report: {folder / 'report.html'}\n  extended model: {folder / 'extended_wheel.toml'}")
     if story.hiding not in found_in:
+        row = view.rows.get(story.hiding)
+        searched = row is not None and row.searched
+        what = "the search for it had an answer" if searched else "two windows in a row had shown it"
         click.echo(
-            f"\nThe demo ended before the search of {story.hiding}, whose model lacks an effect, had an answer;"
-            " a longer --duration shows it."
+            f"\nThe model of {story.hiding} lacks an effect. The demo ended before {what};"
+            " a longer --duration gives it time."
         )
 
 

@@ -75,10 +75,11 @@ def hide(wheel: Wheel, duration_s: float, start_ns: int, rng: np.random.Generato
     rng
         Source of all randomness.
     """
-    seeds = rng.integers(2**63, size=max(1, int(np.ceil(duration_s / pass_s(wheel)))))
+    drawing, passing = rng.spawn(2)  # a longer demo has more passes of the same wheel
+    seeds = passing.integers(2**63, size=max(1, int(np.ceil(duration_s / pass_s(wheel)))))
     # The strength is measured on the first pass as it would be without the effect.
     plain = _pass(wheel, start_ns, np.random.default_rng(seeds[0]))
-    effect, sigmas = draw_effect(wheel, plain, rng)
+    effect, sigmas = draw_effect(wheel, plain, drawing)
     block = to_block(effect)
     period_ns = round(pass_s(wheel) * NANOSECONDS_PER_SECOND)
     parts = [

@@ -45,6 +45,8 @@ class WheelRow:
         Wall-clock time of the first anomalous verdict since the demo began [s]; None while there is none.
     misfits
         Windows in a row whose friction model did not fit.
+    searched
+        Whether there were once so many that the monitor began a search.
     discrepancy, discrepancy_s
         What the search found, and its wall-clock time since the demo began [s]; None while there is none.
     """
@@ -55,6 +57,7 @@ class WheelRow:
     window_fill: float = 0.0
     said_anomalous_s: float | None = None
     misfits: int = 0
+    searched: bool = False
     discrepancy: Discrepancy | None = None
     discrepancy_s: float | None = None
 
@@ -134,6 +137,7 @@ class DemoView:
                 row.diagnoses.append(message)
                 row.jumps = 0
                 row.misfits = 0 if message.model_adequate else row.misfits + 1
+                row.searched = row.searched or row.misfits >= PATIENCE
                 if message.verdict == "anomalous" and row.said_anomalous_s is None:
                     row.said_anomalous_s = self.elapsed_s()
             case Discrepancy():

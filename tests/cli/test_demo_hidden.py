@@ -26,6 +26,13 @@ def test_a_seed_always_tells_the_same_story() -> None:
         np.testing.assert_array_equal(samples.friction_torque_Nm, two.telemetry[key].friction_torque_Nm)
 
 
+def test_a_longer_demo_hides_the_same_effect() -> None:
+    short, long = _tell(3), tell("test", 2 * DURATION_S, start_ns=10**18, seed=3)
+    assert (short.hiding, short.hidden.effect) == (long.hiding, long.hidden.effect)
+    count = len(short.hidden.samples)
+    np.testing.assert_array_equal(short.hidden.samples.speed_rad_s, long.hidden.samples.speed_rad_s[:count])
+
+
 @pytest.mark.parametrize("seed", range(6))
 def test_the_monitor_is_not_told_the_effect(seed: int) -> None:
     story = _tell(seed)
