@@ -38,6 +38,7 @@ COMMANDS: Final = (
     "tune",
     "replay",
     "recover",
+    "dashboard",
     "doctor",
 )
 

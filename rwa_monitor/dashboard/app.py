@@ -1,0 +1,282 @@
+"""The dashboard's web application: the page, REST under /api, the feed over one WebSocket.
+
+Reading needs no token, changing does. Requests that name another host or come from another origin are refused, so that
+no other web page can reach a dashboard on this machine.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import secrets
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager, suppress
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Annotated, Any, Final
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from starlette.applications import Starlette
+from starlette.concurrency import run_in_threadpool
+from starlette.exceptions import HTTPException
+from starlette.middleware import Middleware
+from starlette.middleware.trustedhost import TrustedHostMiddleware
+from starlette.requests import Request
+from starlette.responses import FileResponse, JSONResponse, Response
+from starlette.routing import Mount, Route, WebSocketRoute
+from starlette.staticfiles import StaticFiles
+from starlette.types import ASGIApp, Receive, Scope, Send
+from starlette.websockets import WebSocket, WebSocketDisconnect
+
+from rwa_monitor import SOFTWARE
+from rwa_monitor.dashboard.feed import Client, Hub, frame
+from rwa_monitor.dashboard.fleet import Fleet, Received
+from rwa_monitor.dashboard.listener import alarm_entry
+from rwa_monitor.dashboard.openapi import openapi
+from rwa_monitor.dashboard.recordings import list_recordings, replay_json
+from rwa_monitor.errors import InputError
+from rwa_monitor.history.store import MAX_NAME, MAX_NOTE, History, HistoryError
+from rwa_monitor.messages import Diagnosis, dump_json, key_of
+
+STATIC: Final = Path(__file__).parent / "static"
+MAX_BODY_BYTES: Final = 16_384
+MAX_WINDOWS: Final = 1_000
+MAX_WATCH: Final = 300  # characters of a wheel that a page asks for
+HEADERS: Final = {
+    "Content-Security-Policy": "default-src 'self'; frame-ancestors 'none'; base-uri 'none'; form-action 'none'",
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Cache-Control": "no-cache",
+}
+
+
+class Acknowledgement(BaseModel):
+    """Who has seen an alarm, and what there is to say of it."""
+
+    model_config = ConfigDict(extra="forbid", strict=True)
+
+    name: Annotated[str, Field(min_length=1, max_length=MAX_NAME)]
+    note: Annotated[str, Field(max_length=MAX_NOTE)] = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Sources:
+    """What the application shows: fleet, history, feed, folder of recordings (or None), token for changes."""
+
+    fleet: Fleet
+    history: History
+    hub: Hub
+    recordings: Path | None
+    token: str
+
+
+def create_app(sources: Sources) -> Starlette:
+    """Return the application."""
+    api = Api(sources)
+
+    @asynccontextmanager
+    async def lifespan(app: Starlette) -> AsyncIterator[None]:
+        del app
+        feeding = asyncio.create_task(sources.hub.run())
+        yield
+        feeding.cancel()
+        sources.hub.close()
+
+    return Starlette(
+        routes=[
+            Route("/", lambda _: FileResponse(STATIC / "index.html")),
+            Route("/api/openapi.json", lambda _: JSONResponse(openapi(Acknowledgement))),
+            Route("/api/fleet", api.fleet),
+            Route("/api/wheels/{spacecraft}/{wheel}", api.wheel),
+            Route("/api/wheels/{spacecraft}/{wheel}/windows", api.windows),
+            Route("/api/wheels/{spacecraft}/{wheel}/estimates", api.estimates),
+            Route("/api/alarms", api.alarms),
+            Route("/api/alarms/{alarm:int}/acknowledge", api.acknowledge, methods=["POST"]),
+            Route("/api/recordings", api.recordings),
+            Route("/api/recordings/{name}", api.recording),
+            WebSocketRoute("/api/feed", api.feed),
+            Mount("/static", StaticFiles(directory=STATIC)),
+        ],
+        middleware=[
+            Middleware(TrustedHostMiddleware, allowed_hosts=["127.0.0.1", "localhost"]),
+            Middleware(SameOrigin),
+        ],
+        exception_handlers={HTTPException: _told, InputError: _refused, HistoryError: _unavailable},
+        lifespan=lifespan,
+    )
+
+
+class SameOrigin:
+    """Refuses what another web page's script asks for, and adds the headers that every answer has."""
+
+    def __init__(self, app: ASGIApp) -> None:
+        self.app = app
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Pass a request on, or refuse it."""
+        headers = dict(scope.get("headers", []))
+        origin, host = headers.get(b"origin"), headers.get(b"host", b"")
+        if origin is not None and origin != b"http://" + host:
+            if scope["type"] == "websocket":
+                await WebSocket(scope, receive, send).close(1008)
+            else:
+                await JSONResponse({"error": "another origin has no access"}, 403)(scope, receive, send)
+            return
+
+        async def with_headers(message: Any) -> None:
+            if message["type"] == "http.response.start":
+                message["headers"] += [(name.encode(), value.encode()) for name, value in HEADERS.items()]
+            await send(message)
+
+        await self.app(scope, receive, with_headers)
+
+
+class Api:
+    """The handlers, over the sources. Those that are no coroutines run in threads of their own."""
+
+    def __init__(self, sources: Sources) -> None:
+        self.sources = sources
+
+    def fleet(self, request: Request) -> Response:
+        """Answer with the latest diagnosis and status of every wheel, as entries of the feed."""
+        del request
+        return _json(frame(self._snapshot()).encode())
+
+    def _snapshot(self) -> list[Received]:
+        """Return what a page needs first: live wheels, those only the history knows, and the alarms."""
+        history, live = self.sources.history, self.sources.fleet.snapshot()
+        known = {entry.key for entry in live}
+        past = []
+        for spacecraft, wheel in history.wheels():
+            key = key_of(Diagnosis, spacecraft, wheel)
+            if key not in known:
+                past += [Received(key, d.to_json(), None) for d in history.windows(spacecraft, wheel, 1)]
+        return [*live, *past, *(alarm_entry(alarm) for alarm in history.alarms())]
+
+    def wheel(self, request: Request) -> Response:
+        """Answer with the thinned samples and the provisional changepoints of one wheel."""
+        name = (request.path_params["spacecraft"], request.path_params["wheel"])
+        if name not in self.sources.fleet.names():
+            if name not in self.sources.history.wheels():
+                raise HTTPException(404, "no such wheel")
+            return _json(b'{"samples":null,"changepoints":[]}')
+        wheel = self.sources.fleet.wheel(*name)
+        assert wheel is not None  # it is known, as asked above
+        with self.sources.fleet.lock:
+            samples, jumps = wheel.trace.message(), b",".join(entry.payload for entry in wheel.provisional)
+        return _json(b'{"samples":' + samples + b',"changepoints":[' + jumps + b"]}")
+
+    def windows(self, request: Request) -> Response:
+        """Answer with the latest diagnoses of one wheel, the oldest first."""
+        diagnoses = self.sources.history.windows(*_wheel(request), limit=_limit(request))
+        return _json(b"[" + b",".join(diagnosis.to_json() for diagnosis in diagnoses) + b"]")
+
+    def estimates(self, request: Request) -> Response:
+        """Answer with the latest estimates of one wheel, the oldest first."""
+        estimates = self.sources.history.estimates(*_wheel(request), limit=_limit(request))
+        return _json(b"[" + b",".join(estimate.to_json() for estimate in estimates) + b"]")
+
+    def alarms(self, request: Request) -> Response:
+        """Answer with all open alarms and the latest closed ones."""
+        del request
+        return _json(b"[" + b",".join(alarm.to_json() for alarm in self.sources.history.alarms()) + b"]")
+
+    async def acknowledge(self, request: Request) -> Response:
+        """Acknowledge an alarm; needs the token."""
+        given = request.headers.get("authorization", "")
+        if not secrets.compare_digest(given.encode(), f"Bearer {self.sources.token}".encode()):
+            raise HTTPException(401, "the token is missing or wrong; it is printed where the dashboard was started")
+        body = b""
+        async for piece in request.stream():
+            body += piece
+            if len(body) > MAX_BODY_BYTES:
+                raise HTTPException(413, f"more than {MAX_BODY_BYTES} bytes")
+        try:
+            who = Acknowledgement.model_validate_json(body)
+        except ValidationError as error:
+            first = error.errors(include_url=False)[0]
+            raise HTTPException(422, f"{'.'.join(map(str, first['loc']))}: {first['msg']}") from error
+        alarm = await run_in_threadpool(
+            self.sources.history.acknowledge, request.path_params["alarm"], who.name, who.note
+        )
+        self.sources.hub.post(alarm_entry(alarm))
+        return _json(alarm.to_json())
+
+    def recordings(self, request: Request) -> Response:
+        """Answer with the recordings there are."""
+        del request
+        return _json(dump_json([asdict(entry) for entry in list_recordings(self.sources.recordings)]))
+
+    def recording(self, request: Request) -> Response:
+        """Answer with one recording as entries of the feed."""
+        return _json(replay_json(self.sources.recordings, request.path_params["name"]))
+
+    async def feed(self, socket: WebSocket) -> None:
+        """Serve one page until it leaves."""
+        await socket.accept()
+        client = Client()
+        self.sources.hub.clients.add(client)
+        try:
+            first = [Received("dashboard/software", dump_json({"software": SOFTWARE}), None)]
+            try:
+                first += await run_in_threadpool(self._snapshot)
+            except HistoryError:
+                first += self.sources.fleet.snapshot()
+            await socket.send_text(frame(first))
+            await _until_first(_send(socket, client), _listen(socket, client))
+        finally:
+            self.sources.hub.clients.discard(client)
+
+
+async def _send(socket: WebSocket, client: Client) -> None:
+    while (text := await client.frames.get()) is not None:
+        await socket.send_text(text)
+    await socket.close(1013, "too slow")
+
+
+async def _listen(socket: WebSocket, client: Client) -> None:
+    """Take what the page asks for: {"watch": "spacecraft/wheel"}, of which it gets the samples."""
+    while True:
+        asked = await socket.receive_json()
+        if isinstance(asked, dict):
+            client.watches = str(asked.get("watch", ""))[:MAX_WATCH]
+
+
+async def _until_first(*works: Any) -> None:
+    """Run works until one of them ends; a page that has left is no error."""
+    tasks = [asyncio.ensure_future(work) for work in works]
+    await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+    for task in tasks:
+        task.cancel()
+        with suppress(asyncio.CancelledError, WebSocketDisconnect, RuntimeError, ValueError):
+            await task
+
+
+def _wheel(request: Request) -> tuple[str, str]:
+    return request.path_params["spacecraft"], request.path_params["wheel"]
+
+
+def _limit(request: Request) -> int:
+    text = request.query_params.get("limit", "200")
+    if not (text.isascii() and text.isdigit() and 1 <= int(text[:6]) <= MAX_WINDOWS):
+        raise HTTPException(422, f"limit: a number from 1 to {MAX_WINDOWS}")
+    return int(text[:6])
+
+
+def _json(content: bytes) -> Response:
+    return Response(content, media_type="application/json")
+
+
+async def _told(request: Request, error: Exception) -> Response:
+    del request
+    assert isinstance(error, HTTPException)
+    return JSONResponse({"error": error.detail}, error.status_code)
+
+
+async def _refused(request: Request, error: Exception) -> Response:
+    del request
+    return JSONResponse({"error": str(error)}, 422)
+
+
+async def _unavailable(request: Request, error: Exception) -> Response:
+    del request
+    return JSONResponse({"error": str(error)}, 503)

@@ -1,0 +1,107 @@
+"""Runs the dashboard: bus, history and web server, in threads beside whoever starts it."""
+
+from __future__ import annotations
+
+import secrets
+import socket
+import time
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from threading import Thread
+from typing import Final
+
+import uvicorn
+import zenoh
+
+from rwa_monitor.dashboard.app import Sources, create_app
+from rwa_monitor.dashboard.feed import Hub
+from rwa_monitor.dashboard.fleet import Fleet
+from rwa_monitor.dashboard.listener import Listener
+from rwa_monitor.errors import RwaMonitorError
+from rwa_monitor.history.store import History, Retention
+
+HOST: Final = "127.0.0.1"
+DEFAULT_PORT: Final = 8750
+HISTORY_NAME: Final = "history.sqlite3"
+START_S: Final = 10.0
+SHUTDOWN_S: Final = 2
+
+
+@dataclass(frozen=True, slots=True)
+class DashboardOptions:
+    """Settings of the dashboard.
+
+    Attributes
+    ----------
+    port
+        On loopback; 0 for any that is free.
+    record
+        Folder of the recordings; the history lies in it too. None: a history in memory.
+    listen_to
+        Key expression on the bus.
+    token
+        For changes; None makes a random one.
+    """
+
+    port: int = DEFAULT_PORT
+    record: Path | None = None
+    listen_to: str = "rwa/*/*/*"
+    token: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Running:
+    """A dashboard that runs: its address, the same with the token in it, and the token."""
+
+    address: str
+    address_with_token: str
+    token: str
+
+
+@contextmanager
+def serve(options: DashboardOptions, session: zenoh.Session, say: Callable[[str], None] = print) -> Iterator[Running]:
+    """Serve the dashboard while the context lasts.
+
+    Raises
+    ------
+    RwaMonitorError
+        If the port is taken.
+    InputError
+        If the history cannot be opened.
+    """
+    token = options.token or secrets.token_urlsafe(16)
+    with ExitStack() as stack:
+        history = stack.enter_context(History(options.record / HISTORY_NAME if options.record else None))
+        history.prune(Retention())
+        fleet, hub = Fleet(), Hub()
+        listening = stack.enter_context(_socket(options.port))
+        app = create_app(Sources(fleet, history, hub, options.record, token))
+        config = uvicorn.Config(
+            app, log_level="error", ws="websockets-sansio", ws_max_size=4096, timeout_graceful_shutdown=SHUTDOWN_S
+        )
+        server = uvicorn.Server(config)
+        thread = Thread(target=server.run, kwargs={"sockets": [listening]}, name="dashboard server", daemon=True)
+        thread.start()
+        stack.callback(thread.join)
+        stack.callback(setattr, server, "should_exit", True)
+        deadline = time.monotonic() + START_S
+        while not server.started and thread.is_alive() and time.monotonic() < deadline:
+            thread.join(0.01)
+        if not server.started:
+            raise RwaMonitorError("the dashboard's server did not start")
+        stack.enter_context(Listener(session, options.listen_to, fleet, history, hub, say))
+        address = f"http://{HOST}:{listening.getsockname()[1]}/"
+        yield Running(address, f"{address}#token={token}", token)
+
+
+def _socket(port: int) -> socket.socket:
+    listening = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+    listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        listening.bind((HOST, port))
+    except OSError as error:
+        listening.close()
+        raise RwaMonitorError(f"port {port} cannot be used: {error.strerror}; --port names another") from error
+    return listening
