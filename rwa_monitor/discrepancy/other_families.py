@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -25,11 +26,16 @@ from rwa_monitor.samples import BoolArray, FloatArray
 TESTS: Final = 10.0  # noise and switching effects in the catalogue
 OUTLIER_AT: Final = 7.0  # standard deviations
 FEW_OUTLIERS: Final = 12
+EXTRA: Final = "extra_switching_system"
 WRONG_LAW: Final = "wrong_duration_law"
 QUANTISED: Final = "tachometer_quantisation"
 COLOURED: Final = "coloured_noise"
 HEAVY: Final = "heavy_tailed_noise"
 CAGE: Final = "cage_instability"
+SPEED: Final = "speed_dependent_noise"
+BURST_BLOCK: Final = 16  # slots: shorter than a burst, long enough for a variance
+FEWEST_BLOCKS: Final = 40  # for a rank correlation
+BURST_SIGMAS: Final = 5.0  # of a rank correlation of blocks that have nothing to do with each other
 CAGE_PREFERRED: Final = 0.5  # of the best gain
 LATER_SHARE: Final = 0.05  # of an accepted gain that the next must reach: no law of noise is exact
 BURST_SLOTS: Final = 400  # longest burst; longer ones are sojourns of a switching system
@@ -51,6 +57,7 @@ def noise_effects(problem: Problem, model: Model, *, explained: bool = True) -> 
     from it and are not looked for.
     """
     views = [_view(problem, model, index) for index in range(len(problem.records))]
+    measured = views
     if any(_is_quantised(problem, index, view) for index, view in enumerate(views)):
         # Rounding errors are not Gaussian and follow the speed: beside them no other noise can be judged.
         return _accepted({QUANTISED: [CATALOGUE[QUANTISED].fit(v.residual, v.channels, v.good) for v in views]})  # type: ignore[attr-defined]
@@ -65,7 +72,11 @@ def noise_effects(problem: Problem, model: Model, *, explained: bool = True) -> 
             name = CAGE  # a band of noise alone explains the noise of a burst, but not its drag
         if gains[name] < wall:
             break
-        found += _accepted({name: fits[name]})
+        if name == SPEED and CAGE in gains and _comes_in_bursts(measured, fits[name]):
+            found += [replace(effect, equivalent=(SPEED,)) for effect in _accepted({CAGE: _as_bursts(fits[name])})]
+            left.remove(CAGE)
+        else:
+            found += _accepted({name: fits[name]})
         wall = max(wall, LATER_SHARE * gains[name])
         views = [_without(view, name, fit) for view, fit in zip(views, fits[name], strict=True)]
         left = [other for other in left if other != name and not (name == CAGE and other == HEAVY)]
@@ -128,6 +139,48 @@ def _fit_noise(problem: Problem, index: int, view: _View, name: str) -> Likeliho
     return effect.fit(view.residual, view.channels, view.good)
 
 
+def _comes_in_bursts(views: Sequence[_View], fits: Sequence[LikelihoodFit]) -> bool:
+    """Say whether drag and noise rise and fall together where the noise is raised, as in bursts of a cage.
+
+    Within a band levels take up the mean of the drag, but not its bursts: over short blocks, mean (along the motion)
+    and variance of the residual then go together.
+    """
+    means, spreads = [], []
+    for view, fit in zip(views, fits, strict=True):
+        speed = np.abs(view.channels.speed_rad_s)
+        centre, width = fit.values["band_speed_rad_s"], fit.values["band_width_rad_s"]
+        raised = np.abs(speed - centre) < 2 * width if fit.values["band_strength"] > 0 else speed > np.nanmedian(speed)
+        usable = raised & view.good & np.isfinite(view.with_bursts)
+        along = np.where(usable, view.with_bursts * view.channels.direction, np.nan)
+        blocks = along[: along.size - along.size % BURST_BLOCK].reshape(-1, BURST_BLOCK)
+        whole = blocks[np.isfinite(blocks).all(axis=1)]
+        means.append(whole.mean(axis=1))
+        spreads.append(whole.var(axis=1))
+    mean, spread = np.concatenate(means), np.concatenate(spreads)
+    if mean.size < FEWEST_BLOCKS or np.ptp(mean) == 0 or np.ptp(spread) == 0:
+        return False
+    return bool(stats.spearmanr(mean, spread).statistic * np.sqrt(mean.size - 1) > BURST_SIGMAS)
+
+
+def _as_bursts(fits: Sequence[LikelihoodFit]) -> list[LikelihoodFit]:
+    """Return fits of a band of noise as those of bursts in it; how long they last is not fitted."""
+    typical = CATALOGUE[CAGE].typical().values
+    unknown = dict.fromkeys(typical, float("nan"))
+    return [
+        replace(
+            fit,
+            values={
+                **typical,
+                "noise_strength": fit.values["band_strength"],
+                "band_speed_rad_s": fit.values["band_speed_rad_s"],
+                "band_half_width_rad_s": 2 * fit.values["band_width_rad_s"],
+            },
+            std=unknown,
+        )
+        for fit in fits
+    ]
+
+
 def _without(view: _View, name: str, fit: LikelihoodFit) -> _View:
     """Return the residual with a noise effect taken out, as far as its likelihood knows it."""
     residual, bursts, good, values = view.residual.copy(), view.with_bursts.copy(), view.good, fit.values
@@ -142,7 +195,7 @@ def _without(view: _View, name: str, fit: LikelihoodFit) -> _View:
         scale2 = float(np.mean(residual[usable] ** 2)) * max(nu - 2, 0.05) / nu
         bursts *= np.sqrt((nu + 1) / (nu + bursts**2 / max(scale2, 1e-300)))
         residual *= np.sqrt((nu + 1) / (nu + residual**2 / max(scale2, 1e-300)))
-    elif name == "speed_dependent_noise":
+    elif name == SPEED:
         residual /= spread_factor(speed, values)
         bursts /= spread_factor(speed, values)
     elif name == CAGE:
@@ -212,8 +265,14 @@ def switching_effects(problem: Problem, model: Model, wheel: Wheel) -> list[Foun
     found = [
         effect for effect in _accepted(fits) if effect.name != WRONG_LAW or effect.delta_deviance >= WRONG_LAW_WALL
     ]
+    if not found:
+        return []
     # Their likelihoods are of different things (counts, durations, places), so that a difference decides nothing.
-    return [replace(found[0], equivalent=tuple(effect.name for effect in found[1:]))] if found else []
+    same = [effect.name for effect in found[1:]]
+    shorter = found[0].name == WRONG_LAW and found[0].parameters["duration_factor"].value < 1
+    if shorter and EXTRA not in same:
+        same.append(EXTRA)  # its jumps, attributed to the known systems, make their sojourns short
+    return [replace(found[0], equivalent=tuple(same))]
 
 
 def _switching_evidence(problem: Problem, model: Model, wheel: Wheel, index: int) -> SwitchingEvidence:
