@@ -1,0 +1,63 @@
+import { alarmsView } from "./alarms_view.js";
+import { Feed } from "./feed.js";
+import { fleetView } from "./fleet_view.js";
+import { age, utc } from "./format.js";
+import { recordingsView, replayView } from "./replay_view.js";
+import { Store } from "./store.js";
+import { takeToken } from "./token.js";
+import { wheelView } from "./wheel_view.js";
+
+const REDRAW_MS = 250;
+const element = (id) => document.getElementById(id);
+
+takeToken();
+const store = new Store(true);
+let view = null;
+let due = false;
+const feed = new Feed(store, redrawSoon);
+
+function route() {
+  view?.close?.();
+  const parts = location.hash.replace(/^#\/?/, "").split("/").map(decodeURIComponent);
+  feed.watch("");
+  if (parts[0] === "wheel" && parts.length === 3) {
+    const name = `${parts[1]}/${parts[2]}`;
+    feed.watch(name);
+    view = wheelView(store, name, "#");
+  } else if (parts[0] === "alarms") view = alarmsView(store);
+  else if (parts[0] === "recordings") view = recordingsView();
+  else if (parts[0] === "replay") view = replayView(parts[1], parts.slice(2));
+  else view = fleetView(store, "#");
+  for (const link of document.querySelectorAll("nav a")) link.toggleAttribute("aria-current", link.hash === `#/${["alarms", "recordings"].includes(parts[0]) ? parts[0] : parts[0] === "replay" ? "recordings" : ""}`);
+  element("view").replaceChildren(view.element);
+  view.refresh();
+}
+
+function redrawSoon() {
+  if (due) return;
+  due = true;
+  setTimeout(() => { due = false; redraw(); }, REDRAW_MS);
+}
+
+function redraw() {
+  document.body.classList.toggle("disconnected", !feed.connected);
+  element("connection").textContent = feed.connected ? "● connected" : "○ disconnected";
+  element("clock").textContent = utc(Date.now() * 1e6);
+  const trouble = feed.connected ? feed.note : `Disconnected from the dashboard's server. What you see is the last known state, ${age(Date.now() - feed.since)}. Trying again…`;
+  element("banner").hidden = !trouble;
+  if (element("banner").textContent !== trouble) element("banner").textContent = trouble;
+  const waiting = store.openAlarms().filter((alarm) => alarm.phase !== "acknowledged").length;
+  element("alarm-count").textContent = waiting ? `(${waiting})` : "";
+  document.title = `${waiting ? `(${waiting}) ` : ""}rwa-monitor`;
+  view?.refresh();
+}
+
+addEventListener("hashchange", route);
+addEventListener("keydown", (event) => {
+  if (event.target.matches("input, select, textarea") || event.ctrlKey || event.metaKey || event.altKey) return;
+  const target = { f: "#/", a: "#/alarms", r: "#/recordings" }[event.key];
+  if (target) location.hash = target;
+  if (event.key === "/" && document.querySelector("input[type=search]")) { event.preventDefault(); document.querySelector("input[type=search]").focus(); }
+});
+setInterval(() => { store.now = feed.connected ? store.now : Date.now(); redraw(); }, 1000);
+route();
