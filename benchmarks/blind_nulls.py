@@ -2,7 +2,8 @@
 
 `python -m benchmarks.blind_nulls --records 60` prints, for each noise, quantiles of the largest penalised gain over the
 whole catalogue, and how many independent tests the catalogue is worth (EFFECTIVE_TESTS of `discrepancy/find.py`): the m
-for which the smallest of m uniform p-values has the median that was measured.
+for which the smallest of m uniform p-values has the median that was measured. Gains below 0 are not kept: where the
+median is 0 the number is an upper bound.
 """
 
 from __future__ import annotations
