@@ -28,7 +28,7 @@ function route() {
   else if (parts[0] === "recordings") view = recordingsView();
   else if (parts[0] === "replay") view = replayView(parts[1], parts.slice(2));
   else view = fleetView(store, "#");
-  for (const link of document.querySelectorAll("nav a")) link.toggleAttribute("aria-current", link.hash === `#/${["alarms", "recordings"].includes(parts[0]) ? parts[0] : parts[0] === "replay" ? "recordings" : ""}`);
+  for (const link of document.querySelectorAll("nav a")) link.hash === `#/${["alarms", "recordings"].includes(parts[0]) ? parts[0] : parts[0] === "replay" ? "recordings" : ""}` ? link.setAttribute("aria-current", "page") : link.removeAttribute("aria-current");
   element("view").replaceChildren(view.element);
   view.refresh();
 }

@@ -1,0 +1,106 @@
+import { h } from "./dom.js";
+import { fleetView } from "./fleet_view.js";
+import { number, utc, wheelTime } from "./format.js";
+import { Store } from "./store.js";
+import { wheelView } from "./wheel_view.js";
+
+const FRAME_MS = 100;
+let opened = null; // the recording that is open, kept while views change
+
+export function recordingsView() {
+  const list = h("div", {}, h("p", { class: "empty" }, "Loading…"));
+  ask("/api/recordings").then((found) => list.replaceChildren(...(found.length ? found.map((one) => h("p", { class: "card" }, h("a", { href: `#/replay/${encodeURIComponent(one.name)}` }, one.name), h("span", { class: "soft" }, ` ${number(one.size_bytes / 1e6)} MB, written ${utc(one.changed_wall_ns)}`))) : [h("p", { class: "empty" }, "No recording in this folder yet. A monitor writes them with --record.")])),
+    (error) => list.replaceChildren(h("p", { class: "anomalous", role: "alert" }, `Recordings cannot be listed: ${error.message}`)));
+  return { element: h("div", {}, h("h1", {}, "Recordings"), list), refresh() {} };
+}
+
+/** Plays a recording into a store of its own; the views are those of the live page. */
+export function replayView(name, rest) {
+  const place = h("div", {}, h("p", { class: "empty" }, "Opening the recording…"));
+  const seek = h("input", { type: "range", min: 0, max: 1000, value: 0, "aria-label": "Position in the recording" });
+  const play = h("button", { type: "button", onclick: () => toggle() }, "▶ Play");
+  const step = h("button", { type: "button", onclick: () => nextWindow() }, "Next window");
+  const speed = h("select", { "aria-label": "Speed" }, [0.1, 1, 10, 100, 1000].map((times) => h("option", { value: times, selected: times === 1000 }, `${times}×`)));
+  const clock = h("span", { class: "soft" });
+  const problems = h("p", { class: "inconclusive", hidden: true });
+  let player = null, inner = null, timer = null;
+  seek.addEventListener("input", () => player && move(player.begin + (seek.value / 1000) * (player.end - player.begin)));
+
+  open();
+  async function open() {
+    try {
+      if (opened?.name !== name) opened = new Player(name, await ask(`/api/recordings/${encodeURIComponent(name)}`));
+      player = opened;
+      if (player.problems.length) { problems.hidden = false; problems.textContent = `Not all could be read: ${player.problems.join("; ")}`; }
+      show();
+    } catch (error) {
+      place.replaceChildren(h("p", { class: "anomalous", role: "alert" }, `The recording cannot be opened: ${error.message}`));
+    }
+  }
+
+  function show() {
+    inner?.close?.();
+    const base = `#/replay/${encodeURIComponent(name)}`;
+    inner = rest[0] === "wheel" ? wheelView(player.store, `${rest[1]}/${rest[2]}`, base) : fleetView(player.store, base);
+    place.replaceChildren(inner.element);
+    draw();
+  }
+
+  function draw() {
+    inner?.refresh();
+    clock.textContent = wheelTime(player.now);
+    seek.value = (1000 * (player.now - player.begin)) / Math.max(1, player.end - player.begin);
+  }
+
+  function move(time) {
+    if (player.moveTo(time)) show();
+    else draw();
+  }
+
+  function toggle() {
+    clearInterval(timer);
+    timer = timer ? null : setInterval(() => { if (player) { move(Math.min(player.end, player.now + FRAME_MS * 1e6 * Number(speed.value))); if (player.now >= player.end) toggle(); } }, FRAME_MS);
+    play.textContent = timer ? "❚❚ Pause" : "▶ Play";
+  }
+
+  function nextWindow() {
+    const next = player?.entries.find((entry) => entry.time_ns > player.now && entry.key.endsWith("/diagnosis"));
+    if (next) move(next.time_ns);
+  }
+
+  const element = h("div", {}, h("section", { class: "card" }, h("h2", {}, `Replay of ${name}`), problems, h("div", { class: "row" }, play, step, speed, seek), clock), place);
+  return { element, refresh: () => {}, close: () => { clearInterval(timer); inner?.close?.(); } };
+}
+
+class Player {
+  constructor(name, content) {
+    this.name = name;
+    this.problems = content.problems;
+    this.entries = content.entries;
+    this.begin = this.entries.find((entry) => entry.time_ns > 0)?.time_ns ?? 0;
+    this.end = this.entries[this.entries.length - 1]?.time_ns ?? 0;
+    this.reset();
+  }
+
+  reset() {
+    this.store = new Store(false);
+    this.next = 0;
+    this.now = this.begin;
+  }
+
+  /** Bring the store to a time; true where it had to begin anew, because the time lies before. */
+  moveTo(time) {
+    const back = time < this.now;
+    if (back) this.reset();
+    while (this.next < this.entries.length && this.entries[this.next].time_ns <= time) this.store.apply(this.entries[this.next++]);
+    this.now = time;
+    return back;
+  }
+}
+
+async function ask(path) {
+  const answer = await fetch(path);
+  const content = await answer.json();
+  if (!answer.ok) throw new Error(content.error);
+  return content;
+}
