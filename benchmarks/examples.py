@@ -57,8 +57,8 @@ def main() -> int:
     text = (
         "# Jumps on the paper's Examples 1 and 2\n\n"
         f"Made by `python benchmarks/examples.py --windows {options.windows} --seed {options.seed}`: windows of 80,000 "
-        "samples, σ = 0.024,\nhalf in one direction of rotation, half crossing zero both ways. A visible jump counts as "
-        "placed within 5 samples, and\nas right on its switching system besides. 95 % interval in brackets.\n\n"
+        "samples, σ = 0.024,\nhalf in one direction of rotation, half crossing zero both ways. A visible jump counts "
+        "as placed within 5 samples, and\nas right on its switching system besides. 95 % interval in brackets.\n\n"
         "| method | placed | right in place and system | false per window |\n|---|---|---|---|\n"
         + "\n".join(rows)
         + "\n"
