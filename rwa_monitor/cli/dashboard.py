@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import sys
 import webbrowser
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -16,7 +18,9 @@ if TYPE_CHECKING:
 
 
 @click.command(name="dashboard", short_help="The health page on live and recorded diagnoses.")
-@click.option("--port", type=click.IntRange(0, 65535), metavar="P", help="On loopback; 0: any.  [default: 8750]")
+@click.option(
+    "--port", type=click.IntRange(0, 65535), metavar="P", help="On loopback.  [default: 8750, or any]"
+)
 @click.option(
     "--record",
     type=FILE,
@@ -34,7 +38,7 @@ def command(port: int | None, record: Path, token: str | None, no_browser: bool,
     The page can be read by everybody on this machine; the address printed holds the token that changes need.
     """
     try:
-        from rwa_monitor.dashboard.server import DEFAULT_PORT, HISTORY_NAME, DashboardOptions, serve
+        from rwa_monitor.dashboard.server import HISTORY_NAME, DashboardOptions, serve
     except ImportError as error:
         raise click.ClickException(f"{error.name} is missing: pip install 'rwa-monitor[dashboard]'") from error
     from rwa_monitor.cli.signals import stop_on_signals
@@ -44,7 +48,7 @@ def command(port: int | None, record: Path, token: str | None, no_browser: bool,
     from rwa_monitor.live.bus import open_session
 
     warn_if_alone(bus)
-    options = DashboardOptions(DEFAULT_PORT if port is None else port, record, token=token)
+    options = DashboardOptions(port, record, token=token)
     if record.is_dir() and any(record.glob("*.mcap")):
         with History(record / HISTORY_NAME) as history:
             try:
@@ -54,7 +58,13 @@ def command(port: int | None, record: Path, token: str | None, no_browser: bool,
             else:
                 say(f"{imported.windows} windows in the recordings, {imported.new} of them new to the history")
     with stop_on_signals() as stop, open_session(bus) as session, serve(options, session, say) as running:
-        say(f"the page is at {running.address_with_token}")
-        if not no_browser:
-            webbrowser.open(running.address_with_token)
+        show_page(running.address_with_token, no_browser=no_browser)
         stop.wait()
+
+
+def show_page(address: str, *, no_browser: bool) -> None:
+    """Say where the page is, and open it where a person sits before a screen."""
+    say(f"the page is at {address}")
+    has_screen = sys.platform == "darwin" or "DISPLAY" in os.environ or "WAYLAND_DISPLAY" in os.environ
+    if not no_browser and has_screen and sys.stderr.isatty():
+        webbrowser.open(address)

@@ -10,6 +10,7 @@ import time
 from collections import Counter
 from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
 from pathlib import Path
 from threading import Event, Thread
 from typing import TYPE_CHECKING, Final
@@ -20,6 +21,8 @@ from rwa_monitor.cli.options import FILE, not_nan
 from rwa_monitor.cli.talk import say
 
 if TYPE_CHECKING:
+    import zenoh
+
     from rwa_monitor.cli.demo_story import Story
     from rwa_monitor.cli.demo_view import DemoView
     from rwa_monitor.live.service import RunOptions
@@ -41,8 +44,8 @@ NOTICEABLE_S: Final = 1.0  # what a person notices as waiting
     metavar="S",
     help="How long [s].",
 )
-@click.option("--no-browser", is_flag=True, help="Open no browser (this version has no page to open yet).")
-@click.option("--port", type=click.IntRange(0, 65535), metavar="P", help="Of the page (not in this version yet).")
+@click.option("--no-browser", is_flag=True, help="Open no browser.")
+@click.option("--port", type=click.IntRange(0, 65535), metavar="P", help="Of the page.  [default: 8750, or any]")
 @click.option(
     "--seed",
     type=click.IntRange(min=0),
@@ -66,7 +69,6 @@ def command(duration: float, no_browser: bool, port: int | None, seed: int, reco
     times faster than real time over a bus inside this process; the monitor diagnoses each window as it closes and
     records everything. At the end the truth is told. Ctrl-C ends it earlier.
     """
-    del no_browser, port  # the dashboard's, which comes later
     from rwa_monitor.cli.demo_story import tell
     from rwa_monitor.cli.demo_view import DemoView
     from rwa_monitor.cli.signals import stop_on_signals
@@ -79,8 +81,14 @@ def command(duration: float, no_browser: bool, port: int | None, seed: int, reco
     spacecraft = time.strftime("demo-%Y%m%dT%H%M%S", time.gmtime())
     story = tell(spacecraft, duration, start_ns=time.time_ns(), seed=seed)
     options = RunOptions(wheels=f"rwa/{spacecraft}/*/samples", wheel=story.wheel, model=built_in_model(), record=record)
-    with stop_on_signals() as stop, open_session(BusOptions()) as session, ThreadPoolExecutor(2) as workers:
+    with (
+        stop_on_signals() as stop,
+        open_session(BusOptions()) as session,
+        ExitStack() as page,
+        ThreadPoolExecutor(2) as workers,
+    ):
         say(f"four simulated wheels, {story.speed:.0f} times faster than real time; recording in {record}")
+        _serve_page(page, session, record, port, no_browser=no_browser)
         _compile_kernels(options, stop)
         view = DemoView(session, spacecraft, story.start_ns)
         ended = Event()
@@ -99,6 +107,19 @@ def command(duration: float, no_browser: bool, port: int | None, seed: int, reco
         view.close()
     _tell_findings(story, view, record)
     _tell_the_truth(story, view, record)
+
+
+def _serve_page(page: ExitStack, session: zenoh.Session, record: Path, port: int | None, *, no_browser: bool) -> None:
+    """Serve the health page while the demo runs, where what it needs is installed."""
+    try:
+        from rwa_monitor.dashboard.server import DashboardOptions, serve
+    except ImportError as error:
+        say(f"no page: {error.name} is missing (pip install 'rwa-monitor[dashboard]')")
+        return
+    from rwa_monitor.cli.dashboard import show_page
+
+    running = page.enter_context(serve(DashboardOptions(port, record), session, say))
+    show_page(running.address_with_token, no_browser=no_browser)
 
 
 def _compile_kernels(options: RunOptions, stop: Event) -> None:

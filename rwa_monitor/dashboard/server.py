@@ -36,7 +36,7 @@ class DashboardOptions:
     Attributes
     ----------
     port
-        On loopback; 0 for any that is free.
+        On loopback; 0 for any that is free; None for the usual one, or any where that is taken.
     record
         Folder of the recordings; the history lies in it too. None: a history in memory.
     listen_to
@@ -45,7 +45,7 @@ class DashboardOptions:
         For changes; None makes a random one.
     """
 
-    port: int = DEFAULT_PORT
+    port: int | None = None
     record: Path | None = None
     listen_to: str = "rwa/*/*/*"
     token: str | None = None
@@ -96,12 +96,14 @@ def serve(options: DashboardOptions, session: zenoh.Session, say: Callable[[str]
         yield Running(address, f"{address}#token={token}", token)
 
 
-def _socket(port: int) -> socket.socket:
+def _socket(port: int | None) -> socket.socket:
     listening = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
     listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
-        listening.bind((HOST, port))
+        listening.bind((HOST, DEFAULT_PORT if port is None else port))
     except OSError as error:
         listening.close()
+        if port is None:
+            return _socket(0)
         raise RwaMonitorError(f"port {port} cannot be used: {error.strerror}; --port names another") from error
     return listening

@@ -13,7 +13,7 @@ export function systemStyle(name, systems) {
 const ink = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 
 /** A chart that follows the width of its place. `series`: {label, colour, points, width, fill, paths, dash}. */
-export function chart({ label, unit, series, height = 190, draw, zero = false }) {
+export function chart({ label, unit, series, height = 210, draw, zero = false }) {
   const place = h("div", { class: "chart", role: "img", "aria-label": `${label} [${unit}] over time` });
   let plot = null;
   let wide = 0;
@@ -24,7 +24,7 @@ export function chart({ label, unit, series, height = 190, draw, zero = false })
     plot = new uPlot({
       width: wide, height, tzDate: (s) => uPlot.tzDate(new Date(s * 1e3), "Etc/UTC"), legend: { show: false }, cursor: { drag: { x: true, y: false } },
       scales: { y: zero ? { range: (u, low, high) => [Math.min(0, low), (high || 1) * 1.05] } : {} },
-      axes: [{ ...axis, label: "time [UTC]", labelSize: 18 }, { ...axis, size: 68, label: `${label} [${unit}]`, labelSize: 18, values: (u, ticks) => ticks.map((tick) => String(Number(tick.toPrecision(4)))) }],
+      axes: [{ ...axis, label: "time [UTC]", labelSize: 18, size: 34, values: clockTicks }, { ...axis, size: 68, label: `${label} [${unit}]`, labelSize: 18, values: (u, ticks) => ticks.map((tick) => String(Number(tick.toPrecision(4)))) }],
       series: [{}, ...series.map((one) => ({ label: one.label, stroke: one.colour, width: one.width ?? 1.5, dash: one.dash, fill: one.fill, paths: one.paths, points: { show: one.points ?? false, size: one.size ?? 3, fill: one.colour } }))],
       hooks: draw ? { draw: [draw] } : {},
     }, data, place);
@@ -38,6 +38,13 @@ export function chart({ label, unit, series, height = 190, draw, zero = false })
     },
     close: () => plot?.destroy(),
   };
+}
+
+/** Hours and minutes, with the date where it begins, or days where the ticks are days apart. */
+function clockTicks(u, ticks) {
+  const texts = ticks.map((s) => new Date(s * 1e3).toISOString());
+  const days = ticks.length > 1 && ticks[1] - ticks[0] >= 86400;
+  return texts.map((text, i) => (days || (i && text.slice(0, 10) !== texts[i - 1].slice(0, 10)) ? text.slice(5, 10) : text.slice(11, ticks[1] - ticks[0] < 60 ? 19 : 16)));
 }
 
 /** Write marks, such as ▲, at (x, y) of a chart. */

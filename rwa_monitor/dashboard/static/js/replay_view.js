@@ -69,7 +69,7 @@ export function replayView(name, rest) {
   }
 
   const element = h("div", {}, h("section", { class: "card" }, h("h2", {}, `Replay of ${name}`), problems, h("div", { class: "row" }, play, step, speed, seek), clock), place);
-  return { element, refresh: () => {}, close: () => { clearInterval(timer); inner?.close?.(); } };
+  return { element, refresh: () => inner?.refresh(), close: () => { clearInterval(timer); inner?.close?.(); } };
 }
 
 class Player {

@@ -21,9 +21,9 @@ export function wheelView(store, name, base) {
     ...wheel.diagnoses.flatMap((one) => one.changepoints.filter((jump) => jump.fss !== "rejected").map((jump) => ({ x: jump.time_ns / 1e9, ...systemStyle(jump.fss, systems) }))),
     ...wheel.jumps.map((jump) => ({ x: jump.time_ns / 1e9, colour: GREY, shape: "◇" })),
   ]);
-  const speed = chart({ label: "speed", unit: "rad/s", height: 150, series: [{ label: "speed", colour: COLOURS[1] }] });
-  const friction = chart({ label: "friction against rotation", unit: "mN m", height: 240, draw: jumps, series: [{ label: "measured", colour: "rgba(133,147,160,.55)", width: 0, points: true }, { label: "simulated", colour: COLOURS[0], width: 2 }] });
-  const residual = chart({ label: "residual", unit: "mN m", height: 140, series: [{ label: "residual", colour: COLOURS[3], width: 0, points: true }] });
+  const speed = chart({ label: "speed", unit: "rad/s", height: 170, series: [{ label: "speed", colour: COLOURS[1] }] });
+  const friction = chart({ label: "friction", unit: "mN m", height: 270, draw: jumps, series: [{ label: "measured", colour: "rgba(133,147,160,.55)", width: 0, points: true }, { label: "simulated", colour: COLOURS[0], width: 2 }] });
+  const residual = chart({ label: "residual", unit: "mN m", height: 170, series: [{ label: "residual", colour: COLOURS[3], width: 0, points: true }] });
   const charts = [speed, friction, residual];
   const split = h("div", {});
   const trends = h("div", { class: "two" });
@@ -122,7 +122,7 @@ export function wheelView(store, name, base) {
     speed.set([times, speeds]);
     friction.set([times, measured, model]);
     residual.set([times, rest]);
-    key.replaceChildren(h("span", {}, "· measured"), h("span", {}, "— simulated from the diagnosis"), ...systems.map((one) => legend(one, one)), legend("", "not (yet) attributed"));
+    key.replaceChildren(h("span", {}, "· measured, positive against the rotation"), h("span", {}, "— simulated from the diagnosis"), ...systems.map((one) => legend(one, one)), legend("", "not (yet) attributed"));
   }
 
   function legend(system, text) {
@@ -153,7 +153,7 @@ export function wheelView(store, name, base) {
     if (lines.length !== names.length) {
       lines = names.map((part) => {
         const [, unit] = SCALE[diagnosis.anomalies[part].unit] ?? [1, diagnosis.anomalies[part].unit];
-        const one = chart({ label: part, unit, height: 150, series: [{ label: part, colour: COLOURS[1], points: true, size: 7 }, { label: "anomalous", colour: COLOURS[0], width: 0, points: true, size: 12 }], draw: (u) => { const now = last(wheel).anomalies[part]; const [factor] = SCALE[now.unit] ?? [1]; if (now.nominal_low !== null) band(u, now.nominal_low * factor, now.nominal_high * factor); } });
+        const one = chart({ label: part, unit, height: 180, series: [{ label: part, colour: COLOURS[1], points: true, size: 7 }, { label: "anomalous", colour: COLOURS[0], width: 0, points: true, size: 12 }], draw: (u) => { const now = last(wheel).anomalies[part]; const [factor] = SCALE[now.unit] ?? [1]; if (now.nominal_low !== null) band(u, now.nominal_low * factor, now.nominal_high * factor); } });
         charts.push(one);
         return { part, one };
       });
