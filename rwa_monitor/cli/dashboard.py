@@ -18,9 +18,7 @@ if TYPE_CHECKING:
 
 
 @click.command(name="dashboard", short_help="The health page on live and recorded diagnoses.")
-@click.option(
-    "--port", type=click.IntRange(0, 65535), metavar="P", help="On loopback.  [default: 8750, or any]"
-)
+@click.option("--port", type=click.IntRange(0, 65535), metavar="P", help="On loopback.  [default: 8750, or any]")
 @click.option(
     "--record",
     type=FILE,
