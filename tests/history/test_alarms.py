@@ -1,0 +1,65 @@
+"""The alarm's state machine: rules that hold for any sequence of windows and acknowledgements."""
+
+from __future__ import annotations
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rwa_monitor.history.alarms import Alarm, EventKind, Level, Observation, Phase, Policy, acknowledge, advance
+
+LEVELS = st.sampled_from(list(Level))
+DEEDS = st.lists(st.one_of(LEVELS, st.just("acknowledge")), max_size=60)
+POLICIES = st.integers(1, 5).flatmap(lambda n: st.integers(1, n).map(lambda k: Policy(k=k, n=n)))
+
+
+def play(deeds: list[object], policy: Policy) -> list[tuple[Alarm, list[EventKind], Alarm, object]]:
+    """Return each step as (before, events, after, deed)."""
+    steps = []
+    alarm = Alarm()
+    for time_ns, deed in enumerate(deeds):
+        before = alarm
+        if isinstance(deed, Level):
+            alarm, events = advance(alarm, Observation(deed, time_ns), policy)
+        else:
+            alarm, events = acknowledge(alarm, time_ns)
+        steps.append((before, [event.kind for event in events], alarm, deed))
+    return steps
+
+
+@given(DEEDS, POLICIES)
+def test_it_rises_only_when_k_of_the_last_n_windows_are_bad(deeds: list[object], policy: Policy) -> None:
+    windows: list[Level] = []
+    for _, events, _, deed in play(deeds, policy):
+        if isinstance(deed, Level):
+            windows.append(deed)
+        if {EventKind.RAISED, EventKind.RELAPSED, EventKind.ESCALATED} & set(events):
+            assert sum(level > Level.NORMAL for level in windows[-policy.n :]) >= policy.k
+
+
+@given(DEEDS, POLICIES)
+def test_it_clears_only_when_normal_and_acknowledged(deeds: list[object], policy: Policy) -> None:
+    seen = False
+    for before, events, after, _ in play(deeds, policy):
+        if EventKind.RAISED in events:
+            seen = False
+        seen = seen or EventKind.ACKNOWLEDGED in events
+        if EventKind.CLEARED in events:
+            assert seen
+            assert not any(after.recent[-policy.n :]) or before.phase == Phase.RETURNED
+            assert after.phase == Phase.QUIET
+        elif before.phase != Phase.QUIET:
+            assert after.phase != Phase.QUIET
+
+
+@given(DEEDS, POLICIES)
+def test_nobody_is_said_to_have_seen_what_is_worse_than_what_they_saw(deeds: list[object], policy: Policy) -> None:
+    for _, _, after, _ in play(deeds, policy):
+        if after.phase == Phase.ACKNOWLEDGED:
+            assert after.level <= after.acknowledged_level
+        assert after.level <= after.peak or after.phase == Phase.QUIET
+
+
+def test_one_bad_window_does_not_shout_and_two_do() -> None:
+    steps = play([Level.NORMAL, Level.CRITICAL, Level.NORMAL, Level.WATCH], Policy(k=2, n=3))
+    assert [events for _, events, _, _ in steps] == [[], [], [], [EventKind.RAISED]]
+    assert steps[-1][2].level == Level.WATCH  # the level that two of three windows reach
