@@ -9,7 +9,7 @@ let search = "";
 export function fleetView(store, base) {
   const list = h("div", {});
   const summary = h("p", { class: "soft", role: "status" });
-  const field = h("input", { type: "search", placeholder: "spacecraft, wheel, verdict or reason", "aria-label": "Search wheels", value: search });
+  const field = h("input", { type: "search", placeholder: "search wheels, reasons", "aria-label": "Search wheels", value: search });
   field.addEventListener("input", () => { search = field.value; refresh(); });
   const rows = new Map();
 
@@ -65,5 +65,5 @@ function trend(wheel) {
   if (wheel.diagnoses.length < 2 || last(wheel).verdict !== "anomalous") return "";
   const before = worst({ diagnoses: wheel.diagnoses.slice(0, -1) });
   const change = worst(wheel) - before;
-  return change > 0.1 ? " ↑ worse" : change < -0.1 ? " ↓ better" : " → steady";
+  return change > 0.1 ? "\n↑ worse" : change < -0.1 ? "\n↓ better" : "\n→ steady";
 }

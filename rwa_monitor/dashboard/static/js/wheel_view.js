@@ -169,7 +169,7 @@ export function wheelView(store, name, base) {
   const element = h("div", {},
     h("p", {}, h("a", { href: `${base}/` }, "← all wheels")), h("h1", {}, `${wheel.spacecraft} / ${wheel.wheel}`), head,
     h("section", { class: "card" }, h("h2", {}, "Diagnosis of the latest window"), table),
-    h("section", { class: "card" }, h("h2", {}, "Speed, friction and jumps"), notice, speed.element, friction.element, key, h("h2", {}, "Measured less simulated"), residual.element),
+    h("section", { class: "card" }, h("h2", {}, "Speed, friction and jumps"), notice, speed.element, friction.element, key, h("h2", {}, "Measured less simulated"), residual.element, h("p", { class: "soft" }, "Simulated: base dry and viscous friction and the switching systems. Jumps that fit no system stay in the residual.")),
     h("div", { class: "two" }, h("section", { class: "card" }, h("h2", {}, "Friction split, window by window"), split), h("section", { class: "card" }, h("h2", {}, "Data quality"), quality)),
     h("section", { class: "card" }, h("h2", {}, "Estimates over time"), h("p", { class: "soft" }, "Shaded: the nominal range. Large points: called anomalous."), trends));
   return { element, refresh, close: () => charts.forEach((one) => one.close()) };
