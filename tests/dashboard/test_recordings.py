@@ -1,0 +1,55 @@
+"""Recordings on the page and in the history, with one that the monitor itself made."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from rwa_monitor.dashboard.recordings import POINTS_PER_WHEEL, list_recordings, replay_json
+from rwa_monitor.errors import InputError
+from rwa_monitor.history.imports import import_recordings
+from rwa_monitor.history.store import History
+from rwa_monitor.messages import Diagnosis
+
+RECORDING = min(Path("replay").rglob("*.mcap"), key=lambda path: path.stat().st_size)
+
+
+def test_importing_again_makes_no_doubles(tmp_path: Path) -> None:
+    with History(tmp_path / "h.sqlite3") as history:
+        first = import_recordings(history, RECORDING)
+        again = import_recordings(history, RECORDING)
+        assert first.new == first.windows > 0
+        assert (again.new, again.windows) == (0, first.windows)
+
+
+def test_a_replay_holds_all_diagnoses_in_order_and_thinned_samples() -> None:
+    content = json.loads(replay_json(RECORDING.parent, RECORDING.name))
+    entries = content["entries"]
+    assert content["problems"] == []
+    assert entries == sorted(entries, key=lambda entry: entry["time_ns"])
+    diagnoses = [entry["message"] for entry in entries if entry["key"].endswith("/diagnosis")]
+    assert diagnoses
+    for message in diagnoses:
+        Diagnosis.parse(json.dumps(message).encode(), "replay")
+    points: dict[str, int] = {}
+    for entry in entries:
+        if entry["key"].endswith("/samples"):
+            points[entry["key"]] = points.get(entry["key"], 0) + len(entry["message"]["time_ns"])
+    assert points
+    assert max(points.values()) <= POINTS_PER_WHEEL
+
+
+def test_only_recordings_of_the_folder_are_opened(tmp_path: Path) -> None:
+    assert list_recordings(tmp_path / "none") == []
+    with pytest.raises(InputError, match="is no recording here"):
+        replay_json(RECORDING.parent, "../pyproject.toml")
+
+
+def test_a_cut_recording_shows_what_is_left_and_says_so(tmp_path: Path) -> None:
+    data = RECORDING.read_bytes()
+    (tmp_path / "cut.mcap").write_bytes(data[: len(data) * 2 // 3])
+    content = json.loads(replay_json(tmp_path, "cut.mcap"))
+    assert content["entries"]
+    assert content["problems"]
