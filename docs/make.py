@@ -20,10 +20,9 @@ import numpy as np
 from matplotlib.figure import Figure
 from pydantic import BaseModel
 
+import rwa_monitor as rwa
 from rwa_monitor.cli import exit_codes
 from rwa_monitor.cli.main import main as program
-from rwa_monitor.diagnosis.model import built_in_model
-from rwa_monitor.live.core import WheelCore, WindowDiagnosed
 from rwa_monitor.messages import MESSAGES, Message
 from rwa_monitor.physics import durations, scenario, wheel
 from rwa_monitor.physics.effects.base import Effect
@@ -104,39 +103,10 @@ def _record(scene: Scenario) -> Telemetry:
 
 def draw_overview(file: Path) -> None:
     """Draw one simulated window as the diagnosis sees it: friction, jumps coloured by system, the split."""
-
-    nominal = built_in_wheel()
     scene = Scenario.from_toml('[anomalies.fss_2]\nfactor = 2.2\n[speed]\nkind = "orbit"\n', "overview")
-    telemetry = simulate(scene, nominal, np.random.default_rng(2))
-    core = WheelCore(nominal, built_in_model())
-    events = [*core.feed(telemetry.samples), *core.finish()]
-    diagnosis = next(event.diagnosis for event in events if isinstance(event, WindowDiagnosed))
-    samples, minutes = telemetry.samples, np.arange(len(telemetry.samples)) * nominal.sample_period_s / 60.0
-    direction = np.sign(samples.speed_rad_s)
-    dry = direction * samples.friction_torque_Nm - diagnosis.viscous.value * direction * samples.speed_rad_s
-    dry[np.abs(samples.speed_rad_s) < nominal.window.dead_band_rad_s] = np.nan
-
-    figure = Figure(figsize=(9.0, 4.2), layout="constrained")
-    top, middle, bottom = figure.subplots(3, 1, sharex=True, height_ratios=(1, 2, 1.4))
-    top.plot(minutes[::20], samples.speed_rad_s[::20], lw=0.8, color="0.4")
-    top.set_ylabel("speed\n[rad/s]")
-    middle.plot(minutes[::20], 1e3 * dry[::20], ".", ms=1.0, color="0.6")
-    middle.set_ylabel("friction less\nviscous [mN m]")
-    colours = {system.name: f"C{i}" for i, system in enumerate(nominal.fss)}
-    for jump in diagnosis.changepoints:
-        middle.axvline(minutes[jump.index], lw=0.8, color=colours.get(jump.fss, "k"))
-    for system in diagnosis.fss:
-        steps = [minutes[i] for i in system.start_index]
-        torque = [1e3 * value for value in system.friction_Nm]
-        bottom.step(
-            [*steps, minutes[-1]], [*torque, torque[-1]], where="post", color=colours[system.name], label=system.name
-        )
-    limit = diagnosis.anomaly("fss_2").nominal_high
-    bottom.axhline(1e3 * limit, ls=":", lw=0.9, color=colours["fss_2"], label="nominal bound of fss_2")
-    bottom.legend(fontsize=7, loc="upper right")
-    bottom.set_ylabel("of the systems\n[mN m]")
-    bottom.set_xlabel("time [min]")
-    top.set_title(f"{diagnosis.verdict}: {diagnosis.reason.split(' (')[0]}", fontsize=9)
+    samples = rwa.simulate(scene, seed=2).samples
+    (diagnosis,) = rwa.diagnose(samples)
+    figure = rwa.plot.window(samples, diagnosis)
     figure.savefig(file, dpi=90, metadata={"Software": None}, pil_kwargs={"optimize": True})
 
 

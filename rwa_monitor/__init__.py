@@ -1,6 +1,61 @@
-"""Diagnosis of reaction wheels from their bearing friction, live on a bus and from recordings."""
+"""Diagnosis of reaction wheels from their bearing friction, live on a bus and from recordings.
 
-__version__ = "0.1.0"
+The public names are those of `rwa_monitor.api`, and `rwa_monitor.plot` for pictures; everything else may change.
+"""
 
-# How the program names itself in what it writes: messages, recordings, models.
-SOFTWARE = f"rwa-monitor {__version__}"
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+from rwa_monitor.version import __version__
+
+if TYPE_CHECKING:
+    from rwa_monitor import plot
+    from rwa_monitor.api import (
+        Diagnosis,
+        Monitor,
+        Samples,
+        Scenario,
+        Search,
+        Telemetry,
+        Wheel,
+        diagnose,
+        extended_wheel,
+        find_discrepancy,
+        read,
+        read_wheel,
+        simulate,
+    )
+
+__all__ = [
+    "Diagnosis",
+    "Monitor",
+    "Samples",
+    "Scenario",
+    "Search",
+    "Telemetry",
+    "Wheel",
+    "__version__",
+    "diagnose",
+    "extended_wheel",
+    "find_discrepancy",
+    "plot",
+    "read",
+    "read_wheel",
+    "simulate",
+]
+
+
+def __getattr__(name: str) -> Any:
+    """Import the public names when they are asked for: the command's --help needs none of what is behind them."""
+    if name not in __all__:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    if name == "plot":
+        return import_module("rwa_monitor.plot")
+    return getattr(import_module("rwa_monitor.api"), name)
+
+
+def __dir__() -> list[str]:
+    """Name what there is."""
+    return sorted([*globals(), *__all__])

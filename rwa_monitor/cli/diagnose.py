@@ -9,16 +9,15 @@ from typing import TYPE_CHECKING, Final, Literal
 
 import click
 
-from rwa_monitor import SOFTWARE
 from rwa_monitor.cli.exit_codes import UNREADABLE, WRONG_USE
 from rwa_monitor.cli.options import FILE, method_option, model_option, wheel_option
 from rwa_monitor.cli.talk import say
 from rwa_monitor.errors import InputError
 
 if TYPE_CHECKING:
-    from rwa_monitor.cli.telemetry_files import WheelTelemetry
     from rwa_monitor.diagnosis.model import Model
     from rwa_monitor.diagnosis.state import CarriedState
+    from rwa_monitor.live.telemetry_files import WheelTelemetry
     from rwa_monitor.messages import Diagnosis
     from rwa_monitor.physics.wheel import Wheel
 
@@ -97,14 +96,14 @@ class Diagnoser:
 
     def diagnose(self, file: Path) -> Iterator[Diagnosis]:
         """Yield the diagnoses of a file's windows; raises InputError before the first if the file cannot be used."""
-        from rwa_monitor.cli.telemetry_files import read_telemetry
         from rwa_monitor.diagnosis.model import built_in_model
+        from rwa_monitor.live.telemetry_files import read_telemetry
         from rwa_monitor.physics.wheel import built_in_wheel
 
         content = read_telemetry(file)
-        for problem in content.problems:
-            self.unreadable = True
-            say(f"{file}: {problem}")
+        for note in (*content.problems, *content.notes):
+            say(note)
+        self.unreadable |= bool(content.problems)
         wheel = self.wheel or content.wheel or built_in_wheel()
         model = self.model or content.model or built_in_model()
         self._note(wheel)
@@ -118,32 +117,29 @@ class Diagnoser:
         self._noted.add(wheel.name)
 
     def _diagnose_wheel(self, telemetry: WheelTelemetry, wheel: Wheel, model: Model) -> Iterator[Diagnosis]:
-        from rwa_monitor.live.core import WheelCore, WindowDiagnosed
-        from rwa_monitor.messages import diagnosis_message
+        from rwa_monitor.api import Monitor
 
         name = telemetry.wheel or wheel.name
-        carried = self.carried.get((telemetry.spacecraft, name)) if self.carry else None
+        key = (telemetry.spacecraft, name)
         try:
-            core = WheelCore(wheel, model, method=self.method, carried=carried)
-            events = [
-                event for batch in telemetry.batches for event in core.feed(batch.samples, batch.publisher, batch.batch)
+            monitor = Monitor(
+                wheel,
+                model,
+                method=self.method,
+                spacecraft=telemetry.spacecraft,
+                name=name,
+                source=telemetry.source,
+                carried=self.carried.get(key) if self.carry else None,
+            )
+            found = [
+                diagnosis
+                for batch in telemetry.batches
+                for diagnosis in monitor.feed(batch.samples, batch.publisher, batch.batch)
             ]
         except InputError as error:
             raise InputError(telemetry.source, f"{error.source}: {error.reason}", error.place) from error
-        for event in (*events, *core.finish()):
-            if isinstance(event, WindowDiagnosed):
-                yield diagnosis_message(
-                    event.diagnosis,
-                    spacecraft=telemetry.spacecraft,
-                    wheel=name,
-                    window_start_ns=event.start_ns,
-                    window_end_ns=event.end_ns,
-                    period_ns=event.period_ns,
-                    partial=event.partial,
-                    software=SOFTWARE,
-                    source=telemetry.source,
-                )
-        self.carried[telemetry.spacecraft, name] = core.carried
+        yield from (*found, *monitor.finish())
+        self.carried[key] = monitor.carried
 
 
 def _json_line(diagnosis: Diagnosis) -> None:

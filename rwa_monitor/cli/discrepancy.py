@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from rwa_monitor.cli.exit_codes import UNREADABLE
 from rwa_monitor.cli.options import FILE, wheel_option
 from rwa_monitor.cli.talk import say
 
@@ -17,7 +18,6 @@ if TYPE_CHECKING:
 
     from rwa_monitor.discrepancy.find import Search
     from rwa_monitor.discrepancy.plan import PlannedManoeuvre
-    from rwa_monitor.samples import Samples
 
 
 @click.command(name="discrepancy", short_help="Show what the simulation gets wrong, and name the cause.")
@@ -38,8 +38,15 @@ if TYPE_CHECKING:
     help="Take p-values from B simulated records without the effect instead of the table.",
 )
 @click.option("--plan", "show_plan", is_flag=True, help="Rank the manoeuvres that would tell the leading causes apart.")
+@click.pass_context
 def command(
-    files: tuple[Path, ...], wheel_file: Path | None, as_json: bool, out: Path | None, bootstrap: int, show_plan: bool
+    ctx: click.Context,
+    files: tuple[Path, ...],
+    wheel_file: Path | None,
+    as_json: bool,
+    out: Path | None,
+    bootstrap: int,
+    show_plan: bool,
 ) -> None:
     """Find what a wheel's simulation lacks: the cause by name, its size, and what adding it gains.
 
@@ -47,20 +54,16 @@ def command(
     are named, with the manoeuvre that would separate them.
     """
     from rwa_monitor.cli.progress import status_line
-    from rwa_monitor.cli.telemetry_files import read_samples
+    from rwa_monitor.cli.recordings import read_recordings
     from rwa_monitor.discrepancy.find import find_discrepancy
     from rwa_monitor.discrepancy.report import plan, sentence
     from rwa_monitor.formats.wheel_file import read_wheel
     from rwa_monitor.physics.wheel import built_in_wheel
 
     wheel = read_wheel(wheel_file) if wheel_file else None
-    recordings: list[tuple[str, Samples]] = []
-    for file in files:
-        samples, recorded = read_samples(file)
-        wheel = wheel or recorded
-        recordings.append((str(file), samples))
+    recordings = read_recordings(files)
     with status_line("searching") as progress:
-        found = find_discrepancy(recordings, wheel or built_in_wheel(), progress)
+        found = find_discrepancy(recordings.samples, wheel or recordings.wheel or built_in_wheel(), progress)
         if bootstrap:
             from rwa_monitor.discrepancy.bootstrap import with_bootstrap
 
@@ -75,13 +78,14 @@ def command(
         if show_plan:
             report["plan"] = [_plan_json(entry) for entry in manoeuvres]
         click.echo(json.dumps(report, ensure_ascii=False, allow_nan=False))
-        return
-    click.echo(sentence(found.result))
-    _print_details(found)
-    if show_plan:
-        _print_plan(manoeuvres)
+    else:
+        click.echo(sentence(found.result))
+        _print_details(found)
+        if show_plan:
+            _print_plan(manoeuvres)
     if out is not None:
         say(f"report written to {out}")
+    ctx.exit(UNREADABLE if recordings.unreadable else 0)
 
 
 def _with_diagnosis_gain(found: Search, progress: Callable[[str], None]) -> Search:

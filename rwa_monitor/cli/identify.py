@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from rwa_monitor.cli.exit_codes import UNREADABLE
 from rwa_monitor.cli.options import FILE
 from rwa_monitor.cli.talk import say
 from rwa_monitor.errors import InputError
@@ -27,31 +28,32 @@ if TYPE_CHECKING:
     help="What is known already: name, motor constants, limits.  [default: name and sample period from the data]",
 )
 @click.option("--no-systems", is_flag=True, help="Learn nominal friction and noise only, for short recordings.")
-def command(files: tuple[Path, ...], output: Path, wheel_file: Path | None, no_systems: bool) -> None:
+@click.pass_context
+def command(
+    ctx: click.Context, files: tuple[Path, ...], output: Path, wheel_file: Path | None, no_systems: bool
+) -> None:
     """Learn a wheel file from recordings of one healthy wheel.
 
     Where there is too little data to learn a switching system's law, nothing is written and the command says how much
     more is needed.
     """
     from rwa_monitor.cli.progress import status_line
-    from rwa_monitor.cli.telemetry_files import read_samples
+    from rwa_monitor.cli.recordings import read_recordings
     from rwa_monitor.discrepancy.identification import identify
     from rwa_monitor.formats.files import write_text
     from rwa_monitor.formats.wheel_file import read_wheel
 
-    recordings: list[tuple[str, Samples]] = []
     start = read_wheel(wheel_file) if wheel_file else None
-    for file in files:
-        samples, recorded = read_samples(file)
-        recordings.append((str(file), samples))
-        start = start or recorded
+    recordings = read_recordings(files)
+    start = start or recordings.wheel or _bare_wheel(files[0].stem, recordings.samples[0][1])
     with status_line("learning"):
-        learned = identify(recordings, start or _bare_wheel(files[0].stem, recordings[0][1]), systems=not no_systems)
+        learned = identify(recordings.samples, start, systems=not no_systems)
     head = "".join(f"# {note}\n" for note in learned.notes)
     write_text(output, head + learned.wheel.to_toml())
     for note in learned.notes:
         say(note)
     say(f"written to {output}")
+    ctx.exit(UNREADABLE if recordings.unreadable else 0)
 
 
 def _bare_wheel(name: str, samples: Samples) -> Wheel:

@@ -15,10 +15,10 @@ from typing import Any, Final
 
 import click
 
-from rwa_monitor import __version__
 from rwa_monitor.cli.exit_codes import FAILED, INTERRUPTED, WRONG_USE
 from rwa_monitor.cli.talk import PROGRAM, say
 from rwa_monitor.errors import InputError, RwaMonitorError
+from rwa_monitor.version import __version__
 
 # One thread for linear algebra, unless the user says otherwise: our matrices are small, threads would only wait for
 # each other, and the order of sums, so the last bit, would depend on the machine. Before numpy is imported anywhere.

@@ -27,7 +27,6 @@ from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp, Receive, Scope, Send
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from rwa_monitor import SOFTWARE
 from rwa_monitor.dashboard.feed import Client, Hub, frame
 from rwa_monitor.dashboard.fleet import Fleet, Received
 from rwa_monitor.dashboard.listener import alarm_entry
@@ -36,6 +35,7 @@ from rwa_monitor.dashboard.recordings import list_recordings, replay_json
 from rwa_monitor.errors import InputError
 from rwa_monitor.history.store import MAX_NAME, MAX_NOTE, History, HistoryError
 from rwa_monitor.messages import Diagnosis, dump_json, key_of
+from rwa_monitor.version import SOFTWARE
 
 STATIC: Final = Path(__file__).parent / "static"
 MAX_BODY_BYTES: Final = 16_384

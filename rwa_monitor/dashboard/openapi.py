@@ -7,9 +7,9 @@ from typing import Any
 from pydantic import BaseModel
 from pydantic.json_schema import models_json_schema
 
-from rwa_monitor import __version__
 from rwa_monitor.history.records import AlarmRecord, EstimateRecord
 from rwa_monitor.messages import Changepoints, Diagnosis, SamplesMessage, Status
+from rwa_monitor.version import __version__
 
 
 def openapi(acknowledgement: type[BaseModel]) -> dict[str, Any]:

@@ -1,4 +1,4 @@
-"""The pictures of a discrepancy report, as SVG text: drawn without a display, the same bytes for the same input."""
+"""The pictures of a discrepancy report: drawn without a display, and as SVG the same bytes for the same input."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ STANDARD_ERRORS: Final = 2.0  # that the bars of all views show
 ZOOM_SLOTS: Final = 1200  # of the close-up
 
 
-def overlay(search: Search) -> str:
+def overlay(search: Search) -> Figure:
     """Draw measured friction and both simulations for the same manoeuvre, with a close-up where they part most."""
     problem, record = search.problem, search.problem.records[0]
     end = int(problem.starts[1])
@@ -46,10 +46,10 @@ def overlay(search: Search) -> str:
         axis.grid(alpha=0.25)
     axes["C"].set_xlabel("time [s]")
     axes["B"].legend(loc="upper right", ncols=3, fontsize=9)
-    return _svg(figure)
+    return figure
 
 
-def view_picture(view: View, both: bool) -> str:
+def view_picture(view: View, both: bool) -> Figure:
     """Draw one residual view: the base model's residual and, if `both`, the extended model's."""
     figure = Figure(figsize=(5.4, 3.2), layout="constrained")
     axis = figure.subplots()
@@ -65,10 +65,10 @@ def view_picture(view: View, both: bool) -> str:
         axis.ticklabel_format(axis="y", style="sci", scilimits=(-3, 4))
     axis.grid(alpha=0.25)
     axis.legend(fontsize=8)
-    return _svg(figure)
+    return figure
 
 
-def ladder_picture(search: Search) -> str:
+def ladder_picture(search: Search) -> Figure:
     """Draw the held-out RMSE and the number of jumps of each model of the ladder."""
     names = ["as it is", *(f"+ {search.mean.ladder[i].names[-1]}" for i in range(1, len(search.mean.ladder)))]
     figure = Figure(figsize=(7, 0.6 * len(names) + 1.4), layout="constrained")
@@ -81,7 +81,16 @@ def ladder_picture(search: Search) -> str:
     left.invert_yaxis()
     right.barh(at, [model.fit.jumps.size for model in search.mean.ladder], color=colours)
     right.set(xlabel="jumps needed")
-    return _svg(figure)
+    return figure
+
+
+def svg(figure: Figure) -> str:
+    """Return a figure as an <svg> element, without date or random ids."""
+    text = io.StringIO()
+    with mpl.rc_context({"svg.hashsalt": "rwa-monitor", "font.size": 9}):
+        figure.savefig(text, format="svg", metadata={"Date": None})
+    document = text.getvalue()
+    return document[document.index("<svg") :]
 
 
 def _bars(axis: Axes, x: FloatArray, y: FloatArray, error: FloatArray, colour: str, marker: str, label: str) -> None:
@@ -95,12 +104,3 @@ def _thin(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:
     pieces = np.array_split(np.arange(x.size), MAX_POINTS // 2)
     at = np.concatenate([sorted((p[np.argmin(y[p])], p[np.argmax(y[p])])) for p in pieces])
     return x[at], y[at]
-
-
-def _svg(figure: Figure) -> str:
-    """Return the figure as an <svg> element, without date or random ids."""
-    text = io.StringIO()
-    with mpl.rc_context({"svg.hashsalt": "rwa-monitor", "font.size": 9}):
-        figure.savefig(text, format="svg", metadata={"Date": None})
-    svg = text.getvalue()
-    return svg[svg.index("<svg") :]

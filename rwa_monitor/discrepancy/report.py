@@ -8,7 +8,6 @@ from typing import Any, Final
 import jinja2
 import numpy as np
 
-from rwa_monitor import __version__
 from rwa_monitor.discrepancy import figures
 from rwa_monitor.discrepancy.find import Search, extended_wheel
 from rwa_monitor.discrepancy.gain import BLOCKS
@@ -17,6 +16,7 @@ from rwa_monitor.discrepancy.report_template import PAGE
 from rwa_monitor.discrepancy.result import DiscrepancyResult, FoundEffect
 from rwa_monitor.discrepancy.views import all_views
 from rwa_monitor.physics.effects.catalogue import CATALOGUE, MEAN_EFFECTS
+from rwa_monitor.version import __version__
 
 SURE_P: Final = 1e-4  # below which a view's test calls its deviation no chance
 
@@ -99,9 +99,9 @@ def html(search: Search, sources: list[str]) -> str:
         "rungs": ladder(search),
         "plan": plan(search),
         "sure_p": SURE_P,
-        "overlay": figures.overlay(search),
-        "ladder_picture": figures.ladder_picture(search) if extended else "",
-        "views": [(view, figures.view_picture(view, both=extended)) for view in views],
+        "overlay": figures.svg(figures.overlay(search)),
+        "ladder_picture": figures.svg(figures.ladder_picture(search)) if extended else "",
+        "views": [(view, figures.svg(figures.view_picture(view, both=extended))) for view in views],
         "extended_toml": extended_wheel(search).to_toml() if extended else "",
     }
     return environment.from_string(PAGE).render(facts)

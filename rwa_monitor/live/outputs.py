@@ -6,7 +6,6 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Final
 
-from rwa_monitor import SOFTWARE
 from rwa_monitor.live.core import (
     ChannelMissing,
     EpochStarted,
@@ -26,6 +25,7 @@ from rwa_monitor.messages import (
     key_of,
 )
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND
+from rwa_monitor.version import SOFTWARE
 
 CARRIED_KIND: Final = "carried"
 CARRIED_SCHEMA: Final = "rwa.Carried"

@@ -27,10 +27,10 @@ from typing import IO, Any, Final, Self, cast
 
 from mcap.writer import CompressionType, Writer
 
-from rwa_monitor import SOFTWARE
 from rwa_monitor.errors import InputError
 from rwa_monitor.live.recording import CHANNELS_ATTACHMENT, RECORDING_SUFFIX, file_sha256
 from rwa_monitor.messages import MAX_MESSAGE_BYTES, MESSAGES, dump_json
+from rwa_monitor.version import SOFTWARE
 
 PROFILE: Final = "rwa-monitor"
 RECORDING_VERSION: Final = 1

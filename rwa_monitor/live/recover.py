@@ -9,11 +9,11 @@ from typing import Final
 
 from mcap.writer import CompressionType, Writer
 
-from rwa_monitor import SOFTWARE
 from rwa_monitor.errors import InputError
 from rwa_monitor.live.recorder import CHUNK_BYTES, PROFILE
 from rwa_monitor.live.recording import CHANNELS_ATTACHMENT, Recording, read_recording
 from rwa_monitor.messages import MESSAGES, dump_json
+from rwa_monitor.version import SOFTWARE
 
 RECOVERED_ATTACHMENT: Final = "recovered.json"
 

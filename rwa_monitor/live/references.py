@@ -22,7 +22,6 @@ from typing import Any, Final
 
 import numpy as np
 
-from rwa_monitor import SOFTWARE
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.live.bus import Inbox
 from rwa_monitor.live.recorder import Recorder
@@ -33,6 +32,7 @@ from rwa_monitor.physics.scenario import Scenario
 from rwa_monitor.physics.telemetry import simulate
 from rwa_monitor.physics.wheel import Wheel, built_in_wheel
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, Samples
+from rwa_monitor.version import SOFTWARE
 
 WINDOW_SLOTS: Final = 4_000
 BATCH: Final = 200  # samples of a message

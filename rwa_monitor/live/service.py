@@ -23,7 +23,6 @@ from typing import Any, Final, Protocol
 
 import zenoh
 
-from rwa_monitor import SOFTWARE
 from rwa_monitor.diagnosis.model import Model
 from rwa_monitor.diagnosis.results import Method
 from rwa_monitor.errors import InputError
@@ -38,6 +37,7 @@ from rwa_monitor.live.searches import Searches
 from rwa_monitor.live.warm_up import warm_up
 from rwa_monitor.messages import Diagnosis, Health, Message, SamplesMessage, Status, split_key
 from rwa_monitor.physics.wheel import Wheel, built_in_wheel
+from rwa_monitor.version import SOFTWARE
 
 IDLE_WAIT_S: Final = 0.1  # how long to wait for a message before looking at the clock again
 TICK_S: Final = 0.05  # between two looks at what is due while messages flow

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from rwa_monitor.cli.talk import say
 from rwa_monitor.diagnosis.model import Model
 from rwa_monitor.errors import InputError
 from rwa_monitor.formats.files import decode_utf8, display_name
@@ -60,17 +59,20 @@ class TelemetryFile:
     wheel, model
         What a recording carries; None for a table.
     problems
-        What of the file could not be read.
+        What of the file could not be read, a sentence each.
+    notes
+        What was read and left out on purpose, a sentence each.
     """
 
     telemetry: Sequence[WheelTelemetry]
     wheel: Wheel | None = None
     model: Model | None = None
     problems: Sequence[str] = ()
+    notes: Sequence[str] = ()
 
 
 def read_telemetry(path: Path) -> TelemetryFile:
-    """Read a CSV, Parquet or MCAP file whole; what is left out of it is said on stderr.
+    """Read a CSV, Parquet or MCAP file whole.
 
     Raises
     ------
@@ -81,25 +83,27 @@ def read_telemetry(path: Path) -> TelemetryFile:
     if file_format(path) == "mcap":
         return _read_mcap(path, source)
     table = read_table(path)
-    if table.ignored_columns:
-        say(f"{source}: columns ignored: {', '.join(table.ignored_columns)}")
-    return TelemetryFile([WheelTelemetry(source, "", None, [SampleBatch(table.samples)])])
+    ignored = table.ignored_columns
+    notes = [f"{source}: columns ignored: {', '.join(ignored)}"] if ignored else []
+    return TelemetryFile([WheelTelemetry(source, "", None, [SampleBatch(table.samples)])], notes=notes)
 
 
 def _read_mcap(path: Path, source: str) -> TelemetryFile:
     """Read a recording: the samples, and the wheel and model that it carries if it is one of ours."""
     recording = read_recording(path)
     wheel, model = (recording.attachments.get(name) for name in ("wheel.toml", "model.json"))
+    telemetry, notes = _recorded(recording, source)
     return TelemetryFile(
-        _recorded(recording, source),
+        telemetry,
         Wheel.from_toml(decode_utf8(wheel, path), f"{source}: wheel.toml") if wheel else None,
         Model.from_json(model, f"{source}: model.json") if model else None,
-        recording.problems,
+        [f"{source}: {problem}" for problem in recording.problems],
+        notes,
     )
 
 
-def _recorded(recording: Recording, source: str) -> list[WheelTelemetry]:
-    """Return the samples of a recording, wheel by wheel; a message that is refused here was refused on the bus too."""
+def _recorded(recording: Recording, source: str) -> tuple[list[WheelTelemetry], list[str]]:
+    """Return the samples of a recording, wheel by wheel, and a note on messages refused: the bus refused them too."""
     wheels: dict[str, list[SampleBatch]] = {}
     refused: list[InputError] = []
     for message in recording.messages:
@@ -112,12 +116,11 @@ def _recorded(recording: Recording, source: str) -> list[WheelTelemetry]:
             refused.append(error)
             continue
         batches.append(SampleBatch(parsed.samples(), parsed.publisher, parsed.batch))
-    if refused:
-        say(f"{source}: {len(refused)} messages refused, the first: {refused[0]}")
+    notes = [f"{source}: {len(refused)} messages refused, the first: {refused[0]}"] if refused else []
     found = [_of_topic(source, topic, batches) for topic, batches in sorted(wheels.items()) if batches]
     if not found:
         raise InputError(source, f"holds no messages {SamplesMessage.schema_name()}")
-    return found
+    return found, notes
 
 
 def _of_topic(source: str, topic: str, batches: list[SampleBatch]) -> WheelTelemetry:
@@ -128,17 +131,14 @@ def _of_topic(source: str, topic: str, batches: list[SampleBatch]) -> WheelTelem
     return WheelTelemetry(source, parts[1], parts[2], batches)
 
 
-def read_samples(path: Path) -> tuple[Samples, Wheel | None]:
-    """Read a file of one wheel whole; return its samples and, where the file carries one, its wheel.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be used, or holds several wheels.
-    """
-    content = read_telemetry(path)
-    for problem in content.problems:
-        say(f"{path}: {problem}")
+def only_wheel(content: TelemetryFile, source: str) -> WheelTelemetry:
+    """Return the telemetry of a file that must hold one wheel; raises InputError where it holds several."""
     if len(content.telemetry) != 1:
-        raise InputError(display_name(path), f"holds {len(content.telemetry)} wheels; one is wanted")
-    return concatenate([batch.samples for batch in content.telemetry[0].batches]), content.wheel
+        wheels = ", ".join(f"{entry.spacecraft}/{entry.wheel}" for entry in content.telemetry)
+        raise InputError(source, f"holds {len(content.telemetry)} wheels ({wheels}); one is wanted")
+    return content.telemetry[0]
+
+
+def joined(telemetry: WheelTelemetry) -> Samples:
+    """Return all samples of a wheel as one table, in the order in which they came."""
+    return concatenate([batch.samples for batch in telemetry.batches])

@@ -1,0 +1,299 @@
+"""The public Python interface: what `import rwa_monitor` offers beside the command, in the order of the flow.
+
+```python
+import rwa_monitor as rwa
+
+wheel = rwa.read_wheel("wheel.toml")
+samples = rwa.read("today.csv")
+for diagnosis in rwa.diagnose(samples, wheel):
+    print(diagnosis.verdict, diagnosis.reason)
+```
+
+Everything here is thin: it reads files and calls the pure rooms, as the commands do. What it returns are the plain
+values of those rooms and the messages of the bus, so that a script, the command line and the bus say the same.
+"""
+
+from __future__ import annotations
+
+import os
+import warnings
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from rwa_monitor.diagnosis.model import Model, built_in_model
+from rwa_monitor.diagnosis.state import CarriedState
+from rwa_monitor.discrepancy.find import Search, extended_wheel
+from rwa_monitor.discrepancy.find import find_discrepancy as search_recordings
+from rwa_monitor.errors import InputError
+from rwa_monitor.formats.files import display_name
+from rwa_monitor.formats.scenario_file import read_scenario
+from rwa_monitor.formats.wheel_file import read_wheel as read_wheel_file
+from rwa_monitor.live.core import Event, WheelCore, WindowDiagnosed
+from rwa_monitor.live.telemetry_files import joined, only_wheel, read_telemetry
+from rwa_monitor.messages import Diagnosis, diagnosis_message
+from rwa_monitor.physics.scenario import Scenario
+from rwa_monitor.physics.telemetry import Telemetry
+from rwa_monitor.physics.telemetry import simulate as simulate_telemetry
+from rwa_monitor.physics.wheel import Wheel, built_in_wheel
+from rwa_monitor.samples import Samples
+from rwa_monitor.version import SOFTWARE
+
+__all__ = [
+    "Diagnosis",
+    "Monitor",
+    "Samples",
+    "Scenario",
+    "Search",
+    "Telemetry",
+    "Wheel",
+    "diagnose",
+    "extended_wheel",
+    "find_discrepancy",
+    "read",
+    "read_wheel",
+    "simulate",
+]
+
+PathLike = str | os.PathLike[str]
+Method = Literal["joint", "paper"]
+
+
+# ---- in --------------------------------------------------------------------------------------------------------------
+
+
+def read(path: PathLike) -> Samples:
+    """Read the telemetry of one wheel: CSV, Parquet or MCAP.
+
+    Parameters
+    ----------
+    path
+        A sample table, or a recording that holds one wheel.
+
+    Returns
+    -------
+    Samples
+        Struct of arrays of shape (n,): int64 time [ns], float64 channels in SI units, NaN where nothing was measured.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be used (says where and why), or holds several wheels.
+
+    Warns
+    -----
+    UserWarning
+        Of columns that are ignored, and of bytes of a recording that could not be read.
+    """
+    file = Path(path)
+    content = read_telemetry(file)
+    for note in (*content.problems, *content.notes):
+        warnings.warn(note, stacklevel=2)
+    return joined(only_wheel(content, display_name(file)))
+
+
+def read_wheel(path: PathLike | None = None) -> Wheel:
+    """Read a wheel file (wheel.toml); None gives the built-in wheel of the paper's examples.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read or says something that no wheel can have.
+    """
+    return read_wheel_file(None if path is None else Path(path))
+
+
+def simulate(
+    scenario: Scenario | PathLike | None = None, wheel: Wheel | None = None, *, seed: int | np.random.Generator = 0
+) -> Telemetry:
+    """Simulate a wheel's telemetry together with its whole truth.
+
+    Parameters
+    ----------
+    scenario
+        What happens to the wheel, or the file that says so; None: 10,000 s of a healthy wheel in orbit.
+    wheel
+        What the wheel is; None: the built-in one.
+    seed
+        Seed or generator; the same seed gives the same bytes.
+
+    Returns
+    -------
+    Telemetry
+        `samples` as `read` returns them, and `truth`: jumps, configurations, components, noise.
+
+    Raises
+    ------
+    InputError
+        If the scenario does not fit the wheel.
+    """
+    scene = scenario if isinstance(scenario, Scenario) else read_scenario(None if scenario is None else Path(scenario))
+    return simulate_telemetry(scene, wheel or built_in_wheel(), np.random.default_rng(seed))
+
+
+# ---- diagnosis -------------------------------------------------------------------------------------------------------
+
+
+class Monitor:
+    """The live monitor of one wheel without a bus: samples in, diagnoses out, in whatever cut the samples come.
+
+    Parameters
+    ----------
+    wheel
+        Its constants; None: the built-in wheel.
+    model
+        What nominal and anomalous friction look like; None: the built-in model.
+    method
+        "joint", or "paper" for the method of the paper.
+    spacecraft, name
+        How the diagnoses name the wheel; `name` None: as the wheel file does.
+    source
+        What the diagnoses give as `source`, as `diagnose` gives the file; None: nothing.
+    carried
+        What earlier windows of this wheel told, from another monitor's `carried`; None: nothing.
+
+    Raises
+    ------
+    InputError
+        If the wheel cannot be monitored: its windows overlap too often, or an effect of its cannot be built.
+    """
+
+    def __init__(
+        self,
+        wheel: Wheel | None = None,
+        model: Model | None = None,
+        *,
+        method: Method = "joint",
+        spacecraft: str = "",
+        name: str | None = None,
+        source: str | None = None,
+        carried: CarriedState | None = None,
+    ) -> None:
+        self.wheel = wheel or built_in_wheel()
+        self.spacecraft = spacecraft
+        self.name = name or self.wheel.name
+        self.source = source
+        self._core = WheelCore(self.wheel, model or built_in_model(), method=method, carried=carried)
+
+    def feed(self, samples: Samples, publisher: str = "", batch: int | None = None) -> list[Diagnosis]:
+        """Take samples, and return the diagnoses of the windows that they closed.
+
+        Parameters
+        ----------
+        samples
+            Any number, in order of time; late and double ones are counted and left out.
+        publisher, batch
+            Who sent them and as which message, where that is known: gaps are then seen.
+
+        Raises
+        ------
+        InputError
+            If friction is neither given nor can be derived from current and the wheel's constants.
+        """
+        return self._said(self._core.feed(samples, publisher, batch))
+
+    def finish(self) -> list[Diagnosis]:
+        """Return the diagnosis of the open window, marked partial: nothing more will come."""
+        return self._said(self._core.finish())
+
+    @property
+    def carried(self) -> CarriedState:
+        """What the windows so far tell about the wheel; the next monitor of this wheel may begin with it."""
+        return self._core.carried
+
+    @property
+    def counts(self) -> Mapping[str, int]:
+        """What became of every sample: received = used + masked + late + duplicate + rejected + queued."""
+        return asdict(self._core.counts)
+
+    def _said(self, events: Sequence[Event]) -> list[Diagnosis]:
+        return [
+            diagnosis_message(
+                event.diagnosis,
+                spacecraft=self.spacecraft,
+                wheel=self.name,
+                window_start_ns=event.start_ns,
+                window_end_ns=event.end_ns,
+                period_ns=event.period_ns,
+                partial=event.partial,
+                software=SOFTWARE,
+                source=self.source,
+            )
+            for event in events
+            if isinstance(event, WindowDiagnosed)
+        ]
+
+
+def diagnose(
+    samples: Samples,
+    wheel: Wheel | None = None,
+    model: Model | None = None,
+    *,
+    method: Method = "joint",
+    carried: CarriedState | None = None,
+) -> list[Diagnosis]:
+    """Diagnose a whole table, window by window; the same bytes as the live monitor's and the command's.
+
+    Parameters
+    ----------
+    samples
+        The table, n samples.
+    wheel, model, method, carried
+        As for `Monitor`.
+
+    Returns
+    -------
+    list of Diagnosis
+        One for each window, the last one perhaps partial. The fields are those of the bus; `to_json()` gives the line
+        of `diagnose --json`.
+
+    Raises
+    ------
+    InputError
+        If friction is neither given nor can be derived.
+    """
+    monitor = Monitor(wheel, model, method=method, carried=carried)
+    return [*monitor.feed(samples), *monitor.finish()]
+
+
+# ---- what the simulation gets wrong ----------------------------------------------------------------------------------
+
+
+def find_discrepancy(
+    recordings: Samples | Sequence[Samples] | Mapping[str, Samples],
+    wheel: Wheel | None = None,
+    *,
+    progress: Callable[[str], None] = lambda _: None,
+) -> Search:
+    """Find what the simulation of a wheel gets wrong, name the cause, extend the model and measure the gain.
+
+    Parameters
+    ----------
+    recordings
+        One recording, or several of one wheel for one joint answer; with names for the messages where it is a mapping.
+    wheel
+        The simulation: constants, nominal friction, effects known already. None: the built-in wheel.
+    progress
+        Called with a word on each step.
+
+    Returns
+    -------
+    Search
+        `.result` is the answer and `.result.to_json()` the report of the command; `extended_wheel(search)` is the wheel
+        with what was found, for `diagnose`, `simulate` and, as a file, for every command.
+
+    Raises
+    ------
+    InputError
+        If a recording cannot be used: no friction, too few samples in motion, wrong units.
+    """
+    if isinstance(recordings, Samples):
+        recordings = [recordings]
+    if not isinstance(recordings, Mapping):
+        recordings = {f"recording {number}": samples for number, samples in enumerate(recordings, start=1)}
+    if not recordings:
+        raise InputError("recordings", "none given; one is needed")
+    return search_recordings(list(recordings.items()), wheel or built_in_wheel(), progress)

@@ -1,0 +1,57 @@
+"""Recordings of one wheel, as the commands read them: what is left out is said, what could not be read counts."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rwa_monitor.cli.talk import say
+
+if TYPE_CHECKING:
+    from rwa_monitor.physics.wheel import Wheel
+    from rwa_monitor.samples import Samples
+
+
+@dataclass(frozen=True, slots=True)
+class WheelRecordings:
+    """Recordings of one wheel.
+
+    Attributes
+    ----------
+    samples
+        Name and samples of each file.
+    wheel
+        The first wheel that a file carries; None where none does.
+    unreadable
+        Whether bytes of a file could not be read.
+    """
+
+    samples: Sequence[tuple[str, Samples]]
+    wheel: Wheel | None
+    unreadable: bool
+
+
+def read_recordings(files: Sequence[Path]) -> WheelRecordings:
+    """Read files that are recordings of one wheel.
+
+    Raises
+    ------
+    InputError
+        If a file cannot be used, or holds several wheels.
+    """
+    from rwa_monitor.formats.files import display_name
+    from rwa_monitor.live.telemetry_files import joined, only_wheel, read_telemetry
+
+    found: list[tuple[str, Samples]] = []
+    wheel: Wheel | None = None
+    unreadable = False
+    for file in files:
+        content = read_telemetry(file)
+        for note in (*content.problems, *content.notes):
+            say(note)
+        unreadable |= bool(content.problems)
+        wheel = wheel or content.wheel
+        found.append((str(file), joined(only_wheel(content, display_name(file)))))
+    return WheelRecordings(found, wheel, unreadable)

@@ -1,0 +1,154 @@
+"""The main pictures, as matplotlib figures: `rwa_monitor.plot.window(samples, diagnosis).savefig("window.png")`.
+
+Figures are made without a display and without pyplot: nothing is shown, nothing global is touched, and a notebook shows
+what it is given. Colours are apart for colour-blind eyes, and no picture relies on colour alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from rwa_monitor.discrepancy.figures import ladder_picture as ladder
+from rwa_monitor.discrepancy.figures import overlay as discrepancy
+from rwa_monitor.errors import InputError
+from rwa_monitor.live.friction import source_of
+from rwa_monitor.messages import Diagnosis
+from rwa_monitor.physics.torque_balance import derive_friction, torque_constant_of
+from rwa_monitor.physics.wheel import Wheel, built_in_wheel
+from rwa_monitor.samples import NANOSECONDS_PER_SECOND, FloatArray, Samples
+
+__all__ = ["discrepancy", "ladder", "trend", "window"]
+
+SECONDS_PER_MINUTE: Final = 60.0
+MILLI: Final = 1e3  # N m to mN m
+MAX_DOTS: Final = 4_000  # of the measured friction in a picture; a screen shows no more
+COLOURS: Final = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00")  # Okabe and Ito, of the switching systems
+NOT_OF_A_SYSTEM: Final = "#555555"
+GROUND: Final = "0.6"
+
+
+# ---- one window ------------------------------------------------------------------------------------------------------
+
+
+def window(samples: Samples, diagnosis: Diagnosis, wheel: Wheel | None = None) -> Figure:
+    """Draw one window as the diagnosis sees it: speed; friction with its jumps; what each switching system did.
+
+    Parameters
+    ----------
+    samples
+        Telemetry that covers the window, n samples; more may be in it.
+    diagnosis
+        Of that window.
+    wheel
+        The wheel it was diagnosed with, for friction that is derived from current; None: the built-in wheel.
+
+    Raises
+    ------
+    InputError
+        If no sample lies in the window, or friction is neither given nor can be derived.
+    """
+    friction_Nm = _friction(samples, wheel or built_in_wheel())
+    inside = (samples.time_ns >= diagnosis.window_start_ns) & (samples.time_ns < diagnosis.window_end_ns)
+    if not inside.any():
+        raise InputError("samples", f"none lies in the window that begins at {diagnosis.window_start_ns} ns")
+    minutes = _minutes(samples.time_ns[inside], diagnosis)
+    speed_rad_s = samples.speed_rad_s[inside]
+    every = max(speed_rad_s.size // MAX_DOTS, 1)
+    colours = dict(zip(diagnosis.friction.fss, COLOURS, strict=False))
+
+    figure = Figure(figsize=(9.0, 4.2), layout="constrained")
+    top, middle, bottom = figure.subplots(3, 1, sharex=True, height_ratios=(1, 2, 1.4))
+    top.plot(minutes[::every], speed_rad_s[::every], lw=0.8, color="0.4")
+    top.set(ylabel="speed\n[rad/s]", title=f"{diagnosis.verdict}: {diagnosis.reason.split(' (')[0]}")
+    top.title.set_fontsize(9)
+    dry = _without_viscous(friction_Nm[inside], speed_rad_s, diagnosis)
+    middle.plot(minutes[::every], MILLI * dry[::every], ".", ms=1.0, color=GROUND)
+    middle.set_ylabel("friction less\nviscous [mN m]")
+    for jump in diagnosis.changepoints:
+        middle.axvline(
+            float(_minutes(np.array([jump.time_ns]), diagnosis)[0]),
+            lw=0.8,
+            color=colours.get(jump.fss, NOT_OF_A_SYSTEM),
+            ls="-" if jump.fss in colours else ":",
+        )
+    _draw_systems(bottom, diagnosis, colours)
+    bottom.set(ylabel="of the systems\n[mN m]", xlabel="time in the window [min]")
+    return figure
+
+
+def _friction(samples: Samples, wheel: Wheel) -> FloatArray:
+    """Return the friction torque of samples [N m], derived where it is not given; around gaps only roughly then."""
+    source = source_of(samples, wheel)
+    given: FloatArray = getattr(samples, source)
+    if source == "friction_torque_Nm":
+        return given
+    motor_torque_Nm = torque_constant_of(wheel) * given if source == "motor_current_A" else given
+    return derive_friction(samples.speed_rad_s, motor_torque_Nm, wheel)
+
+
+def _minutes(time_ns: np.ndarray[tuple[int], np.dtype[np.int64]], diagnosis: Diagnosis) -> FloatArray:
+    return (time_ns - diagnosis.window_start_ns) / (NANOSECONDS_PER_SECOND * SECONDS_PER_MINUTE)
+
+
+def _without_viscous(friction_Nm: FloatArray, speed_rad_s: FloatArray, diagnosis: Diagnosis) -> FloatArray:
+    """Return friction along the motion without its viscous part [N m], NaN where the wheel stands."""
+    viscous = diagnosis.friction.viscous.value or 0.0
+    direction = np.sign(speed_rad_s)
+    dry = direction * (friction_Nm - viscous * speed_rad_s)
+    return np.where(direction == 0, np.nan, dry)
+
+
+def _draw_systems(axis: Axes, diagnosis: Diagnosis, colours: dict[str, str]) -> None:
+    """Draw the friction of each system as steps, with the nominal bound of those that are anomalous."""
+    end = (diagnosis.window_end_ns - diagnosis.window_start_ns) / (NANOSECONDS_PER_SECOND * SECONDS_PER_MINUTE)
+    a_slot = end / diagnosis.samples
+    for name, system in diagnosis.friction.fss.items():
+        at = [a_slot * index for index in system.start_index]
+        torque = [MILLI * value for value in system.friction_Nm]
+        if at:
+            axis.step([*at, end], [*torque, torque[-1]], where="post", color=colours.get(name), label=name)
+        anomaly = diagnosis.anomalies.get(name)
+        if anomaly is not None and anomaly.active and anomaly.nominal_high is not None:
+            bound = MILLI * anomaly.nominal_high
+            axis.axhline(bound, ls=":", lw=0.9, color=colours.get(name), label=f"nominal bound of {name}")
+    if axis.get_legend_handles_labels()[0]:
+        axis.legend(fontsize=7, loc="upper right")
+
+
+# ---- many windows ----------------------------------------------------------------------------------------------------
+
+
+def trend(diagnoses: Sequence[Diagnosis]) -> Figure:
+    """Draw base dry and viscous friction of a wheel over its windows, with two standard deviations and nominal range.
+
+    Raises
+    ------
+    InputError
+        If there is no diagnosis.
+    """
+    if not diagnoses:
+        raise InputError("diagnoses", "none given; one window is needed")
+    first_ns = diagnoses[0].window_start_ns
+    hours = np.array([(d.window_end_ns - first_ns) / NANOSECONDS_PER_SECOND / 3600.0 for d in diagnoses])
+    figure = Figure(figsize=(9.0, 4.2), layout="constrained")
+    axes = figure.subplots(2, 1, sharex=True)
+    for axis, name, label in zip(axes, ("dry", "viscous"), ("base dry", "viscous"), strict=True):
+        quantities = [d.friction.base_dry if name == "dry" else d.friction.viscous for d in diagnoses]
+        values = np.array([np.nan if q.value is None else q.value for q in quantities])
+        std = np.array([np.nan if q.std is None else q.std for q in quantities])
+        axis.errorbar(hours, values, 2.0 * std, fmt="o", ms=3, lw=1, color=COLOURS[0], label="estimate, ± 2 std")
+        flagged = np.array([d.anomalies[name].active for d in diagnoses])
+        axis.plot(hours[flagged], values[flagged], "D", ms=7, mfc="none", color=COLOURS[1], label="anomalous")
+        low, high = diagnoses[-1].anomalies[name].nominal_low, diagnoses[-1].anomalies[name].nominal_high
+        if low is not None and high is not None:
+            axis.axhspan(low, high, color=COLOURS[2], alpha=0.15, label="nominal range")
+        axis.set_ylabel(f"{label}\n[{quantities[0].unit}]")
+        axis.grid(alpha=0.25)
+    axes[0].legend(fontsize=7, loc="best")
+    axes[1].set_xlabel("time since the first window began [h]")
+    return figure

@@ -1,0 +1,119 @@
+"""The public interface says the same as the command, and no more than it promises."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import rwa_monitor as rwa
+from rwa_monitor import api
+from rwa_monitor.errors import InputError
+from rwa_monitor.formats.csv_table import write_csv
+from rwa_monitor.physics.wheel import Window
+
+SEED = 21
+
+
+@pytest.fixture(scope="module")
+def wheel() -> rwa.Wheel:
+    return rwa.read_wheel().model_copy(update={"window": Window(samples=6000, hop=6000)})
+
+
+@pytest.fixture(scope="module")
+def telemetry(wheel: rwa.Wheel) -> rwa.Telemetry:
+    return rwa.simulate(rwa.Scenario(duration_s=1600.0), wheel, seed=SEED)
+
+
+def test_the_package_offers_what_the_interface_lists() -> None:
+    assert set(rwa.__all__) == {*api.__all__, "plot", "__version__"}
+    for name in rwa.__all__:
+        assert getattr(rwa, name) is not None
+    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
+        _ = rwa.nothing
+
+
+def test_importing_the_package_imports_nothing_heavy() -> None:
+    code = "import sys, rwa_monitor; print([m for m in ('numpy', 'numba', 'sklearn', 'zenoh') if m in sys.modules])"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.strip() == "[]"
+
+
+def test_the_same_seed_gives_the_same_bytes(wheel: rwa.Wheel, telemetry: rwa.Telemetry) -> None:
+    again = rwa.simulate(rwa.Scenario(duration_s=1600.0), wheel, seed=np.random.default_rng(SEED))
+    for (name, values), (_, repeated) in zip(telemetry.samples.channels(), again.samples.channels(), strict=True):
+        assert values.tobytes() == repeated.tobytes(), name
+
+
+def test_diagnose_monitor_and_command_say_the_same(wheel: rwa.Wheel, telemetry: rwa.Telemetry, tmp_path: Path) -> None:
+    table, wheel_file = tmp_path / "today.csv", tmp_path / "wheel.toml"
+    write_csv(telemetry.samples, table)
+    wheel_file.write_text(wheel.to_toml())
+    samples = rwa.read(table)
+
+    whole = rwa.diagnose(samples, wheel)
+    assert [d.partial for d in whole] == [False, False, True]
+    monitor = rwa.Monitor(wheel)
+    cuts = [0, 1, 2500, 6001, 12050, len(samples)]
+    parts = [d for a, b in pairwise(cuts) for d in monitor.feed(samples[a:b])] + monitor.finish()
+    assert [d.to_json() for d in parts] == [d.to_json() for d in whole]
+    assert monitor.counts["received"] == monitor.counts["used"] == len(samples)
+
+    command = [sys.executable, "-m", "rwa_monitor.cli", "diagnose", str(table), "--wheel", str(wheel_file), "--json"]
+    done = subprocess.run(command, capture_output=True, text=True, check=True)
+    said = [json.loads(line) for line in done.stdout.splitlines()]
+    for message in said:
+        assert message.pop("source") == str(table)
+    assert said == [json.loads(d.to_json()) for d in whole]
+
+
+def test_a_monitor_carries_on_what_another_learned(wheel: rwa.Wheel, telemetry: rwa.Telemetry) -> None:
+    first = rwa.Monitor(wheel)
+    first.feed(telemetry.samples[:6050])
+    assert first.carried.sha256() != rwa.Monitor(wheel).carried.sha256()
+    (after, *_) = rwa.diagnose(telemetry.samples[6000:], wheel, carried=first.carried)
+    assert after.provenance.prior_sha256 != rwa.diagnose(telemetry.samples[6000:], wheel)[0].provenance.prior_sha256
+
+
+def test_a_hidden_effect_is_found_and_the_extended_wheel_has_it(wheel: rwa.Wheel) -> None:
+    hidden = rwa.Scenario.from_toml(
+        """
+        [scenario]
+        duration_s = 1500.0
+        [speed]
+        kind = "rich"
+        [[effect]]
+        name = "stribeck"
+        parameters = { strength_Nm = 5.0e-4, stribeck_speed_rad_s = 8.0 }
+        """,
+        "hidden",
+    )
+    search = rwa.find_discrepancy(rwa.simulate(hidden, wheel, seed=3).samples, wheel)
+    assert search.result.verdict == "inadequate"
+    assert search.result.effects[0].name == "stribeck"
+    extended = rwa.extended_wheel(search)
+    assert [block.name for block in extended.effect] == ["stribeck"]
+    assert rwa.find_discrepancy({"again": rwa.simulate(hidden, wheel, seed=4).samples}, extended).result.effects == ()
+
+
+def test_reading_warns_of_columns_left_out(tmp_path: Path) -> None:
+    table = tmp_path / "odd.csv"
+    table.write_text("time_s,speed_rad_s,friction_torque_Nm,colour\n0,100,0.002,1\n0.125,100,0.002,2\n")
+    with pytest.warns(UserWarning, match="colour"):
+        samples = rwa.read(table)
+    assert len(samples) == 2
+
+
+def test_what_cannot_be_used_is_refused_with_its_place(wheel: rwa.Wheel, tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"absent\.csv"):
+        rwa.read(tmp_path / "absent.csv")
+    with pytest.raises(InputError, match="none given"):
+        rwa.find_discrepancy([], wheel)
+    speed_only = rwa.Samples(np.arange(3), np.ones(3))
+    with pytest.raises(InputError, match="friction_torque_Nm is missing"):
+        rwa.diagnose(speed_only, wheel)
