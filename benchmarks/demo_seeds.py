@@ -17,7 +17,8 @@ from rwa_monitor.cli.demo_hidden import same
 from rwa_monitor.cli.demo_story import WINDOW_SECONDS, Story, samples_key, tell
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.discrepancy.find import find_discrepancy
-from rwa_monitor.live.core import WindowDiagnosed, diagnose_samples
+from rwa_monitor.live.core import diagnose_samples
+from rwa_monitor.live.events import WindowDiagnosed
 from rwa_monitor.live.searches import PATIENCE
 from rwa_monitor.samples import Samples
 

@@ -32,7 +32,8 @@ from rwa_monitor.errors import InputError
 from rwa_monitor.formats.files import display_name
 from rwa_monitor.formats.scenario_file import read_scenario
 from rwa_monitor.formats.wheel_file import read_wheel as read_wheel_file
-from rwa_monitor.live.core import Event, WheelCore, WindowDiagnosed
+from rwa_monitor.live.core import WheelCore
+from rwa_monitor.live.events import Event, WindowDiagnosed
 from rwa_monitor.live.telemetry_files import joined, only_wheel, read_telemetry
 from rwa_monitor.messages import Diagnosis, diagnosis_message
 from rwa_monitor.physics.scenario import Scenario

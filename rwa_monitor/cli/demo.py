@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     from rwa_monitor.cli.demo_story import Story
     from rwa_monitor.cli.demo_view import DemoView
-    from rwa_monitor.live.service import RunOptions
+    from rwa_monitor.live.run_options import RunOptions
 
 DEFAULT_DURATION_S: Final = 90.0
 MAX_DURATION_S: Final = 3600.0  # an hour simulates half a month of four wheels; it is all made before it begins
@@ -75,7 +75,8 @@ def command(duration: float, no_browser: bool, port: int | None, seed: int, reco
     from rwa_monitor.diagnosis.model import built_in_model
     from rwa_monitor.live.bus import BusOptions, open_session
     from rwa_monitor.live.publisher import publish
-    from rwa_monitor.live.service import RunOptions, run
+    from rwa_monitor.live.run_options import RunOptions
+    from rwa_monitor.live.service import run
 
     # A new satellite each time: what the folder holds of the last one is not carried over to this one's healthy wheels.
     spacecraft = time.strftime("demo-%Y%m%dT%H%M%S", time.gmtime())

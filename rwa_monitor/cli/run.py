@@ -52,7 +52,8 @@ def command(
     from rwa_monitor.cli.signals import stop_on_signals
     from rwa_monitor.formats.model_file import read_model
     from rwa_monitor.formats.wheel_file import read_wheel
-    from rwa_monitor.live.service import RunOptions, run
+    from rwa_monitor.live.run_options import RunOptions
+    from rwa_monitor.live.service import run
 
     wheel = read_wheel(wheel_file)
     for note in wheel.missing():

@@ -19,7 +19,6 @@ from rwa_monitor.diagnosis.model import Model
 from rwa_monitor.diagnosis.results import Method
 from rwa_monitor.diagnosis.state import CarriedState
 from rwa_monitor.diagnosis.window import diagnose_window
-from rwa_monitor.diagnosis.window_diagnosis import WindowDiagnosis
 from rwa_monitor.errors import InputError
 from rwa_monitor.live.checkpoint import (
     Checkpoint,
@@ -30,108 +29,15 @@ from rwa_monitor.live.checkpoint import (
     SlotsState,
     WindowsState,
 )
+from rwa_monitor.live.events import ChannelMissing, EpochStarted, Event, ProvisionalChangepoint, WindowDiagnosed
 from rwa_monitor.live.friction import BLOCK_SLOTS, FrictionSource, Source, source_of
-from rwa_monitor.live.order_guard import (
-    PIECE_SLOTS,
-    Batch,
-    Counts,
-    MessagesMissed,
-    OrderGuard,
-    PublisherChanged,
-    PublisherConflict,
-    Sequencer,
-)
+from rwa_monitor.live.order_guard import PIECE_SLOTS, Batch, Counts, OrderGuard, Sequencer
 from rwa_monitor.live.ring_buffer import RingBuffer
 from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import FloatArray, IntArray, Samples
 from rwa_monitor.slots import SlotGrid
 
 MAX_OPEN_WINDOWS: Final = 64  # windows that may overlap; a smaller hop would cost memory without telling more
-
-
-# ---- events ----------------------------------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True, slots=True)
-class EpochStarted:
-    """The slot grid begins anew: the wheel's first sample, or a clock step of more than a window.
-
-    Attributes
-    ----------
-    origin_ns
-        Time of slot 0.
-    step_ns
-        By how much the clock stepped; 0 at the first sample.
-    """
-
-    origin_ns: int
-    step_ns: int
-
-
-@dataclass(frozen=True, slots=True)
-class ProvisionalChangepoint:
-    """A jump of friction, as soon as it is confirmed; the window's diagnosis has the last word on it.
-
-    Attributes
-    ----------
-    window_start_ns
-        Of the window it lies in.
-    index, time_ns
-        First slot of the new level, within the window, and its time.
-    jump_Nm, std_Nm
-        Size, positive up, and its standard deviation.
-    confidence
-        Probability that noise alone has no such jump in a whole window.
-    """
-
-    window_start_ns: int
-    index: int
-    time_ns: int
-    jump_Nm: float
-    std_Nm: float
-    confidence: float
-
-
-@dataclass(frozen=True, slots=True)
-class WindowDiagnosed:
-    """A window was closed and diagnosed.
-
-    Attributes
-    ----------
-    start_ns, end_ns, period_ns
-        The window is [start, end): `end_ns` is the time of the first slot after it.
-    partial
-        True where samples or an epoch ended before the window was full.
-    diagnosis
-        What it says.
-    carried
-        The wheel's state after it.
-    """
-
-    start_ns: int
-    end_ns: int
-    period_ns: int
-    partial: bool
-    diagnosis: WindowDiagnosis
-    carried: CarriedState
-
-
-@dataclass(frozen=True, slots=True)
-class ChannelMissing:
-    """A message lacks the channel that this wheel's friction comes from; its samples are masked."""
-
-    channel: str
-
-
-Event = (
-    EpochStarted
-    | ProvisionalChangepoint
-    | WindowDiagnosed
-    | ChannelMissing
-    | PublisherChanged
-    | PublisherConflict
-    | MessagesMissed
-)
 
 
 # ---- the core --------------------------------------------------------------------------------------------------------

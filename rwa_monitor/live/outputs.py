@@ -6,13 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Final
 
-from rwa_monitor.live.core import (
-    ChannelMissing,
-    EpochStarted,
-    Event,
-    ProvisionalChangepoint,
-    WindowDiagnosed,
-)
+from rwa_monitor.live.events import ChannelMissing, EpochStarted, Event, ProvisionalChangepoint, WindowDiagnosed
 from rwa_monitor.live.order_guard import MessagesMissed, PublisherChanged, PublisherConflict
 from rwa_monitor.messages import (
     Changepoints,

@@ -24,9 +24,11 @@ import numpy as np
 
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.live.bus import Inbox
+from rwa_monitor.live.monitor import Clock, Monitor
+from rwa_monitor.live.past import read_past
 from rwa_monitor.live.recorder import Recorder
 from rwa_monitor.live.recording import read_recording, recordings_of
-from rwa_monitor.live.service import Clock, Monitor, RunOptions, read_past
+from rwa_monitor.live.run_options import RunOptions
 from rwa_monitor.messages import Diagnosis, Message, SamplesMessage, Status, samples_json
 from rwa_monitor.physics.scenario import Scenario
 from rwa_monitor.physics.telemetry import simulate

@@ -9,7 +9,8 @@ from hypothesis import given, settings
 
 from rwa_monitor.errors import InputError
 from rwa_monitor.live.checkpoint import Checkpoint
-from rwa_monitor.live.core import ChannelMissing, EpochStarted, WheelCore, WindowDiagnosed, diagnose_samples
+from rwa_monitor.live.core import WheelCore, diagnose_samples
+from rwa_monitor.live.events import ChannelMissing, EpochStarted, WindowDiagnosed
 from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import Samples, concatenate
 from tests.live.support import WINDOW, model, pieces, run_core, said, spoiled, telemetry, wheel

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 
-from rwa_monitor.live.core import EpochStarted, WheelCore, WindowDiagnosed
+from rwa_monitor.live.core import WheelCore
+from rwa_monitor.live.events import EpochStarted, WindowDiagnosed
 from rwa_monitor.live.order_guard import (
     CHALLENGE_MESSAGES,
     HOLD_BACK_MESSAGES,

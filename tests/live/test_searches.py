@@ -14,8 +14,9 @@ from rwa_monitor.live.bus import BusOptions, open_session
 from rwa_monitor.live.publisher import publish
 from rwa_monitor.live.recording import read_recording, recordings_of
 from rwa_monitor.live.replay import replay
+from rwa_monitor.live.run_options import RunOptions
 from rwa_monitor.live.searches import Searches, SearchJob, search_message
-from rwa_monitor.live.service import RunOptions, run
+from rwa_monitor.live.service import run
 from rwa_monitor.messages import Discrepancy, samples_json
 from rwa_monitor.physics.datasets import scaled_wheel
 from rwa_monitor.physics.scenario import Scenario

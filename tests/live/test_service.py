@@ -24,7 +24,8 @@ from rwa_monitor.live.bus import BusOptions, open_session
 from rwa_monitor.live.publisher import SamplesPublisher, publish
 from rwa_monitor.live.recording import read_recording, recordings_of
 from rwa_monitor.live.replay import replay, replay_to_bus
-from rwa_monitor.live.service import RunOptions, run
+from rwa_monitor.live.run_options import RunOptions
+from rwa_monitor.live.service import run
 from rwa_monitor.messages import SamplesMessage, samples_json
 from rwa_monitor.samples import Samples
 from tests.live.support import (

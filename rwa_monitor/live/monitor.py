@@ -1,0 +1,327 @@
+"""Serves all wheels of a bus, one message at a time: record, diagnose, record, publish.
+
+One thread does everything in this order, so that what is on the disk is always a beginning of what happened.
+"""
+
+from __future__ import annotations
+
+import time
+import zlib
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Final, Protocol
+
+import zenoh
+
+from rwa_monitor.errors import InputError
+from rwa_monitor.live.bus import Inbox
+from rwa_monitor.live.core import WheelCore
+from rwa_monitor.live.events import Event, WindowDiagnosed
+from rwa_monitor.live.outputs import Output, health_output, outputs_of, trouble_in
+from rwa_monitor.live.past import Past
+from rwa_monitor.live.recorder import Recorder
+from rwa_monitor.live.run_options import RunOptions
+from rwa_monitor.live.searches import Searches
+from rwa_monitor.messages import Diagnosis, Health, Message, SamplesMessage, Status, split_key
+from rwa_monitor.version import SOFTWARE
+
+IDLE_WAIT_S: Final = 0.1  # how long to wait for a message before looking at the clock again
+TICK_S: Final = 0.05  # between two looks at what is due while messages flow
+STATUS_RECORDED_S: Final = 10.0  # every status is published; one in this time is recorded
+MAX_WHEELS: Final = 1_000  # of one process: 5 MB each with windows of 80,000 slots; `--shard` divides more
+
+
+@dataclass(slots=True)
+class _Served:
+    """What the monitor keeps of one wheel besides its core; `core` is None while no message could be read."""
+
+    core: WheelCore | None = None
+    messages_rejected: int = 0
+    last_error: str | None = None
+    last_sample_ns: int | None = None
+    publisher: str = ""
+    diagnosis: Output | None = None
+    health: Output | None = None
+    windows: int = 0
+    diagnosis_s: float | None = None
+    status_due_s: float = 0.0
+    status_recorded_s: float = float("-inf")
+
+
+@dataclass(frozen=True, slots=True)
+class Clock:
+    """The clocks of the machine: wall time [ns], and one that only goes forward [s]."""
+
+    wall_ns: Callable[[], int] = time.time_ns
+    monotonic_s: Callable[[], float] = time.monotonic
+
+
+class Bus(Protocol):
+    """What the monitor needs of a bus; `bus.MonitorBus` is one."""
+
+    inbox: Inbox
+
+    def publish(self, key: str, message: type[Message], payload: bytes) -> None:
+        """Publish a message."""
+
+    def answer(self, encoding: str, latest: Callable[[], dict[str, bytes]]) -> None:
+        """Answer the questions that wait with the latest messages."""
+
+
+class Monitor:
+    """Serves all wheels of a bus, one message at a time.
+
+    Parameters
+    ----------
+    options
+        Settings.
+    bus
+        Where samples come from and messages go.
+    recorder
+        None to record nothing.
+    say
+        Takes lines of talk.
+    clock
+        For flushing, status and how long things take; never for a diagnosis.
+    """
+
+    def __init__(
+        self,
+        options: RunOptions,
+        bus: Bus,
+        recorder: Recorder | None,
+        say: Callable[[str], None],
+        clock: Clock,
+    ) -> None:
+        self.options = options
+        self.bus = bus
+        self.recorder = recorder
+        self.say = say
+        self.clock = clock
+        self._served: dict[tuple[str, str], _Served] = {}
+        self.searches = Searches(options.wheel, options.record, say)
+        self._model_sha256 = options.model.sha256() if options.model else ""
+        self._tick_due_s = 0.0
+        self._said: str = ""
+
+    def begin(self, past: Past) -> None:
+        """Take over what an earlier run left behind, and begin the recording."""
+        for key, core in past.cores.items():
+            self._served[key] = _Served(core=core)
+        inherited: dict[str, int] = {}
+        for output in past.unrecorded:
+            inherited[output.key] = inherited.get(output.key, 0) + 1
+        if self.recorder is not None:
+            self.recorder.begin(self._checkpoints(), self.clock.monotonic_s(), inherited)
+            self._tell_recorder()
+            for output in past.unrecorded:
+                self.recorder.output(output.key, output.schema, output.payload, output.time_ns)
+            self.recorder.sync(self.clock.monotonic_s())
+        for output in (*past.latest.values(), *past.unrecorded):
+            self._publish(output)
+            if output.message is Diagnosis:
+                self._publish(health_output(Diagnosis.parse(output.payload, output.key)))
+
+    def step(self) -> None:
+        """Process one message, or wait a little for one; do what is due."""
+        self.bus.inbox.wake.clear()
+        message = self.bus.inbox.take()
+        if message is None:
+            self.bus.inbox.wake.wait(IDLE_WAIT_S)
+        else:
+            self.receive(*message)
+        self.tick()
+
+    def tick(self) -> None:
+        """Do what is due by the clock: flush and rotate the recording, answer questions, publish status."""
+        now_s = self.clock.monotonic_s()
+        if now_s >= self._tick_due_s:
+            self._tick_due_s = now_s + TICK_S
+            self._tick(now_s)
+
+    def close(self) -> None:
+        """Write the last status of each wheel and the end of the recording."""
+        self.searches.close()
+        for key, served in self._served.items():
+            self._status(key, served, record=True)
+        if self.recorder is not None:
+            self.recorder.close(self.clock.monotonic_s())
+
+    # ---- in ------------------------------------------------------------------------------------------------------
+
+    def receive(self, key: str, payload: bytes) -> None:
+        """Process one message from beginning to end: record, diagnose, record, publish."""
+        try:
+            spacecraft, wheel, _ = split_key(key)
+            if not self._is_ours(spacecraft, wheel):
+                return
+            message = SamplesMessage.parse(payload, key)
+            samples = message.samples()
+            served = self._serve(spacecraft, wheel)
+            core = served.core
+            if core is None:
+                core = WheelCore(self.options.wheel, self.options.model, method=self.options.method)
+            core.check(samples)
+        except InputError as error:
+            self._refuse(key, payload, error)
+            return
+        served.core = core
+        last_ns = message.time_ns[-1]
+        if self.recorder is not None:
+            self.recorder.input(key, SamplesMessage.schema_name(), payload, last_ns)
+        served.last_sample_ns, served.publisher = last_ns, message.publisher
+        self.searches.take_input(spacecraft, wheel, payload)
+        begin_s = self.clock.monotonic_s()
+        events = core.feed(samples, message.publisher, message.batch)
+        if any(isinstance(event, WindowDiagnosed) for event in events):
+            served.diagnosis_s = self.clock.monotonic_s() - begin_s
+        self._handle(served, spacecraft, wheel, events)
+
+    def _handle(self, served: _Served, spacecraft: str, wheel: str, events: Iterable[Event]) -> None:
+        """Record what the core says, bring a diagnosis to the disk, then publish."""
+        events = list(events)
+        for event in events:
+            trouble = trouble_in(event)
+            if trouble is not None:
+                served.last_error = trouble
+                self.say(f"{spacecraft}/{wheel}: {trouble}")
+        outputs = outputs_of(events, spacecraft, wheel)
+        closed = any(isinstance(event, WindowDiagnosed) for event in events)
+        if self.recorder is not None:
+            for output in outputs:
+                self.recorder.output(output.key, output.schema, output.payload, output.time_ns)
+            if closed:
+                self.recorder.sync(self.clock.monotonic_s())
+        for output in outputs:
+            self._publish(output)
+        if closed:
+            served.windows += sum(isinstance(event, WindowDiagnosed) for event in events)
+            self._status((spacecraft, wheel), served, record=True)
+        for event in events:
+            if isinstance(event, WindowDiagnosed) and not event.partial:
+                self.searches.take_diagnosis(spacecraft, wheel, adequate=event.diagnosis.model_adequate)
+
+    def _refuse(self, key: str, payload: bytes, error: InputError) -> None:
+        """Count and record a message that cannot be used; it changes nothing else."""
+        if self.recorder is not None:
+            self.recorder.refused(key, payload)
+        try:
+            spacecraft, wheel, _ = split_key(key)
+            served = self._serve(spacecraft, wheel)
+        except InputError:
+            self._say_once(f"a message was refused: {error}")
+            return
+        served.messages_rejected += 1
+        text = ": ".join(part for part in (error.place, error.reason) if part)
+        if served.last_error != text:
+            self.say(f"{spacecraft}/{wheel}: a message was refused: {text}")
+        served.last_error = text
+
+    def _is_ours(self, spacecraft: str, wheel: str) -> bool:
+        share, of = self.options.shard
+        return of == 1 or zlib.crc32(f"{spacecraft}/{wheel}".encode()) % of == share - 1
+
+    def _serve(self, spacecraft: str, wheel: str) -> _Served:
+        if (spacecraft, wheel) not in self._served:
+            if len(self._served) >= MAX_WHEELS:
+                raise InputError(f"{spacecraft}/{wheel}", f"is one wheel more than the {MAX_WHEELS} of a process")
+            self._served[spacecraft, wheel] = _Served()
+        return self._served[spacecraft, wheel]
+
+    # ---- out -----------------------------------------------------------------------------------------------------
+
+    def _publish(self, output: Output) -> None:
+        if output.message is None:
+            return
+        spacecraft, wheel, _ = split_key(output.key)
+        served = self._served.get((spacecraft, wheel))
+        if served is not None and output.message is Diagnosis:
+            served.diagnosis = output
+        if served is not None and output.message is Health:
+            served.health = output
+        try:
+            self.bus.publish(output.key, output.message, output.payload)
+        except zenoh.ZError as error:
+            self._say_once(f"cannot publish: {error}")
+
+    def _tick(self, now_s: float) -> None:
+        if self.recorder is not None:
+            self.recorder.tend(now_s, self._checkpoints)
+            self._tell_recorder()
+        for found in self.searches.poll():
+            if self.recorder is not None:
+                self.recorder.output(found.key, found.schema, found.payload, found.time_ns)
+            self._publish(found)
+        self.bus.answer(Health.encoding(), self._latest_health)
+        for key, served in self._served.items():
+            if now_s >= served.status_due_s:
+                served.status_due_s = now_s + self.options.status_period_s
+                record = now_s - served.status_recorded_s >= STATUS_RECORDED_S
+                if record:
+                    served.status_recorded_s = now_s
+                self._status(key, served, record=record)
+
+    def _latest_health(self) -> dict[str, bytes]:
+        return {
+            served.health.key: served.health.payload for served in self._served.values() if served.health is not None
+        }
+
+    def _status(self, key: tuple[str, str], served: _Served, *, record: bool) -> None:
+        """Publish how a wheel's monitor is doing."""
+        spacecraft, wheel = key
+        core = served.core
+        recording = self.recorder.path if self.recorder else None
+        last_error = served.last_error
+        if self.recorder is not None and self.recorder.error:
+            last_error = self.recorder.error
+        elif self.bus.inbox.dropped and last_error is None:
+            last_error = f"{self.bus.inbox.dropped} messages were dropped: they come faster than they can be diagnosed"
+        counts = core.counts if core else None
+        status = Status(
+            spacecraft=spacecraft,
+            wheel=wheel,
+            samples_received=counts.received if counts else 0,
+            samples_used=counts.used if counts else 0,
+            samples_masked=counts.masked if counts else 0,
+            samples_late=counts.late if counts else 0,
+            samples_duplicate=counts.duplicate if counts else 0,
+            samples_rejected=counts.rejected if counts else 0,
+            samples_queued=counts.queued if counts else 0,
+            slots_missed=counts.slots_missed if counts else 0,
+            messages_rejected=served.messages_rejected,
+            messages_dropped=self.bus.inbox.dropped,
+            messages_missed=counts.messages_missed if counts else 0,
+            queue_depth=len(self.bus.inbox),
+            window_fill=core.window_fill if core else 0.0,
+            last_error=last_error,
+            recording=recording.name if recording else None,
+            software=SOFTWARE,
+            model_sha256=self._model_sha256,
+            publisher=served.publisher,
+            windows=served.windows,
+            last_sample_ns=served.last_sample_ns,
+            diagnosis_s=served.diagnosis_s,
+            now_wall_ns=self.clock.wall_ns(),
+        )
+        topic = f"rwa/{spacecraft}/{wheel}/{Status.kind}"
+        payload = status.to_json()
+        if record and self.recorder is not None:
+            self.recorder.output(topic, Status.schema_name(), payload, None)
+        self._publish(Output(topic, Status, Status.schema_name(), payload, 0))
+
+    def _checkpoints(self) -> dict[str, bytes]:
+        return {
+            f"{spacecraft}/{wheel}": served.core.checkpoint().to_json()
+            for (spacecraft, wheel), served in self._served.items()
+            if served.core is not None
+        }
+
+    def _tell_recorder(self) -> None:
+        if self.recorder is not None and self.recorder.error:
+            self._say_once(self.recorder.error)
+
+    def _say_once(self, text: str) -> None:
+        """Say something, but not the same thing twice in a row."""
+        if text != self._said:
+            self.say(text)
+        self._said = text

@@ -1,0 +1,56 @@
+"""The settings of the live monitor."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from rwa_monitor.diagnosis.model import Model
+from rwa_monitor.diagnosis.results import Method
+from rwa_monitor.live.bus import BusOptions
+from rwa_monitor.live.rebuild import Setup
+from rwa_monitor.physics.wheel import Wheel, built_in_wheel
+
+
+@dataclass(frozen=True, slots=True)
+class RunOptions:
+    """All settings of `run`; every one of them is in the recording.
+
+    Attributes
+    ----------
+    wheels
+        Key expression of the samples to listen to.
+    wheel
+        Constants of the wheels.
+    model
+        What was learned about nominal and anomalous friction; None leaves all verdicts open.
+    method
+        "joint" or "paper".
+    record
+        Folder of the recordings, or None to record nothing.
+    bus
+        How to reach the bus.
+    shard
+        (I, N): this process serves share I of N, 1 ≤ I ≤ N.
+    status_period_s
+        Wall-clock time from one status message to the next [s].
+    """
+
+    wheels: str = "rwa/*/*/samples"
+    wheel: Wheel = field(default_factory=built_in_wheel)
+    model: Model | None = None
+    method: Method = "joint"
+    record: Path | None = None
+    bus: BusOptions = field(default_factory=BusOptions)
+    shard: tuple[int, int] = (1, 1)
+    status_period_s: float = 1.0
+
+    def setup(self) -> Setup:
+        """Return what diagnoses depend on."""
+        return Setup(self.wheel, self.model, self.method)
+
+    def settings(self) -> dict[str, Any]:
+        """Return the settings as they are written into a recording."""
+        share, of = self.shard
+        return {"wheels": self.wheels, "method": self.method, "shard": f"{share}/{of}"}
