@@ -1,9 +1,16 @@
 """Does the friction model fit the window? A cheap check at every window close, from running sums alone.
 
-The model says that between jumps friction is a level plus one viscous slope, and that jumps are as frequent as the
-switching systems make them. A missing effect that depends on speed gives intervals at different speeds different
-slopes; a smooth one is cut into steps, so that there are too many jumps, or jumps that no system made. The search of
-the discrepancy room names the cause from the samples; here only a suspicion is raised.
+The model says that between jumps friction is a level plus one viscous slope plus noise, and that jumps are as frequent
+as the switching systems make them. What it leaves out shows in one of these, each a test of its own:
+
+* **slopes**: intervals at different speeds have different slopes;
+* **jumps**: a smooth effect is cut into steps, so that there are too many jumps, or jumps that no system made;
+* **persistence**: what is left of neighbouring blocks of samples agrees over longer than the noise remembers;
+* **near zero**: friction in the dead band, which no sum above holds, differs from that around it, or the speed reads
+  zero while the wheel passes through;
+* **ripple**: friction repeats with the wheel's angle.
+
+The search of the discrepancy room names the cause from the samples; here only a suspicion is raised.
 """
 
 from __future__ import annotations
@@ -12,26 +19,54 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
+import numba
 import numpy as np
-from scipy import stats
+from scipy import special, stats
 
+from rwa_monitor.diagnosis.noise import ar_coefficient
+from rwa_monitor.diagnosis.residual_blocks import Blocks, residual_blocks
 from rwa_monitor.diagnosis.results import REJECTED, UNATTRIBUTED, Assignment, Estimate, Evidence
+from rwa_monitor.diagnosis.structure import BLOCK, HARMONICS
 from rwa_monitor.physics.switching import jumping_chain_law
 from rwa_monitor.physics.wheel import SwitchingSystem
-from rwa_monitor.samples import FloatArray
+from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 
 # An interval disagrees when its slope is this many standard deviations from the common one: 1 in 16,000 by chance.
 DISAGREEING_SIGMAS: Final = 4.0
 # A single missed jump bends one or two intervals. Only more than these are held against the model.
 DISAGREEING_INTERVALS: Final = 3
 DISAGREEING_SHARE: Final = 0.25
-# 225 healthy windows of the recipes paper, hard and derived had at most one unattributed jump, and at most 1.2 standard
-# deviations more jumps than expected (their durations are more regular than a Poisson process, whose spread is used).
+# Healthy windows have at most one unattributed jump, and at most 1.2 standard deviations more jumps than expected
+# (their durations are more regular than a Poisson process, whose spread is used).
 UNATTRIBUTED_JUMPS: Final = 3
 EXCESS_SIGMAS: Final = 3.0
 SYSTEMATIC_SHARE: Final = 0.5  # of all jumps unattributed: more than accidents of an assignment
 MIN_INTERVAL: Final = 30  # samples: shorter intervals do not know their slope
 CLEAR_TREND: Final = 0.6  # rank correlation of slope and speed from which its sign names an effect
+
+# Blocks whose residuals are compared with those two to eight blocks on: at least as far apart as a block is long. Noise
+# of a shorter memory than that gives a χ² value of seven degrees of freedom; one of AR(1) type is allowed for.
+# Slots of a block; least significance; and least size, in standard deviations of the noise: friction derived from speed
+# by a filter of 2 s keeps up to 0.14 of a smooth motion in healthy windows, at a significance of 60 and 310.
+PERSISTENCE: Final = ((16, 400.0, 0.10), (64, 60.0, 0.18))
+PERSISTENCE_LAGS: Final = (2, 8)
+FEWEST_INTERVALS: Final = 3  # from which one may be left out
+FEWEST_BLOCKS: Final = 40  # with fewer, the value is not yet normal
+LARGEST_BLOCK: Final = 4.0  # standard deviations that one block counts at most
+
+NEAR_ZERO_RATIO: Final = 5.0  # mean squared deviation over the noise's from which a crossing disagrees
+FEWEST_NEAR_ZERO: Final = 4  # samples of a crossing
+FEWEST_CROSSINGS: Final = 2  # that must disagree, unless there is only one
+CROSSING_SHARE: Final = 0.5  # of all crossings
+
+SIDE_BLOCKS: Final = 4
+SIDE_SHARE: Final = 0.75  # of all crossings, which must disagree alike: jumps may fall into some
+SIDE_SIGMAS: Final = 5.0
+SMALLEST_SIDE: Final = 0.2  # of the noise: a smaller difference is none
+
+RIPPLE_CHANCE: Final = 1e-4  # of any harmonic in a window by chance, for white noise
+RIPPLE_CAP: Final = 40.0  # counts at most, of the power in one stretch: a jump in it looks like any frequency
+RIPPLE_COLOUR: Final = 2.0  # least allowance for the colour of the noise
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,6 +76,9 @@ class Adequacy:
     adequate: bool
     suspected_effect: str | None
     finding: str
+
+
+FITS: Final = Adequacy(True, None, "")
 
 
 def check(
@@ -54,21 +92,34 @@ def check(
         Results of the stages.
     systems
         Switching systems of the wheel; without any, jumps cannot be attributed and are not held against it.
+
+    Returns
+    -------
+    Adequacy
+        The first of the tests that fails names the finding.
     """
-    unattributed = int((assignment.system == UNATTRIBUTED).sum())
-    jumps = int((assignment.system != REJECTED).sum())
-    expected = expected_jumps(systems, evidence.slots)
-    odd_jumps = ""
-    if systems and unattributed >= UNATTRIBUTED_JUMPS:
-        odd_jumps = f"{unattributed} of {jumps} jumps fit no switching system"
-    elif systems and jumps - expected > EXCESS_SIGMAS * np.sqrt(expected) + UNATTRIBUTED_JUMPS:
-        odd_jumps = f"there are {jumps} jumps where the switching systems make about {expected:.0f}"
+    for found in (
+        slope_finding(evidence, estimate),
+        jump_finding(evidence, assignment, systems),
+        persistence_finding(evidence, estimate),
+        near_zero_finding(evidence, estimate),
+        side_finding(evidence, estimate),
+        ripple_finding(evidence),
+    ):
+        if found is not None:
+            return found
+    return FITS
+
+
+# ---- slopes ----------------------------------------------------------------------------------------------------------
+
+
+def slope_finding(evidence: Evidence, estimate: Estimate) -> Adequacy | None:
+    """Compare the slopes of the intervals."""
     deviation, speed = _slope_deviations(evidence, estimate)
     disagreeing = int((np.abs(deviation) > DISAGREEING_SIGMAS).sum())
     if disagreeing < max(DISAGREEING_INTERVALS, DISAGREEING_SHARE * deviation.size):
-        # Jumps that no system made, and yet one slope everywhere: a system of their own, if not something narrow.
-        suspect = "extra_switching_system" if unattributed > SYSTEMATIC_SHARE * jumps else None
-        return Adequacy(not odd_jumps, suspect if odd_jumps else None, odd_jumps)
+        return None
     finding = f"the viscous slope differs between intervals ({disagreeing} of {deviation.size})"
     trend = float(stats.spearmanr(speed, deviation).statistic) if np.ptp(speed) > 0 else 0.0
     if trend < -CLEAR_TREND:
@@ -76,15 +127,6 @@ def check(
     if trend > CLEAR_TREND:
         return Adequacy(False, "quadratic_drag", finding)
     return Adequacy(False, None, finding)
-
-
-def expected_jumps(systems: Sequence[SwitchingSystem], slots: int) -> float:
-    """Return how many jumps healthy or failing systems make in a window on average: slots over the mean sojourn."""
-    total = 0.0
-    for system in systems:
-        means = np.array([law.mean() for law in system.durations])
-        total += slots / float(jumping_chain_law(system) @ means)
-    return total
 
 
 def _slope_deviations(evidence: Evidence, estimate: Estimate) -> tuple[FloatArray, FloatArray]:
@@ -102,3 +144,223 @@ def _slope_deviations(evidence: Evidence, estimate: Estimate) -> tuple[FloatArra
     spread, cross = spread[usable], (sums.xz - sums.x * sums.z / n)[usable]
     deviation = (cross / spread - cross.sum() / spread.sum()) * np.sqrt(spread / variance)
     return deviation, (sums.x / n)[usable]
+
+
+# ---- jumps -----------------------------------------------------------------------------------------------------------
+
+
+def jump_finding(evidence: Evidence, assignment: Assignment, systems: Sequence[SwitchingSystem]) -> Adequacy | None:
+    """Compare the jumps with what the switching systems make."""
+    unattributed = int((assignment.system == UNATTRIBUTED).sum())
+    jumps = int((assignment.system != REJECTED).sum())
+    expected = expected_jumps(systems, evidence.slots)
+    if systems and unattributed >= UNATTRIBUTED_JUMPS:
+        finding = f"{unattributed} of {jumps} jumps fit no switching system"
+    elif systems and jumps - expected > EXCESS_SIGMAS * np.sqrt(expected) + UNATTRIBUTED_JUMPS:
+        finding = f"there are {jumps} jumps where the switching systems make about {expected:.0f}"
+    else:
+        return None
+    # Jumps that no system made, and yet one slope everywhere: a system of their own, if not something narrow.
+    return Adequacy(False, "extra_switching_system" if unattributed > SYSTEMATIC_SHARE * jumps else None, finding)
+
+
+def expected_jumps(systems: Sequence[SwitchingSystem], slots: int) -> float:
+    """Return how many jumps healthy or failing systems make in a window on average: slots over the mean sojourn."""
+    total = 0.0
+    for system in systems:
+        means = np.array([law.mean() for law in system.durations])
+        total += slots / float(jumping_chain_law(system) @ means)
+    return total
+
+
+# ---- persistence -----------------------------------------------------------------------------------------------------
+
+
+def persistence_finding(evidence: Evidence, estimate: Estimate) -> Adequacy | None:
+    """Compare what is left of each block of samples with what is left of later ones."""
+    for slots, least_significance, least_size in PERSISTENCE:
+        blocks = residual_blocks(evidence, estimate, slots)
+        significance, size = persistence(blocks, ar_coefficient(evidence.noise))
+        if significance > least_significance and size > least_size * evidence.noise.std:
+            return Adequacy(False, None, "what friction is left beside levels and slope goes on for longer than noise")
+    return None
+
+
+def persistence(blocks: Blocks, correlation: float) -> tuple[float, float]:
+    """Return how far the residuals of blocks are from independent of later ones of their interval.
+
+    A portmanteau statistic: the sum of squares of the correlations at PERSISTENCE_LAGS, each in standard deviations,
+    so that what swings counts like what persists. The interval that adds most is left out, where there are three or
+    more: a single missed sojourn makes one.
+
+    Parameters
+    ----------
+    blocks
+        Residuals of blocks.
+    correlation
+        φ of AR(1) noise, 0 for any other.
+
+    Returns
+    -------
+    significance, size
+        χ² with one degree of freedom for each lag, for noise that does not reach as far; and the root mean square of
+        what persists [torque]. 0 with too few blocks.
+    """
+    if int(blocks.usable.sum()) < FEWEST_BLOCKS:
+        return 0.0, 0.0
+    value = blocks.residual * np.sqrt(blocks.n)
+    scale = _MEDIAN_TO_STD * float(np.median(np.abs(value[blocks.usable])))
+    if not scale > 0.0:
+        return 0.0, 0.0
+    value = np.clip(value / scale, -LARGEST_BLOCK, LARGEST_BLOCK)
+    lags = np.arange(PERSISTENCE_LAGS[0], PERSISTENCE_LAGS[1] + 1)
+    products, pairs = np.zeros((2, lags.size, blocks.intervals))
+    _lagged_products(value, blocks.usable, blocks.interval, lags, products, pairs)
+    # Taking out the level of an interval of m blocks correlates any two of them by -1/m.
+    count = np.bincount(blocks.interval, blocks.usable, blocks.intervals)
+    expected = np.array([_ar_agreement(correlation, blocks.size, int(lag)) for lag in lags])[:, None]
+    products -= pairs * (expected - 1.0 / np.maximum(count, 1.0))
+    if np.count_nonzero(pairs[0]) >= FEWEST_INTERVALS:
+        worst = np.argmax(np.square(products).sum(axis=0))
+        products[:, worst] = pairs[:, worst] = 0.0
+    total, count = products.sum(axis=1), np.maximum(pairs.sum(axis=1), 1.0)
+    size = scale * np.sqrt(float(np.max(np.abs(total / count))) / blocks.size)
+    return float(np.sum(total**2 / count)), float(size)
+
+
+_MEDIAN_TO_STD: Final = float(1.0 / special.ndtri(0.75))
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def _lagged_products(
+    value: FloatArray, usable: BoolArray, interval: IntArray, lags: IntArray, products: FloatArray, pairs: FloatArray
+) -> None:
+    """Add up value[b]·value[b + lag] within each interval, and count the pairs; outputs (lags, intervals)."""
+    for row in range(lags.size):
+        lag = lags[row]
+        for b in range(value.size - lag):
+            if usable[b] and usable[b + lag] and interval[b] == interval[b + lag]:
+                products[row, interval[b]] += value[b] * value[b + lag]
+                pairs[row, interval[b]] += 1.0
+
+
+def _ar_agreement(correlation: float, size: int, lag: int) -> float:
+    """Return the correlation of the means of two blocks of AR(1) noise, `lag` blocks apart."""
+    phi = correlation
+    if phi <= 0.0:
+        return 0.0
+    apart = phi ** ((lag - 1) * size + 1) * ((1.0 - phi**size) / (1.0 - phi)) ** 2
+    within = (size * (1.0 - phi**2) - 2.0 * phi * (1.0 - phi**size)) / (1.0 - phi) ** 2
+    return float(apart / within)
+
+
+# ---- near zero -------------------------------------------------------------------------------------------------------
+
+
+def near_zero_finding(evidence: Evidence, estimate: Estimate) -> Adequacy | None:
+    """Compare the friction in the dead band with the levels around it, crossing by crossing."""
+    structure = evidence.structure
+    if structure.plateaus and 2 * structure.plateaus >= structure.zero_runs:
+        finding = f"the speed reads zero while the wheel passes through it ({structure.plateaus} times)"
+        return Adequacy(False, "speed_dead_zone", finding)
+    ratio, excess = near_zero_deviations(evidence, estimate)
+    disagreeing = int((ratio > NEAR_ZERO_RATIO).sum())
+    if disagreeing < min(FEWEST_CROSSINGS, ratio.size) or disagreeing < max(1.0, CROSSING_SHARE * ratio.size):
+        return None
+    # Drag that lags the sign is missing just after a reversal; boundary lubrication adds drag on both sides of it.
+    suspect = "presliding" if excess[ratio > NEAR_ZERO_RATIO].sum() < 0.0 else "stribeck"
+    finding = f"friction near zero speed differs from the levels around it ({disagreeing} of {ratio.size} crossings)"
+    return Adequacy(False, suspect, finding)
+
+
+def near_zero_deviations(evidence: Evidence, estimate: Estimate) -> tuple[FloatArray, FloatArray]:
+    """Return how friction in the dead band deviates from the levels around it, crossing by crossing; (crossings,).
+
+    Returns
+    -------
+    ratio, excess
+        Mean squared deviation over the noise's variance; mean deviation [torque]. Each block is compared with the best
+        of the levels beside it. Where a jump lies in or next to a crossing, the worst block of it holds the jump and
+        is left out.
+    """
+    count, x, z, zz = evidence.structure.near_zero
+    inside = np.flatnonzero(count)
+    ratios, excesses = [], []
+    for crossing in np.split(inside, np.flatnonzero(np.diff(inside) > 1) + 1) if inside.size else []:
+        first, last = int(crossing[0]) * BLOCK, (int(crossing[-1]) + 1) * BLOCK
+        low, high = np.searchsorted(estimate.index, (first - BLOCK, last + BLOCK))
+        levels = estimate.level[low : high + 1][:, None]
+        n = count[crossing]
+        expected = levels + estimate.viscous * x[crossing] / n
+        squares = np.maximum(zz[crossing] - 2.0 * expected * z[crossing] + n * expected**2, 0.0)
+        best = np.argmin(squares, axis=0)
+        square, block = squares[best, np.arange(n.size)], np.ones(n.size, dtype=np.bool_)
+        if high > low:
+            block[np.argmax(square)] = False
+        total = float(n[block].sum())
+        if total >= FEWEST_NEAR_ZERO:
+            ratios.append(float(square[block].sum()) / total / evidence.noise.std**2)
+            deviation = z[crossing] - n * expected[best, np.arange(n.size)]
+            excesses.append(float(deviation[block].sum()) / total)
+    return np.array(ratios), np.array(excesses)
+
+
+# ---- sides -----------------------------------------------------------------------------------------------------------
+
+
+def side_finding(evidence: Evidence, estimate: Estimate) -> Adequacy | None:
+    """Test whether friction differs between the directions of rotation, from the levels just before and after zero."""
+    half = half_differences(evidence, estimate)
+    if half.size < FEWEST_CROSSINGS:
+        return None
+    disagreeing = max(int((half > SIDE_SIGMAS).sum()), int((half < -SIDE_SIGMAS).sum()))
+    if disagreeing < max(FEWEST_CROSSINGS, SIDE_SHARE * half.size):
+        return None
+    finding = f"friction differs between the directions of rotation ({disagreeing} of {half.size} crossings)"
+    return Adequacy(False, "torque_bias", finding)
+
+
+def half_differences(evidence: Evidence, estimate: Estimate) -> FloatArray:
+    """Return half the difference of friction between forward and backward at each crossing, in standard deviations.
+
+    float64 (crossings,). Within `SIDE_BLOCKS` blocks on either side, up to the next changepoint; only jumps in the
+    crossing itself are in it, and they do not follow the direction.
+    """
+    blocks = residual_blocks(evidence, estimate, BLOCK)
+    direction = evidence.structure.direction[: blocks.n.size]
+    turning = np.flatnonzero(blocks.usable & (np.abs(direction) == 1.0))
+    before = np.flatnonzero(direction[turning[1:]] * direction[turning[:-1]] < 0.0)
+    variance = evidence.noise.std**2 * max(evidence.noise.long_run_factor, 1.0)
+    found = []
+    for place in before:
+        left, right = int(turning[place]), int(turning[place + 1])
+        sides = (slice(max(left - SIDE_BLOCKS + 1, 0), left + 1), slice(right, right + SIDE_BLOCKS))
+        means, counts = [], []
+        for side, own in zip(sides, (left, right), strict=True):
+            alike = (blocks.interval[side] == blocks.interval[own]) & blocks.usable[side]
+            alike &= direction[side] == direction[own]
+            n = blocks.n[side] * alike
+            counts.append(float(n.sum()))
+            means.append(float(n @ blocks.friction[side]) / counts[-1])
+        difference = 0.5 * (means[1] - means[0]) * direction[right]
+        std = 0.5 * np.sqrt(variance * (1.0 / counts[0] + 1.0 / counts[1]))
+        found.append(difference / max(std, SMALLEST_SIDE * evidence.noise.std / SIDE_SIGMAS))
+    return np.array(found)
+
+
+# ---- ripple ----------------------------------------------------------------------------------------------------------
+
+
+def ripple_finding(evidence: Evidence) -> Adequacy | None:
+    """Test whether friction repeats with the wheel's angle."""
+    if len(evidence.structure.ripple) == 0:
+        return None
+    power = np.minimum(evidence.structure.ripple, RIPPLE_CAP).sum(axis=0)
+    strongest = int(np.argmax(power))
+    colour = max(RIPPLE_COLOUR, evidence.noise.long_run_factor)
+    by_chance = float(special.chdtri(2.0 * len(evidence.structure.ripple), RIPPLE_CHANCE / HARMONICS))
+    if power[strongest] < colour * by_chance:
+        return None
+    return Adequacy(
+        False, "torque_ripple", f"friction repeats with the wheel's angle, {strongest + 1} times in a turn"
+    )

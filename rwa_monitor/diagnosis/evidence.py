@@ -46,6 +46,7 @@ from rwa_monitor.diagnosis.noise import (
 from rwa_monitor.diagnosis.peaks import PeakList
 from rwa_monitor.diagnosis.results import Candidates, Evidence, Method, NoiseEstimate
 from rwa_monitor.diagnosis.running_sums import RunningSums
+from rwa_monitor.diagnosis.structure import StructureSums
 from rwa_monitor.diagnosis.wglr import BINS, CHUNK, HISTORY, PREFIXES, STEP, ScanSettings, ScanState, scan
 from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
@@ -142,6 +143,7 @@ class WindowAccumulator:
         self._good: BoolArray = np.zeros(self.slots, dtype=np.bool_)
         self._used: BoolArray = np.zeros(self.slots, dtype=np.bool_)
         self._sums = RunningSums(self._x, self._z, self._used)
+        self._structure = StructureSums(self.slots, self._speed_unit * wheel.sample_period_s)
         self._done = 0  # slots that detection has seen
         self._closed = False
 
@@ -159,6 +161,7 @@ class WindowAccumulator:
         self._weight = PAPER_WEIGHT
         self._slope = 0.0 if self.slope_prior is None else self.slope_prior.mean
         self._band = np.inf  # dead band, normalised; known once the first chunk is there
+        self._certain = np.inf  # speed from which its sign is certain, normalised; known with the dead band
         statistic = np.empty(STEP)
         self._state = ScanState(
             prefix=np.zeros((PREFIXES, HISTORY + CHUNK + 1)),
@@ -205,6 +208,7 @@ class WindowAccumulator:
             self._z[self.filled : self.filled + count],
             self._good[self.filled : self.filled + count],
         )
+        self._structure.turn(self.filled, speed_rad_s, self._good[self.filled : self.filled + count])
         self.filled += count
         return self._advance(self.filled - self.filled % STEP)
 
@@ -242,6 +246,7 @@ class WindowAccumulator:
             sums=self._sums,
             noise=noise,
             threshold=self._threshold(),
+            structure=self._structure.close(),
         )
 
     # ---- detection -------------------------------------------------------------------------------------------------
@@ -258,6 +263,7 @@ class WindowAccumulator:
             if begin >= CHUNK:
                 self._mark_used(begin, end)
             self._sums.extend(end)
+            self._structure.extend((self._x, self._z, self._good, self._used), begin, end, self._certain)
             self._peaks.make_room(self._variances)
             self._scan(begin, end, count_bins=begin >= CHUNK)
             events.extend(self._announce())
@@ -272,7 +278,9 @@ class WindowAccumulator:
 
     def _start(self, stop: int) -> None:
         """Learn dead band, weight of the prior and first variances from the slots [0, stop)."""
-        self._band = self._dead_band(stop)
+        self._certain = self._certain_speed(stop)
+        band = self.wheel.window.dead_band_rad_s
+        self._band = self._certain if band is None else band / self._speed_unit
         self._mark_used(0, stop)
         if self.slope_prior is None:
             self._weight = SMALLEST_WEIGHT
@@ -282,10 +290,8 @@ class WindowAccumulator:
         self._scan(0, stop, count_bins=True)
         self._refresh()
 
-    def _dead_band(self, stop: int) -> float:
-        """Return the dead band, normalised: the wheel's, or from the noise of the speed at the window's start."""
-        if self.wheel.window.dead_band_rad_s is not None:
-            return self.wheel.window.dead_band_rad_s / self._speed_unit
+    def _certain_speed(self, stop: int) -> float:
+        """Return the speed from which its sign is certain, normalised, from its noise in the slots [0, stop)."""
         speed = self._x[:stop][self._good[:stop]]
         if speed.size < 3:
             return 0.0

@@ -16,6 +16,7 @@ from typing import Final, Literal, Protocol
 
 import numpy as np
 
+from rwa_monitor.diagnosis.structure import Structure
 from rwa_monitor.samples import FloatArray, IntArray
 
 Method = Literal["joint", "paper"]
@@ -110,6 +111,8 @@ class Evidence:
         See their classes.
     threshold
         The statistic from which a candidate was accepted.
+    structure
+        What the running sums do not know of the window.
     """
 
     slots: int
@@ -119,6 +122,7 @@ class Evidence:
     sums: RangeSums
     noise: NoiseEstimate
     threshold: float
+    structure: Structure
 
 
 @dataclass(frozen=True, slots=True)

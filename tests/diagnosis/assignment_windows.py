@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rwa_monitor.diagnosis.results import Candidates, Evidence, Moments, NoiseEstimate
+from rwa_monitor.diagnosis.structure import no_structure
 from rwa_monitor.physics.switching import simulate_system
 from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import FloatArray, IntArray
@@ -87,7 +88,7 @@ def evidence_of(
 ) -> Evidence:
     count = x.size if used is None else int(used.sum())
     noise = NoiseEstimate(std, np.array([std**2]), 1.0)
-    return Evidence(x.size, count, count, candidates, CumulativeSums(x, z, used), noise, 20.0)
+    return Evidence(x.size, count, count, candidates, CumulativeSums(x, z, used), noise, 20.0, no_structure())
 
 
 def window(

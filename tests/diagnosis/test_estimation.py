@@ -18,6 +18,7 @@ from rwa_monitor.diagnosis.estimation import (
 )
 from rwa_monitor.diagnosis.results import Evidence, NoiseEstimate, no_candidates
 from rwa_monitor.diagnosis.running_sums import RunningSums
+from rwa_monitor.diagnosis.structure import no_structure
 from rwa_monitor.physics.wheel import Wheel, built_in_wheel
 
 SIGMA = 0.024  # the paper's noise, normalised
@@ -28,7 +29,7 @@ def _evidence(x, z, used=None, noise=WHITE):
     used = np.ones(z.size, dtype=np.bool_) if used is None else used
     sums = RunningSums(x, z, used)
     sums.extend(z.size)
-    return Evidence(z.size, z.size, int(used.sum()), no_candidates(), sums, noise, 20.0)
+    return Evidence(z.size, z.size, int(used.sum()), no_candidates(), sums, noise, 20.0, no_structure())
 
 
 def _record(seed=1, n=2000, jumps=((600, 0.5), (1400, -0.3))):

@@ -1,0 +1,193 @@
+"""What a window keeps beside its running sums so that the adequacy check can see what the friction model leaves out.
+
+The running sums know neither the direction of rotation, nor the samples in the dead band, nor the wheel's angle. Here
+each is kept in little memory while the samples come in: the direction of every block of slots, the moments of the
+dead band's samples, and how much of the friction repeats with the wheel's angle in some short stretches.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numba
+import numpy as np
+
+from rwa_monitor.physics.effects.torque_ripple import MAX_HARMONIC
+from rwa_monitor.samples import BoolArray, FloatArray, IntArray
+
+BLOCK: Final = 64  # slots of a block: a multiple of the running sums' stride, so that its moments read no sample
+ZERO_RUNS: Final = 5  # zeros in a row, the first and the second reading after them, zero runs and plateaus so far
+NEAR_ZERO: Final = 4  # n, Σx, Σz, Σz² of the dead band's samples of a block
+# Stretches in which the friction is compared with the angle: long enough that a ripple of half the noise's standard
+# deviation has five times the power of noise in one of them, short enough that the speed's noise leaves the phase
+# coherent (`torque_ripple.coherent_slots`: 278 slots for the 48th harmonic at 0.01 rad/s and 8 Hz).
+STRETCH: Final = 256
+STRETCHES: Final = 20
+# A tachometer's dead zone: readings of exactly zero, then the first other one lies further off than the next ones from
+# each other. On a coarse lattice they do not; a reading of zero from full speed is a fault of telemetry.
+FEWEST_ZEROS: Final = 3
+GAP_IN_STEPS: Final = 3.0
+LARGEST_GAP: Final = 0.1  # of the nominal speed
+HARMONICS: Final = 2 * MAX_HARMONIC  # `torque_ripple` holds a harmonic and its double
+
+
+@dataclass(frozen=True, slots=True)
+class Structure:
+    """What the running sums do not know of a window.
+
+    Attributes
+    ----------
+    direction
+        float64 (blocks,), mean of sign(ω) over the used samples of each block of 64 slots; 0 where there are none.
+    near_zero
+        float64 (4, blocks): n, Σx, Σz, Σz² of the good samples in the dead band whose sign of ω is certain.
+    ripple
+        float64 (stretches, harmonics), power of the friction at 1 … 96 times the wheel's angle in each stretch without a
+        masked slot, in units that are 2 on average for white noise.
+    zero_runs, plateaus
+        Runs of speed readings of exactly zero, and how many of them end like a tachometer's dead zone.
+    """
+
+    direction: FloatArray
+    near_zero: FloatArray
+    ripple: FloatArray
+    zero_runs: int
+    plateaus: int
+
+
+def no_structure() -> Structure:
+    """Return what is known where nothing was gathered."""
+    return Structure(np.zeros(0), np.zeros((NEAR_ZERO, 0)), np.zeros((0, HARMONICS)), zero_runs=0, plateaus=0)
+
+
+class StructureSums:
+    """Gathers a window's `Structure` in slot order; nothing depends on the steps in which the slots come.
+
+    Parameters
+    ----------
+    slots
+        Length of the window.
+    angle_per_x
+        Angle by which the wheel turns in one slot at x = 1 [rad].
+    """
+
+    def __init__(self, slots: int, angle_per_x: float) -> None:
+        blocks = -(-slots // BLOCK)
+        self._angle_per_x = angle_per_x
+        self._signs: IntArray = np.zeros(blocks, dtype=np.int64)
+        self._counts: IntArray = np.zeros(blocks, dtype=np.int64)
+        self._near_zero: FloatArray = np.zeros((NEAR_ZERO, blocks))
+        self._hop = max(STRETCH, slots // STRETCHES // BLOCK * BLOCK)
+        self._ripple: FloatArray = np.full((max(0, (slots - STRETCH) // self._hop + 1), HARMONICS), np.nan)
+        self._stretches = 0
+        self._zeros: FloatArray = np.zeros(ZERO_RUNS)
+
+    def turn(self, first: int, speed_rad_s: FloatArray, good: BoolArray) -> None:
+        """Note the direction of the slots from `first` on: float64 and bool (n,)."""
+        _count_signs(first, speed_rad_s, good, self._signs, self._counts)
+
+    def extend(
+        self, samples: tuple[FloatArray, FloatArray, BoolArray, BoolArray], start: int, stop: int, certain: float
+    ) -> None:
+        """Add the slots [start, stop), which follow those added before.
+
+        Parameters
+        ----------
+        samples
+            x, z, good, used of the whole window, (slots,) each, filled up to `stop`.
+        start, stop
+            The new slots.
+        certain
+            |ω|, normalised, from which its sign is certain.
+        """
+        x, z, good, used = samples
+        _add_near_zero(x, z, good, used, start, stop, certain, self._near_zero)
+        _find_plateaus(x, good, start, stop, self._zeros)
+        while self._stretches < len(self._ripple) and self._stretches * self._hop + STRETCH <= stop:
+            first = self._stretches * self._hop
+            there = slice(first, first + STRETCH)
+            if used[there].all():
+                _ripple_power(x[there], z[there], self._angle_per_x, self._ripple[self._stretches])
+            self._stretches += 1
+
+    def close(self) -> Structure:
+        """Return what was gathered."""
+        there = np.isfinite(self._ripple[:, 0])
+        return Structure(self._signs / np.maximum(self._counts, 1), self._near_zero, self._ripple[there], int(self._zeros[3]), int(self._zeros[4]))
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def _count_signs(first: int, speed: FloatArray, good: BoolArray, signs: IntArray, counts: IntArray) -> None:
+    for k in range(speed.size):
+        if good[k]:
+            block = (first + k) // BLOCK
+            counts[block] += 1
+            signs[block] += 1 if speed[k] > 0.0 else -1
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def _add_near_zero(
+    x: FloatArray, z: FloatArray, good: BoolArray, used: BoolArray, start: int, stop: int, certain: float, out: FloatArray
+) -> None:
+    for k in range(start, stop):
+        if good[k] and not used[k] and x[k] > certain:
+            block = k // BLOCK
+            out[0, block] += 1.0
+            out[1, block] += x[k]
+            out[2, block] += z[k]
+            out[3, block] += z[k] * z[k]
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def _find_plateaus(x: FloatArray, good: BoolArray, start: int, stop: int, state: FloatArray) -> None:
+    """Count runs of zeros and those that end in a gap; `state` (5,) is carried from piece to piece."""
+    for k in range(start, stop):
+        if not good[k]:
+            state[:3] = 0.0
+        elif x[k] == 0.0:
+            state[0] = state[0] + 1.0 if state[1] == 0.0 else 1.0
+            state[1] = state[2] = 0.0
+        elif state[0] >= FEWEST_ZEROS and state[1] == 0.0:
+            state[1] = x[k]
+        elif state[0] >= FEWEST_ZEROS and state[2] == 0.0:
+            state[2] = x[k]
+        elif state[0] >= FEWEST_ZEROS:
+            largest = max(abs(x[k] - state[2]), abs(state[2] - state[1]))
+            state[3] += 1.0
+            if largest > 0.0 and state[1] > GAP_IN_STEPS * largest and state[1] < LARGEST_GAP:
+                state[4] += 1.0
+            state[:3] = 0.0
+        else:
+            state[:3] = 0.0
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def _ripple_power(x: FloatArray, z: FloatArray, angle_per_x: float, power: FloatArray) -> None:
+    """Write 2|Σ e exp(ihθ)|² / Σ e² to `power` (harmonics,), e the friction less a straight line in time."""
+    n = x.size
+    middle = 0.5 * (n - 1)
+    mean, tilt, spread = 0.0, 0.0, 0.0
+    for k in range(n):
+        mean += z[k]
+        tilt += (k - middle) * z[k]
+        spread += (k - middle) ** 2
+    mean /= n
+    tilt /= spread
+    in_phase = np.zeros(power.size)
+    in_quadrature = np.zeros(power.size)
+    energy = 0.0
+    angle = 0.0
+    for k in range(n):
+        if k > 0:
+            angle += 0.5 * (x[k - 1] + x[k]) * angle_per_x
+        e = z[k] - mean - tilt * (k - middle)
+        energy += e * e
+        c, s = np.cos(angle), np.sin(angle)
+        real, imaginary = e * c, e * s
+        for h in range(power.size):
+            in_phase[h] += real
+            in_quadrature[h] += imaginary
+            real, imaginary = real * c - imaginary * s, real * s + imaginary * c
+    for h in range(power.size):
+        power[h] = 2.0 * (in_phase[h] ** 2 + in_quadrature[h] ** 2) / max(energy, 1e-300)
