@@ -4,18 +4,19 @@ The model says that between jumps friction is a level plus one viscous slope plu
 as the switching systems make them. What it leaves out shows in one of these, each a test of its own:
 
 * **slopes**: intervals at different speeds have different slopes;
-* **jumps**: a smooth effect is cut into steps, so that there are too many jumps, or jumps that no system made;
-* **persistence**: what is left of neighbouring blocks of samples agrees over longer than the noise remembers;
-* **near zero**: friction in the dead band, which no sum above holds, differs from that around it, or the speed reads
+* **sides**: friction changes with the direction of rotation;
+* **near zero**: friction in the dead band, which no running sum holds, differs from that around it, or the speed reads
   zero while the wheel passes through;
-* **ripple**: friction repeats with the wheel's angle.
+* **ripple**: friction repeats with the wheel's angle;
+* **jumps**: a smooth effect is cut into steps, so that there are too many jumps, or jumps that no system made;
+* **persistence**: what is left of neighbouring blocks of samples agrees over longer than the noise remembers.
 
 The search of the discrepancy room names the cause from the samples; here only a suspicion is raised.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -46,9 +47,11 @@ CLEAR_TREND: Final = 0.6  # rank correlation of slope and speed from which its s
 
 # Blocks whose residuals are compared with those two to eight blocks on: at least as far apart as a block is long. Noise
 # of a shorter memory than that gives a χ² value of seven degrees of freedom; one of AR(1) type is allowed for.
-# Slots of a block; least significance; and least size, in standard deviations of the noise: friction derived from speed
-# by a filter of 2 s keeps up to 0.14 of a smooth motion in healthy windows, at a significance of 60 and 310.
-PERSISTENCE: Final = ((16, 400.0, 0.10), (64, 60.0, 0.18))
+# Least significance, and least size in standard deviations of the noise: friction derived from speed by a filter of 2 s
+# keeps up to 0.14 of a smooth motion in healthy windows, at a significance of 60 in blocks of 16 slots and 310 of 64.
+SHORT_BLOCK: Final = 16
+SHORT_PERSISTS: Final = (400.0, 0.10)
+PERSISTS: Final = (60.0, 0.18)
 PERSISTENCE_LAGS: Final = (2, 8)
 FEWEST_INTERVALS: Final = 3  # from which one may be left out
 FEWEST_BLOCKS: Final = 40  # with fewer, the value is not yet normal
@@ -56,11 +59,13 @@ LARGEST_BLOCK: Final = 4.0  # standard deviations that one block counts at most
 
 NEAR_ZERO_RATIO: Final = 5.0  # mean squared deviation over the noise's from which a crossing disagrees
 FEWEST_NEAR_ZERO: Final = 4  # samples of a crossing
-FEWEST_CROSSINGS: Final = 2  # that must disagree, unless there is only one
+FEWEST_CROSSINGS: Final = 2  # that must disagree: a short sojourn may fall into one
 CROSSING_SHARE: Final = 0.5  # of all crossings
 
 SIDE_BLOCKS: Final = 4
-SIDE_SHARE: Final = 0.75  # of all crossings, which must disagree alike: jumps may fall into some
+FEWEST_SIDES: Final = 3  # crossings that must disagree alike: jumps up and down may fall into two
+SIDE_SHARE: Final = 0.75  # of all crossings
+SIDES_ALIKE: Final = 2.0  # the largest of these differences over the smallest: jumps have many sizes
 SIDE_SIGMAS: Final = 5.0
 SMALLEST_SIDE: Final = 0.2  # of the noise: a smaller difference is none
 
@@ -96,19 +101,19 @@ def check(
     Returns
     -------
     Adequacy
-        The first of the tests that fails names the finding.
+        The first of the tests that fails names the finding: those that suspect an effect come first.
     """
-    for found in (
-        slope_finding(evidence, estimate),
-        jump_finding(evidence, assignment, systems),
-        persistence_finding(evidence, estimate),
-        near_zero_finding(evidence, estimate),
-        side_finding(evidence, estimate),
-        ripple_finding(evidence),
-    ):
-        if found is not None:
-            return found
-    return FITS
+    blocks = residual_blocks(evidence, estimate, BLOCK)
+    tests: tuple[Callable[[], Adequacy | None], ...] = (
+        lambda: slope_finding(evidence, estimate),
+        lambda: side_finding(evidence, blocks),
+        lambda: near_zero_finding(evidence, estimate),
+        lambda: ripple_finding(evidence),
+        lambda: jump_finding(evidence, assignment, systems),
+        lambda: persistence_finding(evidence, blocks, PERSISTS),
+        lambda: persistence_finding(evidence, residual_blocks(evidence, estimate, SHORT_BLOCK), SHORT_PERSISTS),
+    )
+    return next((found for test in tests if (found := test()) is not None), FITS)
 
 
 # ---- slopes ----------------------------------------------------------------------------------------------------------
@@ -146,6 +151,119 @@ def _slope_deviations(evidence: Evidence, estimate: Estimate) -> tuple[FloatArra
     return deviation, (sums.x / n)[usable]
 
 
+# ---- sides -----------------------------------------------------------------------------------------------------------
+
+
+def side_finding(evidence: Evidence, blocks: Blocks) -> Adequacy | None:
+    """Test whether friction differs between the directions of rotation, from the levels just before and after zero."""
+    half = half_differences(evidence, blocks)
+    if half.size < FEWEST_SIDES:
+        return None
+    same = half if np.median(half) > 0.0 else -half
+    same = same[same > SIDE_SIGMAS]
+    if same.size < max(FEWEST_SIDES, SIDE_SHARE * half.size):
+        return None
+    alike = same[(same < SIDES_ALIKE * np.median(same)) & (same > np.median(same) / SIDES_ALIKE)]
+    if alike.size < max(FEWEST_SIDES, SIDE_SHARE * half.size):
+        return None
+    finding = f"friction differs between the directions of rotation ({alike.size} of {half.size} crossings)"
+    return Adequacy(False, "torque_bias", finding)
+
+
+def half_differences(evidence: Evidence, blocks: Blocks) -> FloatArray:
+    """Return half the difference of friction between forward and backward at each crossing, in standard deviations.
+
+    float64 (crossings,). Within `SIDE_BLOCKS` blocks on either side, up to the next changepoint; only jumps in the
+    crossing itself are in it, and they do not follow the direction.
+    """
+    direction = evidence.structure.direction[: blocks.n.size]
+    turning = np.flatnonzero(blocks.usable & (np.abs(direction) == 1.0))
+    before = np.flatnonzero(direction[turning[1:]] * direction[turning[:-1]] < 0.0)
+    variance = evidence.noise.std**2 * max(evidence.noise.long_run_factor, 1.0)
+    found = []
+    for place in before:
+        left, right = int(turning[place]), int(turning[place + 1])
+        sides = (slice(max(left - SIDE_BLOCKS + 1, 0), left + 1), slice(right, right + SIDE_BLOCKS))
+        means, counts = [], []
+        for side, own in zip(sides, (left, right), strict=True):
+            alike = (blocks.interval[side] == blocks.interval[own]) & blocks.usable[side]
+            alike &= direction[side] == direction[own]
+            n = blocks.n[side] * alike
+            counts.append(float(n.sum()))
+            means.append(float(n @ blocks.friction[side]) / counts[-1])
+        difference = 0.5 * (means[1] - means[0]) * direction[right]
+        std = 0.5 * np.sqrt(variance * (1.0 / counts[0] + 1.0 / counts[1]))
+        found.append(difference / max(std, SMALLEST_SIDE * evidence.noise.std / SIDE_SIGMAS))
+    return np.array(found)
+
+
+# ---- near zero -------------------------------------------------------------------------------------------------------
+
+
+def near_zero_finding(evidence: Evidence, estimate: Estimate) -> Adequacy | None:
+    """Compare the friction in the dead band with the levels around it, crossing by crossing."""
+    structure = evidence.structure
+    if structure.plateaus and 2 * structure.plateaus >= structure.zero_runs:
+        finding = f"the speed reads zero while the wheel passes through it ({structure.plateaus} times)"
+        return Adequacy(False, "speed_dead_zone", finding)
+    ratio, excess = near_zero_deviations(evidence, estimate)
+    disagreeing = int((ratio > NEAR_ZERO_RATIO).sum())
+    if disagreeing < max(FEWEST_CROSSINGS, CROSSING_SHARE * ratio.size):
+        return None
+    # Drag that lags the sign is missing just after a reversal; boundary lubrication adds drag on both sides of it.
+    suspect = "presliding" if excess[ratio > NEAR_ZERO_RATIO].sum() < 0.0 else "stribeck"
+    finding = f"friction near zero speed differs from the levels around it ({disagreeing} of {ratio.size} crossings)"
+    return Adequacy(False, suspect, finding)
+
+
+def near_zero_deviations(evidence: Evidence, estimate: Estimate) -> tuple[FloatArray, FloatArray]:
+    """Return how friction in the dead band deviates from the levels around it, crossing by crossing; (crossings,).
+
+    Returns
+    -------
+    ratio, excess
+        Mean squared deviation over the noise's variance; mean deviation [torque]. Each block is compared with the best
+        of the levels beside it. Where a jump lies in or next to a crossing, the worst block of it holds the jump and
+        is left out.
+    """
+    count, x, z, zz = evidence.structure.near_zero
+    inside = np.flatnonzero(count)
+    ratios, excesses = [], []
+    for crossing in np.split(inside, np.flatnonzero(np.diff(inside) > 1) + 1) if inside.size else []:
+        first, last = int(crossing[0]) * BLOCK, (int(crossing[-1]) + 1) * BLOCK
+        low, high = np.searchsorted(estimate.index, (first - BLOCK, last + BLOCK))
+        levels = estimate.level[low : high + 1][:, None]
+        n = count[crossing]
+        expected = levels + estimate.viscous * x[crossing] / n
+        squares = np.maximum(zz[crossing] - 2.0 * expected * z[crossing] + n * expected**2, 0.0)
+        best = np.argmin(squares, axis=0)
+        square, block = squares[best, np.arange(n.size)], np.ones(n.size, dtype=np.bool_)
+        if high > low:
+            block[np.argmax(square)] = False
+        total = float(n[block].sum())
+        if total >= FEWEST_NEAR_ZERO:
+            ratios.append(float(square[block].sum()) / total / evidence.noise.std**2)
+            deviation = z[crossing] - n * expected[best, np.arange(n.size)]
+            excesses.append(float(deviation[block].sum()) / total)
+    return np.array(ratios), np.array(excesses)
+
+
+# ---- ripple ----------------------------------------------------------------------------------------------------------
+
+
+def ripple_finding(evidence: Evidence) -> Adequacy | None:
+    """Test whether friction repeats with the wheel's angle."""
+    if len(evidence.structure.ripple) == 0:
+        return None
+    power = np.minimum(evidence.structure.ripple, RIPPLE_CAP).sum(axis=0)
+    strongest = int(np.argmax(power))
+    colour = max(RIPPLE_COLOUR, evidence.noise.long_run_factor)
+    by_chance = float(special.chdtri(2.0 * len(evidence.structure.ripple), RIPPLE_CHANCE / HARMONICS))
+    if power[strongest] < colour * by_chance:
+        return None
+    return Adequacy(False, "torque_ripple", f"friction repeats with the wheel's angle, {strongest + 1} times in a turn")
+
+
 # ---- jumps -----------------------------------------------------------------------------------------------------------
 
 
@@ -176,13 +294,11 @@ def expected_jumps(systems: Sequence[SwitchingSystem], slots: int) -> float:
 # ---- persistence -----------------------------------------------------------------------------------------------------
 
 
-def persistence_finding(evidence: Evidence, estimate: Estimate) -> Adequacy | None:
-    """Compare what is left of each block of samples with what is left of later ones."""
-    for slots, least_significance, least_size in PERSISTENCE:
-        blocks = residual_blocks(evidence, estimate, slots)
-        significance, size = persistence(blocks, ar_coefficient(evidence.noise))
-        if significance > least_significance and size > least_size * evidence.noise.std:
-            return Adequacy(False, None, "what friction is left beside levels and slope goes on for longer than noise")
+def persistence_finding(evidence: Evidence, blocks: Blocks, least: tuple[float, float]) -> Adequacy | None:
+    """Compare what is left of each block of samples with what is left of later ones; `least` as in PERSISTS."""
+    significance, size = persistence(blocks, ar_coefficient(evidence.noise))
+    if significance > least[0] and size > least[1] * evidence.noise.std:
+        return Adequacy(False, None, "what friction is left beside levels and slope goes on for longer than noise")
     return None
 
 
@@ -252,115 +368,3 @@ def _ar_agreement(correlation: float, size: int, lag: int) -> float:
     apart = phi ** ((lag - 1) * size + 1) * ((1.0 - phi**size) / (1.0 - phi)) ** 2
     within = (size * (1.0 - phi**2) - 2.0 * phi * (1.0 - phi**size)) / (1.0 - phi) ** 2
     return float(apart / within)
-
-
-# ---- near zero -------------------------------------------------------------------------------------------------------
-
-
-def near_zero_finding(evidence: Evidence, estimate: Estimate) -> Adequacy | None:
-    """Compare the friction in the dead band with the levels around it, crossing by crossing."""
-    structure = evidence.structure
-    if structure.plateaus and 2 * structure.plateaus >= structure.zero_runs:
-        finding = f"the speed reads zero while the wheel passes through it ({structure.plateaus} times)"
-        return Adequacy(False, "speed_dead_zone", finding)
-    ratio, excess = near_zero_deviations(evidence, estimate)
-    disagreeing = int((ratio > NEAR_ZERO_RATIO).sum())
-    if disagreeing < min(FEWEST_CROSSINGS, ratio.size) or disagreeing < max(1.0, CROSSING_SHARE * ratio.size):
-        return None
-    # Drag that lags the sign is missing just after a reversal; boundary lubrication adds drag on both sides of it.
-    suspect = "presliding" if excess[ratio > NEAR_ZERO_RATIO].sum() < 0.0 else "stribeck"
-    finding = f"friction near zero speed differs from the levels around it ({disagreeing} of {ratio.size} crossings)"
-    return Adequacy(False, suspect, finding)
-
-
-def near_zero_deviations(evidence: Evidence, estimate: Estimate) -> tuple[FloatArray, FloatArray]:
-    """Return how friction in the dead band deviates from the levels around it, crossing by crossing; (crossings,).
-
-    Returns
-    -------
-    ratio, excess
-        Mean squared deviation over the noise's variance; mean deviation [torque]. Each block is compared with the best
-        of the levels beside it. Where a jump lies in or next to a crossing, the worst block of it holds the jump and
-        is left out.
-    """
-    count, x, z, zz = evidence.structure.near_zero
-    inside = np.flatnonzero(count)
-    ratios, excesses = [], []
-    for crossing in np.split(inside, np.flatnonzero(np.diff(inside) > 1) + 1) if inside.size else []:
-        first, last = int(crossing[0]) * BLOCK, (int(crossing[-1]) + 1) * BLOCK
-        low, high = np.searchsorted(estimate.index, (first - BLOCK, last + BLOCK))
-        levels = estimate.level[low : high + 1][:, None]
-        n = count[crossing]
-        expected = levels + estimate.viscous * x[crossing] / n
-        squares = np.maximum(zz[crossing] - 2.0 * expected * z[crossing] + n * expected**2, 0.0)
-        best = np.argmin(squares, axis=0)
-        square, block = squares[best, np.arange(n.size)], np.ones(n.size, dtype=np.bool_)
-        if high > low:
-            block[np.argmax(square)] = False
-        total = float(n[block].sum())
-        if total >= FEWEST_NEAR_ZERO:
-            ratios.append(float(square[block].sum()) / total / evidence.noise.std**2)
-            deviation = z[crossing] - n * expected[best, np.arange(n.size)]
-            excesses.append(float(deviation[block].sum()) / total)
-    return np.array(ratios), np.array(excesses)
-
-
-# ---- sides -----------------------------------------------------------------------------------------------------------
-
-
-def side_finding(evidence: Evidence, estimate: Estimate) -> Adequacy | None:
-    """Test whether friction differs between the directions of rotation, from the levels just before and after zero."""
-    half = half_differences(evidence, estimate)
-    if half.size < FEWEST_CROSSINGS:
-        return None
-    disagreeing = max(int((half > SIDE_SIGMAS).sum()), int((half < -SIDE_SIGMAS).sum()))
-    if disagreeing < max(FEWEST_CROSSINGS, SIDE_SHARE * half.size):
-        return None
-    finding = f"friction differs between the directions of rotation ({disagreeing} of {half.size} crossings)"
-    return Adequacy(False, "torque_bias", finding)
-
-
-def half_differences(evidence: Evidence, estimate: Estimate) -> FloatArray:
-    """Return half the difference of friction between forward and backward at each crossing, in standard deviations.
-
-    float64 (crossings,). Within `SIDE_BLOCKS` blocks on either side, up to the next changepoint; only jumps in the
-    crossing itself are in it, and they do not follow the direction.
-    """
-    blocks = residual_blocks(evidence, estimate, BLOCK)
-    direction = evidence.structure.direction[: blocks.n.size]
-    turning = np.flatnonzero(blocks.usable & (np.abs(direction) == 1.0))
-    before = np.flatnonzero(direction[turning[1:]] * direction[turning[:-1]] < 0.0)
-    variance = evidence.noise.std**2 * max(evidence.noise.long_run_factor, 1.0)
-    found = []
-    for place in before:
-        left, right = int(turning[place]), int(turning[place + 1])
-        sides = (slice(max(left - SIDE_BLOCKS + 1, 0), left + 1), slice(right, right + SIDE_BLOCKS))
-        means, counts = [], []
-        for side, own in zip(sides, (left, right), strict=True):
-            alike = (blocks.interval[side] == blocks.interval[own]) & blocks.usable[side]
-            alike &= direction[side] == direction[own]
-            n = blocks.n[side] * alike
-            counts.append(float(n.sum()))
-            means.append(float(n @ blocks.friction[side]) / counts[-1])
-        difference = 0.5 * (means[1] - means[0]) * direction[right]
-        std = 0.5 * np.sqrt(variance * (1.0 / counts[0] + 1.0 / counts[1]))
-        found.append(difference / max(std, SMALLEST_SIDE * evidence.noise.std / SIDE_SIGMAS))
-    return np.array(found)
-
-
-# ---- ripple ----------------------------------------------------------------------------------------------------------
-
-
-def ripple_finding(evidence: Evidence) -> Adequacy | None:
-    """Test whether friction repeats with the wheel's angle."""
-    if len(evidence.structure.ripple) == 0:
-        return None
-    power = np.minimum(evidence.structure.ripple, RIPPLE_CAP).sum(axis=0)
-    strongest = int(np.argmax(power))
-    colour = max(RIPPLE_COLOUR, evidence.noise.long_run_factor)
-    by_chance = float(special.chdtri(2.0 * len(evidence.structure.ripple), RIPPLE_CHANCE / HARMONICS))
-    if power[strongest] < colour * by_chance:
-        return None
-    return Adequacy(
-        False, "torque_ripple", f"friction repeats with the wheel's angle, {strongest + 1} times in a turn"
-    )

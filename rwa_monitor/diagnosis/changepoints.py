@@ -25,6 +25,7 @@ LONGEST_HALF: Final = 1024  # slots on each side that a candidate is judged by: 
 # Tests that a window amounts to, per slot. The peaks of all scales are about 1.5 independent tests a slot, but a
 # candidate must also stand between its final neighbours: simulated windows without a jump show this many.
 TESTS_PER_SLOT: Final = 0.25
+LONG_GAP: Final = MAX_SCALE // 2  # slots without a used sample that leave no contrast enough samples on either side
 MOST_CANDIDATES: Final = 1000  # a window with more holds something else than jumps; the strongest are kept
 
 
@@ -37,6 +38,46 @@ def variance_table(scales: IntArray, variances: FloatArray) -> FloatArray:
     """Return v for a shorter half of 0 … MAX_SCALE used samples: the scales' variances, interpolated in log n."""
     n = np.maximum(np.arange(MAX_SCALE + 1), 1)
     return np.exp(np.interp(np.log(n), np.log(scales), np.log(variances)))
+
+
+def join(first: Candidates, second: Candidates) -> Candidates:
+    """Return the peaks of both lists, in any order."""
+    return Candidates(
+        index=np.concatenate([first.index, second.index]),
+        scale=np.concatenate([first.scale, second.scale]),
+        statistic=np.concatenate([first.statistic, second.statistic]),
+        jump=np.concatenate([first.jump, second.jump]),
+    )
+
+
+def peaks_behind_gaps(sums: RunningSums) -> Candidates:
+    """Return a peak behind each long stretch without a used sample: gaps of telemetry, the dead band around zero.
+
+    No contrast of the fixed scales spans such a stretch, so that a jump in it would never be seen. Its scale reaches
+    MAX_SCALE slots beyond the stretch; whether there is a jump is for `select_candidates` to say. The statistic is
+    infinite, which only makes it the first of its scale to be tried.
+
+    Parameters
+    ----------
+    sums
+        Running sums of the window; their checkpoints alone tell where no sample is used.
+    """
+    count = sums.arrays.checkpoints[: sums.slots // STRIDE + 1, 0]
+    empty = np.flatnonzero(np.diff(count) == 0.0)
+    runs = np.split(empty, np.flatnonzero(np.diff(empty) > 1) + 1) if empty.size else []
+    index, scale = [], []
+    for run in runs:
+        begin, end = int(run[0]) * STRIDE, (int(run[-1]) + 1) * STRIDE
+        after = np.flatnonzero(sums.arrays.used[end : end + STRIDE])
+        if end - begin >= LONG_GAP and begin > 0 and after.size:
+            index.append(end + int(after[0]))
+            scale.append(end - begin + MAX_SCALE)
+    return Candidates(
+        index=np.array(index, dtype=np.int64),
+        scale=np.array(scale, dtype=np.int64),
+        statistic=np.full(len(index), np.inf),
+        jump=np.zeros(len(index)),
+    )
 
 
 class Bar(NamedTuple):
@@ -231,7 +272,8 @@ def _settle(
     while True:
         for i in range(first, last):
             before, after = _neighbours(i, count, index, slots)
-            low, high = max(index[i] - LONGEST_HALF, before), min(index[i] + LONGEST_HALF, after)
+            half = max(LONGEST_HALF, 2 * scale[i])
+            low, high = max(index[i] - half, before), min(index[i] + half, after)
             values[i, 0], values[i, 1], values[i, 2] = judge(index[i], low, high, slope, sums, bar)
             read += _ends(low, index[i], high)
         if count == 0:

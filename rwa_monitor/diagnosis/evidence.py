@@ -19,6 +19,8 @@ from scipy import special
 
 from rwa_monitor.diagnosis.changepoints import (
     TESTS_PER_SLOT,
+    join,
+    peaks_behind_gaps,
     select_candidates,
     suppress,
     threshold_for,
@@ -395,10 +397,12 @@ class WindowAccumulator:
 
     def _choose(self, evidence: Evidence) -> Candidates:
         """Return the candidates: the paper's runs as they are; else those that stand beside all others."""
-        peaks = evidence.candidates
-        if self.method == "paper" or len(peaks) == 0:
-            return peaks
+        if self.method == "paper":
+            return evidence.candidates
         known = np.isfinite(self._variances)
+        peaks = join(evidence.candidates, peaks_behind_gaps(self._sums))
+        if len(peaks) == 0 or not known.any():
+            return evidence.candidates
         table = variance_table(self._scales[known], self._variances[known])
         colour = ar_coefficient(evidence.noise)
         index = suppress(peaks)

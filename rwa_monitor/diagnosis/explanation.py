@@ -14,6 +14,11 @@ _ACTION = {
     "viscous": "Check the lubricant: compare with bearing temperature and age before blaming wear.",
 }
 _ACTION_SYSTEM = "Check for cage or oil-pocket trouble: compare the size and rate of its jumps with earlier windows."
+_ACTION_MODEL = (
+    "Run rwa-monitor discrepancy on this window and extend the wheel file by the effect it names; until then what is"
+    " said of the wheel's health is worth less."
+)
+_ACTION_MODEL_TOO = "Run rwa-monitor discrepancy as well, to extend the wheel file by what is missing."
 WORTH_NAMING = 0.1  # probability from which another anomaly is named beside the one diagnosed
 _NEVER_RESTED = (
     "A switching system never rested in this window, so base dry friction and its own were told apart by learned"
@@ -106,11 +111,9 @@ def explain(
         qualification = ""
         action = "Wait for the next window, or give this one more samples, before acting."
     if not adequacy.adequate:
-        suspect = f"; {adequacy.suspected_effect} is suspected" if adequacy.suspected_effect else ""
-        qualification = (
-            f"Trust it less than usual: the friction model does not fit, {adequacy.finding}{suspect}"
-            " (rwa-monitor discrepancy tells more)."
-        )
+        suspect = f", {adequacy.suspected_effect} is suspected" if adequacy.suspected_effect else ""
+        qualification = f"The friction model lacks something this wheel has: {adequacy.finding}{suspect}."
+        action = f"{action} {_ACTION_MODEL_TOO}" if verdict == "anomalous" else _ACTION_MODEL
     return " ".join(sentence for sentence in (reason, qualification, action) if sentence)
 
 

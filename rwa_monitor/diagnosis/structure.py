@@ -43,8 +43,8 @@ class Structure:
     near_zero
         float64 (4, blocks): n, Σx, Σz, Σz² of the good samples in the dead band whose sign of ω is certain.
     ripple
-        float64 (stretches, harmonics), power of the friction at 1 … 96 times the wheel's angle in each stretch without a
-        masked slot, in units that are 2 on average for white noise.
+        float64 (stretches, harmonics), power of the friction at 1 … 96 times the wheel's angle in each stretch without
+        a masked slot, in units that are 2 on average for white noise.
     zero_runs, plateaus
         Runs of speed readings of exactly zero, and how many of them end like a tachometer's dead zone.
     """
@@ -114,7 +114,9 @@ class StructureSums:
     def close(self) -> Structure:
         """Return what was gathered."""
         there = np.isfinite(self._ripple[:, 0])
-        return Structure(self._signs / np.maximum(self._counts, 1), self._near_zero, self._ripple[there], int(self._zeros[3]), int(self._zeros[4]))
+        zero_runs, plateaus = int(self._zeros[3]), int(self._zeros[4])
+        direction = self._signs / np.maximum(self._counts, 1)
+        return Structure(direction, self._near_zero, self._ripple[there], zero_runs, plateaus)
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
@@ -128,7 +130,14 @@ def _count_signs(first: int, speed: FloatArray, good: BoolArray, signs: IntArray
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
 def _add_near_zero(
-    x: FloatArray, z: FloatArray, good: BoolArray, used: BoolArray, start: int, stop: int, certain: float, out: FloatArray
+    x: FloatArray,
+    z: FloatArray,
+    good: BoolArray,
+    used: BoolArray,
+    start: int,
+    stop: int,
+    certain: float,
+    out: FloatArray,
 ) -> None:
     for k in range(start, stop):
         if good[k] and not used[k] and x[k] > certain:

@@ -20,7 +20,8 @@ from rwa_monitor.diagnosis.adequacy import Adequacy
 from rwa_monitor.diagnosis.assignment import assign
 from rwa_monitor.diagnosis.classification import Judged, Judgement, classify, classify_as_paper, unjudged
 from rwa_monitor.diagnosis.components import split
-from rwa_monitor.diagnosis.features import Features, SystemFeatures, features_of
+from rwa_monitor.diagnosis.doubt import doubt_of
+from rwa_monitor.diagnosis.features import Features, SystemFeatures, features_of, normalised_nominal_viscous
 from rwa_monitor.diagnosis.model import AnomalyModel, Levels, Model, models_for
 from rwa_monitor.diagnosis.paper_assignment import assign_as_paper, split_as_paper
 from rwa_monitor.diagnosis.results import (
@@ -76,12 +77,13 @@ class _Case:
 
 @dataclass(frozen=True, slots=True)
 class _Stages:
-    """Results of stages 2 and 3."""
+    """Results of stages 2 and 3, and whether the friction model fits."""
 
     assignment: Assignment
     estimate: Estimate
     components: Components
     features: Features
+    fits: Adequacy
 
 
 def diagnose_window(
@@ -118,9 +120,8 @@ def diagnose_window(
     if evidence.used < MIN_USED:
         return _too_few(case, models), carried
     stages = _run_stages(case)
-    judgement = _judge(case, models, stages.features)
-    fits = adequacy.check(evidence, stages.estimate, stages.assignment, wheel.fss)
-    diagnosis = _diagnosis(case, models, stages, judgement, fits)
+    judgement = _judge(case, models, stages)
+    diagnosis = _diagnosis(case, models, stages, judgement)
     state = next_state(
         carried,
         wheel,
@@ -129,7 +130,7 @@ def diagnose_window(
         noise_std=evidence.noise.std,
         probability=judgement.to_carry if model is not None else {},
         base_known=stages.features.base_known,
-        adequate=fits.adequate,
+        adequate=stages.fits.adequate,
     )
     return diagnosis, state
 
@@ -142,24 +143,34 @@ def _run_stages(case: _Case) -> _Stages:
     else:
         assignment, estimate = assign(evidence, wheel, case.carried)
         components = split(assignment, estimate, evidence, wheel, case.carried)
-    return _Stages(assignment, estimate, components, features_of(components, assignment, wheel))
+    features = features_of(components, assignment, wheel)
+    fits = adequacy.check(evidence, estimate, assignment, wheel.fss)
+    if case.method == "joint" and not fits.adequate:
+        doubt = doubt_of(evidence, estimate, assignment, components, wheel)
+        features = doubt.widen_features(features, normalised_nominal_viscous(wheel))
+        components = doubt.widen(components)
+    return _Stages(assignment, estimate, components, features, fits)
 
 
-def _judge(case: _Case, models: Sequence[AnomalyModel | None], features: Features) -> Judgement:
-    names = case.wheel.anomalies
+def _judge(case: _Case, models: Sequence[AnomalyModel | None], stages: _Stages) -> Judgement:
+    names, features = case.wheel.anomalies, stages.features
     if case.model is None:
         return unjudged(features, names)
     if case.method == "paper":
         return classify_as_paper(features, models, names)
     window = case.wheel.window
     new_share = min(1.0, window.hop_slots / window.samples) if case.carried.windows else 1.0
+    if not stages.fits.adequate:
+        new_share = 0.0  # what is missing says the same in every window: it must not add up to certainty
     return classify(features, models, names, case.model, case.carried, new_share)
 
 
 # ---- the verdict -----------------------------------------------------------------------------------------------------
 
 
-def _verdict(case: _Case, judged: Sequence[Judged], anomalies: Sequence[AnomalyDiagnosis]) -> tuple[Verdict, str]:
+def _verdict(
+    case: _Case, judged: Sequence[Judged], anomalies: Sequence[AnomalyDiagnosis], fits: Adequacy
+) -> tuple[Verdict, str]:
     """Return the verdict and its reason. A found anomaly stands; what keeps a window from being nominal comes after."""
     if case.wheel.nominal is None:
         return "inconclusive", "The wheel file has no [nominal], so there is nothing to compare the friction with."
@@ -175,11 +186,12 @@ def _verdict(case: _Case, judged: Sequence[Judged], anomalies: Sequence[AnomalyD
     certain = [a for a, entry in zip(anomalies, judged, strict=True) if entry.active and entry.probability >= high]
     if certain:
         return "anomalous", explanation.reason_anomalous(certain)
+    lacking = "" if fits.adequate else f" while the friction model lacks something ({fits.finding})"
     for anomaly, entry in zip(anomalies, judged, strict=True):
         what = explanation.title(entry.name)
         if low < entry.probability < high:
             return "inconclusive", (
-                f"Whether {what} is anomalous cannot be decided: it is"
+                f"Whether {what} is anomalous cannot be decided{lacking}: it is"
                 f" {explanation.quantity(anomaly.estimate, anomaly.unit)}"
                 f" (nominal {explanation.span(anomaly.nominal_low, anomaly.nominal_high, anomaly.unit)}),"
                 f" probability of an anomaly {explanation.percent(entry.probability)}."
@@ -191,7 +203,7 @@ def _verdict(case: _Case, judged: Sequence[Judged], anomalies: Sequence[AnomalyD
             )
     silent = [entry.name for entry in judged if not entry.telling]
     if silent:
-        return "inconclusive", f"Nothing else is anomalous, but the window does not show {_list(silent)}."
+        return "inconclusive", f"Nothing else is anomalous, but the window does not show {_list(silent)}{lacking}."
     return "nominal", explanation.reason_nominal(anomalies)
 
 
@@ -261,15 +273,15 @@ def _diagnosis(
     models: Sequence[AnomalyModel | None],
     stages: _Stages,
     judgement: Judgement,
-    fits: Adequacy,
 ) -> WindowDiagnosis:
+    fits = stages.fits
     wheel, features = case.wheel, judgement.features
     torque, viscous = wheel.torque_unit_Nm, viscous_unit(wheel)
     anomalies = tuple(
         _anomaly(wheel, judged, learned, features, a)
         for a, (judged, learned) in enumerate(zip(judgement.anomalies, models, strict=True))
     )
-    verdict, reason = _verdict(case, judgement.anomalies, anomalies)
+    verdict, reason = _verdict(case, judgement.anomalies, anomalies, fits)
     return WindowDiagnosis(
         verdict=verdict,
         reason=reason,

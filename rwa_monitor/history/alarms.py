@@ -80,11 +80,16 @@ class Policy:
         if not 0.0 <= self.warning <= self.distress <= self.critical:
             raise ValueError("the severities of warning, distress and critical are not in order")
 
-    def level_of(self, anomaly: Anomaly) -> Level:
-        """Return the level that one anomaly of one window reaches."""
+    def level_of(self, anomaly: Anomaly, *, model_adequate: bool = True) -> Level:
+        """Return the level that one anomaly of one window reaches.
+
+        Where the friction model does not fit, only the severity that is certain to one standard deviation counts.
+        """
         if not anomaly.active:
             return Level.NORMAL
         severity = anomaly.severity or 0.0
+        if not model_adequate:
+            severity -= anomaly.severity_std or 0.0
         steps = ((self.critical, Level.CRITICAL), (self.distress, Level.DISTRESS), (self.warning, Level.WARNING))
         return next((level for bound, level in steps if severity >= bound), Level.WATCH)
 
@@ -134,18 +139,18 @@ class AlarmEvent:
 
 
 def observe(diagnosis: Diagnosis, policy: Policy) -> dict[str, Observation]:
-    """Return what a window says to each alarm of its wheel; nothing when it decides nothing."""
+    """Return what a window says to each alarm of its wheel: nothing of the wheel when it decides nothing."""
+    time_ns, fits = diagnosis.window_end_ns, diagnosis.model_adequate
+    # A wrong model is no fault of the wheel, but what it says of the wheel is then worth less.
+    model = {MODEL_ALARM: Observation(Level.NORMAL if fits else Level.WATCH, time_ns)}
     if diagnosis.verdict == "inconclusive":
-        return {}
-    time_ns = diagnosis.window_end_ns
+        return {} if fits else model  # a window that shows nothing does not show either that the model fits
     alarmed = diagnosis.verdict == "anomalous"
     observations = {
-        name: Observation(policy.level_of(anomaly) if alarmed else Level.NORMAL, time_ns)
+        name: Observation(policy.level_of(anomaly, model_adequate=fits) if alarmed else Level.NORMAL, time_ns)
         for name, anomaly in diagnosis.anomalies.items()
     }
-    # A wrong model is no fault of the wheel, but what it says of the wheel is then worth less.
-    observations[MODEL_ALARM] = Observation(Level.NORMAL if diagnosis.model_adequate else Level.WATCH, time_ns)
-    return observations
+    return observations | model
 
 
 def advance(alarm: Alarm, observation: Observation, policy: Policy) -> tuple[Alarm, list[AlarmEvent]]:
