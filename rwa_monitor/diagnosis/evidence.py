@@ -64,6 +64,8 @@ KEPT_STATISTIC: Final = 12.0  # peaks below are not kept: no threshold at the cl
 FALSE_CANDIDATES: Final = 0.3  # bearable in a window without a jump; the assignment sorts them out
 CERTAIN_STATISTIC: Final = 30.0  # peaks that split the window while its slope is first estimated
 SMALLEST_SLOPE_SPREAD: Final = 0.05  # [of the slope] the slope known so far is never trusted further than that
+ANY_SLOPE: Final = 3.0  # times the slope learned or nominal: no anomaly of viscous friction is further off
+SMALLEST_SLOPE: Final = 0.1  # of the dry torque at nominal speed, for a wheel with next to no viscous friction
 LARGEST_VALUE: Final = 1e4  # normalised speed or friction beyond is a broken word of telemetry, not a wheel's
 LEAST_SHARE: Final = 0.8  # of the variance by mean squares that a robust one may be: heavy tails make it smaller
 SPEED_NOISES: Final = 5.0  # dead band in standard deviations of the speed's noise: the sign of ω is certain beyond
@@ -378,15 +380,39 @@ class WindowAccumulator:
         """Return the newly confirmed peaks, unless a narrower scale has announced the same jump."""
         events = []
         for s, index, statistic, jump in self._peaks.confirmed():
-            scale = int(self._scales[s])
-            if self.method == "joint" and any(abs(index - other) <= scale for other in self._announced[-STEP:]):
-                continue
+            scale, variance = int(self._scales[s]), float(self._variances[s])
+            if self.method == "joint":
+                if any(abs(index - other) <= scale for other in self._announced[-STEP:]):
+                    continue
+                statistic, jump = self._for_any_slope(index, scale, variance)
+                if statistic <= self._sure[s]:
+                    continue
             self._announced.append(index)
-            normalised = statistic / float(self._variances[s])
+            normalised = statistic / variance
             chance = PEAK_TESTS_PER_SLOT * self.slots * float(special.chdtrc(1, normalised))
             std = abs(jump) / float(np.sqrt(normalised))
             events.append(ConfirmedCandidate(index, jump, std, confidence=max(0.0, 1.0 - chance)))
         return events
+
+    def _for_any_slope(self, index: int, scale: int, variance: float) -> tuple[float, float]:
+        """Return statistic and jump of a contrast whose own samples tell the slope, whatever was learned before.
+
+        In a slew, a slope that is off by some per cent looks like jumps: that of the nominal wheel while viscous
+        friction is anomalous, that of an earlier part of the window while the anomaly grows. Only a peak that stays one
+        for any slope is certain while the window is open; at its close the window's own slope decides.
+        """
+        start = np.array([index - scale, index])
+        sums = self._sums.between(start, start + scale)
+        n = np.maximum(sums.n, 1.0)
+        x, e = sums.x / n, (sums.z - self._slope * sums.x) / n
+        spread = float(np.maximum(sums.xx - n * x**2, 0.0).sum())
+        tilt = float((sums.xz - self._slope * sums.xx - n * x * e).sum())
+        nominal = self.slope_prior.mean if self.slope_prior else 0.0
+        largest = ANY_SLOPE * max(abs(self._slope), abs(nominal), SMALLEST_SLOPE)
+        weight = min(self._weight, variance / largest**2)
+        step = float(x[1] - x[0])
+        jump = float(e[1] - e[0]) - step * tilt / (spread + weight)
+        return jump**2 / (float((1.0 / n).sum()) + step**2 / (spread + weight)), jump
 
     # ---- at the close ----------------------------------------------------------------------------------------------
 
