@@ -16,12 +16,13 @@ from typing import Final
 
 import numpy as np
 
-from rwa_monitor.physics.effects.base import Channels, MeanEffect
+from rwa_monitor.physics.effects.base import MeanEffect
 from rwa_monitor.physics.effects.catalogue import CATALOGUE, to_block
 from rwa_monitor.physics.effects.strength import level_columns, strength_for
 from rwa_monitor.physics.scenario import Scenario
 from rwa_monitor.physics.speed import SpeedProfile
 from rwa_monitor.physics.telemetry import Telemetry, simulate
+from rwa_monitor.physics.truth import true_channels
 from rwa_monitor.physics.wheel import EffectBlock, Wheel
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, Samples, concatenate
 
@@ -119,7 +120,7 @@ def draw_effect(wheel: Wheel, plain: Telemetry, rng: np.random.Generator) -> tup
     fixed = {p.name: p.typical for p in effect.shape_parameters() if p.name not in drawn}
     shape = {**drawn, **fixed}
     sigmas = float(rng.uniform(*STRENGTH_SIGMAS))
-    channels = _channels(plain, wheel)
+    channels = true_channels(plain.truth, wheel, plain.truth.used)
     levels = level_columns(channels.direction, np.unique(plain.truth.changepoints.index))
     strengths = strength_for(effect, shape, channels, levels, sigmas * plain.truth.noise_std_Nm, rng)
     return effect(**shape, **strengths), sigmas
@@ -139,22 +140,3 @@ def _pass(wheel: Wheel, start_ns: int, rng: np.random.Generator, *effects: Effec
         effect=effects,
     )
     return simulate(scenario, wheel, rng)
-
-
-def _channels(plain: Telemetry, wheel: Wheel) -> Channels:
-    """Return the true motion as effects see it."""
-    truth = plain.truth
-    speed = truth.speed_rad_s
-    period = wheel.sample_period_s
-    return Channels(
-        time_s=np.arange(speed.size, dtype=np.float64) * period,
-        speed_rad_s=speed,
-        direction=np.sign(speed),
-        acceleration_rad_s2=truth.acceleration_rad_s2,
-        angle_rad=np.concatenate([[0.0], np.cumsum(0.5 * period * (speed[1:] + speed[:-1]))]),
-        motor_torque_Nm=truth.motor_torque_Nm,
-        bearing_temperature_degC=None,
-        dry_level_Nm=None,
-        sample_period_s=period,
-        good=truth.used,
-    )

@@ -1,0 +1,154 @@
+"""How well the check at a window's close sees what the friction model lacks, and what that does to the diagnosis.
+
+A trial hides one effect in a few windows of a wheel of recipe `paper`, at a strength that is the RMS of its part
+orthogonal to sign, speed and true levels (`physics.effects.strength`), in standard deviations of the noise, over all
+slots of the first window, the dead band included. The windows follow each other with the state carried on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Final
+from unittest import mock
+
+import numpy as np
+
+from rwa_monitor.diagnosis import window
+from rwa_monitor.diagnosis.doubt import Doubt
+from rwa_monitor.diagnosis.model import built_in_model
+from rwa_monitor.diagnosis.window_diagnosis import WindowDiagnosis
+from rwa_monitor.errors import InputError
+from rwa_monitor.live.core import diagnose_samples
+from rwa_monitor.physics.datasets import RECIPES
+from rwa_monitor.physics.effects.base import Channels, MeanEffect
+from rwa_monitor.physics.effects.catalogue import CATALOGUE, to_block
+from rwa_monitor.physics.effects.strength import level_columns, strength_for
+from rwa_monitor.physics.scenario import Anomaly, Scenario
+from rwa_monitor.physics.speed import ProfileKind, SpeedProfile
+from rwa_monitor.physics.telemetry import simulate
+from rwa_monitor.physics.truth import true_channels
+from rwa_monitor.physics.wheel import EffectBlock, Wheel
+
+MOTIONS: Final[tuple[ProfileKind, ...]] = ("one_direction", "crossings", "rich", "orbit")
+MEAN_EFFECTS: Final = tuple(name for name, effect in CATALOGUE.items() if issubclass(effect, MeanEffect))
+SHAPE_SPREAD: Final = 2.0  # shape parameters are drawn within this factor of the catalogue's typical value
+NO_DOUBT: Final = Doubt(base_dry=0.0, viscous=0.0, systems=0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """One hidden effect on one motion.
+
+    Attributes
+    ----------
+    effect, motion
+        Their names.
+    sigmas
+        Strength of the effect.
+    windows
+        Diagnoses of the windows in order; empty where the motion cannot show the effect at this strength.
+    """
+
+    effect: str
+    motion: ProfileKind
+    sigmas: float
+    windows: tuple[WindowDiagnosis, ...]
+
+    def seen_within(self, count: int) -> bool:
+        """Return whether any of the first windows is called inadequate."""
+        return any(not diagnosis.model_adequate for diagnosis in self.windows[:count])
+
+
+def hide_and_diagnose(
+    name: str,
+    motion: ProfileKind,
+    seed: int,
+    *,
+    sigmas: float = 0.5,
+    windows: int = 3,
+    anomalies: Mapping[str, Anomaly] | None = None,
+    doubting: bool = True,
+) -> Trial:
+    """Hide an effect in windows of a wheel whose model lacks it, and diagnose them.
+
+    Parameters
+    ----------
+    name, motion
+        Effect of the catalogue, and what the wheel does.
+    seed
+        Of all randomness; the same with and without anomalies, at any strength.
+    sigmas
+        Strength.
+    windows
+        Number of windows, each a motion of its own.
+    anomalies
+        What the wheel fails by.
+    doubting
+        False: standard deviations as if nothing was missing, to show what the doubt changes.
+    """
+    rng = np.random.default_rng([seed, MEAN_EFFECTS.index(name), MOTIONS.index(motion)])
+    wheel = RECIPES["paper"].wheel(rng)
+    seeds = rng.integers(2**63, size=windows)
+    try:
+        block = _draw(name, motion, wheel, int(seeds[0]), sigmas, rng)
+    except InputError:
+        return Trial(name, motion, sigmas, ())
+    scenario = Scenario(speed=SpeedProfile(kind=motion), effect=(block,), anomalies=dict(anomalies or {}))
+    diagnoses, carried = [], None
+    for each in seeds:
+        samples = simulate(scenario, wheel, np.random.default_rng(each)).samples
+        with mock.patch.object(window, "doubt_of", wraps=window.doubt_of) as doubt:
+            if not doubting:
+                doubt.side_effect = lambda *_: NO_DOUBT
+            (closed,) = diagnose_samples(samples, wheel, built_in_model(), carried=carried)
+        diagnoses.append(closed.diagnosis)
+        carried = closed.carried
+    return Trial(name, motion, sigmas, tuple(diagnoses))
+
+
+def _draw(
+    name: str, motion: ProfileKind, wheel: Wheel, seed: int, sigmas: float, rng: np.random.Generator
+) -> EffectBlock:
+    """Draw shape and strength of an effect; InputError where the motion cannot show it."""
+    plain = simulate(Scenario(speed=SpeedProfile(kind=motion)), wheel, np.random.default_rng(seed))
+    channels = true_channels(plain.truth, wheel, ~plain.truth.faulty)
+    effect = CATALOGUE[name]
+    assert issubclass(effect, MeanEffect)
+    shape = _draw_shape(effect, channels, rng)
+    levels = level_columns(channels.direction, np.unique(plain.truth.changepoints.index))
+    strengths = strength_for(effect, shape, channels, levels, sigmas * plain.truth.noise_std_Nm, rng)
+    return to_block(effect(**shape, **strengths))
+
+
+def _draw_shape(effect: type[MeanEffect], channels: Channels, rng: np.random.Generator) -> dict[str, float]:
+    """Draw shape parameters about their typical values, within what the motion resolves."""
+    bounds = effect.shape_bounds(channels)
+    shape = {}
+    for parameter in effect.shape_parameters():
+        factor = SHAPE_SPREAD ** rng.uniform(-1.0, 1.0)
+        if parameter.choices:
+            shape[parameter.name] = float(rng.choice(parameter.choices))
+        else:
+            shape[parameter.name] = float(np.clip(parameter.typical * factor, *bounds[parameter.name]))
+    return shape
+
+
+def diagnose_recipe(recipe: str, number: int, seed: int, *, nominal: bool) -> tuple[WindowDiagnosis, frozenset[str]]:
+    """Diagnose one window of a recipe that lacks nothing; also returns the anomalies it has.
+
+    Parameters
+    ----------
+    recipe, number, seed
+        As in `physics.datasets.generate`.
+    nominal
+        Leave out the anomalies that the recipe draws.
+    """
+    rng = np.random.default_rng([seed, number])
+    wheel = RECIPES[recipe].wheel(rng)
+    scenario = RECIPES[recipe].scenario(wheel, number, 1, rng)
+    if nominal:
+        scenario = scenario.model_copy(update={"anomalies": {}})
+    telemetry = simulate(scenario, wheel, rng)
+    (closed,) = diagnose_samples(telemetry.samples, wheel, built_in_model())
+    return closed.diagnosis, frozenset(name for name, active in telemetry.truth.labels.items() if active)
