@@ -16,6 +16,7 @@ The search of the discrepancy room names the cause from the samples; here only a
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final
@@ -284,10 +285,16 @@ def jump_finding(evidence: Evidence, assignment: Assignment, systems: Sequence[S
 
 def expected_jumps(systems: Sequence[SwitchingSystem], slots: int) -> float:
     """Return how many jumps healthy or failing systems make in a window on average: slots over the mean sojourn."""
+    return slots * _jump_rate(tuple(systems))
+
+
+@functools.lru_cache(maxsize=256)
+def _jump_rate(systems: tuple[SwitchingSystem, ...]) -> float:
+    """Return the jumps of all systems together per slot; a wheel's never changes, its windows come for months."""
     total = 0.0
     for system in systems:
         means = np.array([law.mean() for law in system.durations])
-        total += slots / float(jumping_chain_law(system) @ means)
+        total += 1.0 / float(jumping_chain_law(system) @ means)
     return total
 
 

@@ -102,7 +102,8 @@ def doubt_of(
     length = np.bincount(blocks.interval, blocks.usable, blocks.intervals) * BLOCK
     long = (length >= LONG_INTERVAL * evidence.slots) & np.isfinite(estimate.level)
     above = max(components.base_dry - float(estimate.level[long].min()), 0.0) if long.any() else 0.0
-    below = max(1.0 - components.base_dry, 0.0)  # nominal is 1: levels are in units of the nominal dry torque
+    # Levels are in units of the nominal dry torque.
+    below = max(1.0 - components.base_dry, 0.0) if wheel.nominal else 0.0
     hidden = sum(
         _hidden_friction(system, configurations, friction, evidence.slots)
         for system, configurations, friction in zip(

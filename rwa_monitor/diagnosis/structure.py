@@ -155,7 +155,7 @@ def _find_plateaus(x: FloatArray, good: BoolArray, start: int, stop: int, state:
         if not good[k]:
             state[:3] = 0.0
         elif x[k] == 0.0:
-            state[0] = state[0] + 1.0 if state[1] == 0.0 else 1.0
+            state[0] += 1.0  # noise may carry a reading over the zone's edge and back
             state[1] = state[2] = 0.0
         elif state[0] >= FEWEST_ZEROS and state[1] == 0.0:
             state[1] = x[k]

@@ -60,6 +60,7 @@ class _Case:
     model: Model | None
     carried: CarriedState
     method: Method
+    doubting: bool
 
     def provenance(self) -> dict[str, Any]:
         """Return the fields of the diagnosis that say what it was made from."""
@@ -92,6 +93,8 @@ def diagnose_window(
     model: Model | None,
     carried: CarriedState,
     method: Method = "joint",
+    *,
+    doubting: bool = True,
 ) -> tuple[WindowDiagnosis, CarriedState]:
     """Diagnose one window.
 
@@ -108,6 +111,9 @@ def diagnose_window(
         What earlier windows tell; `CarriedState.empty()` for the first. The method `paper` ignores it.
     method
         joint or paper.
+    doubting
+        False keeps the standard deviations as they would be if no effect was missing where the friction model does not
+        fit: to measure what the doubt changes.
 
     Returns
     -------
@@ -115,7 +121,7 @@ def diagnose_window(
         The diagnosis, and the state for the next window. A window with too few samples to estimate anything leaves the
         state as it was.
     """
-    case = _Case(evidence, wheel, model, carried, method)
+    case = _Case(evidence, wheel, model, carried, method, doubting)
     models = models_for(wheel, model)
     if evidence.used < MIN_USED:
         return _too_few(case, models), carried
@@ -145,7 +151,7 @@ def _run_stages(case: _Case) -> _Stages:
         components = split(assignment, estimate, evidence, wheel, case.carried)
     features = features_of(components, assignment, wheel)
     fits = adequacy.check(evidence, estimate, assignment, wheel.fss)
-    if case.method == "joint" and not fits.adequate:
+    if case.method == "joint" and case.doubting and not fits.adequate:
         doubt = doubt_of(evidence, estimate, assignment, components, wheel)
         features = doubt.widen_features(features, normalised_nominal_viscous(wheel))
         components = doubt.widen(components)

@@ -10,13 +10,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
-from unittest import mock
 
 import numpy as np
 
-from rwa_monitor.diagnosis import window
-from rwa_monitor.diagnosis.doubt import Doubt
+from rwa_monitor.diagnosis.evidence import WindowAccumulator
 from rwa_monitor.diagnosis.model import built_in_model
+from rwa_monitor.diagnosis.state import CarriedState
+from rwa_monitor.diagnosis.window import diagnose_window
 from rwa_monitor.diagnosis.window_diagnosis import WindowDiagnosis
 from rwa_monitor.errors import InputError
 from rwa_monitor.live.core import diagnose_samples
@@ -33,7 +33,6 @@ from rwa_monitor.physics.wheel import EffectBlock, Wheel
 MOTIONS: Final[tuple[ProfileKind, ...]] = ("one_direction", "crossings", "rich", "orbit")
 MEAN_EFFECTS: Final = tuple(name for name, effect in CATALOGUE.items() if issubclass(effect, MeanEffect))
 SHAPE_SPREAD: Final = 2.0  # shape parameters are drawn within this factor of the catalogue's typical value
-NO_DOUBT: Final = Doubt(base_dry=0.0, viscous=0.0, systems=0.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,15 +94,14 @@ def hide_and_diagnose(
     except InputError:
         return Trial(name, motion, sigmas, ())
     scenario = Scenario(speed=SpeedProfile(kind=motion), effect=(block,), anomalies=dict(anomalies or {}))
-    diagnoses, carried = [], None
+    diagnoses, carried = [], CarriedState.empty()
     for each in seeds:
         samples = simulate(scenario, wheel, np.random.default_rng(each)).samples
-        with mock.patch.object(window, "doubt_of", wraps=window.doubt_of) as doubt:
-            if not doubting:
-                doubt.side_effect = lambda *_: NO_DOUBT
-            (closed,) = diagnose_samples(samples, wheel, built_in_model(), carried=carried)
-        diagnoses.append(closed.diagnosis)
-        carried = closed.carried
+        assert samples.friction_torque_Nm is not None
+        window = WindowAccumulator(wheel, slots=len(samples))
+        window.append(samples.speed_rad_s, samples.friction_torque_Nm, np.ones(len(samples), dtype=np.bool_))
+        diagnosis, carried = diagnose_window(window.close(), wheel, built_in_model(), carried, doubting=doubting)
+        diagnoses.append(diagnosis)
     return Trial(name, motion, sigmas, tuple(diagnoses))
 
 

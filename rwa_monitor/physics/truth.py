@@ -7,8 +7,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from rwa_monitor.physics.switching import Realisation
 from rwa_monitor.physics.effects.base import Channels
+from rwa_monitor.physics.switching import Realisation
 from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray, Samples
 

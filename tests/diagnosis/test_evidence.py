@@ -61,6 +61,8 @@ def _bytes(evidence):
     return (
         b"".join(array.tobytes() for array in arrays)
         + b"".join(getattr(moments, name).tobytes() for name in ("n", "x", "z", "xx", "xz", "zz"))
+        + b"".join(getattr(evidence.structure, name).tobytes() for name in ("near_zero", "ripple"))
+        + np.abs(evidence.structure.direction).tobytes()
         + np.array([evidence.noise.std, evidence.noise.long_run_factor, evidence.threshold]).tobytes()
         + repr((evidence.slots, evidence.good, evidence.used)).encode()
     )
@@ -337,3 +339,35 @@ def test_paper_mode_shows_the_side_lobes_of_big_jumps_and_joint_does_not():
     assert joint.candidates.index.tolist() == [index for index, _ in jumps]
     assert len(paper.candidates) > len(joint.candidates)
     assert KEPT_STATISTIC < joint.threshold < paper.threshold
+
+
+# ---- what hides jumps, or looks like them ----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("gap", [80, 300, 2000])
+def test_a_jump_in_a_gap_longer_than_the_scales_is_found_behind_it(gap):
+    speed, torque, good = _telemetry(11, 20_000, jumps=[(9_000, 8.0)])
+    good[9_000 - gap // 2 : 9_000 + gap // 2] = False
+    assert _gather(speed, torque, good)[0].candidates.index.tolist() == [9_000 + gap // 2]
+    speed, torque, _ = _telemetry(11, 20_000)
+    assert len(_gather(speed, torque, good)[0].candidates) == 0
+
+
+@pytest.mark.parametrize(("first", "last"), [(1.0, 1.0), (1.0, 1.25), (1.0, 1.5), (2.5, 2.5)])
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_slews_of_a_wheel_whose_viscous_friction_is_anomalous_are_no_jumps(first, last, seed):
+    """The nominal slope, or the one learned of the window's beginning, is wrong by a quarter and more."""
+    n = 20_000
+    rng = np.random.default_rng(seed)
+    at = np.arange(n)
+    targets = rng.uniform(20.0, 280.0, size=12)
+    speed = np.interp(at, np.arange(24) * n / 24, np.repeat(targets, 2))  # a dwell, a slew, a dwell …
+    slope = WHEEL.nominal.viscous_Nm_s_rad * np.interp(at, [0.2 * n, 0.7 * n], [first, last])
+    jumps = [(5_000, 20.0), (12_000, -15.0)]
+    level = TORQUE + SIGMA * sum(size * (at >= index) for index, size in jumps)
+    torque = level + slope * speed + SIGMA * rng.standard_normal(n)
+    _, events = _gather(speed, torque, np.ones(n, dtype=bool))
+    assert len(events) == len(jumps)
+    for event, (index, size) in zip(events, jumps, strict=True):
+        assert abs(event.index - index) <= 2
+        assert abs(event.jump * TORQUE / SIGMA - size) < 5.0 * event.std * TORQUE / SIGMA + 0.3

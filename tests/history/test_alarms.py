@@ -5,7 +5,19 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rwa_monitor.history.alarms import Alarm, EventKind, Level, Observation, Phase, Policy, acknowledge, advance
+from rwa_monitor.history.alarms import (
+    MODEL_ALARM,
+    Alarm,
+    EventKind,
+    Level,
+    Observation,
+    Phase,
+    Policy,
+    acknowledge,
+    advance,
+    observe,
+)
+from tests.history.support import diagnosis
 
 LEVELS = st.sampled_from(list(Level))
 DEEDS = st.lists(st.one_of(LEVELS, st.just("acknowledge")), max_size=60)
@@ -63,3 +75,18 @@ def test_one_bad_window_does_not_shout_and_two_do() -> None:
     steps = play([Level.NORMAL, Level.CRITICAL, Level.NORMAL, Level.WATCH], Policy(k=2, n=3))
     assert [events for _, events, _, _ in steps] == [[], [], [], [EventKind.RAISED]]
     assert steps[-1][2].level == Level.WATCH  # the level that two of three windows reach
+
+
+def test_a_window_that_decides_nothing_because_its_model_does_not_fit_raises_the_models_alarm_only() -> None:
+    window = diagnosis(0, severity=2.0).model_copy(update={"verdict": "inconclusive", "model_adequate": False})
+    assert {name: seen.level for name, seen in observe(window, Policy()).items()} == {MODEL_ALARM: Level.WATCH}
+    assert observe(window.model_copy(update={"model_adequate": True}), Policy()) == {}
+
+
+def test_a_severity_in_doubt_counts_as_far_as_it_is_certain() -> None:
+    window = diagnosis(0, severity=2.0)
+    assert observe(window, Policy())["viscous"].level == Level.DISTRESS
+    doubtful = window.anomalies["viscous"].model_copy(update={"severity_std": 1.7})
+    window = window.model_copy(update={"model_adequate": False, "anomalies": {"viscous": doubtful}})
+    assert observe(window, Policy())["viscous"].level == Level.WATCH
+    assert observe(window, Policy())[MODEL_ALARM].level == Level.WATCH
