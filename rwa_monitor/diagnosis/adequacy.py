@@ -27,7 +27,7 @@ from scipy import special, stats
 
 from rwa_monitor.diagnosis.noise import ar_coefficient
 from rwa_monitor.diagnosis.residual_blocks import Blocks, residual_blocks
-from rwa_monitor.diagnosis.results import REJECTED, UNATTRIBUTED, Assignment, Estimate, Evidence
+from rwa_monitor.diagnosis.results import REJECTED, UNATTRIBUTED, Assignment, Estimate, Evidence, NoiseEstimate
 from rwa_monitor.diagnosis.structure import BLOCK, HARMONICS
 from rwa_monitor.physics.switching import jumping_chain_law
 from rwa_monitor.physics.wheel import SwitchingSystem
@@ -72,7 +72,9 @@ SMALLEST_SIDE: Final = 0.2  # of the noise: a smaller difference is none
 
 RIPPLE_CHANCE: Final = 1e-4  # of any harmonic in a window by chance, for white noise
 RIPPLE_CAP: Final = 40.0  # counts at most, of the power in one stretch: a jump in it looks like any frequency
-RIPPLE_COLOUR: Final = 2.0  # least allowance for the colour of the noise
+# Allowance for the colour of the noise, which may lie at the very frequency that a harmonic is seen at; beyond the
+# largest no ripple could be seen at all.
+RIPPLE_COLOUR: Final = (2.0, 8.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -220,33 +222,46 @@ def near_zero_finding(evidence: Evidence, estimate: Estimate) -> Adequacy | None
 def near_zero_deviations(evidence: Evidence, estimate: Estimate) -> tuple[FloatArray, FloatArray]:
     """Return how friction in the dead band deviates from the levels around it, crossing by crossing; (crossings,).
 
+    Only where the wheel goes on in the other direction: at rest, friction is whatever holds it there.
+
     Returns
     -------
     ratio, excess
-        Mean squared deviation over the noise's variance; mean deviation [torque]. Each block is compared with the best
-        of the levels beside it. Where a jump lies in or next to a crossing, the worst block of it holds the jump and
-        is left out.
+        Mean squared deviation over the noise's variance; mean deviation [torque].
     """
-    count, x, z, zz = evidence.structure.near_zero
-    inside = np.flatnonzero(count)
-    ratios, excesses = [], []
+    structure = evidence.structure
+    inside = np.flatnonzero(structure.near_zero[0])
+    found = []
     for crossing in np.split(inside, np.flatnonzero(np.diff(inside) > 1) + 1) if inside.size else []:
-        first, last = int(crossing[0]) * BLOCK, (int(crossing[-1]) + 1) * BLOCK
-        low, high = np.searchsorted(estimate.index, (first - BLOCK, last + BLOCK))
-        levels = estimate.level[low : high + 1][:, None]
-        n = count[crossing]
-        expected = levels + estimate.viscous * x[crossing] / n
-        squares = np.maximum(zz[crossing] - 2.0 * expected * z[crossing] + n * expected**2, 0.0)
-        best = np.argmin(squares, axis=0)
-        square, block = squares[best, np.arange(n.size)], np.ones(n.size, dtype=np.bool_)
-        if high > low:
-            block[np.argmax(square)] = False
-        total = float(n[block].sum())
-        if total >= FEWEST_NEAR_ZERO:
-            ratios.append(float(square[block].sum()) / total / evidence.noise.std**2)
-            deviation = z[crossing] - n * expected[best, np.arange(n.size)]
-            excesses.append(float(deviation[block].sum()) / total)
-    return np.array(ratios), np.array(excesses)
+        before, after = int(crossing[0]) - 1, int(crossing[-1]) + 1
+        if before < 0 or after == structure.direction.size:
+            continue
+        if structure.direction[before] * structure.direction[after] < 0.0:
+            found.append(_crossing_deviation(evidence, estimate, crossing))
+    ratio, excess = np.array([values for values in found if values is not None]).reshape(-1, 2).T
+    return ratio, excess
+
+
+def _crossing_deviation(evidence: Evidence, estimate: Estimate, crossing: IntArray) -> tuple[float, float] | None:
+    """Return ratio and excess of the blocks of one crossing, None with too few samples.
+
+    Each block is compared with the best of the levels beside it. Where a jump lies in or next to the crossing, the
+    worst block holds the jump and is left out.
+    """
+    n, x, z, zz = evidence.structure.near_zero[:, crossing]
+    first, last = int(crossing[0]) - 1, int(crossing[-1]) + 2  # with a block on either side
+    low, high = np.searchsorted(estimate.index, (first * BLOCK, last * BLOCK))
+    expected = estimate.level[low : high + 1][:, None] + estimate.viscous * x / n
+    squares = np.maximum(zz - 2.0 * expected * z + n * expected**2, 0.0)
+    best = np.argmin(squares, axis=0), np.arange(n.size)
+    kept = np.ones(n.size, dtype=np.bool_)
+    if high > low:
+        kept[np.argmax(squares[best])] = False
+    total = float(n[kept].sum())
+    if total < FEWEST_NEAR_ZERO:
+        return None
+    excess = (z - n * expected[best])[kept].sum() / total
+    return float(squares[best][kept].sum() / total / evidence.noise.std**2), float(excess)
 
 
 # ---- ripple ----------------------------------------------------------------------------------------------------------
@@ -258,11 +273,18 @@ def ripple_finding(evidence: Evidence) -> Adequacy | None:
         return None
     power = np.minimum(evidence.structure.ripple, RIPPLE_CAP).sum(axis=0)
     strongest = int(np.argmax(power))
-    colour = max(RIPPLE_COLOUR, evidence.noise.long_run_factor)
+    colour = float(np.clip(_spectral_peak(evidence.noise), *RIPPLE_COLOUR))
     by_chance = float(special.chdtri(2.0 * len(evidence.structure.ripple), RIPPLE_CHANCE / HARMONICS))
     if power[strongest] < colour * by_chance:
         return None
     return Adequacy(False, "torque_ripple", f"friction repeats with the wheel's angle, {strongest + 1} times in a turn")
+
+
+def _spectral_peak(noise: NoiseEstimate) -> float:
+    """Return the largest value of the noise's spectrum over its mean, from its autocovariance."""
+    autocovariance = noise.autocovariance
+    two_sided = np.concatenate([autocovariance, np.zeros(autocovariance.size), autocovariance[:0:-1]])
+    return float(np.fft.rfft(two_sided).real.max() / autocovariance[0])
 
 
 # ---- jumps -----------------------------------------------------------------------------------------------------------

@@ -7,8 +7,14 @@ import pytest
 from scipy import signal
 
 from rwa_monitor.diagnosis.adequacy import expected_jumps, persistence
+from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.diagnosis.residual_blocks import Blocks
 from rwa_monitor.evaluation.adequacy import MEAN_EFFECTS, MOTIONS, diagnose_recipe, hide_and_diagnose
+from rwa_monitor.live.core import diagnose_samples
+from rwa_monitor.physics.scenario import Scenario
+from rwa_monitor.physics.sensors import FrictionNoise, Sensors
+from rwa_monitor.physics.speed import SpeedProfile
+from rwa_monitor.physics.telemetry import simulate
 from rwa_monitor.physics.wheel import built_in_wheel
 from rwa_monitor.samples import FloatArray
 
@@ -24,6 +30,25 @@ def test_windows_that_lack_nothing_are_adequate(recipe: str, nominal: bool) -> N
     """In 400 nominal windows of the benchmark at most one is not: 5 in a row of each recipe have that chance, too."""
     diagnoses = [diagnose_recipe(recipe, number, seed=77, nominal=nominal)[0] for number in range(5)]
     assert [diagnosis.explanation for diagnosis in diagnoses if not diagnosis.model_adequate] == []
+
+
+UNUSUAL = {
+    "heavy tails": Scenario(noise=FrictionNoise(law="student_t", degrees_of_freedom=3.0)),
+    "long memory": Scenario(noise=FrictionNoise(law="ar1", ar_coefficient=0.9)),
+    "coarse speed": Scenario(speed=SpeedProfile(kind="rich"), sensors=Sensors(speed_quantum_rad_s=1.0)),
+    "noisy speed": Scenario(speed=SpeedProfile(kind="crossings"), sensors=Sensors(speed_noise_rad_s=0.3)),
+    "constant speed": Scenario(speed=SpeedProfile(kind="constant")),
+    "from rest, friction derived": Scenario(speed=SpeedProfile(kind="from_rest"), friction_given=False),
+}
+
+
+@pytest.mark.parametrize("case", UNUSUAL)
+def test_unusual_noise_and_motion_are_no_missing_effect(case: str) -> None:
+    wheel = built_in_wheel()
+    for seed in (1, 2):
+        samples = simulate(UNUSUAL[case], wheel, np.random.default_rng(seed)).samples
+        (closed,) = diagnose_samples(samples, wheel, built_in_model())
+        assert closed.diagnosis.model_adequate, closed.diagnosis.explanation
 
 
 @pytest.mark.parametrize(("name", "motion"), [*CASES, *((name, "one_direction") for name in SHOWN_ONE_WAY)])
