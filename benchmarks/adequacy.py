@@ -4,7 +4,7 @@
 
 Hides each mean effect of the catalogue at 0.5 σ in windows of each motion, runs nominal windows of four recipes, and
 measures what the doubt about an incomplete model does to the diagnosis of healthy and of failing wheels. Thresholds
-were set on seeds 100 to 1107. Writes docs/adequacy.md; exit code 1 where a target of the issue is missed.
+were set on seeds 100 to 1307. Writes docs/adequacy.md; exit code 1 where a target of the issue is missed.
 """
 
 from __future__ import annotations
@@ -150,7 +150,7 @@ def time_check() -> tuple[float, float]:
 def main() -> int:
     """Run everything, write the page, return the exit code."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seed", type=int, default=30_000)
+    parser.add_argument("--seed", type=int, default=40_000)
     parser.add_argument("--seeds", type=int, default=2, help="trials of each effect on each motion")
     parser.add_argument("--nominal", type=int, default=100, help="nominal windows of each recipe")
     parser.add_argument("--processes", type=int, default=2)
@@ -191,8 +191,9 @@ def main() -> int:
 PAGE_TEXT = """# Does the friction model fit? The check at every window close
 
 Made by `python -m benchmarks.adequacy --seed {seed} --seeds {seeds} --nominal {nominal}`. Thresholds were set on
-other seeds (100 to 1107). A first run, on seed 20,000, met the targets, too (123 of 123 seen, no false alarm in 400
-windows); after it the check was made blind to wheels at rest. 95 % intervals in brackets.
+other seeds (100 to 1307). Two runs before this one met the targets, too (seeds 20,000 and 30,000: each 123 of 123 seen
+within three windows, 0 and 1 false alarms in 400 windows); after them the check was made blind to wheels at rest and to
+slow crossings that read zero by chance. 95 % intervals in brackets.
 
 ## What it sees
 

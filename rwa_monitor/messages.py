@@ -396,16 +396,20 @@ class Health(Message):
     alarms: list[str]
 
 
+MODEL_LACKS: Final = "Run rwa-monitor discrepancy: the friction model lacks something this wheel has."
+
+
 def health_message(diagnosis: Diagnosis) -> Health:
     """Return the wheel's health as its latest diagnosis tells it."""
     active = {name: anomaly for name, anomaly in diagnosis.anomalies.items() if anomaly.active}
     alarmed = diagnosis.verdict == "anomalous"
+    reason = diagnosis.reason if diagnosis.model_adequate else f"{diagnosis.reason} {MODEL_LACKS}"
     return Health(
         spacecraft=diagnosis.spacecraft,
         wheel=diagnosis.wheel,
         verdict=diagnosis.verdict,
         severity=max((anomaly.severity or 0.0 for anomaly in active.values()), default=0.0) if alarmed else 0.0,
-        reason=diagnosis.reason,
+        reason=reason,
         window_end_ns=diagnosis.window_end_ns,
         alarms=list(active) if alarmed else [],
     )

@@ -131,6 +131,27 @@ def judge(k: int, low: int, high: int, slope: float, sums: SumArrays, bar: Bar) 
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
+def contrast(k: int, w: int, slope: float, weight: float, sums: SumArrays) -> tuple[float, float]:
+    """Return the wGLR's statistic [torque²] and jump at slot k and scale w, with any centre and weight of the slope.
+
+    See `wglr` for the formulas. Both 0 where a half has no used sample.
+    """
+    n0, x0, z0, xx0, xz0, _ = prefix_moments(k - w, sums)
+    n1, x1, z1, _, _, _ = prefix_moments(k, sums)
+    n2, x2, z2, xx2, xz2, _ = prefix_moments(k + w, sums)
+    left, right = n1 - n0, n2 - n1
+    if left < 1.0 or right < 1.0:
+        return 0.0, 0.0
+    xl, xr = (x1 - x0) / left, (x2 - x1) / right
+    el, er = (z1 - z0) / left - slope * xl, (z2 - z1) / right - slope * xr
+    spread = max(xx2 - xx0 - left * xl * xl - right * xr * xr, 0.0)
+    tilt = xz2 - xz0 - slope * (xx2 - xx0) - left * xl * el - right * xr * er
+    step = (xr - xl) / (spread + weight)
+    jump = er - el - step * tilt
+    return jump * jump / (1.0 / left + 1.0 / right + (xr - xl) * step), jump
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
 def refine(k: int, low: int, high: int, reach: int, slope: float, sums: SumArrays) -> tuple[int, int]:
     """Return the most likely slot of a single jump in [low, high) within `reach` of k, and the samples read."""
     first = max(low + 1, k - reach)

@@ -19,6 +19,7 @@ from scipy import special
 
 from rwa_monitor.diagnosis.changepoints import (
     TESTS_PER_SLOT,
+    contrast,
     join,
     peaks_behind_gaps,
     select_candidates,
@@ -401,18 +402,11 @@ class WindowAccumulator:
         friction is anomalous, that of an earlier part of the window while the anomaly grows. Only a peak that stays one
         for any slope is certain while the window is open; at its close the window's own slope decides.
         """
-        start = np.array([index - scale, index])
-        sums = self._sums.between(start, start + scale)
-        n = np.maximum(sums.n, 1.0)
-        x, e = sums.x / n, (sums.z - self._slope * sums.x) / n
-        spread = float(np.maximum(sums.xx - n * x**2, 0.0).sum())
-        tilt = float((sums.xz - self._slope * sums.xx - n * x * e).sum())
         nominal = self.slope_prior.mean if self.slope_prior else 0.0
         largest = ANY_SLOPE * max(abs(self._slope), abs(nominal), SMALLEST_SLOPE)
         weight = min(self._weight, variance / largest**2)
-        step = float(x[1] - x[0])
-        jump = float(e[1] - e[0]) - step * tilt / (spread + weight)
-        return jump**2 / (float((1.0 / n).sum()) + step**2 / (spread + weight)), jump
+        statistic, jump = contrast(index, scale, self._slope, weight, self._sums.arrays)
+        return float(statistic), float(jump)
 
     # ---- at the close ----------------------------------------------------------------------------------------------
 

@@ -10,6 +10,8 @@ from hypothesis import strategies as st
 from scipy import signal, stats
 
 from rwa_monitor.diagnosis.changepoints import (
+    contrast,
+    peaks_behind_gaps,
     select_candidates,
     suppress,
     threshold_for,
@@ -227,3 +229,33 @@ def test_in_coloured_noise_places_are_found_better_with_its_colour():
     ]
     # 119 jumps; the white likelihood places about 75 % of them exactly, the right one about 90 %.
     assert exact[1] >= exact[0] + 5
+
+
+# ---- one contrast, and gaps ------------------------------------------------------------------------------------------
+
+
+@given(seed=st.integers(0, 1000), share=st.sampled_from([1.0, 0.7]), w=st.sampled_from([2, 16, 128]))
+@settings(max_examples=30, deadline=None)
+def test_one_contrast_from_running_sums_is_the_two_fits(seed, share, w):
+    rng = np.random.default_rng(seed)
+    x = 0.5 + 0.1 * np.cumsum(rng.normal(0.0, 0.02, 600))
+    z = 1.0 + 1.3 * x + SIGMA * rng.standard_normal(600)
+    used = rng.random(600) < share
+    used[295:305] = True  # so that neither half is empty
+    sums = RunningSums(x, z, used)
+    sums.extend(600)
+    statistic, jump = contrast(300, w, 1.0, 0.01, sums.arrays)
+    expected, expected_jump = _glr_by_least_squares(x, z, used, 300, w, 0.01, 1.0)
+    assert statistic == pytest.approx(expected, rel=1e-6, abs=1e-10)
+    assert jump == pytest.approx(expected_jump, rel=1e-6, abs=1e-9)
+
+
+def test_a_peak_stands_behind_each_long_gap_and_nowhere_else():
+    used = np.ones(6_000, dtype=bool)
+    for begin, end in ((0, 200), (1_000, 1_050), (2_003, 2_130), (4_000, 4_900)):
+        used[begin:end] = False  # the first has nothing before it, the second the scales span
+    sums = RunningSums(np.ones(6_000), np.ones(6_000), used)
+    sums.extend(6_000)
+    peaks = peaks_behind_gaps(sums)
+    assert peaks.index.tolist() == [2_130, 4_900]
+    assert (peaks.scale > MAX_SCALE).all()

@@ -84,6 +84,10 @@ def test_a_dead_zone_is_told_from_rest_and_from_a_lattice() -> None:
     assert count(noisy) == (0, 0)
     dead = np.where(np.abs(noisy) < 0.5 * BAND, 0.0, noisy)
     assert count(np.where(np.abs(slow) < 0.05, 0.0, dead) / 10.0) == (5, 5)  # x below a tenth of the nominal speed
+    fine = 0.005 * np.rint((0.1 * slow + 0.005 * rng.standard_normal(SLOTS)) / 0.005)
+    runs, plateaus = count(fine)  # a slow crossing reads zero by chance, too
+    assert runs > 0
+    assert plateaus == 0
     runs, plateaus = count(0.02 * np.rint(slow / 0.02))  # a coarse tachometer
     assert runs > 0
     assert plateaus == 0

@@ -156,6 +156,9 @@ def test_health_follows_the_diagnosis() -> None:
     # Entries are filled in also when nothing can be said; they are no alarm then.
     unsure = sick.model_copy(update={"verdict": "inconclusive"})
     assert (health_message(unsure).alarms, health_message(unsure).severity) == ([], 0.0)
+    lacking = sick.model_copy(update={"model_adequate": False})
+    assert health_message(lacking).reason.startswith(health_message(sick).reason)
+    assert "rwa-monitor discrepancy" in health_message(lacking).reason
 
 
 @pytest.mark.parametrize(
