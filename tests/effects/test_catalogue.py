@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from rwa_monitor.errors import InputError
 from rwa_monitor.physics.effects.base import Effect, MeanEffect, Parameter
-from rwa_monitor.physics.effects.catalogue import CATALOGUE, build, mean_effects, to_block
+from rwa_monitor.physics.effects.catalogue import CATALOGUE, MEAN_EFFECTS, build, mean_effects, register, to_block
 from rwa_monitor.physics.effects.describe import _range, describe, index
 from rwa_monitor.physics.wheel import EffectBlock, Wheel, built_in_wheel
 from tests.effects.records import rich_motion
@@ -181,3 +181,22 @@ def test_the_example_of_the_wheel_file_loads() -> None:
     (effect,) = mean_effects(built_in_wheel().model_copy(update={"effect": (block,)}))
     torque, _ = effect.torque(rich_motion(512))
     assert 0 < np.abs(torque).max() <= 5.0e-4
+
+
+def test_an_effect_from_outside_joins_the_catalogue_once() -> None:
+    class Outside(CATALOGUE["stribeck"]):  # type: ignore[misc]
+        """An effect of somebody else's package."""
+
+        name = "effect_of_another_package"
+
+    try:
+        assert register(Outside) is Outside
+        assert isinstance(
+            build(EffectBlock(name=Outside.name, parameters=to_block(Outside.typical()).parameters)), Outside
+        )
+        assert Outside in MEAN_EFFECTS.values()
+        with pytest.raises(TypeError, match="two effects have the name effect_of_another_package"):
+            register(Outside)
+    finally:
+        for family in (CATALOGUE, MEAN_EFFECTS):
+            family.pop(Outside.name, None)

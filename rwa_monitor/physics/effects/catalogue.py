@@ -14,6 +14,33 @@ from rwa_monitor.physics.effects.noise_base import NoiseEffect
 from rwa_monitor.physics.effects.switching_base import SwitchingEffect
 from rwa_monitor.physics.wheel import EffectBlock, Wheel
 
+CATALOGUE: Final[dict[str, type[Effect]]] = {}
+MEAN_EFFECTS: Final[dict[str, type[MeanEffect]]] = {}
+NOISE_EFFECTS: Final[dict[str, type[NoiseEffect]]] = {}
+SWITCHING_EFFECTS: Final[dict[str, type[SwitchingEffect]]] = {}
+
+
+def register(effect: type[Effect]) -> type[Effect]:
+    """Add an effect to the catalogue; for one that lives outside this package, as a decorator of its class.
+
+    From then on wheel files may name it, the simulator adds it, the diagnosis removes it and the search tries it.
+
+    Raises
+    ------
+    TypeError
+        If another effect has its name.
+    """
+    if effect.name in CATALOGUE:
+        raise TypeError(f"two effects have the name {effect.name}: {CATALOGUE[effect.name]} and {effect}")
+    CATALOGUE[effect.name] = effect
+    if issubclass(effect, MeanEffect):
+        MEAN_EFFECTS[effect.name] = effect
+    elif issubclass(effect, NoiseEffect):
+        NOISE_EFFECTS[effect.name] = effect
+    elif issubclass(effect, SwitchingEffect):
+        SWITCHING_EFFECTS[effect.name] = effect
+    return effect
+
 
 def _effects_of(module: ModuleType) -> Iterator[type[Effect]]:
     """Yield the effects that a module defines, not those that it imports or that others are derived from."""
@@ -23,30 +50,16 @@ def _effects_of(module: ModuleType) -> Iterator[type[Effect]]:
             yield value
 
 
-def _collect() -> dict[str, type[Effect]]:
-    """Import all modules of the package and return their effects by name, in alphabetical order."""
-    found: dict[str, type[Effect]] = {}
+def _register_package() -> None:
+    """Import all modules of the package and register their effects in the order of their names."""
     this = __name__.rpartition(".")[2]
-    for info in pkgutil.iter_modules(effects.__path__):
-        if info.name == this:
-            continue
-        for effect in _effects_of(pkgutil.resolve_name(f"{effects.__name__}.{info.name}")):
-            if effect.name in found:
-                raise TypeError(f"two effects have the name {effect.name}: {found[effect.name]} and {effect}")
-            found[effect.name] = effect
-    return dict(sorted(found.items()))
+    modules = [info.name for info in pkgutil.iter_modules(effects.__path__) if info.name != this]
+    found = [effect for name in modules for effect in _effects_of(pkgutil.resolve_name(f"{effects.__name__}.{name}"))]
+    for effect in sorted(found, key=lambda effect: effect.name):
+        register(effect)
 
 
-CATALOGUE: Final[dict[str, type[Effect]]] = _collect()
-MEAN_EFFECTS: Final[dict[str, type[MeanEffect]]] = {
-    name: effect for name, effect in CATALOGUE.items() if issubclass(effect, MeanEffect)
-}
-NOISE_EFFECTS: Final[dict[str, type[NoiseEffect]]] = {
-    name: effect for name, effect in CATALOGUE.items() if issubclass(effect, NoiseEffect)
-}
-SWITCHING_EFFECTS: Final[dict[str, type[SwitchingEffect]]] = {
-    name: effect for name, effect in CATALOGUE.items() if issubclass(effect, SwitchingEffect)
-}
+_register_package()
 
 
 def build(block: EffectBlock) -> Effect:
