@@ -10,12 +10,12 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Sequence
-from importlib import import_module
 from typing import Any, Final
 
 import click
 
 from rwa_monitor.cli.exit_codes import FAILED, INTERRUPTED, WRONG_USE
+from rwa_monitor.cli.lazy import LazyGroup
 from rwa_monitor.cli.talk import PROGRAM, say
 from rwa_monitor.errors import InputError, RwaMonitorError
 from rwa_monitor.version import __version__
@@ -39,23 +39,13 @@ COMMANDS: Final = (
     "replay",
     "recover",
     "dashboard",
+    "benchmark",
     "doctor",
 )
 
 
-class Program(click.Group):
-    """The group of all commands, loaded one by one, with the exit codes of this program."""
-
-    def list_commands(self, ctx: click.Context) -> list[str]:
-        del ctx
-        return list(COMMANDS)
-
-    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        del ctx
-        if cmd_name not in COMMANDS:
-            return None
-        command: click.Command = import_module(f"rwa_monitor.cli.{cmd_name}").command
-        return command
+class Program(LazyGroup):
+    """The group of all commands, with the exit codes of this program."""
 
     def main(
         self,
@@ -97,6 +87,7 @@ class Program(click.Group):
 @click.group(
     name=PROGRAM,
     cls=Program,
+    modules={name: f"rwa_monitor.cli.{name}" for name in COMMANDS},
     invoke_without_command=True,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
 )

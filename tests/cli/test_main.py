@@ -26,7 +26,7 @@ def all_commands() -> list[list[str]]:
         command = main.get_command(context, name)
         found.append([name])
         if isinstance(command, click.Group):
-            found += [[name, sub] for sub in command.commands]
+            found += [[name, sub] for sub in command.list_commands(context)]
     return found
 
 
