@@ -15,8 +15,9 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from rwa_monitor.diagnosis.state import CarriedState
 from rwa_monitor.errors import InputError
 from rwa_monitor.live.friction import Source
-from rwa_monitor.live.order_guard import Batch
+from rwa_monitor.live.order_guard import Rows
 from rwa_monitor.live.ring_buffer import RingBuffer
+from rwa_monitor.live.sequencer import Batch
 from rwa_monitor.messages import SamplesMessage, dump_json, samples_json
 from rwa_monitor.samples import FloatArray
 
@@ -53,6 +54,9 @@ class SequencerState(_Part):
     held: list[HeldBatch]
     skipped: list[int]
     challenge: list[HeldBatch]
+    challenge_doubtful: bool = False
+    largest: int = 0
+    replaced: list[str] = Field(default_factory=list)
 
 
 class GridState(_Part):
@@ -88,6 +92,24 @@ class SlotsState(_Part):
         ring.extend(self.end, slots, {name: _with_nan(values)[rows] for name, values in self.values.items()})
 
 
+class WaitingSample(_Part):
+    """A sample that the next one judges: its time and its values, null for NaN."""
+
+    time_ns: int
+    values: dict[str, float | None]
+
+    @classmethod
+    def of(cls, rows: Rows) -> Self:
+        """Keep the one sample of `rows`."""
+        values = {name: _with_null(array)[0] for name, array in rows.values.items()}
+        return cls(time_ns=int(rows.time_ns[0]), values=values)
+
+    def rows(self) -> Rows:
+        """Return the sample as it was."""
+        values = {name: _with_nan([value]) for name, value in self.values.items()}
+        return Rows(np.array([self.time_ns], dtype=np.int64), values)
+
+
 class EffectsState(_Part):
     """What the wheel's effects remember of the slots so far."""
 
@@ -114,6 +136,7 @@ class Checkpoint(_Part):
     counts: dict[str, int]
     carried: CarriedState
     sequencer: SequencerState
+    waiting: WaitingSample | None = None
     epoch_origin_ns: int
     grid: GridState
     slots: SlotsState

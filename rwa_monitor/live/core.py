@@ -8,7 +8,7 @@ result does not depend on how the samples are cut into messages.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
 from typing import Final, Literal, Self
 
@@ -27,12 +27,21 @@ from rwa_monitor.live.checkpoint import (
     HeldBatch,
     SequencerState,
     SlotsState,
+    WaitingSample,
     WindowsState,
 )
-from rwa_monitor.live.events import ChannelMissing, EpochStarted, Event, ProvisionalChangepoint, WindowDiagnosed
+from rwa_monitor.live.events import (
+    ChannelMissing,
+    EpochStarted,
+    Event,
+    ProvisionalChangepoint,
+    StraySamples,
+    WindowDiagnosed,
+)
 from rwa_monitor.live.friction import BLOCK_SLOTS, FrictionSource, Source, source_of
-from rwa_monitor.live.order_guard import PIECE_SLOTS, Batch, Counts, OrderGuard, Sequencer
+from rwa_monitor.live.order_guard import PIECE_SLOTS, OrderGuard, Rows
 from rwa_monitor.live.ring_buffer import RingBuffer
+from rwa_monitor.live.sequencer import Batch, Counts, Sequencer
 from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import FloatArray, IntArray, Samples
 from rwa_monitor.slots import SlotGrid
@@ -97,6 +106,7 @@ class WheelCore:
         self._grid = SlotGrid(0, wheel.period_ns)  # of the running epoch
         self._source: Source | Literal[""] = ""  # the channel that friction comes from; the first message decides
         self._said_missing = False
+        self._waiting: Rows | None = None  # one sample that the next one judges
         self._friction = FrictionSource(wheel, "friction_torque_Nm")
         self._begin_ring()
 
@@ -136,6 +146,9 @@ class WheelCore:
         events: list[Event] = list(notes)
         for message in ready:
             events += self._take(message)
+        if self._waiting is not None:
+            events += self._place(self._waiting, last=True)
+            self._waiting = None
         events += self._end_epoch()
         self._guard.end_epoch()
         return events
@@ -184,26 +197,43 @@ class WheelCore:
             if not self._said_missing:
                 self._said_missing = True
                 events.append(ChannelMissing(self._source))
-        good = np.isfinite(samples.speed_rad_s) & np.isfinite(torque)
         values = {
             "speed_rad_s": _finite_or_nan(samples.speed_rad_s, len(samples)),
             "torque_Nm": _finite_or_nan(torque, len(samples)),
             "motor_torque_Nm": _finite_or_nan(self._friction.motor_torque(samples), len(samples)),
             "bearing_temperature_degC": _finite_or_nan(samples.bearing_temperature_degC, len(samples)),
         }
-        allowed = ~self._guard.beyond_limits(samples)
+        kept = self._ring.channels
+        rows = Rows(samples.time_ns, {name: array for name, array in values.items() if name in kept})
+        rows = rows[np.flatnonzero(self._guard.reject_beyond_limits(samples))]
+        return events + self._place(rows, passed=message.passed)
+
+    def _place(self, rows: Rows, *, passed: bool = False, last: bool = False) -> list[Event]:
+        """Bring samples into their slots; one that the next sample must judge waits for it."""
+        events: list[Event] = []
+        if self._waiting is not None and not passed and not last and len(rows):
+            rows, self._waiting = self._waiting.followed_by(rows), None
+        good = rows.good()
+        strays: list[int] = []
         start = 0
-        while start < len(samples):
-            piece = self._guard.next_piece(message, allowed, good, start, self._ring.is_filled)
+        while start < len(rows):
+            piece = self._guard.next_piece(rows.time_ns, good, start, self._ring.is_filled, passed=passed, last=last)
+            if piece.waits:
+                self._waiting = rows[start : start + 1]
+                break
+            if piece.stray:
+                strays.append(int(rows.time_ns[start]))
             if piece.epoch is not None:
                 events += self._end_epoch()
                 self._begin_epoch(piece.epoch)
                 events.append(EpochStarted(piece.epoch.origin_ns, piece.step_ns))
-            events += self._write(piece.slots, {name: array[piece.rows] for name, array in values.items()})
+            events += self._write(piece.slots, rows[piece.rows].values)
             start = piece.stop
+        if strays:
+            events.append(StraySamples(len(strays), strays[0]))
         return events
 
-    def _write(self, slots: IntArray, values: dict[str, FloatArray]) -> list[Event]:
+    def _write(self, slots: IntArray, values: Mapping[str, FloatArray]) -> list[Event]:
         """Bring new slots, and the empty ones before them, into the ring buffer piece by piece."""
         events: list[Event] = []
         while self._ring.end < self._guard.frontier:
@@ -309,7 +339,11 @@ class WheelCore:
                 held=[HeldBatch.of(batch) for batch in sequencer.held.values()],
                 skipped=list(sequencer.skipped),
                 challenge=[HeldBatch.of(batch) for batch in sequencer.challenge],
+                challenge_doubtful=sequencer.challenge_doubtful,
+                largest=sequencer.largest,
+                replaced=list(sequencer.replaced),
             ),
+            waiting=None if self._waiting is None else WaitingSample.of(self._waiting),
             epoch_origin_ns=self._grid.origin_ns,
             grid=GridState(
                 origin_ns=guard.grid.origin_ns if guard.grid else None, frontier=guard.frontier, last_ns=guard.last_ns
@@ -356,6 +390,8 @@ class WheelCore:
         sequencer.held = {held.number: held.batch() for held in state.held if held.number is not None}
         sequencer.skipped = dict.fromkeys(state.skipped)
         sequencer.challenge = [held.batch() for held in state.challenge]
+        sequencer.challenge_doubtful = state.challenge_doubtful
+        sequencer.largest, sequencer.replaced = state.largest, list(state.replaced)
         guard.grid = None if grid.origin_ns is None else SlotGrid(grid.origin_ns, self.wheel.period_ns)
         guard.frontier, guard.last_ns = grid.frontier, grid.last_ns
         self._grid = SlotGrid(checkpoint.epoch_origin_ns, self.wheel.period_ns)
@@ -365,6 +401,7 @@ class WheelCore:
         fits = (
             0 <= slots.end - slots.begin <= self._ring.capacity
             and set(slots.values) == set(self._ring.channels)
+            and (checkpoint.waiting is None or set(checkpoint.waiting.values) == set(self._ring.channels))
             and all(len(values) == sum(slots.filled) == slots.end - slots.begin for values in slots.values.values())
             and len(effects.memories) == len(self._friction.memories)
             and slots.begin <= min([windows.done, *windows.open])
@@ -373,6 +410,7 @@ class WheelCore:
         if not fits:
             raise InputError("checkpoint", f"does not fit the wheel {self.wheel.name}")
         slots.restore(self._ring)
+        self._waiting = None if checkpoint.waiting is None else checkpoint.waiting.rows()
         self._friction.angle_rad = effects.angle_rad
         self._friction.last_speed_rad_s = effects.last_speed_rad_s
         self._friction.memories = [None if m is None else np.array(m, dtype=np.float64) for m in effects.memories]

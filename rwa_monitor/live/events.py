@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from rwa_monitor.diagnosis.state import CarriedState
 from rwa_monitor.diagnosis.window_diagnosis import WindowDiagnosis
-from rwa_monitor.live.order_guard import MessagesMissed, PublisherChanged, PublisherConflict
+from rwa_monitor.live.sequencer import MessagesMissed, PublisherChanged, PublisherConflict
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,11 +80,28 @@ class ChannelMissing:
     channel: str
 
 
+@dataclass(frozen=True, slots=True)
+class StraySamples:
+    """Samples whose time agrees with neither the sample before nor the one after; they were rejected.
+
+    Attributes
+    ----------
+    count
+        How many in a row of messages.
+    time_ns
+        Time of the first.
+    """
+
+    count: int
+    time_ns: int
+
+
 Event = (
     EpochStarted
     | ProvisionalChangepoint
     | WindowDiagnosed
     | ChannelMissing
+    | StraySamples
     | PublisherChanged
     | PublisherConflict
     | MessagesMissed

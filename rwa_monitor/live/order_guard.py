@@ -1,262 +1,64 @@
-"""Brings what arrives into the order of the wheel's slots, and accounts for every sample.
-
-Two steps. The `Sequencer` sorts whole messages: those of one publisher into the order of their batch numbers, and a
-second live publisher out. The `OrderGuard` gives each sample its slot and says what becomes of it. Neither knows a
-clock: what they decide depends on the messages alone, so that a replay decides alike.
+"""Gives each sample its slot, and accounts for every one of them.
 
     received = used + masked + late + duplicate + rejected + queued, always.
+
+Knows no clock of the machine: what is decided depends on the samples alone, and not on how they are cut into messages.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
-from typing import Final
+from typing import Final, Self
 
 import numpy as np
 
+from rwa_monitor.live.sequencer import Counts
 from rwa_monitor.physics.wheel import Limits
-from rwa_monitor.samples import BoolArray, IntArray, Samples
+from rwa_monitor.samples import BoolArray, FloatArray, IntArray, Samples
 from rwa_monitor.slots import SlotGrid
 
-# A message that overtook others waits for them while at most this many wait. Zenoh keeps the order of one publisher, so
-# only a recovered message comes late, and it comes soon; more would delay every window behind a message that is lost.
-HOLD_BACK_MESSAGES: Final = 4
-# A new publisher takes over after this many messages without one of the old: a restart. Until then they wait.
-CHALLENGE_MESSAGES: Final = 3
-# Numbers of skipped batches that are remembered, to tell a late sample from a repeated one.
-MAX_SKIPPED: Final = 1_000
 # Times that the slot arithmetic holds in 64 bits for any two of them: 1954 to 2096, if the clock counts from 1970.
 MIN_TIME_NS: Final = -500_000_000_000_000_000
 MAX_TIME_NS: Final = 4_000_000_000_000_000_000
-# Slots written to the ring buffer in one go.
+# Slots written to the ring buffer, and samples looked at, in one go.
 PIECE_SLOTS: Final = 4_096
+# Where the next sample with another time is looked for first.
+NEAR_ROWS: Final = 64
 
 
-@dataclass(slots=True)
-class Counts:
-    """What became of the samples of one wheel, since the start.
+@dataclass(frozen=True, slots=True)
+class Rows:
+    """Samples within the wheel's limits, with the values that go into the ring buffer.
 
     Attributes
     ----------
-    received
-        All samples in messages that could be read.
-    used
-        Taken into their slot with good values.
-    masked
-        Taken, but a value is missing or not finite: the slot counts as empty.
-    late
-        Their slot had already passed.
-    duplicate
-        Their slot had already been taken.
-    rejected
-        Beyond the wheel's limits, with an impossible time, or from a second live publisher.
-    queued
-        Waiting for messages before them.
-    slots_missed
-        Slots that passed without a sample.
-    messages_missed
-        Gaps in the batch numbers.
+    time_ns
+        int64 (n,).
+    values
+        float64 (n,) of every channel of the ring buffer, NaN where not measured.
     """
 
-    received: int = 0
-    used: int = 0
-    masked: int = 0
-    late: int = 0
-    duplicate: int = 0
-    rejected: int = 0
-    queued: int = 0
-    slots_missed: int = 0
-    messages_missed: int = 0
+    time_ns: IntArray
+    values: Mapping[str, FloatArray]
 
+    def __len__(self) -> int:
+        """Count the samples."""
+        return int(self.time_ns.size)
 
-# ---- messages --------------------------------------------------------------------------------------------------------
+    def __getitem__(self, selection: slice | IntArray) -> Self:
+        """Select samples, all channels alike."""
+        values = {name: array[selection] for name, array in self.values.items()}
+        return type(self)(self.time_ns[selection], values)
 
+    def followed_by(self, others: Rows) -> Rows:
+        """Return these samples and then the others."""
+        values = {name: np.concatenate((array, others.values[name])) for name, array in self.values.items()}
+        return Rows(np.concatenate((self.time_ns, others.time_ns)), values)
 
-@dataclass(frozen=True, slots=True)
-class Batch:
-    """One message of samples: who sent it ("" when it does not say), its number (None likewise), the samples.
-
-    `passed` is True for a number that was given up as missing: its samples come late and never step the clock.
-    """
-
-    publisher: str
-    number: int | None
-    samples: Samples
-    passed: bool = False
-
-
-@dataclass(frozen=True, slots=True)
-class PublisherChanged:
-    """A new publisher took over a wheel (a restart)."""
-
-    before: str
-    after: str
-
-
-@dataclass(frozen=True, slots=True)
-class PublisherConflict:
-    """Two publishers are live on one wheel; the samples of `refused` were rejected."""
-
-    current: str
-    refused: str
-    samples: int
-
-
-@dataclass(frozen=True, slots=True)
-class MessagesMissed:
-    """Batch numbers that did not come in time."""
-
-    publisher: str
-    first: int
-    count: int
-
-
-SequenceEvent = PublisherChanged | PublisherConflict | MessagesMissed
-
-
-@dataclass(slots=True)
-class Sequencer:
-    """Puts the messages of a wheel's publisher in order and keeps a second publisher out.
-
-    A publisher is the current one until another has sent `CHALLENGE_MESSAGES` messages without one of the current
-    publisher between them; those wait (`queued`) and are then taken. If the current one speaks again first, the other's
-    messages are rejected as a conflict.
-    """
-
-    counts: Counts
-    current: str | None = None
-    expected: int | None = None
-    held: dict[int, Batch] = field(default_factory=dict)
-    skipped: dict[int, None] = field(default_factory=dict)  # an ordered set
-    challenge: list[Batch] = field(default_factory=list)
-
-    def put(self, batch: Batch, frontier_ns: int | None) -> tuple[list[Batch], list[SequenceEvent]]:
-        """Take a message; return the messages that are ready now, in order, and what happened.
-
-        Parameters
-        ----------
-        batch
-            The message.
-        frontier_ns
-            Time of the latest sample taken so far, None before the first [ns].
-        """
-        self.counts.received += len(batch.samples)
-        self.counts.queued += len(batch.samples)
-        if self.current is None:
-            self._begin(batch)
-        if batch.publisher != self.current:
-            return self._challenged_by(batch, frontier_ns)
-        events = self._end_challenge()
-        ready, more = self._in_order(batch, frontier_ns)
-        return ready, [*events, *more]
-
-    def flush(self, frontier_ns: int | None) -> tuple[list[Batch], list[SequenceEvent]]:
-        """Release everything that waits, in order: nothing more will come."""
-        ready, events = self._release(len(self.held))
-        if self.challenge:
-            more_ready, more_events = self._take_over(frontier_ns)
-            last_ready, last_events = self._release(len(self.held))
-            ready += more_ready + last_ready
-            events += more_events + last_events
-        return ready, events
-
-    def _begin(self, batch: Batch) -> None:
-        self.current = batch.publisher
-        self.held.clear()
-        self.skipped.clear()
-        # A publisher whose first message overtook others has small numbers; one that we join late has any.
-        self.expected = 0 if batch.number is not None and batch.number < HOLD_BACK_MESSAGES else batch.number
-
-    def _challenged_by(self, batch: Batch, frontier_ns: int | None) -> tuple[list[Batch], list[SequenceEvent]]:
-        events: list[SequenceEvent] = []
-        if self.challenge and self.challenge[0].publisher != batch.publisher:
-            events += self._end_challenge()
-        self.challenge.append(batch)
-        if len(self.challenge) < CHALLENGE_MESSAGES:
-            return [], events
-        left, left_events = self._release(len(self.held))
-        ready, more = self._take_over(frontier_ns)
-        return left + ready, [*events, *left_events, *more]
-
-    def _end_challenge(self) -> list[SequenceEvent]:
-        """Reject what a second publisher sent while the current one is alive."""
-        if not self.challenge:
-            return []
-        count = sum(len(batch.samples) for batch in self.challenge)
-        refused = self.challenge[0].publisher
-        self.challenge.clear()
-        self.counts.queued -= count
-        self.counts.rejected += count
-        return [PublisherConflict(current=self.current or "", refused=refused, samples=count)]
-
-    def _take_over(self, frontier_ns: int | None) -> tuple[list[Batch], list[SequenceEvent]]:
-        batches, self.challenge = self.challenge, []
-        events: list[SequenceEvent] = [PublisherChanged(before=self.current or "", after=batches[0].publisher)]
-        self._begin(min(batches, key=lambda batch: -1 if batch.number is None else batch.number))
-        ready: list[Batch] = []
-        for batch in batches:
-            more, more_events = self._in_order(batch, frontier_ns)
-            ready += more
-            events += more_events
-        return ready, events
-
-    def _in_order(self, batch: Batch, frontier_ns: int | None) -> tuple[list[Batch], list[SequenceEvent]]:
-        if batch.number is None or self.expected is None:
-            if batch.number is not None:
-                self.expected = batch.number + 1
-            return [batch], []
-        if batch.number < self.expected:
-            return self._passed(batch, batch.number, frontier_ns)
-        if batch.number in self.held:  # the same message twice while it waits
-            self._count_duplicate(batch)
-            return [], []
-        self.held[batch.number] = batch
-        return self._release(1 if len(self.held) > HOLD_BACK_MESSAGES else 0)
-
-    def _passed(self, batch: Batch, number: int, frontier_ns: int | None) -> tuple[list[Batch], list[SequenceEvent]]:
-        """Take a message whose number has passed: a late one, a new count under an old name, or a repetition."""
-        if number in self.skipped:
-            del self.skipped[number]
-            return [replace(batch, passed=True)], []
-        if frontier_ns is not None and len(batch.samples) > 0 and int(batch.samples.time_ns[0]) > frontier_ns:
-            # The numbers begin anew and the time goes on: a publisher that restarted under a fixed name.
-            ready, events = self._release(len(self.held))
-            self._begin(batch)
-            self.expected = number + 1
-            return [*ready, batch], events
-        self._count_duplicate(batch)
-        return [], []
-
-    def _count_duplicate(self, batch: Batch) -> None:
-        self.counts.queued -= len(batch.samples)
-        self.counts.duplicate += len(batch.samples)
-
-    def _release(self, at_least: int) -> tuple[list[Batch], list[SequenceEvent]]:
-        """Release what is next in order, and at least so many of those that wait, over the gaps before them."""
-        ready: list[Batch] = []
-        events: list[SequenceEvent] = []
-        while self.held:
-            number = min(self.held)
-            if number != self.expected:
-                if len(ready) >= at_least:
-                    break
-                events.append(self._skip(number))
-            ready.append(self.held.pop(number))
-            self.expected = number + 1
-        return ready, events
-
-    def _skip(self, number: int) -> MessagesMissed:
-        """Give up the batches before `number`, but remember them."""
-        first = number if self.expected is None else self.expected
-        self.counts.messages_missed += number - first
-        self.skipped.update(dict.fromkeys(range(max(first, number - MAX_SKIPPED), number)))
-        while len(self.skipped) > MAX_SKIPPED:
-            del self.skipped[next(iter(self.skipped))]
-        return MessagesMissed(self.current or "", first, number - first)
-
-
-# ---- samples ---------------------------------------------------------------------------------------------------------
+    def good(self) -> BoolArray:
+        """Return which samples have both values that a diagnosis needs, bool (n,)."""
+        return np.isfinite(self.values["speed_rad_s"]) & np.isfinite(self.values["torque_Nm"])
 
 
 @dataclass(frozen=True, slots=True)
@@ -266,24 +68,33 @@ class Piece:
     Attributes
     ----------
     stop
-        Row at which the rest of the message begins.
+        Row at which the rest of the samples begins.
     epoch
         The new slot grid where an epoch begins with the first row, otherwise None.
     step_ns
         By how much the clock stepped before that [ns]; 0 at the wheel's first sample.
     rows, slots
-        int64 (n,): rows of the message that take a slot, and their slots, strictly increasing.
+        int64 (n,): rows that take a slot, and their slots, strictly increasing.
+    stray
+        True where the row before `stop` was rejected for its time.
+    waits
+        True where row `stop` can only be judged together with the next sample.
     """
 
     stop: int
-    epoch: SlotGrid | None
-    step_ns: int
-    rows: IntArray
-    slots: IntArray
+    epoch: SlotGrid | None = None
+    step_ns: int = 0
+    rows: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    slots: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    stray: bool = False
+    waits: bool = False
 
 
 class OrderGuard:
     """Gives samples their slots and counts what becomes of each.
+
+    An epoch begins with two samples that agree: a sample more than a window away from the last one waits for the next.
+    If that goes on where the last one was, or agrees with neither, the one that waited is rejected: a wild time stamp.
 
     Parameters
     ----------
@@ -318,8 +129,8 @@ class OrderGuard:
         self.frontier = 0
         self.last_ns: int | None = None
 
-    def beyond_limits(self, samples: Samples) -> BoolArray:
-        """Return which samples cannot be telemetry of this wheel, bool (n,)."""
+    def reject_beyond_limits(self, samples: Samples) -> BoolArray:
+        """Return which samples can be telemetry of this wheel, bool (n,), and count the others as rejected."""
         wrong = (samples.time_ns < MIN_TIME_NS) | (samples.time_ns > MAX_TIME_NS)
         max_current = self.limits.max_current_A
         max_torque = None
@@ -332,15 +143,20 @@ class OrderGuard:
         ):
             if values is not None and limit is not None:
                 wrong |= np.isfinite(values) & (np.abs(values) > limit)
-        return wrong
+        count = int(wrong.sum())
+        self.counts.rejected += count
+        self.counts.queued -= count
+        return ~wrong
 
     def next_piece(
         self,
-        batch: Batch,
-        allowed: BoolArray,
+        time_ns: IntArray,
         good: BoolArray,
         start: int,
         is_filled: Callable[[IntArray], BoolArray],
+        *,
+        passed: bool = False,
+        last: bool = False,
     ) -> Piece:
         """Place the rows from `start` on, as far as one piece goes, and count them.
 
@@ -349,77 +165,116 @@ class OrderGuard:
 
         Parameters
         ----------
-        batch
-            The message.
-        allowed, good
-            bool (n,): rows that are not rejected, and those with good values.
+        time_ns, good
+            int64 and bool (n,): the samples' times, and which have good values.
         start
-            First row.
+            First row, below n.
         is_filled
             Tells which slots behind the frontier a sample came for.
+        passed
+            Whether these are samples of a message that was given up: they come late and never step the clock.
+        last
+            Whether nothing comes after these rows, so that none can wait.
         """
-        counts = self.counts
-        rows = start + np.flatnonzero(allowed[start:])
-        if rows.size == 0:
-            rejected = allowed.size - start
-            counts.rejected += rejected
-            counts.queued -= rejected
-            return Piece(allowed.size, None, 0, rows, rows)
-
-        times = batch.samples.time_ns
-        first_ns = int(times[rows[0]])
-        step_ns = 0 if self.last_ns is None else first_ns - self.last_ns
-        begins = self.grid is None or self._steps(first_ns, batch)
-        if self.grid is None or begins:
-            self.grid = SlotGrid(first_ns, self.period_ns)
-            self.frontier = 0
-            is_filled = _nothing_filled
-
-        slots = self.grid.slot_of(times[rows])
-        before = np.maximum.accumulate(np.concatenate(([self.frontier - 1], slots[:-1])))
-        count = self._piece_length(slots, before, batch)
-        stop = int(rows[count]) if count < rows.size else int(allowed.size)
-        rejected = (stop - start) - count
-        rows, slots, before = rows[:count], slots[:count], before[:count]
-
-        ahead = slots > before
-        if batch.passed:
-            ahead &= slots - before <= self.window_slots
-        behind_rows, behind = rows[~ahead], slots[~ahead]
-        rows, slots = rows[ahead], slots[ahead]
-
-        taken = is_filled(behind) | np.isin(behind, slots)
-        counts.duplicate += int(taken.sum())
-        counts.late += int(behind_rows.size - taken.sum())
-        counts.rejected += rejected
-        counts.used += int(good[rows].sum())
-        counts.masked += int(rows.size - good[rows].sum())
-        counts.queued -= rejected + count
-        if rows.size:
-            counts.slots_missed += int(slots[-1]) + 1 - self.frontier - int(rows.size)
-            self.frontier = int(slots[-1]) + 1
-            self.last_ns = int(times[rows[-1]])
-        return Piece(stop, self.grid if begins else None, step_ns, rows, slots)
+        if not passed and (self.grid is None or self._distance(self.grid, int(time_ns[start])) > self.window_slots):
+            return self._begin(time_ns, good, start, last=last)
+        if self.grid is None:  # a message that was given up before any sample was taken
+            self.counts.late += len(time_ns) - start
+            self.counts.queued -= len(time_ns) - start
+            return Piece(len(time_ns))
+        return self._go_on(self.grid, time_ns, good, start, is_filled, passed=passed)
 
     def end_epoch(self) -> None:
         """Let the next sample begin a new epoch."""
         self.grid = None
         self.frontier = 0
 
-    def _steps(self, time_ns: int, batch: Batch) -> bool:
-        """Tell whether a sample at this time is more than a window away from the last one."""
-        if batch.passed or self.last_ns is None or self.grid is None:
-            return False
-        slot = int(self.grid.slot_of(np.array([time_ns]))[0])
-        return abs(slot - (self.frontier - 1)) > self.window_slots
+    def _begin(self, time_ns: IntArray, good: BoolArray, start: int, *, last: bool) -> Piece:
+        """Judge a sample that cannot go on from the last one by the next sample with another time."""
+        counts = self.counts
+        first_ns = int(time_ns[start])
+        following = _next_time(time_ns, start)
+        undecided = following == time_ns.size
+        if undecided and not last:
+            counts.duplicate += following - start - 1
+            counts.queued -= following - start - 1
+            return Piece(start, waits=True)
+        grid = SlotGrid(first_ns, self.period_ns)
+        alone = undecided and self.grid is None  # a table of one sample is a window of one sample
+        if alone or (not undecided and self._agree(grid, int(time_ns[following]))):
+            step_ns = 0 if self.last_ns is None else first_ns - self.last_ns
+            self.grid, self.frontier = grid, 0
+            piece = self._go_on(grid, time_ns, good, start, _nothing_filled, passed=False)
+            return replace(piece, epoch=grid, step_ns=step_ns)
+        counts.rejected += 1
+        counts.duplicate += following - start - 1
+        counts.queued -= following - start
+        return Piece(following, stray=True)
 
-    def _piece_length(self, slots: IntArray, before: IntArray, batch: Batch) -> int:
+    def _agree(self, grid: SlotGrid, next_ns: int) -> bool:
+        """Tell whether the next sample lies near slot 0 of a new grid, and nearer than to the last sample."""
+        distance = abs(_slot(grid, next_ns))
+        return distance <= self.window_slots and (self.grid is None or distance < self._distance(self.grid, next_ns))
+
+    def _distance(self, grid: SlotGrid, time_ns: int) -> int:
+        """Count the slots between the last sample and a time."""
+        return abs(_slot(grid, time_ns) - (self.frontier - 1))
+
+    def _go_on(
+        self,
+        grid: SlotGrid,
+        time_ns: IntArray,
+        good: BoolArray,
+        start: int,
+        is_filled: Callable[[IntArray], BoolArray],
+        *,
+        passed: bool,
+    ) -> Piece:
+        """Place the rows from `start` on into the running grid, up to the next clock step."""
+        counts = self.counts
+        slots = grid.slot_of(time_ns[start : start + PIECE_SLOTS])
+        before = np.maximum.accumulate(np.concatenate(([self.frontier - 1], slots[:-1])))
+        count = self._piece_length(slots, before, passed=passed)
+        rows, slots, before = start + np.arange(count), slots[:count], before[:count]
+
+        ahead = slots > before
+        if passed:
+            ahead &= slots - before <= self.window_slots
+        behind = slots[~ahead]
+        rows, slots = rows[ahead], slots[ahead]
+
+        taken = is_filled(behind) | np.isin(behind, slots)
+        counts.duplicate += int(taken.sum())
+        counts.late += int(behind.size - taken.sum())
+        counts.used += int(good[rows].sum())
+        counts.masked += int(rows.size - good[rows].sum())
+        counts.queued -= count
+        if rows.size:
+            counts.slots_missed += int(slots[-1]) + 1 - self.frontier - int(rows.size)
+            self.frontier = int(slots[-1]) + 1
+            self.last_ns = int(time_ns[rows[-1]])
+        return Piece(start + count, rows=rows, slots=slots)
+
+    def _piece_length(self, slots: IntArray, before: IntArray, *, passed: bool) -> int:
         """Count the rows up to the next clock step, or up to where the piece gets too long; at least one."""
         ends = slots > self.frontier + PIECE_SLOTS
-        if not batch.passed:
+        if not passed:
             ends |= np.abs(slots - before) > self.window_slots
         ends[0] = False
         return int(np.argmax(ends)) if ends.any() else int(slots.size)
+
+
+def _slot(grid: SlotGrid, time_ns: int) -> int:
+    return int(grid.slot_of(np.array([time_ns]))[0])
+
+
+def _next_time(time_ns: IntArray, start: int) -> int:
+    """Return the next row with another time than row `start`, n where there is none."""
+    for stop in (start + NEAR_ROWS, time_ns.size):
+        other = np.flatnonzero(time_ns[start + 1 : stop] != time_ns[start])
+        if other.size:
+            return start + 1 + int(other[0])
+    return int(time_ns.size)
 
 
 def _nothing_filled(slots: IntArray) -> BoolArray:

@@ -6,8 +6,15 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Final
 
-from rwa_monitor.live.events import ChannelMissing, EpochStarted, Event, ProvisionalChangepoint, WindowDiagnosed
-from rwa_monitor.live.order_guard import MessagesMissed, PublisherChanged, PublisherConflict
+from rwa_monitor.live.events import (
+    ChannelMissing,
+    EpochStarted,
+    Event,
+    ProvisionalChangepoint,
+    StraySamples,
+    WindowDiagnosed,
+)
+from rwa_monitor.live.sequencer import MessagesMissed, PublisherChanged, PublisherConflict
 from rwa_monitor.messages import (
     Changepoints,
     Diagnosis,
@@ -118,6 +125,11 @@ def trouble_in(event: Event) -> str | None:
         return f"the wheel's clock stepped by {step_s:.3f} s: a new epoch began, the open window was closed as it was"
     if isinstance(event, ChannelMissing):
         return f"samples without {event.channel}, which this wheel's friction comes from: they are masked"
+    if isinstance(event, StraySamples):
+        return (
+            f"{event.count} samples with a time far from those before and after were rejected, "
+            f"the first at {event.time_ns} ns"
+        )
     if isinstance(event, PublisherConflict):
         return (
             f"two live publishers on one wheel: {event.samples} samples of {event.refused!r} were rejected, "

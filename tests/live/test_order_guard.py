@@ -10,9 +10,11 @@ import pytest
 from hypothesis import given, settings
 
 from rwa_monitor.live.core import WheelCore
-from rwa_monitor.live.events import EpochStarted, WindowDiagnosed
-from rwa_monitor.live.order_guard import (
+from rwa_monitor.live.events import EpochStarted, StraySamples, WindowDiagnosed
+from rwa_monitor.live.order_guard import MAX_TIME_NS, MIN_TIME_NS
+from rwa_monitor.live.sequencer import (
     CHALLENGE_MESSAGES,
+    DOUBT_FACTOR,
     HOLD_BACK_MESSAGES,
     Counts,
     MessagesMissed,
@@ -82,6 +84,48 @@ def test_a_clock_step_of_more_than_a_window_begins_an_epoch(step: int) -> None:
         ((origin + 1 + step) * PERIOD_NS, step * PERIOD_NS)
     ]
     assert core.counts.used == 4
+
+
+@pytest.mark.parametrize("size", [1, 3, 100])
+@pytest.mark.parametrize("wild", [-(2**55), 2**40, 2**60])
+def test_single_wild_times_are_rejected_and_told_however_samples_are_cut(size: int, wild: int) -> None:
+    samples = telemetry(2 * WINDOW + 50)
+    spoilt = samples[:]
+    places = [0, 7, 8, 500, 1_501]
+    spoilt.time_ns[places] += wild + np.arange(len(places)) * 2**50  # no two of them agree
+    core, clean = WheelCore(wheel(), None), WheelCore(wheel(), None)
+    events = [event for start in range(0, len(spoilt), size) for event in core.feed(spoilt[start : start + size])]
+    expected = clean.feed(samples[np.setdiff1d(np.arange(len(samples)), places)])
+    told = sum(event.count for event in events if isinstance(event, StraySamples))
+    assert core.counts.rejected == len(places)
+    assert told == sum(MIN_TIME_NS <= time_ns <= MAX_TIME_NS for time_ns in spoilt.time_ns[places])
+    assert sum(isinstance(event, EpochStarted) for event in events) == 1
+    assert said(events) == said(expected)
+    assert accounted(core.counts)
+
+
+def test_a_sample_that_the_next_one_judges_waits_and_is_counted() -> None:
+    core = new_core()
+    core.feed(samples_at([0, 1]))
+    assert core.feed(samples_at([5 * WINDOW])) == []
+    assert (core.counts.used, core.counts.queued) == (2, 1)
+    resumed = WheelCore.resume(core.checkpoint(), wheel(), None, method="joint")
+    for one in (core, resumed):
+        (ended, started) = one.feed(samples_at([5 * WINDOW + 1]))
+        assert isinstance(ended, WindowDiagnosed)
+        assert isinstance(started, EpochStarted)
+        assert (one.counts.used, one.counts.queued) == (4, 0)
+    core.feed(samples_at([50 * WINDOW, 50 * WINDOW, 50 * WINDOW]))  # one sample three times is not two that agree
+    assert (core.counts.queued, core.counts.duplicate) == (1, 2)
+    core.finish()
+    assert (core.counts.queued, core.counts.rejected) == (0, 1)
+
+
+def test_a_table_of_one_sample_is_a_window() -> None:
+    core = new_core()
+    core.feed(samples_at([3]))
+    assert [type(event) for event in core.finish()] == [EpochStarted, WindowDiagnosed]
+    assert core.counts.used == 1
 
 
 def test_a_step_of_a_window_is_a_gap() -> None:
@@ -200,6 +244,53 @@ def test_a_first_message_that_overtook_the_one_before_waits_for_it() -> None:
     for number in (1, 0, 2):
         core.feed(parts[number], "p", number)
     assert (core.counts.used, core.counts.late) == (150, 0)
+
+
+@pytest.mark.parametrize(("sizes", "run"), [((50, 50), 7), ((160, 10), 40), ((10, 160), 9)])
+def test_two_publishers_that_send_in_bursts_are_not_mixed(sizes: tuple[int, int], run: int) -> None:
+    """Both send the same times at one pace; the second never gets a word in, however its messages are cut."""
+    samples = telemetry(1_600)
+    one, other = ([samples[i : i + size] for i in range(0, 1_600, size)] for size in sizes)
+    core = new_core()
+    events = []
+    numbers = [0, 0]
+    while numbers[0] < len(one):
+        burst = run * sizes[1] // sizes[0]
+        for who, parts, count in (("one", one, burst), ("other", other, run)):
+            for part in parts[numbers[who == "other"] :][:count]:
+                events += core.feed(part, who, numbers[who == "other"])
+                numbers[who == "other"] += 1
+    assert not any(isinstance(event, PublisherChanged) for event in events)
+    assert any(isinstance(event, PublisherConflict) for event in events)
+    assert core.counts.used == 1_600
+    assert accounted(core.counts)
+
+
+def test_a_publisher_that_was_replaced_does_not_take_turns() -> None:
+    parts = batches(20 * CHALLENGE_MESSAGES)
+    core = new_core()
+    events = core.feed(parts[0], "one", 0)
+    for number in range(1, CHALLENGE_MESSAGES + 1):
+        events += core.feed(parts[number], "other", number)
+    for start in range(CHALLENGE_MESSAGES + 1, len(parts) - 8, 8):
+        for number in range(start, start + 7):
+            events += core.feed(parts[number], "one", number)
+        events += core.feed(parts[start + 7], "other", start + 7)
+    changes = [event for event in events if isinstance(event, PublisherChanged)]
+    assert changes == [PublisherChanged("one", "other")]
+    assert {event.refused for event in events if isinstance(event, PublisherConflict)} == {"one"}
+    assert accounted(core.counts)
+
+
+def test_a_publisher_that_restarts_with_its_clock_set_back_is_taken_over_after_a_while() -> None:
+    parts = batches(2 * DOUBT_FACTOR * CHALLENGE_MESSAGES)
+    core = new_core()
+    for number in range(30, 60):
+        core.feed(parts[number], "before", number - 30)
+    events = [event for number in range(60) for event in core.feed(parts[number], "after", number)]
+    assert PublisherChanged("before", "after") in events
+    assert core.counts.rejected == 0
+    assert accounted(core.counts)
 
 
 CHUNKS = st.lists(

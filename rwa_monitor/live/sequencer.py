@@ -1,0 +1,271 @@
+"""Sorts whole messages: those of one publisher into the order of their numbers, and a second live publisher out.
+
+Knows no clock: what is decided depends on the messages alone, so that a replay decides alike.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Final
+
+from rwa_monitor.samples import Samples
+
+# A message that overtook others waits for them while at most this many wait. Zenoh keeps the order of one publisher, so
+# only a recovered message comes late, and it comes soon; more would delay every window behind a message that is lost.
+HOLD_BACK_MESSAGES: Final = 4
+# A new publisher takes over after this many messages without one of the old: a restart. Until then they wait.
+CHALLENGE_MESSAGES: Final = 3
+# They must also hold as many samples as this many messages of the old one, of which so many samples count at most: two
+# publishers of different message sizes must not take turns.
+CHALLENGE_SAMPLES: Final = 2_048
+# So many times longer must the old one have been silent where a second live publisher is more likely than a restart.
+DOUBT_FACTOR: Final = 10
+# Names of replaced publishers that are remembered.
+MAX_REPLACED: Final = 8
+# Numbers of skipped batches that are remembered, to tell a late sample from a repeated one.
+MAX_SKIPPED: Final = 1_000
+
+
+@dataclass(slots=True)
+class Counts:
+    """What became of the samples of one wheel, since the start.
+
+    Attributes
+    ----------
+    received
+        All samples in messages that could be read.
+    used
+        Taken into their slot with good values.
+    masked
+        Taken, but a value is missing or not finite: the slot counts as empty.
+    late
+        Their slot had already passed.
+    duplicate
+        Their slot had already been taken.
+    rejected
+        Beyond the wheel's limits, with an impossible time, or from a second live publisher.
+    queued
+        Waiting for messages before them.
+    slots_missed
+        Slots that passed without a sample.
+    messages_missed
+        Gaps in the batch numbers.
+    """
+
+    received: int = 0
+    used: int = 0
+    masked: int = 0
+    late: int = 0
+    duplicate: int = 0
+    rejected: int = 0
+    queued: int = 0
+    slots_missed: int = 0
+    messages_missed: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Batch:
+    """One message of samples: who sent it ("" when it does not say), its number (None likewise), the samples.
+
+    `passed` is True for a number that was given up as missing: its samples come late and never step the clock.
+    """
+
+    publisher: str
+    number: int | None
+    samples: Samples
+    passed: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class PublisherChanged:
+    """A new publisher took over a wheel (a restart)."""
+
+    before: str
+    after: str
+
+
+@dataclass(frozen=True, slots=True)
+class PublisherConflict:
+    """Two publishers are live on one wheel; the samples of `refused` were rejected."""
+
+    current: str
+    refused: str
+    samples: int
+
+
+@dataclass(frozen=True, slots=True)
+class MessagesMissed:
+    """Batch numbers that did not come in time."""
+
+    publisher: str
+    first: int
+    count: int
+
+
+SequenceEvent = PublisherChanged | PublisherConflict | MessagesMissed
+
+
+@dataclass(slots=True)
+class Sequencer:
+    """Puts the messages of a wheel's publisher in order and keeps a second publisher out.
+
+    A publisher is the current one until another has sent `CHALLENGE_MESSAGES` messages, with as many samples as that
+    many of the current one, without one of the current publisher between them; those wait (`queued`) and are then
+    taken. If the current one speaks again first, the other's messages are rejected as a conflict. Names are new at each
+    start of a publisher: one that was replaced before, or that sends times which the current one has sent already, is
+    more likely a second live publisher than a restart, and waits `DOUBT_FACTOR` times longer.
+    """
+
+    counts: Counts
+    current: str | None = None
+    expected: int | None = None
+    held: dict[int, Batch] = field(default_factory=dict)
+    skipped: dict[int, None] = field(default_factory=dict)  # an ordered set
+    challenge: list[Batch] = field(default_factory=list)
+    challenge_doubtful: bool = False
+    largest: int = 0  # samples of the current publisher's largest message
+    replaced: list[str] = field(default_factory=list)
+
+    def put(self, batch: Batch, frontier_ns: int | None) -> tuple[list[Batch], list[SequenceEvent]]:
+        """Take a message; return the messages that are ready now, in order, and what happened.
+
+        Parameters
+        ----------
+        batch
+            The message.
+        frontier_ns
+            Time of the latest sample taken so far, None before the first [ns].
+        """
+        self.counts.received += len(batch.samples)
+        self.counts.queued += len(batch.samples)
+        if self.current is None:
+            self._begin(batch)
+        if batch.publisher != self.current:
+            return self._challenged_by(batch, frontier_ns)
+        self.largest = max(self.largest, len(batch.samples))
+        events = self._end_challenge()
+        ready, more = self._in_order(batch, frontier_ns)
+        return ready, [*events, *more]
+
+    def flush(self, frontier_ns: int | None) -> tuple[list[Batch], list[SequenceEvent]]:
+        """Release everything that waits, in order: nothing more will come."""
+        ready, events = self._release(len(self.held))
+        if self.challenge_doubtful:
+            events += self._end_challenge()
+        if self.challenge:
+            more_ready, more_events = self._take_over(frontier_ns)
+            last_ready, last_events = self._release(len(self.held))
+            ready += more_ready + last_ready
+            events += more_events + last_events
+        return ready, events
+
+    def _begin(self, batch: Batch) -> None:
+        self.current = batch.publisher
+        self.held.clear()
+        self.skipped.clear()
+        self.largest = 0
+        if batch.publisher in self.replaced:
+            self.replaced.remove(batch.publisher)
+        # A publisher whose first message overtook others has small numbers; one that we join late has any.
+        self.expected = 0 if batch.number is not None and batch.number < HOLD_BACK_MESSAGES else batch.number
+
+    def _challenged_by(self, batch: Batch, frontier_ns: int | None) -> tuple[list[Batch], list[SequenceEvent]]:
+        events: list[SequenceEvent] = []
+        if self.challenge and self.challenge[0].publisher != batch.publisher:
+            events += self._end_challenge()
+        if not self.challenge:
+            repeats = frontier_ns is not None and len(batch.samples) > 0 and batch.samples.time_ns[-1] <= frontier_ns
+            self.challenge_doubtful = bool(repeats) or batch.publisher in self.replaced
+        self.challenge.append(batch)
+        if not self._convinces():
+            return [], events
+        left, left_events = self._release(len(self.held))
+        ready, more = self._take_over(frontier_ns)
+        return left + ready, [*events, *left_events, *more]
+
+    def _convinces(self) -> bool:
+        """Tell whether the challenge is long enough for a restart."""
+        messages = CHALLENGE_MESSAGES * (DOUBT_FACTOR if self.challenge_doubtful else 1)
+        samples = messages * min(self.largest, CHALLENGE_SAMPLES)
+        return len(self.challenge) >= messages and sum(len(batch.samples) for batch in self.challenge) >= samples
+
+    def _end_challenge(self) -> list[SequenceEvent]:
+        """Reject what a second publisher sent while the current one is alive."""
+        if not self.challenge:
+            return []
+        count = sum(len(batch.samples) for batch in self.challenge)
+        refused = self.challenge[0].publisher
+        self.challenge.clear()
+        self.challenge_doubtful = False
+        self.counts.queued -= count
+        self.counts.rejected += count
+        return [PublisherConflict(current=self.current or "", refused=refused, samples=count)]
+
+    def _take_over(self, frontier_ns: int | None) -> tuple[list[Batch], list[SequenceEvent]]:
+        batches, self.challenge, self.challenge_doubtful = self.challenge, [], False
+        if self.current is not None:
+            self.replaced = [*self.replaced, self.current][-MAX_REPLACED:]
+        events: list[SequenceEvent] = [PublisherChanged(before=self.current or "", after=batches[0].publisher)]
+        self._begin(min(batches, key=lambda batch: -1 if batch.number is None else batch.number))
+        ready: list[Batch] = []
+        for batch in batches:
+            self.largest = max(self.largest, len(batch.samples))
+            more, more_events = self._in_order(batch, frontier_ns)
+            ready += more
+            events += more_events
+        return ready, events
+
+    def _in_order(self, batch: Batch, frontier_ns: int | None) -> tuple[list[Batch], list[SequenceEvent]]:
+        if batch.number is None or self.expected is None:
+            if batch.number is not None:
+                self.expected = batch.number + 1
+            return [batch], []
+        if batch.number < self.expected:
+            return self._passed(batch, batch.number, frontier_ns)
+        if batch.number in self.held:  # the same message twice while it waits
+            self._count_duplicate(batch)
+            return [], []
+        self.held[batch.number] = batch
+        return self._release(1 if len(self.held) > HOLD_BACK_MESSAGES else 0)
+
+    def _passed(self, batch: Batch, number: int, frontier_ns: int | None) -> tuple[list[Batch], list[SequenceEvent]]:
+        """Take a message whose number has passed: a late one, a new count under an old name, or a repetition."""
+        if number in self.skipped:
+            del self.skipped[number]
+            return [replace(batch, passed=True)], []
+        times = batch.samples.time_ns
+        if number < HOLD_BACK_MESSAGES and frontier_ns is not None and times.size and int(times.min()) > frontier_ns:
+            # The numbers begin anew and the time goes on: a publisher that restarted under a fixed name.
+            ready, events = self._release(len(self.held))
+            self._begin(batch)
+            self.expected = number + 1
+            return [*ready, batch], events
+        self._count_duplicate(batch)
+        return [], []
+
+    def _count_duplicate(self, batch: Batch) -> None:
+        self.counts.queued -= len(batch.samples)
+        self.counts.duplicate += len(batch.samples)
+
+    def _release(self, at_least: int) -> tuple[list[Batch], list[SequenceEvent]]:
+        """Release what is next in order, and at least so many of those that wait, over the gaps before them."""
+        ready: list[Batch] = []
+        events: list[SequenceEvent] = []
+        while self.held:
+            number = min(self.held)
+            if number != self.expected:
+                if len(ready) >= at_least:
+                    break
+                events.append(self._skip(number))
+            ready.append(self.held.pop(number))
+            self.expected = number + 1
+        return ready, events
+
+    def _skip(self, number: int) -> MessagesMissed:
+        """Give up the batches before `number`, but remember them."""
+        first = number if self.expected is None else self.expected
+        self.counts.messages_missed += number - first
+        self.skipped.update(dict.fromkeys(range(max(first, number - MAX_SKIPPED), number)))
+        while len(self.skipped) > MAX_SKIPPED:
+            del self.skipped[next(iter(self.skipped))]
+        return MessagesMissed(self.current or "", first, number - first)
