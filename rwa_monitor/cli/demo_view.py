@@ -120,10 +120,9 @@ class DemoView:
     def take_messages(self) -> None:
         """Bring what has come into the rows."""
         while (message := self._inbox.take()) is not None:
-            key, payload = message
-            _, _, wheel, kind = key.split("/")
+            _, _, wheel, kind = message.key.split("/")
             if kind in KINDS:
-                self._take(self.rows.setdefault(wheel, WheelRow()), KINDS[kind].parse(payload, key))
+                self._take(self.rows.setdefault(wheel, WheelRow()), KINDS[kind].parse(message.payload, message.key))
 
     def _take(self, row: WheelRow, message: Message) -> None:
         match message:

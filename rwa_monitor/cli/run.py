@@ -33,6 +33,12 @@ def _shard(ctx: click.Context, param: click.Parameter, value: str) -> tuple[int,
 @click.option(
     "--record", type=FILE, metavar="DIR", help="Record everything in this folder, and continue from what it holds."
 )
+@click.option(
+    "--record-limit",
+    type=click.FloatRange(min=0.1),
+    metavar="GB",
+    help="Keep at most so many gigabytes of recordings: the oldest files are deleted. Without it all are kept.",
+)
 @click.option("--shard", callback=_shard, default="1/1", show_default=True, metavar="I/N", help="Serve share I of N.")
 @bus_options
 def command(
@@ -41,6 +47,7 @@ def command(
     model_file: Path | None,
     method: Literal["joint", "paper"],
     record: Path | None,
+    record_limit: float | None,
     shard: tuple[int, int],
     bus: BusOptions,
 ) -> None:
@@ -62,7 +69,14 @@ def command(
     if record is None:
         say("nothing is recorded; give --record DIR to be able to replay")
     options = RunOptions(
-        wheels=wheels, wheel=wheel, model=read_model(model_file), method=method, record=record, bus=bus, shard=shard
+        wheels=wheels,
+        wheel=wheel,
+        model=read_model(model_file),
+        method=method,
+        record=record,
+        max_record_bytes=None if record_limit is None else int(record_limit * 1e9),
+        bus=bus,
+        shard=shard,
     )
     with stop_on_signals() as stop:
         run(options, stop, say=say)

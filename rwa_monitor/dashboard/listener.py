@@ -99,7 +99,7 @@ class Listener:
         while not self._stop.is_set():
             self.inbox.wake.clear()
             while not self._stop.is_set() and (message := self.inbox.take()) is not None:
-                self.receive(*message)
+                self.receive(message.key, message.payload)
             if self._waiting and time.monotonic() >= self._retry_due_s:
                 self._store()
             self.inbox.wake.wait(IDLE_WAIT_S)

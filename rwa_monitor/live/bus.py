@@ -1,8 +1,9 @@
 """The Zenoh bus with secure defaults: nothing listens and nothing is searched for unless told.
 
-Callbacks run in Zenoh's threads and only append to a bounded inbox; one thread of ours takes from it. When the inbox is
-full, the newest message is dropped and counted: a publisher with a history could be asked for it again, and nothing in
-Zenoh's threads may wait. Memory stays bounded in any case.
+Callbacks run in threads beside Zenoh's and only append to a bounded inbox; one thread of ours takes from it. When the
+inbox is full, a callback waits for room, so that reliable publishers slow down to our pace and nothing is lost. If
+there is none for `PATIENCE_S`, because the monitor stands still, the message is dropped and counted: a longer wait
+would close the connection, and lose more than one message without a word. Memory stays bounded in any case.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from threading import Event, Lock
+from threading import Condition, Event
 from types import TracebackType
 from typing import Any, Final, Literal, Self
 
@@ -21,12 +22,18 @@ import zenoh
 from zenoh import ext
 
 from rwa_monitor.errors import InputError, RwaMonitorError
+from rwa_monitor.live.backfill import Arrival, Backfill, arrival_of, ask_publisher
 from rwa_monitor.messages import MAX_MESSAGE_BYTES, Message
 
 INBOX_MESSAGES: Final = 65_536
 INBOX_BYTES: Final = 128 * 2**20  # some 8,700 messages of 256 samples: 77 hours of one wheel at 8 Hz
+PATIENCE_S: Final = 2.0  # for room in the inbox; publishers give up a connection that is stuck for 5 s
 MAX_QUERIES: Final = 1_000  # questions that wait for an answer; more are left to time out
+# Of each publisher, at a start. It must be said: without a number the first live message ends Zenoh's wait for the
+# history, and all of the history is thrown away as older (seen in 1 of 8 starts while messages flow, Zenoh 1.10).
+MAX_HISTORY: Final = 1_000_000
 OUTPUT_HISTORY: Final = 100  # diagnoses, changepoints and so on of each wheel that a late subscriber gets
+OUTPUT_HEARTBEAT_S: Final = 1.0  # diagnoses go on telling their last number, what is less important tells it once
 MAX_CONFIG_BYTES: Final = 1_000_000
 
 # What Zenoh does unless told, and what we do instead. A configuration file that speaks of a section is left its say.
@@ -126,7 +133,9 @@ class Inbox:
     Parameters
     ----------
     max_messages, max_bytes
-        What it holds at most; what comes beyond is dropped and counted.
+        What it holds at most.
+    patience_s
+        How long to wait for room, before a message is dropped and counted [s].
 
     Attributes
     ----------
@@ -136,37 +145,57 @@ class Inbox:
         Set when something has arrived.
     """
 
-    def __init__(self, max_messages: int = INBOX_MESSAGES, max_bytes: int = INBOX_BYTES) -> None:
+    def __init__(
+        self, max_messages: int = INBOX_MESSAGES, max_bytes: int = INBOX_BYTES, patience_s: float = PATIENCE_S
+    ) -> None:
         self.max_messages = max_messages
         self.max_bytes = max_bytes
+        self.patience_s = patience_s
         self.dropped = 0
         self.wake = Event()
-        self._messages: deque[tuple[str, bytes]] = deque()
+        self._messages: deque[Arrival] = deque()
         self._bytes = 0
-        self._lock = Lock()  # held for a few operations only
+        self._room = Condition()  # held for a few operations only
+        self._patient = True
 
     def __len__(self) -> int:
         """Count the messages that wait."""
         return len(self._messages)
 
-    def put(self, key: str, payload: bytes) -> None:
-        """Append a message, or drop and count it when full; never waits."""
-        with self._lock:
-            if len(self._messages) >= self.max_messages or self._bytes + len(payload) > self.max_bytes:
+    def put(self, key: str, payload: bytes, source: str = "", number: int = 0) -> None:
+        """Append a message; when full, wait for room, or drop and count it after a while."""
+        message = Arrival(key, payload, source, number)
+        with self._room:
+            # A reader that stands still costs the wait once, not once for each message.
+            if not self._fits(message) and not (
+                self._patient and self._room.wait_for(lambda: self._fits(message), self.patience_s)
+            ):
+                self._patient = False
                 self.dropped += 1
             else:
-                self._messages.append((key, payload))
-                self._bytes += len(payload)
+                self._messages.append(message)
+                self._bytes += len(message.payload)
         self.wake.set()
 
-    def take(self) -> tuple[str, bytes] | None:
+    def take(self) -> Arrival | None:
         """Return the oldest message, or None when there is none."""
-        with self._lock:
+        with self._room:
             if not self._messages:
                 return None
-            key, payload = self._messages.popleft()
-            self._bytes -= len(payload)
-            return key, payload
+            message = self._messages.popleft()
+            self._bytes -= len(message.payload)
+            self._patient = True
+            self._room.notify_all()
+            return message
+
+    def close(self) -> None:
+        """Let nobody wait any more."""
+        with self._room:
+            self.patience_s = 0.0
+            self._room.notify_all()
+
+    def _fits(self, message: Arrival) -> bool:
+        return len(self._messages) < self.max_messages and self._bytes + len(message.payload) <= self.max_bytes
 
 
 # ---- the monitor's end of the bus ------------------------------------------------------------------------------------
@@ -184,8 +213,6 @@ class MonitorBus:
 
     Attributes
     ----------
-    missed
-        Messages that Zenoh itself found missing and could not recover.
     queries
         Questions on rwa/**/health that wait for `answer`.
     """
@@ -193,7 +220,7 @@ class MonitorBus:
     def __init__(self, session: zenoh.Session, inbox: Inbox) -> None:
         self.session = session
         self.inbox = inbox
-        self.missed = 0
+        self._backfill = Backfill(ask_publisher(session, inbox.wake), inbox.max_bytes)
         self.queries: deque[zenoh.Query] = deque(maxlen=MAX_QUERIES)
         self._open = True  # callbacks go on after undeclare(): they look here
         self._declared: list[Any] = []
@@ -222,12 +249,25 @@ class MonitorBus:
                 self.session,
                 key_expression,
                 self._on_sample,
-                history=ext.HistoryConfig(detect_late_publishers=True),
+                history=ext.HistoryConfig(detect_late_publishers=True, max_samples=MAX_HISTORY),
                 recovery=ext.RecoveryConfig(periodic_queries=None, heartbeat=True),
             )
         except zenoh.ZError as error:
             raise InputError("--wheels", f"{key_expression!r} is no key expression: {error}") from error
-        self._declared += [subscriber, subscriber.sample_miss_listener(self._on_miss)]
+        self._declared.append(subscriber)
+
+    def take(self) -> Arrival | None:
+        """Return the next message, None when there is none yet."""
+        return self._backfill.take(self.inbox.take)
+
+    @property
+    def missed(self) -> dict[str, int]:
+        """Messages that publishers no longer had when they were asked for them again, by key."""
+        return self._backfill.missed
+
+    def waiting(self) -> int:
+        """Count the messages that wait."""
+        return len(self.inbox) + len(self._backfill)
 
     def offer_health(self) -> None:
         """Answer questions on rwa/**/health, and show that the monitor is alive by a liveliness token."""
@@ -247,7 +287,10 @@ class MonitorBus:
                     encoding=message.encoding(),
                     congestion_control=zenoh.CongestionControl.BLOCK,
                     cache=ext.CacheConfig(max_samples=1 if message.kind == "health" else OUTPUT_HISTORY),
-                    sample_miss_detection=ext.MissDetectionConfig(heartbeat=None, sporadic_heartbeat=0.5),
+                    sample_miss_detection=ext.MissDetectionConfig(
+                        heartbeat=OUTPUT_HEARTBEAT_S if message.kind == "diagnosis" else None,
+                        sporadic_heartbeat=None if message.kind == "diagnosis" else OUTPUT_HEARTBEAT_S,
+                    ),
                     publisher_detection=True,
                 )
         self._publishers[key].put(payload)
@@ -264,6 +307,7 @@ class MonitorBus:
     def close(self) -> None:
         """Undeclare everything; what still arrives is ignored."""
         self._open = False
+        self.inbox.close()
         for entity in [*reversed(self._declared), *self._publishers.values()]:
             with suppress(zenoh.ZError):  # the session may have been closed under us
                 entity.undeclare()
@@ -271,14 +315,11 @@ class MonitorBus:
         self._publishers.clear()
         self.queries.clear()
 
-    # Called in Zenoh's threads: append, and nothing else.
+    # Called in threads beside Zenoh's: append, and nothing else.
 
     def _on_sample(self, sample: zenoh.Sample) -> None:
         if self._open and sample.kind == zenoh.SampleKind.PUT:
-            self.inbox.put(str(sample.key_expr), sample.payload.to_bytes()[: MAX_MESSAGE_BYTES + 1])
-
-    def _on_miss(self, miss: ext.Miss) -> None:
-        self.missed += miss.nb
+            self.inbox.put(*arrival_of(sample))
 
     def _on_query(self, query: zenoh.Query) -> None:
         if self._open:

@@ -14,6 +14,7 @@ from typing import Final, Protocol
 import zenoh
 
 from rwa_monitor.errors import InputError
+from rwa_monitor.live.backfill import Arrival
 from rwa_monitor.live.bus import Inbox
 from rwa_monitor.live.core import WheelCore
 from rwa_monitor.live.events import Event, WindowDiagnosed
@@ -22,7 +23,7 @@ from rwa_monitor.live.past import Past
 from rwa_monitor.live.recorder import Recorder
 from rwa_monitor.live.run_options import RunOptions
 from rwa_monitor.live.searches import Searches
-from rwa_monitor.messages import Diagnosis, Health, Message, SamplesMessage, Status, split_key
+from rwa_monitor.messages import Diagnosis, Health, Message, SamplesMessage, Status, key_of, split_key
 from rwa_monitor.version import SOFTWARE
 
 IDLE_WAIT_S: Final = 0.1  # how long to wait for a message before looking at the clock again
@@ -60,6 +61,16 @@ class Bus(Protocol):
     """What the monitor needs of a bus; `bus.MonitorBus` is one."""
 
     inbox: Inbox
+
+    @property
+    def missed(self) -> dict[str, int]:
+        """Messages that are lost for good, by key."""
+
+    def take(self) -> Arrival | None:
+        """Return the next message, None when there is none yet."""
+
+    def waiting(self) -> int:
+        """Count the messages that wait."""
 
     def publish(self, key: str, message: type[Message], payload: bytes) -> None:
         """Publish a message."""
@@ -108,28 +119,26 @@ class Monitor:
         """Take over what an earlier run left behind, and begin the recording."""
         for key, core in past.cores.items():
             self._served[key] = _Served(core=core)
-        inherited: dict[str, int] = {}
-        for output in past.unrecorded:
-            inherited[output.key] = inherited.get(output.key, 0) + 1
         if self.recorder is not None:
+            inherited = [(output.key, output.schema, output.payload, output.time_ns) for output in past.unrecorded]
             self.recorder.begin(self._checkpoints(), self.clock.monotonic_s(), inherited)
             self._tell_recorder()
-            for output in past.unrecorded:
-                self.recorder.output(output.key, output.schema, output.payload, output.time_ns)
-            self.recorder.sync(self.clock.monotonic_s())
-        for output in (*past.latest.values(), *past.unrecorded):
+        health = {}
+        for output in (*past.diagnoses, *past.unrecorded):
             self._publish(output)
             if output.message is Diagnosis:
-                self._publish(health_output(Diagnosis.parse(output.payload, output.key)))
+                health[output.key] = health_output(Diagnosis.parse(output.payload, output.key))
+        for output in health.values():
+            self._publish(output)
 
     def step(self) -> None:
         """Process one message, or wait a little for one; do what is due."""
         self.bus.inbox.wake.clear()
-        message = self.bus.inbox.take()
+        message = self.bus.take()
         if message is None:
             self.bus.inbox.wake.wait(IDLE_WAIT_S)
         else:
-            self.receive(*message)
+            self.receive(message.key, message.payload)
         self.tick()
 
     def tick(self) -> None:
@@ -277,6 +286,10 @@ class Monitor:
         elif self.bus.inbox.dropped and last_error is None:
             last_error = f"{self.bus.inbox.dropped} messages were dropped: they come faster than they can be diagnosed"
         counts = core.counts if core else None
+        # Publishers that number their messages show a gap in any case; of others only the bus knows what it lost.
+        missed_by_bus = self.bus.missed.get(key_of(SamplesMessage, spacecraft, wheel), 0)
+        if missed_by_bus and last_error is None:
+            last_error = f"the bus lost {missed_by_bus} messages, which their publisher no longer has"
         status = Status(
             spacecraft=spacecraft,
             wheel=wheel,
@@ -290,8 +303,8 @@ class Monitor:
             slots_missed=counts.slots_missed if counts else 0,
             messages_rejected=served.messages_rejected,
             messages_dropped=self.bus.inbox.dropped,
-            messages_missed=counts.messages_missed if counts else 0,
-            queue_depth=len(self.bus.inbox),
+            messages_missed=max(counts.messages_missed if counts else 0, missed_by_bus),
+            queue_depth=self.bus.waiting(),
             window_fill=core.window_fill if core else 0.0,
             last_error=last_error,
             recording=recording.name if recording else None,

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from threading import Event
+from typing import Final
 
 from rwa_monitor.errors import InputError
 from rwa_monitor.live import rebuild
@@ -14,6 +15,10 @@ from rwa_monitor.live.outputs import Output
 from rwa_monitor.live.recorder import Predecessor, predecessor_of
 from rwa_monitor.live.recording import RECORDING_SUFFIX, Recording, read_recording
 from rwa_monitor.messages import Diagnosis
+
+# How far back diagnoses are published again at a start: an outage may have begun before several crashes.
+REPEATED_FILES: Final = 16
+REPEATED_BYTES: Final = 64 * 2**20
 
 
 @dataclass(slots=True)
@@ -28,20 +33,21 @@ class Past:
         As they stood after its last input.
     unrecorded
         Outputs of its inputs that had not reached the disk.
-    latest
-        The latest diagnosis of each wheel on the disk, by key.
+    diagnoses
+        On the disk, of the last recordings, in order: the bus may not have heard them, and a late subscriber asks.
     """
 
     predecessor: Predecessor | None = None
     cores: dict[tuple[str, str], WheelCore] = field(default_factory=dict)
     unrecorded: list[Output] = field(default_factory=list)
-    latest: dict[str, Output] = field(default_factory=dict)
+    diagnoses: list[Output] = field(default_factory=list)
 
 
 def read_past(folder: Path, setup: rebuild.Setup, stop: Event, say: Callable[[str], None]) -> Past:
     """Rebuild the cores from the last recording of a folder that can be used; incomplete when stopped."""
     past = Past()
-    for path in sorted(folder.glob(f"*{RECORDING_SUFFIX}"), reverse=True):
+    paths = sorted(folder.glob(f"*{RECORDING_SUFFIX}"), reverse=True)
+    for place, path in enumerate(paths):
         if past.predecessor is None:
             past.predecessor = predecessor_of(path)
         try:
@@ -59,7 +65,7 @@ def read_past(folder: Path, setup: rebuild.Setup, stop: Event, say: Callable[[st
         rebuild.run_inputs(recording, setup, rebuilt, stop)
         past.cores = rebuilt.cores
         past.unrecorded = _unrecorded(recording, rebuilt.outputs)
-        past.latest = _latest(recording)
+        past.diagnoses = [*_earlier_diagnoses(paths[place + 1 :]), *_diagnoses(recording)]
         say(f"going on from {path}: {len(past.cores)} wheels, {rebuilt.inputs} messages")
         return past
     return past
@@ -82,13 +88,31 @@ def _unrecorded(recording: Recording, outputs: list[Output]) -> list[Output]:
     return missing
 
 
-def _latest(recording: Recording) -> dict[str, Output]:
-    """Return the latest diagnosis of each wheel, by key."""
-    latest: dict[str, Output] = {}
-    for message in recording.messages:
-        if message.schema == Diagnosis.schema_name():
-            diagnosis = Diagnosis.parse(message.data, f"{recording.path}: {message.topic}")
-            latest[message.topic] = Output(
-                message.topic, Diagnosis, message.schema, message.data, diagnosis.window_end_ns
-            )
-    return latest
+def _earlier_diagnoses(paths: Sequence[Path]) -> list[Output]:
+    """Return the diagnoses in the recordings before the last one, latest first in `paths`, as far as is worth it."""
+    found: list[Output] = []
+    size = 0
+    for path in paths[:REPEATED_FILES]:
+        try:
+            size += path.stat().st_size
+            if size > REPEATED_BYTES:
+                break
+            found = [*_diagnoses(read_recording(path)), *found]
+        except (OSError, InputError):  # a damaged file was or will be told of by a replay; here it only repeats less
+            break
+    return found
+
+
+def _diagnoses(recording: Recording) -> list[Output]:
+    """Return the diagnoses of a recording, in order."""
+    return [
+        Output(
+            message.topic,
+            Diagnosis,
+            message.schema,
+            message.data,
+            Diagnosis.parse(message.data, f"{recording.path}: {message.topic}").window_end_ns,
+        )
+        for message in recording.messages
+        if message.schema == Diagnosis.schema_name()
+    ]

@@ -16,6 +16,9 @@ from rwa_monitor.messages import SamplesMessage, samples_json
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, Samples
 
 HISTORY_MESSAGES: Final = 8_192  # 3 days of one wheel at 8 Hz in messages of 256; some 120 MB if all are kept
+# How often a publisher tells the number of its last message. Zenoh's other way tells it once after each message: lost
+# when that one message is (an outage, a subscriber about to join), and with it the end of the stream until the next.
+HEARTBEAT_S: Final = 1.0
 LINGER_S: Final = 1.0  # closing right after the last message would lose it (facts.md)
 
 
@@ -28,16 +31,18 @@ class ReliablePublisher:
         An open Zenoh session.
     key
         rwa/<spacecraft>/<wheel>/samples.
+    history
+        Messages kept; as many as the longest outage of the bus or the monitor lasts.
     """
 
-    def __init__(self, session: zenoh.Session, key: str) -> None:
+    def __init__(self, session: zenoh.Session, key: str, history: int = HISTORY_MESSAGES) -> None:
         self._publisher: Any = ext.declare_advanced_publisher(
             session,
             key,
             encoding=SamplesMessage.encoding(),
             congestion_control=zenoh.CongestionControl.BLOCK,
-            cache=ext.CacheConfig(max_samples=HISTORY_MESSAGES),
-            sample_miss_detection=ext.MissDetectionConfig(heartbeat=None, sporadic_heartbeat=0.5),
+            cache=ext.CacheConfig(max_samples=history),
+            sample_miss_detection=ext.MissDetectionConfig(heartbeat=HEARTBEAT_S, sporadic_heartbeat=None),
             publisher_detection=True,
         )
 

@@ -18,7 +18,8 @@ from __future__ import annotations
 import fcntl
 import os
 import shutil
-from collections.abc import Callable, Iterable
+from collections import Counter
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from hashlib import sha256
@@ -38,14 +39,18 @@ CHUNK_BYTES: Final = 64 * 2**10
 MAX_FILE_BYTES: Final = 32 * 2**20  # then the next file is begun; rebuilding from one takes some seconds
 MAX_FILE_AGE_S: Final = 24 * 3600.0
 MIN_FREE_BYTES: Final = 64 * 2**20  # left on the disk for others
+SCHEMAS_BYTES: Final = 32 * 2**10  # in every file
 FLUSH_PERIOD_S: Final = 1.0
-RETRY_PERIOD_S: Final = 10.0  # after the disk failed
+RETRY_PERIOD_S: Final = 1.0  # after the disk failed; twice as long after each failure that follows
+MAX_RETRY_PERIOD_S: Final = 32.0
 MAX_REFUSED_TOPICS: Final = 1_000  # refused messages on more keys than that go on one topic
 REFUSED: Final = "refused"
 REFUSED_SCHEMA: Final = "rwa.Refused"
 LOCK_NAME: Final = ".rwa-monitor.lock"
+PART_SUFFIX: Final = ".part"  # of a recording whose beginning is not on the disk yet
 
 Checkpoints = dict[str, bytes]  # by "<spacecraft>/<wheel>"
+RecordedOutput = tuple[str, str, bytes, int | None]  # topic, schema, payload and time
 
 
 class _Sink:
@@ -101,11 +106,13 @@ class RecordingWriter:
     Parameters
     ----------
     path
-        A new file.
+        A new file. It has this name once what it begins with is on the disk: a recording of that name is always usable.
     attachments
         Content by name, written at the beginning.
     wall_ns
         The wall clock [ns], for publish times.
+    inherited
+        Messages that the file begins with: topic, schema, payload and time, as for `write`.
 
     Raises
     ------
@@ -113,14 +120,34 @@ class RecordingWriter:
         If the file cannot be written; so do all methods.
     """
 
-    def __init__(self, path: Path, attachments: dict[str, bytes], wall_ns: Callable[[], int]) -> None:
+    def __init__(
+        self,
+        path: Path,
+        attachments: dict[str, bytes],
+        wall_ns: Callable[[], int],
+        inherited: Iterable[RecordedOutput] = (),
+    ) -> None:
         self.path = path
         self.wall_ns = wall_ns
         self._log_time = 0
         self._channels: dict[str, int] = {}
         self._described: dict[str, tuple[str, str]] = {}
         self._sequence: dict[int, int] = {}
-        self._sink = _Sink(path)
+        part = path.with_name(path.name + PART_SUFFIX)
+        self._sink = _Sink(part)
+        try:
+            self._begin(attachments)
+            for topic, schema, payload, time_ns in inherited:
+                self.write(topic, schema, payload, time_ns)
+            self.sync()
+            part.rename(path)
+        except OSError:
+            self.abandon()
+            part.unlink()
+            raise
+        self.size_at_begin = self.size
+
+    def _begin(self, attachments: dict[str, bytes]) -> None:
         self._writer = Writer(cast(IO[bytes], self._sink), chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)
         self._writer.start(profile=PROFILE, library=SOFTWARE)
         self._schemas = {
@@ -131,7 +158,6 @@ class RecordingWriter:
         }
         for name, data in attachments.items():
             self._attach(name, data)
-        self.sync()
 
     @property
     def size(self) -> int:
@@ -200,6 +226,10 @@ class Recorder:
         The last recording in the folder, None in an empty one.
     wall_ns
         The wall clock [ns].
+    max_file_bytes
+        Then the next file is begun.
+    max_total_bytes
+        Of all recordings in the folder; the oldest are deleted to keep it. None keeps all.
 
     Attributes
     ----------
@@ -222,6 +252,7 @@ class Recorder:
         predecessor: Predecessor | None,
         wall_ns: Callable[[], int],
         max_file_bytes: int = MAX_FILE_BYTES,
+        max_total_bytes: int | None = None,
     ) -> None:
         self.folder = folder
         self.error = ""
@@ -230,10 +261,12 @@ class Recorder:
         self._predecessor = predecessor
         self._wall_ns = wall_ns
         self._max_file_bytes = max_file_bytes
+        self._max_total_bytes = max_total_bytes
         self._writer: RecordingWriter | None = None
         self._begun_s = 0.0
         self._synced_s = 0.0
-        self._failed_s = float("-inf")
+        self._retry_s = float("-inf")
+        self._retry_period_s = RETRY_PERIOD_S
         self._refused_topics: set[str] = set()
 
     @property
@@ -241,7 +274,7 @@ class Recorder:
         """The file that is being written."""
         return None if self._writer is None else self._writer.path
 
-    def begin(self, checkpoints: Checkpoints, now_s: float, inherited: dict[str, int] | None = None) -> None:
+    def begin(self, checkpoints: Checkpoints, now_s: float, inherited: Sequence[RecordedOutput] = ()) -> None:
         """Begin a new file.
 
         Parameters
@@ -251,7 +284,7 @@ class Recorder:
         now_s
             A clock that only goes forward [s].
         inherited
-            Outputs, by topic, that this file holds at its beginning for inputs of its predecessor.
+            Outputs for inputs of its predecessor, which did not get to the disk there.
         """
         number = 1
         if self._predecessor is not None:
@@ -263,7 +296,7 @@ class Recorder:
             "predecessor": None
             if self._predecessor is None
             else {"name": self._predecessor.name, "sha256": self._predecessor.sha256},
-            "inherited": inherited or {},
+            "inherited": dict(Counter(topic for topic, _, _, _ in inherited)),
         }
         attachments = {
             **self._attachments,
@@ -271,16 +304,21 @@ class Recorder:
             **{f"checkpoint/{name}.json": data for name, data in checkpoints.items()},
         }
         try:
-            self._check_free(sum(len(data) for data in attachments.values()))
+            for part in self.folder.glob(f"*{RECORDING_SUFFIX}{PART_SUFFIX}"):
+                part.unlink()  # of a run that was killed while it began a file
+            size = sum(len(data) for data in attachments.values())
+            self._make_room(max(self._max_file_bytes, 2 * (size + SCHEMAS_BYTES)) + _Sink.GATHERED_BYTES)
+            self._check_free(size)
             path = self.folder / f"rwa-{number:06d}{RECORDING_SUFFIX}"
             while path.exists():
                 number += 1
                 path = self.folder / f"rwa-{number:06d}{RECORDING_SUFFIX}"
-            self._writer = RecordingWriter(path, attachments, self._wall_ns)
+            self._writer = RecordingWriter(path, attachments, self._wall_ns, inherited)
         except OSError as error:
             self._fail(error, now_s)
             return
         self.error = ""
+        self._retry_period_s = RETRY_PERIOD_S
         self._begun_s = self._synced_s = now_s
         self._predecessor = None
 
@@ -313,10 +351,12 @@ class Recorder:
     def tend(self, now_s: float, checkpoints: Callable[[], Checkpoints]) -> None:
         """Do what is due: flush, rotate, try again after a failure. Call it often, between two inputs."""
         if self._writer is None:
-            if now_s - self._failed_s >= RETRY_PERIOD_S:
+            if now_s >= self._retry_s:
                 self.begin(checkpoints(), now_s)
             return
-        full = self._writer.size > self._max_file_bytes or now_s - self._begun_s > MAX_FILE_AGE_S
+        # Checkpoints of many wheels may be larger than a file should be; then they are at most half of it.
+        written, begin = self._writer.size, self._writer.size_at_begin
+        full = written > max(self._max_file_bytes, 2 * begin) or now_s - self._begun_s > MAX_FILE_AGE_S
         if now_s - self._synced_s >= FLUSH_PERIOD_S:
             self.sync(now_s)
         if full and not self.error:
@@ -356,9 +396,23 @@ class Recorder:
         if free < MIN_FREE_BYTES + needed:
             raise OSError(f"only {free} bytes are free, {MIN_FREE_BYTES + needed} are kept for others")
 
+    def _make_room(self, needed: int) -> None:
+        """Delete the oldest recordings where those to come would make the folder larger than it may be."""
+        if self._max_total_bytes is None:
+            return
+        recordings = sorted(self.folder.glob(f"rwa-*{RECORDING_SUFFIX}"))
+        sizes = [path.stat().st_size for path in recordings]
+        # The last one stays in any case: what comes goes on from it.
+        for path, size in zip(recordings[:-1], sizes[:-1], strict=True):
+            if sum(sizes) + needed <= self._max_total_bytes:
+                return
+            path.unlink()
+            sizes.remove(size)
+
     def _fail(self, error: OSError, now_s: float) -> None:
         self.error = f"nothing is recorded: {error.strerror or error}"
-        self._failed_s = now_s
+        self._retry_s = now_s + self._retry_period_s
+        self._retry_period_s = min(2.0 * self._retry_period_s, MAX_RETRY_PERIOD_S)
         self.abandon()
 
 

@@ -150,7 +150,7 @@ class _Walk:
         if opcode == Opcode.DATA_END:
             self.recording.finished = self._summary_is_whole(stop)
             return self.recording.finished
-        return opcode in _IGNORED
+        return _is_ignored(opcode, content)
 
     def _chunk(self, content: bytes) -> bool:
         try:
@@ -218,8 +218,18 @@ class _Walk:
             return False
 
 
-# Records without a checksum of their own: nothing is taken from them, so that a flipped bit in them harms nobody.
-_IGNORED: Final = frozenset({Opcode.HEADER, Opcode.MESSAGE_INDEX, Opcode.METADATA})
+def _is_ignored(opcode: int, content: bytes) -> bool:
+    """Tell whether this is a record from which nothing is taken, as it has no checksum of its own.
+
+    Its lengths must agree: a chunk whose opcode has a flipped bit must not pass for one, and be lost without a word.
+    """
+    if opcode == Opcode.HEADER:  # two texts, each after its length
+        profile = int.from_bytes(content[:4], "little")
+        library = int.from_bytes(content[4 + profile : 8 + profile], "little")
+        return len(content) == 8 + profile + library
+    if opcode == Opcode.MESSAGE_INDEX:  # a channel, then an array after its length
+        return len(content) == 6 + int.from_bytes(content[2:6], "little")
+    return False
 
 
 def _believable(chunk: Chunk) -> bool:

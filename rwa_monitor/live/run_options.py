@@ -29,6 +29,8 @@ class RunOptions:
         "joint" or "paper".
     record
         Folder of the recordings, or None to record nothing.
+    max_record_bytes
+        Of all recordings in the folder; the oldest are deleted to keep it. None keeps all.
     bus
         How to reach the bus.
     shard
@@ -42,6 +44,7 @@ class RunOptions:
     model: Model | None = None
     method: Method = "joint"
     record: Path | None = None
+    max_record_bytes: int | None = None
     bus: BusOptions = field(default_factory=BusOptions)
     shard: tuple[int, int] = (1, 1)
     status_period_s: float = 1.0

@@ -1,19 +1,18 @@
 """The live monitor: `run` subscribes to samples, diagnoses, publishes and records until it is told to stop.
 
 One thread does everything in order: take a message from the inbox, record it, feed the wheel's core, record what the
-core says, bring a diagnosis to the disk, publish. Zenoh's own threads only fill the inbox (`bus.Inbox`): while it has
-room, publishers are taken at full speed; when it is full, the newest messages are dropped, counted and shown in
-`status`, and their batch numbers show up as missed.
+core says, bring a diagnosis to the disk, publish. Other threads only fill the inbox (`bus.Inbox`): when it is full,
+reliable publishers are slowed down to our pace, and what may be dropped in the end is counted and shown in `status`.
 
 After a crash the cores are rebuilt from the last recording, and what came in between is taken from the publishers'
-history. A diagnosis that had not reached the disk is made again, byte for byte, and stands in the new recording; the
-latest one of each wheel is published again in any case.
+history (`backfill`). A diagnosis that had not reached the disk is made again, byte for byte, and stands in the new
+recording; those of the last recordings are published again in any case.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from threading import Event, Thread
 
 import zenoh
@@ -50,6 +49,7 @@ def run(
     RwaMonitorError
         If the bus cannot be reached.
     """
+    say = _unbreakable(say)
     WheelCore(options.wheel, options.model, method=options.method)  # a wheel that cannot be served is told at once
     with ExitStack() as stack:
         clock = Clock()
@@ -67,6 +67,7 @@ def run(
                 settings=options.settings(),
                 predecessor=past.predecessor,
                 wall_ns=clock.wall_ns,
+                max_total_bytes=options.max_record_bytes,
             )
         # In a thread of its own, so that a stop signal is heard while kernels are compiled on a new machine.
         compiling = Thread(target=warm_up, args=(options.setup(),), name="warm-up", daemon=True)
@@ -86,3 +87,13 @@ def run(
                 monitor.tick()
             else:
                 monitor.step()
+
+
+def _unbreakable(say: Callable[[str], None]) -> Callable[[str], None]:
+    """Return a way to talk that does not end the monitor when nobody listens any more, or the log's disk is full."""
+
+    def told(line: str) -> None:
+        with suppress(OSError):  # what matters stands in `status` too
+            say(line)
+
+    return told

@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import json
+from collections import deque
+from collections.abc import Callable
 from pathlib import Path
+from threading import Thread
 
 import pytest
 
 from rwa_monitor.errors import InputError, RwaMonitorError
+from rwa_monitor.live.backfill import PAUSES_S, TIMEOUT_S, Arrival, Backfill
 from rwa_monitor.live.bus import BusOptions, Inbox, open_session, session_config
 
 
@@ -64,12 +68,113 @@ def test_a_bus_that_cannot_be_reached_is_told() -> None:
 
 
 def test_a_full_inbox_drops_and_counts() -> None:
-    inbox = Inbox(max_messages=3, max_bytes=10)
+    inbox = Inbox(max_messages=3, max_bytes=10, patience_s=0.01)
     for number in range(5):
         inbox.put("key", bytes([number]))
     assert (len(inbox), inbox.dropped) == (3, 2)
-    assert inbox.take() == ("key", b"\0")
+    assert inbox.take() == Arrival("key", b"\0")
     inbox.put("key", bytes(9))  # 2 bytes wait: 11 are too many
     assert inbox.dropped == 3
     inbox.put("key", bytes(8))
-    assert [inbox.take() for _ in range(4)] == [("key", b"\1"), ("key", b"\2"), ("key", bytes(8)), None]
+    left = [inbox.take() for _ in range(4)]
+    assert left == [Arrival("key", b"\1"), Arrival("key", b"\2"), Arrival("key", bytes(8)), None]
+
+
+def test_a_full_inbox_slows_down_who_puts_and_loses_nothing() -> None:
+    inbox = Inbox(max_messages=3, patience_s=30.0)
+    thread = Thread(target=lambda: [inbox.put("key", bytes([number])) for number in range(100)])
+    thread.start()
+    taken: list[int] = []
+    while len(taken) < 100:
+        message = inbox.take()
+        if message is not None:
+            taken.append(message.payload[0])
+        assert len(inbox) <= 3
+    thread.join()
+    assert (taken, inbox.dropped) == (list(range(100)), 0)
+
+
+# ---- what was sent before the first message that was heard ----------------------------------------------------------
+
+
+class History:
+    """Publishers whose history is asked for; answers when told to."""
+
+    def __init__(self) -> None:
+        self.asked: list[tuple[Arrival, int, Callable[[Arrival], None], Callable[[], None]]] = []
+        self.now_s = 0.0
+
+    def backfill(self, max_bytes: int = 1_000) -> Backfill:
+        return Backfill(lambda *question: self.asked.append(question), max_bytes, lambda: self.now_s)
+
+
+def arrivals(source: str, numbers: range) -> list[Arrival]:
+    return [Arrival("key", b"payload", source, number) for number in numbers]
+
+
+def drained(backfill: Backfill, waiting: deque[Arrival]) -> list[Arrival]:
+    out = []
+    while (message := backfill.take(lambda: waiting.popleft() if waiting else None)) is not None:
+        out.append(message)
+    return out
+
+
+def test_a_publisher_that_is_heard_late_is_asked_for_what_it_sent_before_and_others_pass() -> None:
+    history = History()
+    backfill = history.backfill()
+    late, other = arrivals("late", range(8)), arrivals("other", range(2))
+    assert drained(backfill, deque([late[5], other[0], late[6], other[1]])) == other
+    ((before, first, found, finished),) = history.asked
+    assert (before, first) == (late[5], 0)
+    for message in (*late[3:5], *late[:4]):  # in any order, some twice
+        found(message)
+    assert drained(backfill, deque()) == []
+    assert len(backfill) == 2
+    finished()
+    assert drained(backfill, deque([late[7]])) == late
+    assert len(history.asked) == 1
+    assert backfill.missed == {}
+
+
+def test_a_gap_is_asked_for_again_until_it_is_closed() -> None:
+    history = History()
+    backfill = history.backfill()
+    sent = arrivals("one", range(9))
+    assert drained(backfill, deque([*sent[:2], *sent[4:6], sent[8]])) == sent[:2]
+    history.asked[0][3]()  # no answer: the connection is gone
+    assert drained(backfill, deque()) == []
+    history.now_s += PAUSES_S[0]
+    assert drained(backfill, deque()) == []
+    for message in sent[2:4]:
+        history.asked[1][2](message)
+    history.asked[1][3]()
+    assert drained(backfill, deque()) == sent[2:6]  # and the next gap is found
+    for message in sent[6:8]:
+        history.asked[2][2](message)
+    history.asked[2][3]()
+    assert drained(backfill, deque()) == sent[6:]
+    assert [(before.number, first) for before, first, _, _ in history.asked] == [(4, 2), (4, 2), (8, 6)]
+
+
+def test_what_a_publisher_no_longer_has_costs_a_wait_and_is_counted() -> None:
+    history = History()
+    backfill = history.backfill()
+    sent = arrivals("one", range(9))
+    out = drained(backfill, deque([sent[0], *sent[6:]]))
+    while history.now_s < 2.0 * (sum(PAUSES_S) + (len(PAUSES_S) + 1) * TIMEOUT_S):  # nobody answers
+        history.now_s += 0.1
+        out += drained(backfill, deque())
+    assert out == [sent[0], *sent[6:]]
+    assert backfill.missed == {"key": 5}
+    assert len(history.asked) == len(PAUSES_S) + 1
+
+
+def test_what_waits_for_a_history_is_bounded() -> None:
+    history = History()
+    backfill = history.backfill(max_bytes=20)
+    waiting = deque(arrivals("late", range(1, 100)))
+    assert drained(backfill, waiting) == []
+    assert len(waiting) == 96  # 3 messages of 7 bytes are more than 20
+    history.asked[0][2](arrivals("late", range(1))[0])
+    history.asked[0][3]()
+    assert drained(backfill, waiting) == arrivals("late", range(100))

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from mcap.reader import make_reader
 
+from rwa_monitor.cli.main import main as program
 from rwa_monitor.errors import InputError
 from rwa_monitor.live.recorder import FolderLock, Predecessor, Recorder, RecordingWriter
 from rwa_monitor.live.recording import RecordedMessage, file_sha256, read_recording, recordings_of
@@ -162,6 +163,68 @@ def test_recover_saves_what_a_cut_file_holds(whole: tuple[Path, list[bytes]]) ->
     assert recording.settings() == {"a": 1}
 
 
+def recovered_messages(source: Path, target: Path) -> tuple[list[bytes], int]:
+    """Run the command; return what it saved, and its exit code."""
+    code = 0
+    try:
+        program(["recover", str(source), "-o", str(target)], standalone_mode=True)
+    except SystemExit as ended:
+        code = int(ended.code or 0)
+    saved = [message.data for message in read_recording(target).messages] if target.exists() else []
+    target.unlink(missing_ok=True)
+    return saved, code
+
+
+def test_recover_on_every_cut_of_a_small_file_gives_true_messages_and_exit_3(tmp_path: Path) -> None:
+    path, cut, target = tmp_path / "small.mcap", tmp_path / "cut.mcap", tmp_path / "saved.mcap"
+    payloads = write_file(path, messages=4, flush_every=2)
+    data = path.read_bytes()
+    counts = []
+    for length in range(8, len(data)):
+        cut.write_bytes(data[:length])
+        recording = read_recording(cut)
+        got = [message.data for message in recording.messages]
+        assert got == payloads[: len(got)]
+        assert not recording.finished
+        counts.append(len(got))
+        if length % 997:
+            continue
+        recovery = recover(cut, target)
+        assert recovery.lost
+        saved = read_recording(target)
+        assert saved.finished
+        assert [message.data for message in saved.messages] == got
+        target.unlink()
+    assert counts == sorted(counts)
+    assert set(counts) == {0, 2, 4}
+    for length in (9, len(data) // 2, len(data) - 1):
+        cut.write_bytes(data[:length])
+        assert recovered_messages(cut, target) == (payloads[: counts[length - 8]], 3)
+    assert recovered_messages(path, target) == (payloads, 0)
+
+
+def test_recover_on_every_flipped_byte_of_a_small_file_gives_only_true_messages(tmp_path: Path) -> None:
+    path, damaged, target = tmp_path / "small.mcap", tmp_path / "damaged.mcap", tmp_path / "saved.mcap"
+    payloads = write_file(path, messages=4, flush_every=2)
+    data = path.read_bytes()
+    rng = np.random.default_rng(3)
+    summary = data.index(b"rwa.Status", len(data) // 4)  # from there on it only repeats: every seventh byte will do
+    for position in (*range(8, summary), *range(summary, len(data), 7)):
+        broken = bytearray(data)
+        broken[position] ^= 1 << int(rng.integers(8))
+        damaged.write_bytes(broken)
+        recording = read_recording(damaged)
+        got = [message.data for message in recording.messages]
+        assert got in (payloads, payloads[:2], payloads[2:])
+        assert recording.problems or got == payloads
+        if position % 997:
+            continue
+        recovery = recover(damaged, target)
+        assert [message.data for message in read_recording(target).messages] == got
+        assert recovery.lost or got == payloads
+        target.unlink()
+
+
 def test_recover_says_nothing_is_lost_when_nothing_is(whole: tuple[Path, list[bytes]]) -> None:
     path, payloads = whole
     recovery = recover(path, path.with_name("copy.mcap"))
@@ -222,6 +285,55 @@ def test_files_follow_each_other_with_name_and_hash(tmp_path: Path) -> None:
     assert sum(len(read_recording(path).messages) for path in files) == 100
 
 
+def test_the_oldest_files_are_deleted_to_keep_a_limit(tmp_path: Path) -> None:
+    limit = 3_000_000
+    writing = Recorder(
+        tmp_path,
+        wheel_toml="",
+        model_json="",
+        settings={},
+        predecessor=None,
+        wall_ns=lambda: 1,
+        max_file_bytes=200_000,
+        max_total_bytes=limit,
+    )
+    writing.begin({}, now_s=0.0)
+    rng = np.random.default_rng(1)
+    for number in range(400):
+        writing.input(TOPICS[0], "rwa.Samples", number.to_bytes(4, "big") + rng.bytes(20_000), number)
+        writing.tend(number * 1.5, dict)
+        assert sum(path.stat().st_size for path in recordings_of(tmp_path)) <= limit
+    writing.close(600.0)
+    kept = [message.data for path in recordings_of(tmp_path) for message in read_recording(path).messages]
+    numbers = [int.from_bytes(data[:4], "big") for data in kept]
+    assert numbers == list(range(numbers[0], 400))  # the latest ones, without a hole
+    assert len(numbers) > 40
+
+
+def test_checkpoints_larger_than_a_file_should_be_do_not_fill_the_disk_alone(tmp_path: Path) -> None:
+    writing = recorder(tmp_path, max_file_bytes=20_000)
+    checkpoints = {"sat/a": b"0" * 100_000}
+    writing.begin(checkpoints, now_s=0.0)
+    rng = np.random.default_rng(1)
+    for number in range(400):
+        writing.input(TOPICS[0], "rwa.Samples", rng.bytes(1_000), number)
+        writing.tend(number * 1.5, lambda: checkpoints)
+    writing.close(600.0)
+    assert 2 <= len(recordings_of(tmp_path)) <= 5
+
+
+def test_a_file_that_was_being_begun_when_the_power_went_is_not_in_the_way(tmp_path: Path) -> None:
+    (tmp_path / "rwa-000007.mcap.part").write_bytes(b"half a header")
+    writing = recorder(tmp_path)
+    writing.begin({}, now_s=0.0, inherited=[(TOPICS[0], "rwa.Diagnosis", b"owed", 3)])
+    writing.abandon()  # as a crash right after the beginning
+    (path,) = recordings_of(tmp_path)
+    assert list(tmp_path.glob("*.part")) == []
+    recording = read_recording(path)
+    assert [message.data for message in recording.messages] == [b"owed"]
+    assert recording.settings()["inherited"] == {TOPICS[0]: 1}
+
+
 def test_refused_messages_on_ever_new_keys_do_not_fill_the_recording_with_topics(tmp_path: Path) -> None:
     writing = recorder(tmp_path)
     writing.begin({}, now_s=0.0)
@@ -263,8 +375,14 @@ DISK_FULL = """
     for number in range(100):
         recorder.input("rwa/a/b/samples", "rwa.Samples", data.randbytes(1_000), number)
         recorder.tend(0.1 * number, dict)
+        if recorder.error:
+            break
     assert recorder.error.startswith("nothing is recorded"), recorder.error
     assert recorder.path is None
+    files = sorted(folder.iterdir())
+    resource.setrlimit(resource.RLIMIT_FSIZE, (100, resource.RLIM_INFINITY))
+    recorder.tend(50.0, dict)  # in vain, and nothing half begun is left behind
+    assert recorder.path is None and sorted(folder.iterdir()) == files, sorted(folder.iterdir())
     resource.setrlimit(resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
     recorder.tend(100.0, lambda: {"a/b": b"{}"})  # the disk works again
     assert recorder.error == "", recorder.error

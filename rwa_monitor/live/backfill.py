@@ -1,0 +1,198 @@
+"""Closes the gaps in what publishers send, before anybody else sees them.
+
+Zenoh's advanced subscriber asks publishers for their history when it starts, and for what it missed. Two things can go
+wrong with that (seen with Zenoh 1.10). Where a live message overtakes the history, the history is thrown away as older:
+one in eight starts while messages flow. And where a question is lost with a connection, it is not asked again. So here
+the messages of a publisher, which Zenoh counts, wait while one before them is missing, and that one is asked for again;
+messages of others pass. What arrives twice is recognised by its batch number further on.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import OrderedDict, deque
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from threading import Event
+from typing import Any, Final, NamedTuple
+
+import zenoh
+
+from rwa_monitor.messages import MAX_MESSAGE_BYTES
+
+TIMEOUT_S: Final = 2.0  # for an answer
+# When to ask again where something is still missing, after the answer before [s]: outages end. Then it is lost.
+PAUSES_S: Final = (0.2, 0.5, 1.0, 2.0)
+MAX_SOURCES: Final = 10_000  # publishers that are remembered; one that is forgotten is only asked again
+
+
+class Arrival(NamedTuple):
+    """A message that arrived: where it was published, its content, who published it, and as which of its messages.
+
+    `source` is zid/eid of the publisher in Zenoh, "" where it does not say; `number` counts from 0.
+    """
+
+    key: str
+    payload: bytes
+    source: str = ""
+    number: int = 0
+
+
+# Asks for what a publisher sent before a message, from a number on; calls the first function for each answer, and the
+# second one when there are no more.
+Ask = Callable[[Arrival, int, Callable[[Arrival], None], Callable[[], None]], None]
+
+
+@dataclass(slots=True)
+class _Gap:
+    """Messages first … before - 1 of a publisher are missing; those after them wait."""
+
+    first: int
+    before: Arrival
+    asked_s: float
+    pauses_s: list[float] = field(default_factory=lambda: list(PAUSES_S))
+    found: list[Arrival] = field(default_factory=list)
+    answered_s: float | None = None
+    held: deque[Arrival] = field(default_factory=deque)
+
+    def numbers(self) -> dict[int, Arrival]:
+        """Return what was found, by number."""
+        return {message.number: message for message in list(self.found) if self.first <= message.number}
+
+    def is_closed(self) -> bool:
+        """Tell whether all that was missing was found."""
+        return len(self.numbers()) >= self.before.number - self.first
+
+
+class Backfill:
+    """Stands between the inbox and whoever takes messages from it.
+
+    Parameters
+    ----------
+    ask
+        Asks for messages of a publisher; may call back in any thread.
+    max_bytes
+        Of messages that wait here; beyond it nothing more is taken from the inbox until there is room.
+    clock_s
+        A clock that only goes forward [s].
+
+    Attributes
+    ----------
+    missed
+        Messages that could not be got any more, by key.
+    """
+
+    def __init__(self, ask: Ask, max_bytes: int, clock_s: Callable[[], float] = time.monotonic) -> None:
+        self.missed: dict[str, int] = {}
+        self._ask = ask
+        self._max_bytes = max_bytes
+        self._clock_s = clock_s
+        self._next: OrderedDict[str, int] = OrderedDict()  # number of the next message of each publisher
+        self._gaps: dict[str, _Gap] = {}
+        self._held_bytes = 0
+        self._ready: deque[Arrival] = deque()
+
+    def __len__(self) -> int:
+        """Count the messages that wait here."""
+        return len(self._ready) + sum(len(gap.held) for gap in self._gaps.values())
+
+    def take(self, take: Callable[[], Arrival | None]) -> Arrival | None:
+        """Return the next message, None when there is none yet; `take` takes one from the inbox."""
+        for source in list(self._gaps):
+            self._tend(source)
+        while not self._ready and self._held_bytes <= self._max_bytes:
+            arrival = take()
+            if arrival is None:
+                return None
+            self._sort(arrival)
+        return self._ready.popleft() if self._ready else None
+
+    def _sort(self, arrival: Arrival) -> None:
+        """Pass a message on, or let it wait for those before it."""
+        source, number = arrival.source, arrival.number
+        if source in self._gaps:
+            self._hold(self._gaps[source], arrival)
+            return
+        following = self._next.get(source, 0)
+        if source and number > following:
+            gap = self._gaps[source] = _Gap(following, arrival, self._clock_s())
+            self._hold(gap, arrival)
+            self._ask_for(gap)
+            return
+        self._pass(arrival)
+
+    def _pass(self, arrival: Arrival) -> None:
+        self._ready.append(arrival)
+        if arrival.source:
+            self._next[arrival.source] = max(self._next.pop(arrival.source, 0), arrival.number + 1)
+            if len(self._next) > MAX_SOURCES:
+                self._next.popitem(last=False)
+
+    def _hold(self, gap: _Gap, arrival: Arrival) -> None:
+        gap.held.append(arrival)
+        self._held_bytes += len(arrival.payload)
+
+    def _ask_for(self, gap: _Gap) -> None:
+        def answered() -> None:
+            gap.answered_s = self._clock_s()
+
+        gap.asked_s, gap.answered_s = self._clock_s(), None
+        self._ask(gap.before, gap.first, gap.found.append, answered)
+
+    def _tend(self, source: str) -> None:
+        """Pass on what waited where the gap is closed, or will not be; ask again where it may be."""
+        gap, now_s = self._gaps[source], self._clock_s()
+        end_s = gap.answered_s
+        if end_s is None and now_s >= gap.asked_s + TIMEOUT_S:
+            end_s = gap.asked_s + TIMEOUT_S
+        if end_s is None:
+            return
+        if not gap.is_closed() and gap.pauses_s:
+            if now_s >= end_s + gap.pauses_s[0]:
+                gap.pauses_s.pop(0)
+                self._ask_for(gap)
+            return
+        del self._gaps[source]
+        found = gap.numbers()
+        lost = gap.before.number - gap.first - len(found)
+        if lost > 0 and gap.first > 0:  # what a publisher sent before we ever heard of it, nobody misses
+            self.missed[gap.before.key] = self.missed.get(gap.before.key, 0) + lost
+        for number in sorted(found):
+            self._pass(found[number])
+        self._next[source] = max(self._next.get(source, 0), gap.before.number)
+        for arrival in gap.held:
+            self._held_bytes -= len(arrival.payload)
+            self._sort(arrival)
+
+
+def arrival_of(sample: zenoh.Sample) -> Arrival:
+    """Return a sample of Zenoh as a message; of one that is too large as much as shows it."""
+    info = sample.source_info
+    source, number = "", 0
+    if info is not None:
+        source, number = f"{info.source_id.zid}/{info.source_id.eid}", info.source_sn
+    return Arrival(str(sample.key_expr), sample.payload.to_bytes()[: MAX_MESSAGE_BYTES + 1], source, number)
+
+
+def ask_publisher(session: zenoh.Session, wake: Event) -> Ask:
+    """Return a way to ask publishers for their history over a session; sets `wake` when there are no more answers."""
+
+    def ask(before: Arrival, first: int, found: Callable[[Arrival], None], finished: Callable[[], None]) -> None:
+        def on_reply(reply: zenoh.Reply) -> None:
+            if reply.ok is not None:
+                found(arrival_of(reply.ok))
+
+        def on_end() -> None:
+            finished()
+            wake.set()
+
+        handler: Any = zenoh.handlers.Callback(on_reply, drop=on_end)
+        session.get(
+            f"{before.key}/@adv/pub/{before.source}/**?_sn={first}..{before.number - 1}",
+            handler,
+            timeout=TIMEOUT_S,
+            accept_replies=zenoh.ReplyKeyExpr.ANY,
+            consolidation=zenoh.ConsolidationMode.NONE,  # or only the latest answer arrives
+        )
+
+    return ask
