@@ -117,6 +117,14 @@ accuracy: $(VENV)/.installed-dev ## the accuracy benchmark; writes docs/benchmar
 blind: $(VENV)/.installed-dev ## the blind suite: hides effects, requires finding them; writes docs/blind.md (BLIND_ARGS=...)
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.blind.suite $(BLIND_ARGS)
 
+.PHONY: faults
+faults: $(VENV)/.installed-dev ## the fault campaign on real processes; writes docs/faults.md (FAULTS_ARGS="--histories 300 --jobs 2")
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.faults.campaign --seed 2026 -o docs/faults.md $(FAULTS_ARGS)
+
+.PHONY: soak
+soak: $(VENV)/.installed-dev ## ten minutes at 100,000 samples a second; writes docs/soak.md (SOAK_ARGS="--seconds 60")
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python benchmarks/soak.py -o docs/soak.md $(SOAK_ARGS)
+
 # Basilisk is an outside wheel simulator, 600 MB, in an environment of its own.
 OUTSIDE_VENV := .outside-venv
 .PHONY: outside

@@ -90,3 +90,21 @@ def test_every_test_that_a_promise_names_exists() -> None:
     assert named
     for file, test in named:
         assert f"def {test}(" in (ROOT / file).read_text(encoding="utf-8"), f"{file}::{test}"
+
+
+def test_every_command_that_a_promise_names_exists() -> None:
+    rows = [
+        line for line in (ROOT / "docs" / "promises.md").read_text(encoding="utf-8").splitlines() if line[0:2] == "| "
+    ]
+    makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
+    for row in rows[1:]:
+        commands = re.findall(r"`([^`]+)`", row.strip("| ").rsplit(" | ", 1)[1])
+        assert commands, row
+        for command in commands:
+            program_name, *words = shlex.split(command)
+            if program_name == "make":
+                assert all(re.search(rf"^{word}:", makefile, re.MULTILINE) for word in words), command
+            elif program_name in {"pytest", "python"}:
+                assert all((ROOT / word).exists() for word in words if word.endswith(".py")), command
+            else:
+                assert program_name == "rwa-monitor", command

@@ -1,0 +1,370 @@
+"""Real processes and real sockets: a router, a publisher and the monitor, each in a process of its own, over TCP.
+
+        publisher ──► router ◄── link ◄── monitor ──► folder of recordings
+                        ▲
+                     listener (this process)
+
+The link is a proxy that can be cut or frozen. Processes are forked from a server that has imported and compiled
+everything and has no session: they start in a tenth of a second and die like any other.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import resource
+import shutil
+import signal
+import socket
+import sys
+import time
+from collections import defaultdict
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from multiprocessing import get_context
+from multiprocessing.connection import Connection
+from multiprocessing.process import BaseProcess
+from pathlib import Path
+from threading import Event, Thread
+from typing import Any, Final
+
+import zenoh
+from zenoh import ext
+
+from rwa_monitor.cli.signals import stop_on_signals
+from rwa_monitor.live.bus import MAX_HISTORY, BusOptions, open_session
+from rwa_monitor.live.publisher import ReliablePublisher
+from rwa_monitor.live.run_options import RunOptions
+from rwa_monitor.live.service import run
+from tests.faults.history import Put, wheel
+from tests.live.support import free_port, model
+
+PATIENCE_S: Final = 60.0
+LEASE_MS: Final = 1_000  # a peer that is silent for longer is given up: pauses and outages last up to 1.6 s
+TMPFS_BYTES: Final = 80 * 2**20  # the recorder leaves 64 MiB to others
+processes = get_context("forkserver")
+processes.set_forkserver_preload(["tests.faults.preload"])
+
+
+def wait_for(condition: Callable[[], bool], what: str, patience_s: float = PATIENCE_S) -> None:
+    """Wait until a condition holds; an AssertionError says what was waited for in vain."""
+    end = time.monotonic() + patience_s
+    while not condition():
+        assert time.monotonic() < end, f"waited in vain for {what}"
+        Event().wait(0.01)
+
+
+# ---- in processes of their own ---------------------------------------------------------------------------------------
+
+
+def _talk_into(log: Path) -> None:
+    file = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
+    os.dup2(file, sys.stdout.fileno())
+    os.dup2(file, sys.stderr.fileno())
+
+
+def router_process(config: Path, port: int, connection: Connection, log: Path) -> None:
+    _talk_into(log)
+    with open_session(BusOptions(mode="router", listen=(f"tcp/127.0.0.1:{port}",), config=config)):
+        connection.send("ready")
+        connection.recv()
+
+
+def publisher_process(config: Path, port: int, kept: int, connection: Connection, log: Path) -> None:
+    _talk_into(log)
+    bus = BusOptions(mode="client", connect=(f"tcp/127.0.0.1:{port}",), config=config)
+    with open_session(bus) as session:
+        publishers: dict[str, Any] = {}
+        connection.send("ready")
+        while (put := connection.recv()) is not None:
+            name = f"{put.key} {put.publisher}"
+            if name not in publishers:
+                publishers[name] = (
+                    _plain_publisher(session, put.key)
+                    if put.publisher == "intruder"
+                    else ReliablePublisher(session, put.key, kept)
+                )
+            publishers[name].put(put.payload)
+
+
+def _plain_publisher(session: zenoh.Session, key: str) -> Any:
+    """Return a publisher that keeps nothing for others, when somebody listens to it."""
+    publisher = session.declare_publisher(key, congestion_control=zenoh.CongestionControl.BLOCK)
+    wait_for(lambda: publisher.matching_status.matching, "somebody who listens")
+    return publisher
+
+
+def monitor_process(options: RunOptions, log: Path) -> None:
+    _talk_into(log)
+    with stop_on_signals() as stop:
+        run(options, stop, say=lambda line: print(line, flush=True))
+
+
+# ---- the link --------------------------------------------------------------------------------------------------------
+
+
+class Link:
+    """A TCP proxy on loopback that can be cut (connections end, none is taken) or frozen (nothing passes)."""
+
+    def __init__(self, target: int) -> None:
+        self.target = target
+        self._closed = False
+        self._cut = Event()
+        self._flows = Event()
+        self._flows.set()
+        self._sockets: set[socket.socket] = set()
+        self._listener = socket.create_server(("127.0.0.1", 0))
+        self.port: int = self._listener.getsockname()[1]
+        Thread(target=self._accept, daemon=True).start()
+
+    def cut(self) -> None:
+        self._cut.set()
+        self._drop()
+
+    def freeze(self) -> None:
+        self._flows.clear()
+
+    def heal(self) -> None:
+        self._cut.clear()
+        self._flows.set()
+
+    def close(self) -> None:
+        self._closed = True
+        self._flows.set()
+        self._listener.close()
+        self._drop()
+
+    def _drop(self) -> None:
+        for end in list(self._sockets):
+            with suppress(OSError):
+                end.shutdown(socket.SHUT_RDWR)
+            end.close()
+        self._sockets.clear()
+
+    def _accept(self) -> None:
+        while not self._closed:
+            try:
+                near, _ = self._listener.accept()
+            except OSError:
+                return
+            if self._cut.is_set():
+                near.close()
+                continue
+            try:
+                far = socket.create_connection(("127.0.0.1", self.target), timeout=1.0)
+            except OSError:  # the router is down
+                near.close()
+                continue
+            far.settimeout(None)
+            self._sockets |= {near, far}
+            Thread(target=self._pump, args=(near, far), daemon=True).start()
+            Thread(target=self._pump, args=(far, near), daemon=True).start()
+
+    def _pump(self, source: socket.socket, sink: socket.socket) -> None:
+        with suppress(OSError, ValueError):
+            while data := source.recv(65_536):
+                self._flows.wait()
+                sink.sendall(data)
+        for end in (source, sink):
+            with suppress(OSError):
+                end.shutdown(socket.SHUT_RDWR)
+
+
+# ---- the rig ---------------------------------------------------------------------------------------------------------
+
+
+class Rig:
+    """All processes of one history.
+
+    Parameters
+    ----------
+    folder
+        An empty folder for everything.
+    kept
+        Messages that the publisher keeps.
+    small_disk
+        Whether the recordings go on a disk of their own, of 80 MiB (needs root).
+
+    Attributes
+    ----------
+    heard
+        What the monitor said on the bus, by kind and wheel, in the order in which it was heard.
+    """
+
+    def __init__(self, folder: Path, kept: int, *, small_disk: bool) -> None:
+        self.folder = folder
+        self.kept = kept
+        self.recordings = folder / "recordings"
+        self.recordings.mkdir()
+        self.heard: dict[tuple[str, str], list[bytes]] = defaultdict(list)
+        self.log = folder / "talk.log"
+        self._stack = ExitStack()
+        self._config = folder / "zenoh.json5"
+        self._config.write_text(json.dumps(_zenoh_settings()))
+        self._port = free_port()
+        self._link = Link(self._port)
+        self._stack.callback(self._link.close)
+        if small_disk:
+            self._stack.enter_context(_small_disk(self.recordings))
+        self.router: BaseProcess | None = None
+        self.publisher: BaseProcess | None = None
+        self.monitor: BaseProcess | None = None
+        self._publisher_end: Connection | None = None
+        self._router_end: Connection | None = None
+
+    def __enter__(self) -> Rig:
+        self.start_router()
+        bus = BusOptions(mode="client", connect=(f"tcp/127.0.0.1:{self._port}",), config=self._config)
+        self._session = self._stack.enter_context(open_session(bus))
+        self._listener: Any = ext.declare_advanced_subscriber(
+            self._session,
+            "rwa/**",
+            self._hear,
+            history=ext.HistoryConfig(detect_late_publishers=True, max_samples=MAX_HISTORY),
+            recovery=ext.RecoveryConfig(periodic_queries=None, heartbeat=True),
+        )
+        self.start_publisher()
+        self.start_monitor()
+        return self
+
+    def __exit__(self, *_error: object) -> None:
+        for process in (self.monitor, self.publisher, self.router):
+            if process is not None and process.is_alive():
+                process.kill()
+                process.join()
+        self._stack.close()
+
+    def _hear(self, sample: zenoh.Sample) -> None:
+        _, _, name, kind = str(sample.key_expr).split("/")
+        if kind in {"diagnosis", "status"}:
+            self.heard[kind, name].append(sample.payload.to_bytes())
+
+    def status(self, name: str) -> dict[str, Any]:
+        """Return the latest status of a wheel."""
+        heard = self.heard["status", name]
+        content: dict[str, Any] = json.loads(heard[-1]) if heard else {}
+        return content
+
+    # ---- processes ---------------------------------------------------------------------------------------------------
+
+    def start_router(self) -> None:
+        self._router_end, other = processes.Pipe()
+        self.router = processes.Process(target=router_process, args=(self._config, self._port, other, self.log))
+        self.router.start()
+        other.close()
+        assert self._router_end.poll(PATIENCE_S)
+        self._router_end.recv()
+
+    def start_publisher(self) -> None:
+        self._publisher_end, other = processes.Pipe()
+        arguments = (self._config, self._port, self.kept, other, self.log)
+        self.publisher = processes.Process(target=publisher_process, args=arguments)
+        self.publisher.start()
+        other.close()
+        assert self._publisher_end.poll(PATIENCE_S)
+        self._publisher_end.recv()
+
+    def start_monitor(self) -> None:
+        options = RunOptions(
+            wheel=wheel(),
+            model=model(),
+            record=self.recordings,
+            bus=BusOptions(mode="client", connect=(f"tcp/127.0.0.1:{self._link.port}",), config=self._config),
+            status_period_s=0.1,
+        )
+        self.monitor = processes.Process(target=monitor_process, args=(options, self.log))
+        self.monitor.start()
+
+    def stop_monitor(self) -> int | None:
+        """Stop it in order; return its exit code."""
+        assert self.monitor is not None
+        assert self.monitor.pid is not None
+        wait_for(lambda: self.monitor is None or not self.monitor.is_alive() or self._monitoring(), "the monitor")
+        os.kill(self.monitor.pid, signal.SIGTERM)
+        self.monitor.join(PATIENCE_S)
+        return self.monitor.exitcode
+
+    def _monitoring(self) -> bool:
+        return bool(self.heard) or "monitoring" in self.log.read_text()
+
+    def put(self, put: Put) -> None:
+        assert self._publisher_end is not None
+        self._publisher_end.send(put)
+        if put.pause_s:
+            Event().wait(put.pause_s)
+
+    # ---- faults ------------------------------------------------------------------------------------------------------
+
+    def kill(self, process: BaseProcess | None) -> None:
+        assert process is not None
+        process.kill()
+        process.join()
+
+    def pause_monitor(self) -> None:
+        assert self.monitor is not None
+        assert self.monitor.pid is not None
+        os.kill(self.monitor.pid, signal.SIGSTOP)
+
+    def go_on_monitor(self) -> None:
+        assert self.monitor is not None
+        assert self.monitor.pid is not None
+        os.kill(self.monitor.pid, signal.SIGCONT)
+
+    def cut_link(self) -> None:
+        self._link.cut()
+
+    def freeze_link(self) -> None:
+        self._link.freeze()
+
+    def heal_link(self) -> None:
+        self._link.heal()
+
+    def fill_disk(self) -> None:
+        """Fill the small disk to the last byte."""
+        with (self.recordings / "ballast").open("wb", buffering=0) as file, suppress(OSError):
+            while True:
+                file.write(bytes(2**16))
+
+    def free_disk(self) -> None:
+        (self.recordings / "ballast").unlink()
+
+    def fail_disk(self) -> None:
+        """Make each write beyond the present size of the recording fail, as a broken disk would."""
+        assert self.monitor is not None
+        assert self.monitor.pid is not None
+        wait_for(lambda: any(self.recordings.glob("*.mcap")), "a recording")
+        size = max(path.stat().st_size for path in self.recordings.glob("*.mcap"))
+        resource.prlimit(self.monitor.pid, resource.RLIMIT_FSIZE, (size, resource.RLIM_INFINITY))
+
+    def mend_disk(self) -> None:
+        assert self.monitor is not None
+        assert self.monitor.pid is not None
+        with suppress(ProcessLookupError):
+            resource.prlimit(self.monitor.pid, resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY,) * 2)
+
+
+def _zenoh_settings() -> dict[str, Any]:
+    """Return Zenoh settings that notice and mend an outage in a second, so that histories are short."""
+    return {
+        "connect": {
+            "timeout_ms": -1,
+            "exit_on_failure": False,
+            "retry": {"period_init_ms": 50, "period_max_ms": 200, "period_increase_factor": 1.5},
+        },
+        "transport": {"link": {"tx": {"lease": LEASE_MS, "keep_alive": 4}}},
+    }
+
+
+@contextmanager
+def _small_disk(folder: Path) -> Iterator[None]:
+    """Mount a small file system in memory."""
+    import subprocess
+
+    mount, umount = shutil.which("mount"), shutil.which("umount")
+    assert mount
+    assert umount
+    subprocess.run([mount, "-t", "tmpfs", "-o", f"size={TMPFS_BYTES}", "rwa-faults", folder], check=True)
+    try:
+        yield
+    finally:
+        subprocess.run([umount, "--lazy", folder], check=True)

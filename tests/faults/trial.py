@@ -1,0 +1,339 @@
+"""Lets one history happen, and checks what came of it."""
+
+from __future__ import annotations
+
+import json
+import tempfile
+import time
+from collections import Counter
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+from threading import Event
+from typing import Any, Final
+
+import numpy as np
+from click.testing import CliRunner
+
+from rwa_monitor.cli.diagnose import command as diagnose
+from rwa_monitor.formats.table import table_writer
+from rwa_monitor.live.core import WheelCore
+from rwa_monitor.live.recorder import FLUSH_PERIOD_S
+from rwa_monitor.live.recording import RecordedMessage, read_recording, recordings_of
+from rwa_monitor.live.replay import replay
+from rwa_monitor.live.sequencer import Counts
+from rwa_monitor.messages import SamplesMessage, dump_json
+from rwa_monitor.samples import Samples
+from tests.faults.history import LOSING, Fault, History, make_history, wheel
+from tests.faults.rig import Rig, wait_for
+from tests.live.support import diagnoses, model, said
+
+# In these histories the monitor must be there from the beginning; in the others the bus may be first.
+NEEDS_MONITOR: Final = frozenset({"second_publisher", "disk_fails", *LOSING})
+FLUSHED_S: Final = FLUSH_PERIOD_S + 0.3
+QUIET_S: Final = 6.0  # nothing new for so long: what is lost is lost, and has been asked for in vain
+
+
+@dataclass(slots=True)
+class Outcome:
+    """What came of a history.
+
+    Attributes
+    ----------
+    problems
+        A line for each promise that was broken.
+    sent, lost
+        Samples that the publishers sent, and those of them that no diagnosis is of.
+    told
+        Messages that the last status says are missing.
+    windows
+        Diagnoses compared.
+    wrong
+        Diagnoses that are not those of `diagnose`, or are missing.
+    recordings
+        Files of the chain.
+    """
+
+    number: int
+    kinds: tuple[str, ...]
+    problems: list[str] = field(default_factory=list)
+    sent: int = 0
+    lost: int = 0
+    told: int = 0
+    windows: int = 0
+    wrong: int = 0
+    recordings: int = 0
+    took_s: float = 0.0
+    talk: str = ""
+
+
+def run_trial(seed: int, number: int, *, root: bool) -> Outcome:
+    """Make a history, let it happen and check it."""
+    history = make_history(seed, number, root=root)
+    outcome = Outcome(number, history.kinds)
+    begin_s = time.monotonic()
+    with tempfile.TemporaryDirectory(prefix="rwa-faults-") as folder:
+        try:
+            with Rig(Path(folder), history.kept, small_disk="disk_full" in history.kinds) as rig:
+                try:
+                    _happen(history, rig, outcome)
+                    _check(history, rig, outcome)
+                except (AssertionError, OSError) as error:
+                    outcome.problems.append(f"{str(error).splitlines()[0]} {_state(rig, history)[:1500]}")
+        except (AssertionError, OSError) as error:
+            outcome.problems.append(str(error).splitlines()[0])
+        log = Path(folder) / "talk.log"
+        outcome.talk = log.read_text() if log.exists() else ""
+    if "Traceback" in outcome.talk:
+        outcome.problems.append("a traceback on stderr")
+    outcome.took_s = time.monotonic() - begin_s
+    return outcome
+
+
+# ---- what happens ----------------------------------------------------------------------------------------------------
+
+
+def _happen(history: History, rig: Rig, outcome: Outcome) -> None:
+    """Send all messages, with the faults between them, and wait until all is quiet again."""
+    sent = Counter[str]()
+    for place, put in enumerate(history.puts):
+        for fault in history.faults:
+            if fault.until == place:
+                _end(fault, rig)
+            if fault.at == place:
+                _begin(fault, rig, sent)
+        rig.put(put)
+        sent[_wheel_of(put.key)] += put.samples
+        if place == 0 and set(history.kinds) & NEEDS_MONITOR:
+            wait_for(lambda: _received(rig, "wheel_1") > 0, "the first message")
+    expected = {_wheel_of(key): _oracle(samples).counts for key, samples in history.sent.items()}
+    if history.recoverable:
+        for name, counts in expected.items():
+            wait_for(
+                lambda name=name, counts=counts: _taken(rig, name) >= counts.used + counts.masked, f"all of {name}"
+            )
+            wait_for(lambda name=name, counts=counts: rig.status(name)["samples_queued"] == 0, f"the queue of {name}")
+    else:
+        _wait_until_quiet(rig, expected)
+    for key, samples in history.sent.items() if history.recoverable else ():
+        name, count = _wheel_of(key), len(_oracle(samples).diagnoses)
+        wait_for(lambda name=name, count=count: len(set(rig.heard["diagnosis", name])) >= count, "all diagnoses")
+    if history.loses_recording:
+        wait_for(lambda: all(rig.status(name)["recording"] for name in expected), "the recording to go on")
+    status = rig.stop_monitor()
+    if status != 0:
+        outcome.problems.append(f"the monitor ended with exit code {status}")
+
+
+def _begin(fault: Fault, rig: Rig, sent: Counter[str]) -> None:
+    match fault.name:
+        case "kill_monitor":
+            Event().wait(fault.delay_s / 8)
+            rig.kill(rig.monitor)
+        case "pause_monitor":
+            rig.pause_monitor()
+        case "kill_router":
+            rig.kill(rig.router)
+        case "cut_link" | "outage_beyond_history" | "publisher_dies_in_outage":
+            rig.cut_link()
+        case "freeze_link":
+            rig.freeze_link()
+        case "restart_publisher":
+            for name, count in sent.items():
+                wait_for(lambda name=name, count=count: _received(rig, name) >= count, f"all of {name} so far")
+            # What is younger than a second may be on no disk yet: a monitor killed then needs the publisher's history.
+            Event().wait(FLUSHED_S)
+            rig.kill(rig.publisher)
+            rig.start_publisher()
+        case "disk_full":
+            rig.fill_disk()
+        case "disk_fails":
+            rig.fail_disk()
+
+
+def _end(fault: Fault, rig: Rig) -> None:
+    if fault.name not in {"restart_publisher", "kill_monitor"}:
+        Event().wait(fault.delay_s)
+    match fault.name:
+        case "kill_monitor":
+            rig.start_monitor()
+        case "pause_monitor":
+            rig.go_on_monitor()
+        case "kill_router":
+            rig.start_router()
+        case "cut_link" | "freeze_link":
+            rig.heal_link()
+        case "outage_beyond_history":
+            rig.heal_link()
+        case "publisher_dies_in_outage":
+            rig.kill(rig.publisher)
+            rig.start_publisher()
+            rig.heal_link()
+        case "disk_full":
+            rig.free_disk()
+        case "disk_fails":
+            rig.mend_disk()
+
+
+def _state(rig: Rig, history: History) -> str:
+    """Describe what the monitor has got, for whoever looks for the fault."""
+    status = {_wheel_of(key): rig.status(_wheel_of(key)) for key in history.sent}
+    batches = [
+        json.loads(message.data)["batch"]
+        for path in recordings_of(rig.recordings)
+        for message in read_recording(path).messages
+        if message.topic in history.sent
+    ]
+    return f"batches recorded: {batches}; {status}"
+
+
+def _wheel_of(key: str) -> str:
+    return key.split("/")[2]
+
+
+def _taken(rig: Rig, name: str) -> int:
+    status = rig.status(name)
+    return int(status["samples_used"] + status["samples_masked"]) if status else 0
+
+
+def _received(rig: Rig, name: str) -> int:
+    """Count the samples of the first wheel's own publishers that the monitor has, less what it has twice."""
+    status = rig.status(name)
+    if not status:
+        return 0
+    return int(status["samples_received"] - status["samples_duplicate"])
+
+
+def _wait_until_quiet(rig: Rig, names: Iterable[str]) -> None:
+    names = list(names)
+    wait_for(lambda: any(rig.status(name) for name in names), "a status")
+    before, since = -1, time.monotonic()
+    while time.monotonic() - since < QUIET_S:
+        now = sum(rig.status(name).get("samples_received", 0) for name in names)
+        if now != before:
+            before, since = now, time.monotonic()
+        Event().wait(0.05)
+
+
+# ---- what must have come of it ---------------------------------------------------------------------------------------
+
+
+@dataclass(slots=True)
+class _Oracle:
+    counts: Counts
+    diagnoses: list[bytes]
+
+
+def _oracle(samples: Samples) -> _Oracle:
+    """Diagnose a table whole."""
+    core = WheelCore(wheel(), model())
+    events = core.feed(samples)
+    return _Oracle(core.counts, diagnoses(said(events)))
+
+
+def _check(history: History, rig: Rig, outcome: Outcome) -> None:
+    problems = outcome.problems
+    messages = [message for path in recordings_of(rig.recordings) for message in read_recording(path).messages]
+    outcome.recordings = len(recordings_of(rig.recordings))
+    for key, samples in history.sent.items():
+        name = _wheel_of(key)
+        status = rig.status(name)
+        outcome.sent += len(samples)
+        if not status and not history.recoverable:  # a wheel of which nothing ever arrived
+            outcome.lost += len(samples)
+            continue
+        outcome.told += status["messages_missed"]
+        recorded = [m.data for m in messages if m.topic == key.replace("samples", "diagnosis")]
+        heard = rig.heard["diagnosis", name]
+        oracle = _oracle(samples)
+        expected = [payload.replace(b"wheel_1", name.encode()) for payload in oracle.diagnoses]
+        if not history.recoverable:
+            # Of what has reached the monitor; that these are right is for the replay to say.
+            expected = list(dict.fromkeys(heard)) if history.loses_recording else recorded
+            # To a monitor that joins late nothing is missing: one that was killed before its first second was recorded,
+            # or one that never heard of a wheel before the outage.
+            told = status["messages_missed"] or "kill_monitor" in history.kinds or name != "wheel_1"
+            if not told and "outage_beyond_history" in history.kinds:
+                problems.append(f"{name}: messages were lost and none is said to be missing")
+        _compare(outcome, name, expected, recorded, heard, whole=not history.loses_recording)
+        outcome.lost += oracle.counts.used + oracle.counts.masked - _taken(rig, name)
+        if history.recoverable and not outcome.problems:
+            _ask_diagnose(rig.folder, samples, name, expected, outcome)
+        _check_account(name, rig, messages, key, problems, whole=not history.loses_recording)
+    if history.recoverable and outcome.lost:
+        problems.append(f"{outcome.lost} samples were lost")
+    if history.recoverable and not history.loses_recording:
+        refused = {message.data for message in messages if message.topic.endswith("/refused")}
+        if refused != set(history.garbage):
+            problems.append("messages refused and messages that cannot be read differ")
+    if "second_publisher" in history.kinds and "two live publishers" not in _talk(rig):
+        problems.append("two live publishers were not reported")
+    report = replay(rig.recordings)
+    if (
+        report.differences
+        or not report.bytes_equal
+        or (report.unreadable and not history.loses_recording and "kill_monitor" not in history.kinds)
+    ):
+        problems.append(f"the recording does not replay: {report.long()} {report.unreadable}")
+
+
+def _talk(rig: Rig) -> str:
+    return rig.log.read_text()
+
+
+def _compare(
+    outcome: Outcome, name: str, expected: list[bytes], recorded: list[bytes], heard: list[bytes], *, whole: bool
+) -> None:
+    """Check diagnoses: in the recordings each once and in order, on the bus each at least once."""
+    outcome.windows += len(expected)
+    missing = [payload for payload in expected if payload not in heard]
+    false = [payload for payload in {*heard, *recorded} if payload not in expected]
+    outcome.wrong += len(missing) + len(false)
+    if missing:
+        outcome.problems.append(f"{name}: {len(missing)} of {len(expected)} diagnoses were never on the bus")
+    if false:
+        outcome.problems.append(f"{name}: {len(false)} diagnoses are not those of the table")
+    if (whole and recorded != expected) or len(set(recorded)) < len(recorded):
+        outcome.problems.append(f"{name}: {len(recorded)} diagnoses recorded, {len(set(recorded))} different ones")
+
+
+def _check_account(
+    name: str, rig: Rig, messages: list[RecordedMessage], key: str, problems: list[str], *, whole: bool
+) -> None:
+    """Check the sums of every status, and the last one against the recorded samples."""
+    topic = key.replace("samples", "status")
+    for payload in (*rig.heard["status", name], *(m.data for m in messages if m.topic == topic)):
+        status = json.loads(payload)
+        parts = ("used", "masked", "late", "duplicate", "rejected", "queued")
+        if status["samples_received"] != sum(status[f"samples_{part}"] for part in parts):
+            problems.append(f"{name}: the account does not add up: {payload.decode()}")
+            return
+    recorded = sum(len(SamplesMessage.parse(m.data, "").time_ns) for m in messages if m.topic == key)
+    received = rig.status(name)["samples_received"]
+    if whole and recorded != received:
+        problems.append(f"{name}: {received} samples received, {recorded} recorded")
+
+
+def _ask_diagnose(folder: Path, samples: Samples, name: str, expected: list[bytes], outcome: Outcome) -> None:
+    """Compare with `rwa-monitor diagnose --json` of the sent table; a table's time must increase."""
+    if np.diff(samples.time_ns).min() <= 0:
+        return
+    table, wheel_file = folder / f"{name}.parquet", folder / "wheel.toml"
+    table_writer(table)(samples, table)
+    wheel_file.write_text(wheel().to_toml())
+    result = CliRunner().invoke(diagnose, [str(table), "--wheel", str(wheel_file), "--json"])
+    lines = [json.loads(line) for line in result.stdout.splitlines()]
+    said_of_table = [_as_on_the_bus(line, name) for line in lines[: len(expected)]]
+    if said_of_table != expected:
+        outcome.wrong += sum(a != b for a, b in zip(said_of_table, expected, strict=False))
+        outcome.problems.append(f"{name}: `diagnose` says something else of the table")
+
+
+def _as_on_the_bus(line: dict[str, Any], name: str) -> bytes:
+    """Return a line of `diagnose` under the wheel's name on the bus, and without its file."""
+    return dump_json({**{k: v for k, v in line.items() if k != "source"}, "spacecraft": "sat", "wheel": name})
+
+
+def losing(kinds: Iterable[str]) -> bool:
+    """Tell whether one of these faults loses samples for good."""
+    return bool(set(kinds) & set(LOSING))
