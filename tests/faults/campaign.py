@@ -58,9 +58,9 @@ LIMITS = f"""
 - What is younger than a second is on no disk yet. An earlier run on seed {VALIDATION_SEED} lost 1,050 samples in one of
   264 histories: their publisher was killed as soon as they had arrived, then the disk failed, then the monitor was
   killed. A publisher is therefore killed here only a second after all of its samples have arrived.
-- The service was not changed for what seed {VALIDATION_SEED} showed. The campaign was, after runs stopped at 141 and 264
-  histories: that wait; a restart is not combined with an outage that loses samples; and a monitor that joins late is
-  not asked to miss what it cannot know of.
+- The service was not changed for what seed {VALIDATION_SEED} showed. The campaign was, after runs stopped at 141
+  and 264 histories: that wait; a restart is not combined with an outage that loses samples; and a monitor that joins
+  late is not asked to miss what it cannot know of.
 - A second publisher speaks between two messages of the first one, and not in an outage, where it looks like a restart.
 - A damaged message is one that cannot be read. A flipped digit is a message: telemetry carries no checksum.
 - A disk that hangs, rather than fails, stops the monitor until it goes on; this is not tried.
