@@ -125,6 +125,20 @@ faults: $(VENV)/.installed-dev ## the fault campaign on real processes; writes d
 soak: $(VENV)/.installed-dev ## ten minutes at 100,000 samples a second; writes docs/soak.md (SOAK_ARGS="--seconds 60")
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python benchmarks/soak.py -o docs/soak.md $(SOAK_ARGS)
 
+.PHONY: package
+package: $(VENV)/.installed-dev ## builds sdist and wheel, and tries the wheel in an empty environment
+	PYTHON=$(BIN)/python tools/check_package.sh
+
+# Needs the network: known vulnerabilities of what is locked, and a software bill of materials.
+AUDIT_VENV := .audit-venv
+.PHONY: audit
+audit: $(VENV)/.installed-dev ## asks for known vulnerabilities of the locked packages; writes build/sbom.json
+	@test -x $(AUDIT_VENV)/bin/python || "$$(tools/find_python.sh)" -m venv $(AUDIT_VENV)
+	$(AUDIT_VENV)/bin/python -m pip install --quiet pip-audit==2.10.1 cyclonedx-bom==7.5.0
+	mkdir -p build
+	$(AUDIT_VENV)/bin/cyclonedx-py requirements requirements.txt --pyproject pyproject.toml --output-reproducible -o build/sbom.json
+	$(AUDIT_VENV)/bin/pip-audit --disable-pip --require-hashes --strict -r requirements.txt
+
 # Basilisk is an outside wheel simulator, 600 MB, in an environment of its own.
 OUTSIDE_VENV := .outside-venv
 .PHONY: outside
@@ -158,5 +172,5 @@ lock: ## writes requirements.txt and requirements-dev.txt anew from pyproject.to
 
 .PHONY: clean
 clean: ## removes the environment and everything generated; recordings stay
-	rm -rf $(VENV) $(UV_VENV) $(OUTSIDE_VENV) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis .benchmarks
+	rm -rf $(VENV) $(UV_VENV) $(OUTSIDE_VENV) $(AUDIT_VENV) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis .benchmarks
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

@@ -8,9 +8,9 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from rwa_monitor.version import __version__
-
 if TYPE_CHECKING:
+    __version__: str
+
     from rwa_monitor import plot
     from rwa_monitor.api import (
         Diagnosis,
@@ -51,9 +51,20 @@ def __getattr__(name: str) -> Any:
     """Import the public names when they are asked for: the command's --help needs none of what is behind them."""
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    if name == "__version__":
+        return _installed_version()
     if name == "plot":
         return import_module("rwa_monitor.plot")
     return getattr(import_module("rwa_monitor.api"), name)
+
+
+def _installed_version() -> str:
+    """Return the version of the installed package, and `0+unknown` where it is only found on the path."""
+    metadata = import_module("importlib.metadata")
+    try:
+        return str(metadata.version("rwa-monitor"))
+    except metadata.PackageNotFoundError:
+        return "0+unknown"
 
 
 def __dir__() -> list[str]:

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING
 
 import click
 
+from rwa_monitor import __version__
 from rwa_monitor.cli.exit_codes import FAILED
 from rwa_monitor.cli.options import bus_options, model_option, wheel_option
 from rwa_monitor.errors import RwaMonitorError
-from rwa_monitor.version import __version__
 
 if TYPE_CHECKING:
     from rwa_monitor.live.bus import BusOptions

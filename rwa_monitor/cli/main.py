@@ -18,7 +18,6 @@ from rwa_monitor.cli.exit_codes import FAILED, INTERRUPTED, WRONG_USE
 from rwa_monitor.cli.lazy import LazyGroup
 from rwa_monitor.cli.talk import PROGRAM, say
 from rwa_monitor.errors import InputError, RwaMonitorError
-from rwa_monitor.version import __version__
 
 # One thread for linear algebra, unless the user says otherwise: our matrices are small, threads would only wait for
 # each other, and the order of sums, so the last bit, would depend on the machine. Before numpy is imported anywhere.
@@ -91,7 +90,7 @@ class Program(LazyGroup):
     invoke_without_command=True,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
 )
-@click.version_option(__version__, prog_name=PROGRAM, message="%(prog)s %(version)s")
+@click.version_option(package_name="rwa-monitor", prog_name=PROGRAM, message="%(prog)s %(version)s")
 @click.pass_context
 def main(ctx: click.Context) -> None:
     """Watch reaction wheels through their friction.

@@ -9,7 +9,7 @@ from pydantic.json_schema import models_json_schema
 
 from rwa_monitor.history.records import AlarmRecord, EstimateRecord
 from rwa_monitor.messages import Changepoints, Diagnosis, SamplesMessage, Status
-from rwa_monitor.version import __version__
+from rwa_monitor.version import RELEASE
 
 
 def openapi(acknowledgement: type[BaseModel]) -> dict[str, Any]:
@@ -31,7 +31,7 @@ def openapi(acknowledgement: type[BaseModel]) -> dict[str, Any]:
     change["security"] = [{"token": []}]
     return {
         "openapi": "3.1.0",
-        "info": {"title": "rwa-monitor dashboard", "version": __version__},
+        "info": {"title": "rwa-monitor dashboard", "version": RELEASE},
         "paths": {
             "/api/fleet": {"get": _operation("Latest messages of every wheel", entries)},
             path: {"get": _operation("Samples, thinned, and provisional changepoints", {"type": "object"}, wheel)},

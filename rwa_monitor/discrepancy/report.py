@@ -16,7 +16,7 @@ from rwa_monitor.discrepancy.report_template import PAGE
 from rwa_monitor.discrepancy.result import DiscrepancyResult, FoundEffect
 from rwa_monitor.discrepancy.views import all_views
 from rwa_monitor.physics.effects.catalogue import CATALOGUE, MEAN_EFFECTS
-from rwa_monitor.version import __version__
+from rwa_monitor.version import SOFTWARE
 
 SURE_P: Final = 1e-4  # below which a view's test calls its deviation no chance
 
@@ -94,7 +94,7 @@ def html(search: Search, sources: list[str]) -> str:
         "rest_slots": sum(record.rest_slots for record in search.problem.records),
         "clipped": round(search.problem.clipped_share * search.problem.size),
         "noise_std_Nm": search.problem.noise.std,
-        "version": __version__,
+        "software": SOFTWARE,
         "catalogue": CATALOGUE,
         "rungs": ladder(search),
         "plan": plan(search),

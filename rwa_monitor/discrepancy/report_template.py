@@ -30,7 +30,7 @@ pre { background: #f5f5f3; padding: .8rem; overflow-x: auto; font-size: .85rem; 
 <h1>What the simulation of wheel “{{ wheel.name }}” gets wrong</h1>
 <p class="small">{{ sources | join(", ") }} · {{ samples }} samples in motion{% if rest_slots %}, {{ rest_slots }} at
 rest left out{% endif %}{% if clipped %}, {{ clipped }} outliers pulled in{% endif %} · noise
-{{ noise_std_Nm | torque }} · rwa-monitor {{ version }}</p>
+{{ noise_std_Nm | torque }} · {{ software }}</p>
 <p class="verdict {{ result.verdict }}"><strong>{{ result.verdict | capitalize }}.</strong> {{ sentence }}</p>
 
 <h2>Measured and simulated</h2>

@@ -11,9 +11,9 @@ import click
 import pytest
 from click.testing import CliRunner
 
+from rwa_monitor import __version__
 from rwa_monitor.cli.main import COMMANDS, main
 from rwa_monitor.errors import InputError, RwaMonitorError
-from rwa_monitor.version import __version__
 
 PROGRAM = [sys.executable, "-m", "rwa_monitor.cli"]
 
