@@ -10,6 +10,7 @@ from rwa_monitor.cli.lazy import LazyGroup
 
 MODULES: Final = {
     "paper": "rwa_monitor.cli.benchmark_paper",
+    "speed": "rwa_monitor.cli.benchmark_speed",
 }
 
 

@@ -9,6 +9,7 @@ that every system rests at least once in the window.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import product
@@ -76,13 +77,10 @@ def assign_as_paper(evidence: Evidence, wheel: Wheel, *, limit: int = STATE_CAP)
     intervals = estimate(evidence, candidates.index, exclude)
     directions = np.where(np.diff(intervals.level) >= 0, 1, -1)
     log_false = float(np.log(max(special.chdtrc(1, evidence.threshold), 1e-300)))
-    tables = [_tables(system, candidates.index) for system in wheel.fss]
     rejection = intervals.rejection_cost + log_false
-    choices, start, score, states, pruned = _programme(tables, directions, rejection, limit)
-    if choices is None:
-        # A jump that was missed makes every sequence impossible under hard laws; then the impossible gets a price.
-        choices, start, score, more, pruned = _programme([_softened(t) for t in tables], directions, rejection, limit)
-        states += more
+    choices, start, score, states, pruned = most_likely_jumps(
+        wheel.fss, candidates.index, directions, rejection, limit=limit
+    )
     system = np.array(choices, dtype=np.int64) if choices is not None else np.full(len(candidates), UNATTRIBUTED)
     accepted = system != REJECTED
     levels = estimate(evidence, candidates.index[accepted], exclude[accepted])
@@ -105,6 +103,42 @@ def assign_as_paper(evidence: Evidence, wheel: Wheel, *, limit: int = STATE_CAP)
         pruned=pruned,
     )
     return assignment, levels
+
+
+def most_likely_jumps(
+    systems: Sequence[SwitchingSystem],
+    index: IntArray,
+    directions: IntArray,
+    rejection: FloatArray,
+    *,
+    limit: int = STATE_CAP,
+) -> tuple[_Choices | None, tuple[int, ...], float, int, bool]:
+    """Find the most likely sequence of jumps.
+
+    Parameters
+    ----------
+    systems
+        The switching systems.
+    index, directions
+        int64 (m,), the candidates' slots, and +1 or -1 for a level that rises or falls there.
+    rejection
+        float64 (m,), what it costs to take a candidate for none.
+    limit
+        States kept per candidate.
+
+    Returns
+    -------
+    tuple
+        The system that jumped at each candidate, or REJECTED (None where no sequence is possible); the configurations
+        at the begin; the score; the states expanded; whether the limit cut any.
+    """
+    tables = [_tables(system, index) for system in systems]
+    choices, start, score, states, pruned = _programme(tables, directions, rejection, limit)
+    if choices is None:
+        # A jump that was missed makes every sequence impossible under hard laws; then the impossible gets a price.
+        choices, start, score, more, pruned = _programme([_softened(t) for t in tables], directions, rejection, limit)
+        states += more
+    return choices, start, score, states, pruned
 
 
 def _softened(tables: _Tables) -> _Tables:

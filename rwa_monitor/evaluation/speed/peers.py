@@ -1,0 +1,150 @@
+"""Others that find changepoints, called as their documentation says; each is optional and may be missing.
+
+They get what they need and cannot find themselves: friction less viscous friction of the right slope, over the noise's
+standard deviation, so that what is left is a change of the mean in white noise of variance one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib import import_module
+from types import ModuleType
+from typing import Final
+
+import numpy as np
+
+from rwa_monitor.samples import FloatArray
+
+PENALTIES: Final = 2.0  # times BIC's 2 log n: about as many false changepoints as ours, which is next to none
+HALF_WIDTH: Final = 50  # samples, the paper's w
+
+
+class MissingPeerError(Exception):
+    """A package to compare with is not installed; the message says which and how to get it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Peer:
+    """A changepoint detector of another package.
+
+    Attributes
+    ----------
+    name
+        Package and detector.
+    search
+        Finds the changepoints of a normalised series, float64 (n,).
+    rounds
+        How often to time it at most: some take seconds.
+    """
+
+    name: str
+    search: Callable[[FloatArray], object]
+    rounds: int = 15
+
+
+def _package(name: str) -> ModuleType:
+    try:
+        return import_module(name)
+    except ImportError as error:
+        package = name.partition(".")[0]
+        raise MissingPeerError(f"{package} is not installed (pip install {package}); it is left out") from error
+
+
+def _penalty(series: FloatArray) -> float:
+    return PENALTIES * 2.0 * float(np.log(series.size))
+
+
+def skchange_fpop() -> Peer:
+    """Return skchange's FPOP: exact optimal partitioning with functional pruning, compiled; the fastest peer known."""
+    detectors = _package("skchange.detectors")
+    return Peer(
+        "skchange FPOP",
+        lambda series: (
+            detectors.FPOP(penalty=_penalty(series)).fit(series.reshape(-1, 1)).predict(series.reshape(-1, 1))
+        ),
+    )
+
+
+def skchange_moving_window() -> Peer:
+    """Return skchange's MovingWindow: the same idea as the wGLR, at one scale."""
+    detectors, scorers = _package("skchange.detectors"), _package("skchange.interval_scorers")
+
+    def search(series: FloatArray) -> object:
+        detector = detectors.MovingWindow(scorers.CUSUM(), bandwidth=HALF_WIDTH)
+        return detector.fit(series.reshape(-1, 1)).predict(series.reshape(-1, 1))
+
+    return Peer("skchange MovingWindow", search, rounds=5)
+
+
+def ruptures_window() -> Peer:
+    """Return ruptures' Window, with the paper's width."""
+    ruptures = _package("ruptures")
+    return Peer(
+        "ruptures Window",
+        lambda series: ruptures.Window(width=2 * HALF_WIDTH, model="l2").fit(series).predict(pen=_penalty(series)),
+        rounds=1,
+    )
+
+
+def ruptures_pelt() -> Peer:
+    """Return ruptures' PELT for a change in mean, in its compiled form."""
+    ruptures = _package("ruptures")
+    return Peer(
+        "ruptures PELT (KernelCPD)",
+        lambda series: ruptures.KernelCPD(kernel="linear", min_size=2).fit(series).predict(pen=_penalty(series)),
+        rounds=1,
+    )
+
+
+def river_page_hinkley() -> Peer:
+    """Return river's Page-Hinkley test, sample by sample: the peer of the incremental step."""
+    drift = _package("river.drift")
+
+    def search(series: FloatArray) -> object:
+        detector = drift.PageHinkley()
+        found = []
+        for k, value in enumerate(series.tolist()):
+            detector.update(value)
+            if detector.drift_detected:
+                found.append(k)
+        return found
+
+    return Peer("river PageHinkley, sample by sample", search, rounds=3)
+
+
+def river_adwin() -> Peer:
+    """Return river's ADWIN, sample by sample."""
+    drift = _package("river.drift")
+
+    def search(series: FloatArray) -> object:
+        detector = drift.ADWIN()
+        found = []
+        for k, value in enumerate(series.tolist()):
+            detector.update(value)
+            if detector.drift_detected:
+                found.append(k)
+        return found
+
+    return Peer("river ADWIN, sample by sample", search, rounds=1)
+
+
+PEERS: Final = (
+    skchange_fpop,
+    skchange_moving_window,
+    ruptures_window,
+    ruptures_pelt,
+    river_page_hinkley,
+    river_adwin,
+)
+
+
+def installed(tell: Callable[[str], None]) -> list[Peer]:
+    """Return the peers that are installed, FPOP first; what is missing is told."""
+    found = []
+    for peer in PEERS:
+        try:
+            found.append(peer())
+        except MissingPeerError as missing:
+            tell(str(missing))
+    return found
