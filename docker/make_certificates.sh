@@ -64,7 +64,7 @@ issue() { # NAME PURPOSE [NAMES_OF_THE_HOST]
   mkdir "$own"
   new_key "$own/own.key"
   extensions="$(printf '%s\n' "basicConstraints=critical,CA:FALSE" "keyUsage=critical,digitalSignature" \
-    "extendedKeyUsage=$2" "subjectAltName=${3:-DNS:$1}")"
+    "extendedKeyUsage=$2" ${3:+"subjectAltName=$3"})"
   openssl req -new -sha256 -key "$own/own.key" -subj "/CN=$1" |
     openssl x509 -req -sha256 -days "$days" -CA "$folder/authority/ca.pem" -CAkey "$folder/authority/ca.key" \
       -set_serial "0x$(openssl rand -hex 16)" -extfile <(printf '%s\n' "$extensions") -out "$own/own.pem" 2>/dev/null

@@ -12,7 +12,7 @@ set -euo pipefail
 cd "$(dirname "${BASH_SOURCE[0]}")/.."
 seconds="${1:-60}"
 scratch="${SCRATCH:-$(mktemp -d -t rwa-monitor-docker.XXXXXX)}"
-rm -rf "$scratch/recordings"
+rm -rf "$scratch/recordings" "$scratch/certificates"
 mkdir -p "$scratch/recordings"
 
 say() { printf 'docker: %s\n' "$*" >&2; }
@@ -91,7 +91,10 @@ with zenoh.open(zenoh.Config.from_file("/etc/zenoh/router.json5")):
 # All three share the router's network, which has only a loopback: the name "router" leads there.
 printf '127.0.0.1 localhost router\n' >"$scratch/hosts"
 on_bus=(--volume "$scratch/hosts:/etc/hosts:ro")
-run --detach --name rwa-router --network none "${on_bus[@]}" \
+docker/make_certificates.sh --owner 10001:10001 "$scratch/certificates"
+own() { printf '%s' "--volume=$scratch/certificates/$1:/etc/rwa-monitor/tls:ro"; }
+on_bus+=(--volume "$PWD/docker/client.json5:/etc/rwa-monitor/client.json5:ro")
+run --detach --name rwa-router --network none "${on_bus[@]}" "$(own router)" \
   --volume "$PWD/docker/router.json5:/etc/zenoh/router.json5:ro" --entrypoint python3 rwa-monitor -c "$router_py" >/dev/null
 for _ in {1..50}; do
   pod logs rwa-router 2>/dev/null | grep -q "router is up" && break
@@ -100,9 +103,9 @@ done
 
 chown 10001:10001 "$scratch/recordings"
 on_bus+=(--network container:rwa-router)
-run --detach --name rwa-monitor "${on_bus[@]}" --volume "$scratch/recordings:/recordings" \
+run --detach --name rwa-monitor "${on_bus[@]}" "$(own monitor)" --volume "$scratch/recordings:/recordings" \
   rwa-monitor "${monitor[@]}" >/dev/null
-run --detach --name rwa-simulator "${on_bus[@]}" \
+run --detach --name rwa-simulator "${on_bus[@]}" "$(own simulated.wheel_1)" \
   --volume "$PWD/docker/scenario.toml:/etc/rwa-monitor/scenario.toml:ro" rwa-monitor "${simulate[@]}" >/dev/null
 say "router, simulator and monitor run for $seconds s"
 sleep "$seconds"

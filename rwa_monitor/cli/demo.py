@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Final
 
 import click
 
-from rwa_monitor.cli.options import FILE, not_nan
+from rwa_monitor.cli.options import FILE, bus_options, not_nan
 from rwa_monitor.cli.talk import say
 
 if TYPE_CHECKING:
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
     from rwa_monitor.cli.demo_story import Story
     from rwa_monitor.cli.demo_view import DemoView
+    from rwa_monitor.live.bus import BusOptions
     from rwa_monitor.live.run_options import RunOptions
 
 DEFAULT_DURATION_S: Final = 90.0
@@ -62,18 +63,19 @@ NOTICEABLE_S: Final = 1.0  # what a person notices as waiting
     metavar="DIR",
     help="Folder of the recordings.",
 )
-def command(duration: float, no_browser: bool, port: int | None, seed: int, record: Path) -> None:
+@bus_options
+def command(duration: float, no_browser: bool, port: int | None, seed: int, record: Path, bus: BusOptions) -> None:
     """Show the main job on a simulated satellite: four wheels, one of which begins to fail.
 
     Another one has an effect that the monitor's wheel file lacks; the monitor finds out which. Telemetry flows some 300
     times faster than real time over a bus inside this process; the monitor diagnoses each window as it closes and
-    records everything. At the end the truth is told. Ctrl-C ends it earlier.
+    records everything. At the end the truth is told. Ctrl-C ends it earlier. With -l, -e or -c others can listen too.
     """
     from rwa_monitor.cli.demo_story import tell
     from rwa_monitor.cli.demo_view import DemoView
     from rwa_monitor.cli.signals import stop_on_signals
     from rwa_monitor.diagnosis.model import built_in_model
-    from rwa_monitor.live.bus import BusOptions, open_session
+    from rwa_monitor.live.bus import open_session
     from rwa_monitor.live.publisher import publish
     from rwa_monitor.live.run_options import RunOptions
     from rwa_monitor.live.service import run
@@ -84,7 +86,7 @@ def command(duration: float, no_browser: bool, port: int | None, seed: int, reco
     options = RunOptions(wheels=f"rwa/{spacecraft}/*/samples", wheel=story.wheel, model=built_in_model(), record=record)
     with (
         stop_on_signals() as stop,
-        open_session(BusOptions()) as session,
+        open_session(bus) as session,
         ExitStack() as page,
         ThreadPoolExecutor(2) as workers,
     ):

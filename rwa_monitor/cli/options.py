@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import math
+import re
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeVar
@@ -14,6 +15,10 @@ from rwa_monitor.cli.talk import say
 
 if TYPE_CHECKING:
     from rwa_monitor.live.bus import BusOptions
+
+# Endpoints that nobody reaches from outside this machine, and transports whose other end shows who it is.
+_LOOPBACK: Final = re.compile(r"127\.|localhost:|\[::1\]")
+_PROTECTED: Final = ("tls", "quic", "unixsock-stream", "unixpipe")
 
 Decorated = TypeVar("Decorated", bound=Callable[..., Any])
 
@@ -80,6 +85,10 @@ def bus_options(command: Decorated) -> Decorated:
 
 
 def warn_if_alone(bus: BusOptions) -> None:
-    """Say on stderr that no other process will be met, where the options name no way to one."""
+    """Say on stderr what the options mean for who is on the bus: nobody else, or everybody on the network."""
     if not (bus.connect or bus.listen or bus.config):
         say("without -e, -l or -c the bus is this process alone; for example -l tcp/127.0.0.1:7447, and -e elsewhere")
+    for endpoint in bus.listen:
+        protocol, _, address = endpoint.partition("/")
+        if protocol not in _PROTECTED and not _LOOPBACK.match(address):
+            say(f"{endpoint} lets in everybody who reaches it; docker/client.json5 shows how to join by mutual TLS")

@@ -9,6 +9,7 @@ would close the connection, and lose more than one message without a word. Memor
 from __future__ import annotations
 
 import json
+import re
 from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
@@ -22,6 +23,7 @@ import zenoh
 from zenoh import ext
 
 from rwa_monitor.errors import InputError, RwaMonitorError
+from rwa_monitor.formats.files import read_text
 from rwa_monitor.live.backfill import Arrival, Backfill, arrival_of, ask_publisher
 from rwa_monitor.messages import MAX_MESSAGE_BYTES, Message
 
@@ -35,18 +37,25 @@ MAX_HISTORY: Final = 1_000_000
 OUTPUT_HISTORY: Final = 100  # diagnoses, changepoints and so on of each wheel that a late subscriber gets
 OUTPUT_HEARTBEAT_S: Final = 1.0  # diagnoses go on telling their last number, what is less important tells it once
 MAX_CONFIG_BYTES: Final = 1_000_000
+MAX_CONFIG_DEPTH: Final = 64  # Zenoh's own has 8 levels; its parser overflows the stack at some ten thousand
 
-# What Zenoh does unless told, and what we do instead. A configuration file that speaks of a section is left its say.
-_SECURE: Final[tuple[tuple[str, str, Any], ...]] = (
-    ("listen", "listen/endpoints", []),
-    ("scouting", "scouting/multicast/enabled", False),
-    ("scouting", "scouting/gossip/enabled", False),
-    # A killed publisher leaves its segment behind, and a read-only /dev/shm makes `open` fail.
-    ("shared_memory", "transport/shared_memory/enabled", False),
-    ("max_message_size", "transport/link/rx/max_message_size", 2 * MAX_MESSAGE_BYTES),
+# What Zenoh does unless told, and what we do instead. What a configuration file says otherwise than Zenoh's own default
+# counts; shared memory and plug-ins stay off in any case.
+_SECURE: Final[tuple[tuple[str, Any], ...]] = (
+    ("listen/endpoints", []),
+    ("scouting/multicast/enabled", False),
+    ("scouting/gossip/enabled", False),
+    ("transport/link/rx/max_message_size", 2 * MAX_MESSAGE_BYTES),
     # A subscriber that is stuck may hold us up for one second [µs], not for five.
-    ("wait_before_close", "transport/link/tx/queue/congestion_control/block/wait_before_close", 1_000_000),
+    ("transport/link/tx/queue/congestion_control/block/wait_before_close", 1_000_000),
 )
+_FIXED: Final[tuple[tuple[str, Any], ...]] = (
+    # A killed publisher leaves its segment behind, and a read-only /dev/shm makes `open` fail.
+    ("transport/shared_memory/enabled", False),
+    # Code from files that a configuration names.
+    ("plugins_loading/enabled", False),
+)
+_JSON5_STRING_OR_COMMENT: Final = re.compile(r"""//[^\n]*|/\*.*?\*/|"(?:\\.|[^"\\])*"|'(?:\\.|[^'\\])*'""", re.DOTALL)
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,22 +83,24 @@ class BusOptions:
 
 def session_config(options: BusOptions) -> zenoh.Config:
     """Return the Zenoh configuration of the options; raises InputError naming the option that is wrong."""
-    text = ""
-    config = zenoh.Config()
+    config, default = zenoh.Config(), zenoh.Config()
     if options.config is not None:
+        if _depth(read_text(options.config, MAX_CONFIG_BYTES)) > MAX_CONFIG_DEPTH:
+            reason = f"is no Zenoh configuration: it is nested deeper than {MAX_CONFIG_DEPTH} levels"
+            raise InputError(str(options.config), reason)
         try:
-            with open(options.config, encoding="utf-8") as file:
-                text = file.read(MAX_CONFIG_BYTES)
             config = zenoh.Config.from_file(options.config)
-        except (OSError, UnicodeDecodeError, zenoh.ZError) as error:
+        except zenoh.ZError as error:
             raise InputError(str(options.config), f"is no Zenoh configuration: {error}") from error
-    for section, key, value in _SECURE:
-        if section not in text:
+    for key, value in _SECURE:
+        if config.get_json(key) == default.get_json(key):
             config.insert_json5(key, json.dumps(value))
+    for key, value in _FIXED:
+        config.insert_json5(key, json.dumps(value))
     if options.no_multicast_scouting:
         config.insert_json5("scouting/multicast/enabled", "false")
     settings: dict[str, tuple[str, Any]] = {
-        "--mode": ("mode", options.mode or (None if "mode" in text else "peer")),
+        "--mode": ("mode", options.mode or ("peer" if config.get_json("mode") == "null" else None)),
         "--connect": ("connect/endpoints", list(options.connect) or None),
         "--listen": ("listen/endpoints", list(options.listen) or None),
     }
@@ -101,6 +112,15 @@ def session_config(options: BusOptions) -> zenoh.Config:
         except zenoh.ZError as error:
             raise InputError(option, f"{value} is not understood: {error}") from error
     return config
+
+
+def _depth(json5: str) -> int:
+    """Return how deep a JSON5 text is nested; what stands in strings and comments does not count."""
+    deepest = depth = 0
+    for bracket in re.findall(r"[\[\]{}]", _JSON5_STRING_OR_COMMENT.sub("", json5)):
+        depth += 1 if bracket in "[{" else -1
+        deepest = max(deepest, depth)
+    return deepest
 
 
 def open_session(options: BusOptions) -> zenoh.Session:

@@ -1,0 +1,84 @@
+"""A secured bus over real sockets: certificates by the script, a router in its own process, the shipped files."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Final
+
+import trustme
+
+from rwa_monitor.live.bus import BusOptions
+from tests.live.support import free_port
+
+DOCKER: Final = Path(__file__).parents[2] / "docker"
+TLS_FOLDER: Final = "/etc/rwa-monitor/tls"  # where the shipped files look for certificates
+PLACEHOLDER: Final = "0.0.0.0:7447"  # where the shipped router listens
+NAMES: Final = ("monitor", "dashboard", "simulated.wheel_1", "somebody")
+
+# What stands in for the router's image: the same library in router mode.
+ROUTER_PY: Final = """
+import sys, zenoh
+zenoh.init_log_from_env_or("off")
+with zenoh.open(zenoh.Config.from_file(sys.argv[1])):
+    print("router is up", flush=True)
+    sys.stdin.read()
+"""
+
+
+def make_certificates(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    """Run the script that is shipped."""
+    command = [str(DOCKER / "make_certificates.sh"), *arguments[:-1], str(folder), *arguments[-1].split()]
+    return subprocess.run(command, capture_output=True, text=True, check=False)
+
+
+def certificates(folder: Path) -> Path:
+    done = make_certificates(folder, " ".join(NAMES))
+    assert done.returncode == 0, done.stderr
+    return folder
+
+
+def configured(shipped: str, own: Path, target: Path, **changes: str) -> Path:
+    """Write a shipped configuration with another folder of certificates, and other changes."""
+    text = (DOCKER / shipped).read_text(encoding="utf-8")
+    for old, new in {TLS_FOLDER: str(own), **changes}.items():
+        assert old in text
+        text = text.replace(old, new)
+    target.write_text(text, encoding="utf-8")
+    return target
+
+
+@contextmanager
+def router(own: Path, scratch: Path) -> Iterator[int]:
+    """Run the shipped router on a free port of loopback; gives the port."""
+    port = free_port()
+    config = configured("router.json5", own, scratch / f"router-{port}.json5", **{PLACEHOLDER: f"127.0.0.1:{port}"})
+    process = subprocess.Popen(
+        [sys.executable, "-c", ROUTER_PY, str(config)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    )
+    assert process.stdout is not None
+    try:
+        assert process.stdout.readline() == "router is up\n"
+        yield port
+    finally:
+        process.communicate(timeout=30)
+
+
+def leaf(own: Path, port: int, scratch: Path, **changes: str) -> BusOptions:
+    """Return how somebody with the certificate in `own` joins the bus, by the shipped client configuration."""
+    config = configured("client.json5", own, scratch / f"{own.parent.name}-{own.name}-{port}.json5", **changes)
+    return BusOptions(config=config, connect=(f"tls/localhost:{port}",))
+
+
+def issued(authority: Path, folder: Path, name: str, **terms: object) -> Path:
+    """Make a folder with a certificate for `name` on other terms (expired, …), signed by an authority's own key."""
+    folder.mkdir()
+    ca = trustme.CA.from_pem((authority / "ca.pem").read_bytes(), (authority / "ca.key").read_bytes())
+    certificate = ca.issue_cert("localhost", common_name=name, **terms)  # type: ignore[arg-type]
+    (folder / "own.key").write_bytes(certificate.private_key_pem.bytes())
+    (folder / "own.pem").write_bytes(certificate.cert_chain_pems[0].bytes())
+    (folder / "ca.pem").write_bytes((authority / "ca.pem").read_bytes())
+    return folder

@@ -1,0 +1,250 @@
+"""Secure unless told otherwise: nothing listens, nothing searches, nothing is loaded, nothing in a file is run."""
+
+from __future__ import annotations
+
+import ast
+import json
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import psutil
+import pytest
+
+import rwa_monitor
+from rwa_monitor.cli.options import warn_if_alone
+from rwa_monitor.errors import InputError
+from rwa_monitor.live.bus import MAX_CONFIG_BYTES, MAX_CONFIG_DEPTH, BusOptions, open_session, session_config
+from tests.live.test_service import wait_for
+
+PACKAGE = Path(rwa_monitor.__file__).parent
+
+
+def setting(options: BusOptions, key: str) -> object:
+    return json.loads(session_config(options).get_json(key))
+
+
+# ---- the network -----------------------------------------------------------------------------------------------------
+
+
+@contextmanager
+def program(folder: Path, *words: str, until: str) -> Iterator[psutil.Process]:
+    """Run the program in a process of its own until it has said something."""
+    process = subprocess.Popen(
+        [sys.executable, "-m", "rwa_monitor.cli", *words], stderr=subprocess.PIPE, text=True, cwd=folder
+    )
+    assert process.stderr is not None
+    try:
+        assert any(until in line for line in process.stderr), "it ended"
+        yield psutil.Process(process.pid)
+    finally:
+        process.send_signal(signal.SIGTERM)
+        process.communicate(timeout=60)
+
+
+def listening(process: psutil.Process) -> list[str]:
+    """Return the addresses on which a process can be reached: listening TCP, and any UDP."""
+    return [
+        f"{connection.laddr.ip}"
+        for connection in process.net_connections(kind="inet")
+        if connection.status == psutil.CONN_LISTEN or not connection.raddr
+    ]
+
+
+@pytest.mark.processes
+def test_run_listens_nowhere_and_searches_for_nobody(tmp_path: Path) -> None:
+    with program(tmp_path, "run", until="monitoring") as process:
+        assert listening(process) == []
+
+
+@pytest.mark.processes
+def test_the_dashboard_listens_on_loopback_only(tmp_path: Path) -> None:
+    with program(tmp_path, "dashboard", "--no-browser", "--port", "0", until="the page is at") as process:
+        wait_for(lambda: listening(process) == ["127.0.0.1"], "the page")
+
+
+@pytest.mark.parametrize(
+    ("endpoint", "warned"),
+    [
+        ("tcp/127.0.0.1:7447", False),
+        ("tcp/[::1]:7447", False),
+        ("tls/0.0.0.0:7447", False),
+        ("tcp/0.0.0.0:7447", True),
+        ("udp/[::]:7447", True),
+    ],
+)
+def test_an_endpoint_that_lets_everybody_in_is_warned_of(
+    endpoint: str, warned: bool, capsys: pytest.CaptureFixture[str]
+) -> None:
+    warn_if_alone(BusOptions(listen=(endpoint,)))
+    assert ("lets in everybody" in capsys.readouterr().err) == warned
+
+
+def test_a_configuration_that_names_certificates_listens_nowhere_by_itself(tmp_path: Path) -> None:
+    file = tmp_path / "zenoh.json5"
+    file.write_text(
+        '{ mode: "peer", transport: { link: { tls: { listen_private_key: "/a", listen_certificate: "/b" } } } }'
+    )
+    options = BusOptions(config=file)
+    assert setting(options, "mode") == "peer"
+    assert setting(options, "listen/endpoints") == []
+    assert setting(options, "scouting/multicast/enabled") is False
+    assert setting(options, "scouting/gossip/enabled") is False
+
+
+def test_each_part_of_a_section_has_its_own_default(tmp_path: Path) -> None:
+    file = tmp_path / "zenoh.json5"
+    file.write_text(
+        "{ scouting: { multicast: { enabled: true } }, transport: { link: { rx: { buffer_size: 65535 } } } }"
+    )
+    options = BusOptions(config=file)
+    assert setting(options, "scouting/multicast/enabled") is True
+    assert setting(options, "scouting/gossip/enabled") is False
+    assert setting(options, "transport/link/rx/max_message_size") == 2**24
+
+
+def test_a_configuration_loads_no_plug_in(tmp_path: Path) -> None:
+    trace = tmp_path / "loaded"
+    library = tmp_path / "libzenoh_plugin_evil.so"
+    source = tmp_path / "evil.c"
+    source.write_text(
+        "#include <fcntl.h>\n"
+        f'__attribute__((constructor)) void run(void) {{ open("{trace}", O_CREAT | O_WRONLY, 0600); }}\n'
+    )
+    subprocess.run(["cc", "-shared", "-fPIC", "-o", str(library), str(source)], check=True)
+    file = tmp_path / "zenoh.json5"
+    search = json.dumps([str(tmp_path)])
+    plugin = json.dumps({"__required__": True, "__path__": [str(library)]})
+    file.write_text(f"{{ plugins_loading: {{ enabled: true, search_dirs: {search} }}, plugins: {{ evil: {plugin} }} }}")
+    assert setting(BusOptions(config=file), "plugins_loading/enabled") is False
+    with open_session(BusOptions(config=file)):
+        pass
+    assert not trace.exists()
+    subprocess.run([sys.executable, "-c", f"import ctypes; ctypes.CDLL({str(library)!r})"], check=True)  # the control
+    assert trace.exists()
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "[" * (MAX_CONFIG_DEPTH + 1),
+        "{a:" * 100_000,
+        "/* [ */ '{' " + "[{" * MAX_CONFIG_DEPTH,
+        " " * MAX_CONFIG_BYTES + "{}",
+    ],
+)
+def test_a_configuration_too_deep_or_too_long_is_refused_before_it_is_parsed(text: str, tmp_path: Path) -> None:
+    file = tmp_path / "zenoh.json5"
+    file.write_text(text)
+    with pytest.raises(InputError, match=r"nested deeper|larger than") as caught:
+        session_config(BusOptions(config=file))
+    assert "\n" not in str(caught.value)
+
+
+# ---- code ------------------------------------------------------------------------------------------------------------
+
+FORBIDDEN_MODULES = {"pickle", "cPickle", "dill", "cloudpickle", "joblib", "marshal", "shelve", "yaml", "imp", "runpy"}
+FORBIDDEN_CALLS = {"eval", "exec", "compile", "__import__"}  # re.compile and the like are calls of something else
+FORBIDDEN_METHODS = {("os", "system"), ("os", "popen"), ("ctypes", "CDLL"), ("np", "load"), ("numpy", "load")}
+
+
+def forbidden(node: ast.AST) -> bool:
+    """Tell whether a piece of code would run what somebody else wrote."""
+    if isinstance(node, ast.Import):
+        return any(alias.name.split(".")[0] in FORBIDDEN_MODULES for alias in node.names)
+    if isinstance(node, ast.ImportFrom):
+        return (node.module or "").split(".")[0] in FORBIDDEN_MODULES
+    if not isinstance(node, ast.Call):
+        return False
+    if any(word.arg == "shell" for word in node.keywords):
+        return True
+    match node.func:
+        case ast.Name(id=name):
+            return name in FORBIDDEN_CALLS
+        case ast.Attribute(value=ast.Name(id=module), attr=name):
+            return (module, name) in FORBIDDEN_METHODS
+    return False
+
+
+def test_the_program_holds_no_pickle_and_runs_no_text() -> None:
+    texts = {path: path.read_text(encoding="utf-8") for path in PACKAGE.rglob("*.py")}
+    assert [path for path, text in texts.items() if any(map(forbidden, ast.walk(ast.parse(text))))] == []
+    for control in ("import pickle", "from yaml import load", "eval(text)", "os.system(text)", "run(text, shell=True)"):
+        assert any(map(forbidden, ast.walk(ast.parse(control))))
+
+
+# Armed when everything is imported; the cache of compiled kernels, which is the program's own, is left alone.
+WATCH = """
+import sys, traceback
+from pathlib import Path
+from rwa_monitor.cli.main import main
+
+ours = tuple({{str(Path(place).resolve()) for place in (sys.prefix, sys.base_prefix, {package!r})}})
+ends = {{
+    "pickle.find_class", "marshal.loads", "exec", "compile", "ctypes.dlopen", "os.system", "os.exec", "os.posix_spawn",
+    "os.fork", "subprocess.Popen", "socket.connect", "socket.bind", "socket.getaddrinfo",
+}}
+armed, seen = False, []
+
+def place_of(event, details):
+    if event == "exec":
+        return details[0].co_filename
+    return {{"compile": details[-1], "ctypes.dlopen": details[0]}}.get(event)
+
+def watch(event, details):
+    global armed
+    if not armed or event not in ends:
+        return
+    armed = False
+    files = [frame.filename for frame in traceback.extract_stack()]
+    # Modules are imported late, from where the program lies: they are its own, and so is the cache of its kernels.
+    place = place_of(event, details)
+    own = place is not None and str(Path(str(place)).resolve()).startswith(ours)
+    if not own and not any("/numba/" in file or "importlib" in file for file in files[:-1]):
+        seen.append((event, str(place), files[-4:]))
+    armed = True
+
+sys.addaudithook(watch)
+for command in {commands!r}:
+    armed = True
+    try:
+        main(command, standalone_mode=False)
+    except SystemExit:
+        pass
+    armed = False
+if seen:
+    raise SystemExit(repr(seen[:3]))
+armed = True
+import pickle
+pickle.loads(b"cposix\\nsystem\\n.")
+armed = False
+assert [event for event, _, _ in seen] == ["pickle.find_class"], seen  # the control
+"""
+
+
+def test_reading_files_runs_nothing_in_them_and_talks_to_nobody(tmp_path: Path) -> None:
+    from rwa_monitor.diagnosis.model import built_in_model
+    from rwa_monitor.formats.table import table_writer
+    from tests.live.support import WINDOW, telemetry, wheel
+
+    (tmp_path / "wheel.toml").write_text(wheel().to_toml())
+    (tmp_path / "model.json").write_text(built_in_model().to_json())
+    for name in ("table.csv", "table.parquet"):
+        table_writer(tmp_path / name)(telemetry(WINDOW), tmp_path / name)
+    recording = Path(__file__).parents[2] / "replay" / "nominal" / "rwa-000001.mcap"
+    options = ["--wheel", str(tmp_path / "wheel.toml"), "--model", str(tmp_path / "model.json"), "--json"]
+    commands = [
+        ["diagnose", str(tmp_path / "table.csv"), *options],
+        ["diagnose", str(tmp_path / "table.parquet"), *options],
+        ["replay", str(recording), "--verify"],
+        ["recover", str(recording), "-o", str(tmp_path / "out.mcap")],
+    ]
+    script = WATCH.format(package=str(PACKAGE), commands=commands)
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False, env=os.environ)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.count('"verdict"') >= 2
+    assert (tmp_path / "out.mcap").exists()

@@ -1,0 +1,269 @@
+"""Mutual TLS and access control, as shipped: who does not belong gets nothing in, who belongs does.
+
+Every process, socket and certificate is real; the router runs docker/router.json5. What an intruder does is done with
+the same code that, with the right certificate on the right key, gets its message through (the control).
+"""
+
+from __future__ import annotations
+
+import json
+import signal
+import stat
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+from typing import Any
+
+import pytest
+import zenoh
+from zenoh import ext
+
+from rwa_monitor.errors import RwaMonitorError
+from rwa_monitor.live.bus import BusOptions, open_session
+from rwa_monitor.live.publisher import ReliablePublisher, SamplesPublisher
+from rwa_monitor.live.recording import read_recording, recordings_of
+from rwa_monitor.messages import SamplesMessage
+from tests.live.support import WINDOW, batch_diagnoses, telemetry, wheel
+from tests.live.test_service import wait_for
+from tests.security.rig import DOCKER, certificates, issued, leaf, make_certificates, router
+
+pytestmark = pytest.mark.processes
+
+SAMPLES = "rwa/simulated/wheel_1/samples"
+DIAGNOSIS = "rwa/simulated/wheel_1/diagnosis"
+
+
+@pytest.fixture(scope="module")
+def issued_by_us(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return certificates(tmp_path_factory.mktemp("ours") / "certificates")
+
+
+class Bus:
+    """A router, and what the monitor and the dashboard hear over it."""
+
+    def __init__(self, port: int, own: Path, scratch: Path) -> None:
+        self.port, self.own, self.scratch = port, own, scratch
+        self.heard: list[tuple[str, bytes]] = []
+
+    def join(self, name: str) -> zenoh.Session:
+        return open_session(leaf(self.own / name, self.port, self.scratch))
+
+    def hear(self, sample: zenoh.Sample) -> None:
+        self.heard.append((str(sample.key_expr), sample.payload.to_bytes()))
+
+
+@contextmanager
+def secured(own: Path, scratch: Path) -> Iterator[Bus]:
+    with router(own / "router", scratch) as port:
+        bus = Bus(port, own, scratch)
+        with bus.join("monitor") as monitor, bus.join("dashboard") as dashboard:
+            subscribers = [
+                ext.declare_advanced_subscriber(
+                    session, key, bus.hear, history=ext.HistoryConfig(detect_late_publishers=True)
+                )
+                for session, key in ((monitor, "rwa/*/*/samples"), (dashboard, "rwa/*/*/*"))
+            ]
+            yield bus
+            for subscriber in subscribers:
+                subscriber.undeclare()
+
+
+def send(session: zenoh.Session, key: str, payload: bytes) -> None:
+    """Publish in all ways there are: plainly, and with a history that late subscribers ask for."""
+    session.put(key, payload, congestion_control=zenoh.CongestionControl.BLOCK)
+    if "*" not in key:
+        ReliablePublisher(session, key).put(payload)
+    session.delete(key)
+
+
+def arrived_after(bus: Bus, name: str, key: str) -> set[tuple[str, bytes]]:
+    """Return what arrived when somebody sent on a key, and the right wheel on its own after that."""
+    with bus.join(name) as session:
+        send(session, key, b"sent")
+        with bus.join("simulated.wheel_1") as right:
+            send(right, SAMPLES, b"last")
+            wait_for(lambda: len([payload for _, payload in bus.heard if payload == b"last"]) >= 2, "the right wheel")
+    return set(bus.heard) - {(SAMPLES, b"last")}
+
+
+@pytest.mark.parametrize(
+    ("name", "key"),
+    [("simulated.wheel_1", SAMPLES), ("monitor", DIAGNOSIS), ("monitor", "rwa/simulated/wheel_1/status")],
+)
+def test_the_right_client_on_the_right_key_gets_through(
+    name: str, key: str, issued_by_us: Path, tmp_path: Path
+) -> None:
+    with secured(issued_by_us, tmp_path) as bus:
+        assert arrived_after(bus, name, key) == {(key, b"sent")}
+
+
+@pytest.mark.parametrize(
+    ("name", "key"),
+    [
+        ("simulated.wheel_1", "rwa/simulated/wheel_2/samples"),
+        ("simulated.wheel_1", DIAGNOSIS),
+        ("simulated.wheel_1", "rwa/simulated/wheel_1/health"),
+        ("simulated.wheel_1", "rwa/*/*/samples"),
+        ("simulated.wheel_1", "rwa/**"),
+        ("dashboard", SAMPLES),
+        ("dashboard", DIAGNOSIS),
+        ("somebody", SAMPLES),
+        ("somebody", DIAGNOSIS),
+    ],
+)
+def test_a_right_client_on_a_wrong_key_gets_nothing_through(
+    name: str, key: str, issued_by_us: Path, tmp_path: Path
+) -> None:
+    with secured(issued_by_us, tmp_path) as bus:
+        assert arrived_after(bus, name, key) == set()
+
+
+def test_the_monitor_cannot_publish_samples(issued_by_us: Path, tmp_path: Path) -> None:
+    with router(issued_by_us / "router", tmp_path) as port:
+        bus = Bus(port, issued_by_us, tmp_path)
+        with bus.join("dashboard") as dashboard:
+            subscriber = dashboard.declare_subscriber("rwa/*/*/*", bus.hear)
+            with bus.join("monitor") as monitor, bus.join("simulated.wheel_1") as right:
+                send(monitor, SAMPLES, b"sent")
+                send(right, SAMPLES, b"last")
+                wait_for(lambda: bool(bus.heard), "the right wheel")
+            subscriber.undeclare()
+    assert {payload for _, payload in bus.heard} == {b"last"}
+
+
+def test_a_wheel_hears_nothing_of_others(issued_by_us: Path, tmp_path: Path) -> None:
+    overheard: list[Any] = []
+    with secured(issued_by_us, tmp_path) as bus, bus.join("somebody") as somebody, bus.join("monitor") as monitor:
+        subscribers = [somebody.declare_subscriber("**", overheard.append)]
+        with bus.join("simulated.wheel_1") as curious:
+            subscribers.append(curious.declare_subscriber("rwa/*/*/diagnosis", overheard.append))
+            queryable = monitor.declare_queryable("rwa/**/health", lambda query: query.reply(query.key_expr, b"well"))
+            send(monitor, DIAGNOSIS, b"sent")
+            wait_for(lambda: (DIAGNOSIS, b"sent") in bus.heard, "the diagnosis at the dashboard")
+            answers = [reply for reply in curious.get("rwa/**/health", timeout=1.0) if reply.ok is not None]
+            queryable.undeclare()
+    assert (overheard, answers) == ([], [])
+
+
+# ---- who does not even get a connection ------------------------------------------------------------------------------
+
+
+def strangers(own: Path, port: int, scratch: Path) -> dict[str, BusOptions]:
+    """Return who has no certificate, or a wrong one; all trust our authority, so that it is the router that refuses."""
+    foreign = certificates(scratch / "foreign")
+    for folder in foreign.glob("simulated.*"):
+        (folder / "ca.pem").write_bytes((own / "router" / "ca.pem").read_bytes())
+    yesterday = datetime.now(UTC) - timedelta(days=1)
+    expired = issued(
+        own / "authority",
+        scratch / "expired",
+        "simulated.wheel_1",
+        not_before=yesterday - timedelta(days=1),
+        not_after=yesterday,
+    )
+    early = issued(own / "authority", scratch / "early", "simulated.wheel_1", not_before=yesterday + timedelta(days=2))
+    unknown = leaf(own / "somebody", port, scratch)
+    assert unknown.config is not None
+    text = unknown.config.read_text(encoding="utf-8")
+    bare = scratch / "bare.json5"
+    bare.write_text("\n".join(line for line in text.splitlines() if "own." not in line and "enable_mtls" not in line))
+    return {
+        "no TLS": BusOptions(mode="client", connect=(f"tcp/localhost:{port}",)),
+        "no certificate": BusOptions(config=bare, connect=(f"tls/localhost:{port}",)),
+        "another authority": leaf(foreign / "simulated.wheel_1", port, scratch),
+        "expired": leaf(expired, port, scratch),
+        "not valid yet": leaf(early, port, scratch),
+    }
+
+
+def test_strangers_get_no_connection(issued_by_us: Path, tmp_path: Path) -> None:
+    with secured(issued_by_us, tmp_path) as bus:
+        for name, options in strangers(issued_by_us, bus.port, tmp_path).items():
+            with pytest.raises(RwaMonitorError, match="cannot be opened"), open_session(options) as session:
+                session.put(SAMPLES, name.encode())
+        again = issued(issued_by_us / "authority", tmp_path / "valid", "simulated.wheel_1")  # the control
+        with open_session(leaf(again, bus.port, tmp_path)) as session:
+            send(session, SAMPLES, b"last")
+            wait_for(lambda: len(bus.heard) >= 2, "the right wheel")
+    assert set(bus.heard) == {(SAMPLES, b"last")}
+
+
+@pytest.mark.parametrize("impostor", ["a wheel", "another authority"])
+def test_nobody_else_can_pose_as_the_router(impostor: str, issued_by_us: Path, tmp_path: Path) -> None:
+    own = issued_by_us / "simulated.wheel_1" if impostor == "a wheel" else certificates(tmp_path / "foreign") / "router"
+    with router(own, tmp_path) as port, pytest.raises(RwaMonitorError, match="cannot be opened"):
+        open_session(leaf(issued_by_us / "simulated.wheel_1", port, tmp_path)).close()
+
+
+# ---- the program itself ----------------------------------------------------------------------------------------------
+
+
+def test_run_simulate_and_a_dashboard_work_over_the_secured_bus(issued_by_us: Path, tmp_path: Path) -> None:
+    samples = telemetry(2 * WINDOW + 1)
+    (tmp_path / "wheel.toml").write_text(wheel().to_toml())
+    with router(issued_by_us / "router", tmp_path) as port:
+        bus = Bus(port, issued_by_us, tmp_path)
+
+        def program(name: str, *words: str) -> subprocess.Popen[str]:
+            options = leaf(issued_by_us / name, port, tmp_path)
+            command = [*words, "-c", str(options.config), "-e", options.connect[0]]
+            return subprocess.Popen(
+                [sys.executable, "-m", "rwa_monitor.cli", *command], stderr=subprocess.PIPE, text=True
+            )
+
+        with bus.join("dashboard") as dashboard, bus.join("simulated.wheel_1") as satellite:
+            subscriber = ext.declare_advanced_subscriber(
+                dashboard, "rwa/*/*/*", bus.hear, history=ext.HistoryConfig(detect_late_publishers=True)
+            )
+            said = program("monitor", "run", "--wheel", str(tmp_path / "wheel.toml"), "--record", str(tmp_path / "rec"))
+            offered = SamplesPublisher(satellite, SAMPLES)
+            try:
+                for start in range(0, len(samples), 256):
+                    offered.put(samples[start : start + 256])
+                intruder = program("somebody", "simulate", "publish", "--speed", "inf", "--key", SAMPLES)
+                assert "published" in intruder.communicate(timeout=120)[1]  # it is told nothing
+                wait_for(lambda: len([key for key, _ in bus.heard if key == DIAGNOSIS]) >= 2, "both diagnoses")
+                health = {str(reply.ok.key_expr) for reply in dashboard.get("rwa/**/health") if reply.ok is not None}
+            finally:
+                said.send_signal(signal.SIGTERM)
+                talk = said.communicate(timeout=60)[1]
+            subscriber.undeclare()
+    assert said.returncode == 0, talk
+    assert health == {"rwa/simulated/wheel_1/health"}
+    expected = [json.loads(line) for line in batch_diagnoses(samples, wheel())]
+    heard = [json.loads(payload) for key, payload in bus.heard if key == DIAGNOSIS]
+    assert [d["verdict"] for d in heard] == [d["verdict"] for d in expected]
+    assert [d["changepoints"] for d in heard] == [d["changepoints"] for d in expected]
+    recorded = [
+        message
+        for path in recordings_of(tmp_path / "rec")
+        for message in read_recording(path).messages
+        if message.topic.startswith("rwa/") and message.schema in {SamplesMessage.schema_name(), "rwa.Refused"}
+    ]
+    assert sum(len(SamplesMessage.parse(m.data, m.topic).time_ns) for m in recorded) == len(samples)
+
+
+# ---- the script ------------------------------------------------------------------------------------------------------
+
+
+def test_private_keys_are_for_their_owner_only_and_nothing_is_overwritten(issued_by_us: Path) -> None:
+    keys = sorted(issued_by_us.rglob("*.key"))
+    assert len(keys) == 6
+    assert {stat.S_IMODE(key.stat().st_mode) for key in keys} == {0o600}
+    assert stat.S_IMODE((issued_by_us / "authority").stat().st_mode) == 0o700
+    before = {path: path.read_bytes() for path in issued_by_us.rglob("*") if path.is_file()}
+    done = make_certificates(issued_by_us, "monitor")
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+    assert "exists already" in done.stderr
+    assert {path: path.read_bytes() for path in issued_by_us.rglob("*") if path.is_file()} == before
+
+
+@pytest.mark.parametrize("name", ["../out", "a/b", "authority", ".", "-x", "a\nb", "CN=x"])
+def test_a_name_that_is_none_is_refused_and_nothing_is_made(name: str, tmp_path: Path) -> None:
+    command = [str(DOCKER / "make_certificates.sh"), str(tmp_path / "new"), name]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert list(tmp_path.iterdir()) == []
