@@ -41,6 +41,7 @@ from rwa_monitor.physics.telemetry import Telemetry
 from rwa_monitor.physics.telemetry import simulate as simulate_telemetry
 from rwa_monitor.physics.wheel import Wheel, built_in_wheel
 from rwa_monitor.samples import Samples
+from rwa_monitor.threads import on_threads
 from rwa_monitor.version import SOFTWARE
 
 __all__ = [
@@ -268,6 +269,7 @@ def find_discrepancy(
     wheel: Wheel | None = None,
     *,
     progress: Callable[[str], None] = lambda _: None,
+    threads: int = 1,
 ) -> Search:
     """Find what the simulation of a wheel gets wrong, name the cause, extend the model and measure the gain.
 
@@ -279,6 +281,9 @@ def find_discrepancy(
         The simulation: constants, nominal friction, effects known already. None: the built-in wheel.
     progress
         Called with a word on each step.
+    threads
+        How many candidates are tried at a time; the answer does not depend on it. More than one pays where the linear
+        algebra underneath keeps to one thread (OPENBLAS_NUM_THREADS=1).
 
     Returns
     -------
@@ -297,4 +302,4 @@ def find_discrepancy(
         recordings = {f"recording {number}": samples for number, samples in enumerate(recordings, start=1)}
     if not recordings:
         raise InputError("recordings", "none given; one is needed")
-    return search_recordings(list(recordings.items()), wheel or built_in_wheel(), progress)
+    return search_recordings(list(recordings.items()), wheel or built_in_wheel(), progress, on_threads(threads))

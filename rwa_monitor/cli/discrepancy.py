@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -59,11 +60,13 @@ def command(
     from rwa_monitor.discrepancy.report import plan, sentence
     from rwa_monitor.formats.wheel_file import read_wheel
     from rwa_monitor.physics.wheel import built_in_wheel
+    from rwa_monitor.threads import on_threads
 
     wheel = read_wheel(wheel_file) if wheel_file else None
     recordings = read_recordings(files)
     with status_line("searching") as progress:
-        found = find_discrepancy(recordings.samples, wheel or recordings.wheel or built_in_wheel(), progress)
+        wheel = wheel or recordings.wheel or built_in_wheel()
+        found = find_discrepancy(recordings.samples, wheel, progress, on_threads(os.cpu_count() or 1))
         if bootstrap:
             from rwa_monitor.discrepancy.bootstrap import with_bootstrap
 

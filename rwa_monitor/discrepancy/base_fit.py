@@ -18,6 +18,7 @@ from typing import Final
 
 import numpy as np
 
+from rwa_monitor.discrepancy.mapper import Mapper, in_turn
 from rwa_monitor.discrepancy.noise import Noise, clip_outliers, estimate_noise
 from rwa_monitor.discrepancy.record import Record
 from rwa_monitor.discrepancy.segmentation import segment
@@ -84,6 +85,8 @@ class Problem:
         Nominal viscous coefficient [N m s/rad] as a weak prior, or None.
     derivative_taps
         Of the filter with which friction is derived where it is not given.
+    each
+        Applies a function to each candidate; the answer does not depend on how.
     """
 
     records: tuple[Record, ...]
@@ -98,6 +101,7 @@ class Problem:
     nominal_viscous: float | None
     columns: ColumnCache = field(default_factory=ColumnCache)
     derivative_taps: FloatArray = field(default_factory=lambda: np.ones(1))
+    each: Mapper = in_turn
 
     @property
     def size(self) -> int:

@@ -11,6 +11,7 @@ from scipy import stats
 from rwa_monitor.discrepancy.base_fit import Problem, make_problem, with_noise_of
 from rwa_monitor.discrepancy.gain import HeldOut, held_out, holds_out
 from rwa_monitor.discrepancy.jump_terms import JUMP_TERMS
+from rwa_monitor.discrepancy.mapper import Mapper, in_turn
 from rwa_monitor.discrepancy.other_families import noise_effects, switching_effects
 from rwa_monitor.discrepancy.record import Record, make_record
 from rwa_monitor.discrepancy.result import (
@@ -56,7 +57,10 @@ class Search:
 
 
 def find_discrepancy(
-    recordings: Sequence[tuple[str, Samples]], wheel: Wheel, progress: Progress = lambda _: None
+    recordings: Sequence[tuple[str, Samples]],
+    wheel: Wheel,
+    progress: Progress = lambda _: None,
+    each: Mapper = in_turn,
 ) -> Search:
     """Find what the simulation of a wheel gets wrong.
 
@@ -68,6 +72,8 @@ def find_discrepancy(
         The wheel's constants. Effects that it already has are part of the base model.
     progress
         Called with a word on each step.
+    each
+        Applies a function to each candidate, in turn or side by side; the answer does not depend on it.
 
     Raises
     ------
@@ -75,7 +81,7 @@ def find_discrepancy(
         If a recording cannot be used: no friction, too few samples in motion, wrong units.
     """
     records = [without_known_effects(make_record(samples, wheel, name), wheel) for name, samples in recordings]
-    problem = make_problem(records, wheel)
+    problem = replace(make_problem(records, wheel), each=each)
     known = {block.name for block in wheel.effect}
     candidates = [effect for effect in (*MEAN_EFFECTS.values(), *JUMP_TERMS) if effect.name not in known]
     found = search(problem, candidates, holds_out, progress)

@@ -197,11 +197,8 @@ def extensions(
     backgrounds = [make_background(problem, current.terms, jumps) for jumps in starts]
     robust = make_robust_background(problem, current.terms)
     strong = make_background(problem, current.terms, strong_jumps(problem, current.fit))
-    screened = []
-    for effect in effects:
-        if effect.name in current.names:
-            continue
-        progress(f"{' + '.join((*current.names, effect.name))}")
+
+    def screen(effect: type[MeanEffect]) -> Model:
         # Three starts: the jumps as they are, which may have swallowed the effect; only those that nothing smooth
         # makes; none at all.
         tries = [(profile(effect, backgrounds, current.fit.level)[0], starts)]
@@ -209,17 +206,18 @@ def extensions(
             tries.append((profile(effect, [strong], strong.level)[0], [strong.jump_set]))
         if effect.shape_parameters() and not depends_on_level(effect):
             tries.append((profile_robustly(effect, robust, current.fit.level), []))
-        for term, jumps in tries:
-            terms = (*current.terms, term)
-            screened.append(Model(terms, _fit(problem, terms, jumps)))
-    best: dict[str, Model] = {}
-    for model in sorted(screened, key=lambda model: model.fit.criterion):
-        best.setdefault(model.names[-1], model)
-    models = [
-        _best_choice(problem, refit(problem, model.terms, [model.fit.jumps]))
-        for model in [*best.values()][:MAX_REFITS]
-        if model.fit.criterion < current.fit.criterion + SCREEN_MARGIN
-    ]
+        models = [Model((*current.terms, term), _fit(problem, (*current.terms, term), jumps)) for term, jumps in tries]
+        return min(models, key=lambda model: model.fit.criterion)
+
+    def complete(model: Model) -> Model:
+        return _best_choice(problem, refit(problem, model.terms, [model.fit.jumps]))
+
+    progress(" + ".join((*current.names, f"one of {len(effects)} effects")))
+    candidates = [effect for effect in effects if effect.name not in current.names]
+    screened = problem.each(screen, candidates)
+    best = sorted(screened, key=lambda model: model.fit.criterion)[:MAX_REFITS]
+    worth = [model for model in best if model.fit.criterion < current.fit.criterion + SCREEN_MARGIN]
+    models = problem.each(complete, worth)
     return sorted(models, key=lambda model: model.fit.criterion)
 
 

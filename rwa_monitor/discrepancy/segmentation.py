@@ -45,7 +45,7 @@ def segment(z: FloatArray, penalty: float) -> IntArray:
     return refined
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _refine(z: FloatArray, jumps: IntArray, penalty: float) -> IntArray:
     """Move each coarse jump to its best sample, and drop the second of two that framed one block with a jump in it."""
     sums = np.zeros(z.size + 1)
@@ -61,7 +61,7 @@ def _refine(z: FloatArray, jumps: IntArray, penalty: float) -> IntArray:
     return moved[:count].copy()
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _move(sums: FloatArray, jumps: IntArray, count: int) -> None:
     """Move each of the first `count` jumps, in place, to the best of the samples around it."""
     n = sums.size - 1
@@ -77,7 +77,7 @@ def _move(sums: FloatArray, jumps: IntArray, count: int) -> None:
         jumps[i] = place
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _drop(sums: FloatArray, jumps: IntArray, count: int, penalty: float) -> int:
     """Drop, in place and weakest first, the jumps that are not worth the penalty; return how many are left."""
     n = sums.size - 1
@@ -98,7 +98,7 @@ def _drop(sums: FloatArray, jumps: IntArray, count: int, penalty: float) -> int:
         count -= 1
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _fpop(z: FloatArray, weight: FloatArray, penalty: float) -> IntArray:
     """Run FPOP on weighted values.
 
@@ -135,7 +135,7 @@ def _fpop(z: FloatArray, weight: FloatArray, penalty: float) -> IntArray:
     return _trace_back(last)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _grown(values, size):  # type: ignore[no-untyped-def]
     """Return a copy of an array with room for `size` values."""
     grown = np.empty(size, values.dtype)
@@ -143,7 +143,7 @@ def _grown(values, size):  # type: ignore[no-untyped-def]
     return grown
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _best_last_jump(
     t: int, best: FloatArray, sums: FloatArray, penalty: float, edge: FloatArray, jump: IntArray, pieces: int
 ) -> tuple[float, int]:
@@ -159,7 +159,7 @@ def _best_last_jump(
     return minimum, argmin
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _restrict(
     t: int,
     best: FloatArray,
@@ -203,7 +203,7 @@ def _restrict(
     return count
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def _trace_back(last: IntArray) -> IntArray:
     """Return the jumps from the end to the beginning, in increasing order."""
     found = np.empty(last.size, np.int64)

@@ -136,7 +136,7 @@ def judge_leftover(problem: Problem, found: SearchResult) -> tuple[SearchResult,
         with the curve in it, whose residual is noise.
     """
     model = found.ladder[-1]
-    rivals = [_with(problem, model, term) for term in _free_terms(problem, model)]
+    rivals = problem.each(lambda term: _with(problem, model, term), _free_terms(problem, model))
     if not rivals:
         return found, None, model
     best = min(rivals, key=lambda rival: rival.fit.criterion)
