@@ -89,7 +89,7 @@ class Tree(NamedTuple):
     action: Int32Array
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", nogil=True)
 def best_rest(fit: FloatArray, gain: FloatArray) -> FloatArray:
     """Return the best sum of fits, and gains of accepted nodes, from node i to the end over candidates after k.
 
@@ -108,7 +108,7 @@ def best_rest(fit: FloatArray, gain: FloatArray) -> FloatArray:
     return rest
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", nogil=True)
 def best_chains(jump: FloatArray, stay: FloatArray, turn: FloatArray, missed: FloatArray, own: FloatArray) -> None:
     """Fill in the best log-probability of all that a system may still do, by its laws alone, free to jump anywhere.
 
@@ -133,7 +133,7 @@ def best_chains(jump: FloatArray, stay: FloatArray, turn: FloatArray, missed: Fl
                     own[s, q, i, k] = best
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", nogil=True)
 def expand(
     tables: Tables, cutoff: float, budget: int, kept: int
 ) -> tuple[Int32Array, Int32Array, Int32Array, FloatArray, int, float]:
@@ -215,7 +215,7 @@ def expand(
     return tree.parent[:used], tree.action[:used], entries.node[:count], entries.score[:count], expanded, lost
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", nogil=True)
 def _start(tables: Tables, cutoff: float, starts: int, entries: Entries, tree: Tree) -> int:
     """Enter all configurations that the systems may be in at the window's begin; return their number."""
     count = 0
@@ -235,7 +235,7 @@ def _start(tables: Tables, cutoff: float, starts: int, entries: Entries, tree: T
     return count
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", nogil=True)
 def _offer(tables: Tables, k: int, cutoff: float, entries: Entries, count: int, offers: Offers) -> int:
     """List what may happen to each entry at candidate k and is within reach of the best; return the number."""
     systems = tables.configurations.size
@@ -256,10 +256,11 @@ def _offer(tables: Tables, k: int, cutoff: float, entries: Entries, count: int, 
             elif a == NO_SYSTEM:
                 score += fit[last, k] + unattributed
             else:
-                first, second = actions[a, 1], actions[a, 3]
+                s, first, t, second = actions[a, 0], actions[a, 1], actions[a, 2], actions[a, 3]
+                if steps[s, first, 0] == -np.inf or (second >= 0 and steps[t, second, 0] == -np.inf):
+                    continue
                 if (second < 0 or first % 2 == second % 2) and not signs[k - 1, first % 2]:
                     continue
-                s, t = actions[a, 0], actions[a, 2]
                 score += fit[last, k] + steps[s, first, 0]
                 own += steps[s, first, 1]
                 mean, variance = steps[s, first, 2], steps[s, first, 3]
@@ -269,7 +270,7 @@ def _offer(tables: Tables, k: int, cutoff: float, entries: Entries, count: int, 
                     mean += steps[t, second, 2]
                     variance += steps[t, second, 3]
                 # Most end here, before the size is weighed: not even a perfect size would bring them within reach.
-                if score + highest + min(rest[k, k], rest_fit[k, k] + own) < cutoff or score == -np.inf:
+                if score + highest + min(rest[k, k], rest_fit[k, k] + own) < cutoff:
                     continue
                 score += _size_term(tables, k, mean, variance)
             bound = score + min(rest[node, k], rest_fit[node, k] + own)
@@ -280,7 +281,7 @@ def _offer(tables: Tables, k: int, cutoff: float, entries: Entries, count: int, 
     return offered
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", nogil=True, inline="always")
 def _size_term(tables: Tables, k: int, mean: float, variance: float) -> float:
     """Return log of the density of the jump's size at candidate k over the flat one that the fits assume."""
     if not tables.sized:
@@ -289,7 +290,7 @@ def _size_term(tables: Tables, k: int, mean: float, variance: float) -> float:
     return float(tables.log_range - 0.5 * np.log(2.0 * np.pi * total) - 0.5 * (tables.size[k - 1] - mean) ** 2 / total)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", nogil=True, inline="always")
 def _weigh_steps(tables: Tables, entries: Entries, at: int, k: int, steps: FloatArray) -> float:
     """Fill in what each step of each system is worth, see `_offer`; -inf where it is impossible.
 
@@ -326,7 +327,7 @@ def _weigh_steps(tables: Tables, entries: Entries, at: int, k: int, steps: Float
     return total
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", nogil=True)
 def _merge(
     tables: Tables, k: int, cutoff: float, entries: Entries, offers: Offers, offered: int, states: States
 ) -> int:
@@ -341,7 +342,7 @@ def _merge(
             continue
         taken += 1
         at, a = offers.entry[offer], offers.action[offer]
-        _apply(tables, entries, at, k, a, out, friction)
+        _move(tables, entries, at, k, a, out)
         place = _hash(out) & mask
         while states.table[place] >= 0 and not _equal(states.rows, states.table[place], out):
             place = (place + 1) & mask
@@ -351,17 +352,18 @@ def _merge(
                 states.rows[found, column] = out[0, column]
             states.kept[found] = 0
             found += 1
-        _keep(states, states.table[place], offers.score[offer], entries.node[at], a, friction)
+        state, score = states.table[place], offers.score[offer]
+        if states.kept[state] < states.score.shape[1] or score > states.score[state, states.score.shape[1] - 1]:
+            _learn(tables, entries, at, k, a, friction)
+            _keep(states, state, score, entries.node[at], a, friction)
     return found
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", nogil=True, inline="always")
 def _keep(states: States, state: int, score: float, parent: int, action: int, friction: FloatArray) -> None:
-    """Put an entry among the best of its state, if it belongs there."""
+    """Put an entry, which belongs there, among the best of its state."""
     kept, place = states.score.shape[1], states.kept[state]
     if place == kept:
-        if score <= states.score[state, kept - 1]:
-            return
         place -= 1
     else:
         states.kept[state] += 1
@@ -378,20 +380,33 @@ def _keep(states: States, state: int, score: float, parent: int, action: int, fr
         states.friction[state, place, s, 0], states.friction[state, place, s, 1] = friction[s, 0], friction[s, 1]
 
 
-@njit(cache=True)
-def _apply(tables: Tables, entries: Entries, at: int, k: int, a: int, out: Int16Array, friction: FloatArray) -> None:
-    """Write the state that action `a` at candidate k makes of an entry, and the friction of each system.
+@njit(cache=True, error_model="numpy", nogil=True, inline="always")
+def _move(tables: Tables, entries: Entries, at: int, k: int, a: int, out: Int16Array) -> None:
+    """Write the state that action `a` at candidate k makes of an entry."""
+    rows, actions = entries.rows, tables.actions
+    for column in range(rows.shape[1]):
+        out[0, column] = rows[at, column]
+    if a == REJECT:
+        return
+    out[0, 0] = k
+    for place in (0, 2):
+        s, step = actions[a, place], actions[a, place + 1]
+        if s >= 0:
+            out[0, 1 + 2 * s] = rows[at, 1 + 2 * s] + _SKIPPED[step // 2] + 2 * (step % 2) - 1
+            out[0, 2 + 2 * s] = k
+
+
+@njit(cache=True, error_model="numpy", nogil=True, inline="always")
+def _learn(tables: Tables, entries: Entries, at: int, k: int, a: int, friction: FloatArray) -> None:
+    """Write the friction of each system after action `a` at candidate k.
 
     The jump's size tells the new friction: the law's mean and variance are conditioned on it (a scalar Kalman step).
     """
     rows, actions = entries.rows, tables.actions
-    for column in range(rows.shape[1]):
-        out[0, column] = rows[at, column]
     for s in range(friction.shape[0]):
         friction[s, 0], friction[s, 1] = entries.friction[at, s, 0], entries.friction[at, s, 1]
     if a == REJECT:
         return
-    out[0, 0] = k
     surprise, total = tables.size[k - 1], tables.size_variance[k - 1]
     for place in (0, 2):
         s, step = actions[a, place], actions[a, place + 1]
@@ -399,8 +414,6 @@ def _apply(tables: Tables, entries: Entries, at: int, k: int, a: int, out: Int16
             continue
         before = rows[at, 1 + 2 * s] + _SKIPPED[step // 2]
         after = before + 2 * (step % 2) - 1
-        out[0, 1 + 2 * s] = after
-        out[0, 2 + 2 * s] = k
         if step // 2 == 0:
             surprise += friction[s, 0]
             total += friction[s, 1]
@@ -418,7 +431,7 @@ def _apply(tables: Tables, entries: Entries, at: int, k: int, a: int, out: Int16
             friction[s, 1] *= 1.0 - share
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", nogil=True)
 def _bound(tables: Tables, rows: Int16Array, at: int, k: int) -> float:
     """Return an upper bound of what can follow a state when candidates up to k are decided."""
     last = rows[at, 0]
@@ -428,7 +441,7 @@ def _bound(tables: Tables, rows: Int16Array, at: int, k: int) -> float:
     return float(min(tables.rest[last, k], by_own))
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", nogil=True, inline="always")
 def _hash(row: Int16Array) -> int:
     """Return a number ≥ 0 that scatters states over a table (FNV-1a over the columns)."""
     key = np.uint64(1469598103934665603)
@@ -437,7 +450,7 @@ def _hash(row: Int16Array) -> int:
     return np.int64((key ^ (key >> np.uint64(29))) >> np.uint64(1))  # type: ignore[return-value]
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", nogil=True, inline="always")
 def _equal(rows: Int16Array, at: int, row: Int16Array) -> bool:
     """Whether state `at` is `row`."""
     for column in range(row.shape[1]):  # noqa: SIM110  (compiled: a generator would allocate)

@@ -26,7 +26,7 @@ from rwa_monitor.diagnosis.features import Features, histogram
 from rwa_monitor.diagnosis.likelihood import (
     CHANGE_PER_WINDOW,
     integrate_shift,
-    stray_probability,
+    stray_probabilities,
     system_evidence,
     value_evidence,
 )
@@ -248,16 +248,12 @@ def _quality(features: Features, model: AnomalyModel | None, a: int) -> tuple[bo
         return False, False
     if a < 2:
         value, std = ((features.base_dry, features.base_dry_std), (features.viscous, features.viscous_std))[a]
-        found = [(model.levels[0], value, std)]
+        found = np.zeros(1, dtype=np.int64), np.array([value]), np.array([std])
     else:
-        active = features.systems[a - 2].active()
-        found = [(model.levels[q], value, std) for q, value, std in zip(*(x.tolist() for x in active), strict=True)]
-    telling, strays = False, []
-    for levels, value, std in found:
-        if levels is not None and math.isfinite(value) and math.isfinite(std):
-            telling = telling or std < TELLING_STD * levels.reach
-            strays.append(stray_probability(levels, value, std))
-    return telling, bool(strays) and float(np.mean(strays)) > UNLIKE_SHARE
+        found = features.systems[a - 2].active()
+    stray, relative_std = stray_probabilities(model, *found)
+    telling = bool((relative_std < TELLING_STD).any())
+    return telling, stray.size > 0 and float(np.mean(stray)) > UNLIKE_SHARE
 
 
 def _logit(probability: float) -> float:

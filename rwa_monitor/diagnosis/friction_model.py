@@ -13,6 +13,7 @@ their mixture. Where the window tells the parts apart, all cases agree; where it
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import product
 from typing import Final
 
@@ -88,13 +89,7 @@ class Priors:
 
     def cases(self) -> list[tuple[Case, ...]]:
         """Return all states of (base, each system) with at most `MOST_ANOMALIES` anomalies."""
-        parts = (self.base, *self.anomaly)
-        numbered = product(*(range(len(part)) for part in parts))
-        return [
-            tuple(part[i] for part, i in zip(parts, choice, strict=True))
-            for choice in numbered
-            if sum(i > 0 for i in choice) <= MOST_ANOMALIES
-        ]
+        return _cases(self.base, self.anomaly)
 
     def moments(self, s: int, q: int) -> tuple[float, float]:
         """Return mean and variance of the friction of a sojourn over all cases of its system."""
@@ -231,21 +226,90 @@ def solve(
     """
     design = _design(story, borders, priors)
     moments = np.stack([segments.n, segments.x, segments.z, segments.xx, segments.xz, segments.zz])
-    scores, means, covariances = [], [], []
-    for case in priors.cases():
-        mean, covariance = _prior_of(design, case, priors)
-        log_evidence, mean, covariance = _condition(design.levels, moments, mean, covariance, variance, scatter)
-        scores.append(log_evidence + sum(np.log(part.probability) for part in case))
-        means.append(mean)
-        covariances.append(covariance)
-    best = max(scores)
-    weights = np.exp(np.array(scores) - best)
+    cases, log_prior = _case_table(priors.base, priors.anomaly)
+    rest = np.array([priors.unattributed_std, priors.slope.mean, priors.slope.std])
+    laws = np.stack([design.owner.astype(np.float64), design.mid, design.scatter])
+    log_evidences, means, covariances = _condition_cases(design.levels, moments, cases, laws, rest, variance, scatter)
+    scores = log_evidences + log_prior
+    best = scores.max()
+    weights = np.exp(scores - best)
     log_evidence = float(best + np.log(weights.sum()))
     weights /= weights.sum()
-    mean = weights @ np.stack(means)
-    apart = np.stack(means) - mean
-    covariance = np.tensordot(weights, np.stack(covariances), axes=1) + (apart * weights[:, None]).T @ apart
+    mean = weights @ means
+    apart = means - mean
+    covariance = np.tensordot(weights, covariances, axes=1) + (apart * weights[:, None]).T @ apart
     return Posterior(log_evidence, mean, np.sqrt(np.maximum(np.diag(covariance), 0.0)), covariance, design.column)
+
+
+def _cases(base: tuple[Case, ...], anomaly: tuple[tuple[Case, ...], ...]) -> list[tuple[Case, ...]]:
+    parts = (base, *anomaly)
+    numbered = product(*(range(len(part)) for part in parts))
+    return [
+        tuple(part[i] for part, i in zip(parts, choice, strict=True))
+        for choice in numbered
+        if sum(i > 0 for i in choice) <= MOST_ANOMALIES
+    ]
+
+
+@lru_cache(maxsize=256)
+def _case_table(base: tuple[Case, ...], anomaly: tuple[tuple[Case, ...], ...]) -> tuple[FloatArray, FloatArray]:
+    """Return mean and std of each part in all cases, float64 (cases, parts, 2), and the log of their probabilities."""
+    cases = _cases(base, anomaly)
+    table = np.array([[(part.mean, part.std) for part in case] for case in cases], dtype=np.float64)
+    return table, np.array([sum(np.log(part.probability) for part in case) for case in cases])
+
+
+@njit(cache=True)
+def _condition_cases(
+    levels: FloatArray,
+    moments: FloatArray,
+    cases: FloatArray,
+    laws: FloatArray,
+    rest: FloatArray,
+    variance: float,
+    scatter: float,
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Condition the prior of each case on the segments.
+
+    Parameters
+    ----------
+    levels, moments, variance, scatter
+        As in `_condition`.
+    cases
+        float64 (cases, 1 + systems, 2): mean and std of the base and of each system's anomaly.
+    laws
+        float64 (3, free sojourns): system, mean and standard deviation of each sojourn's friction law.
+    rest
+        Standard deviation of an unattributed jump; mean and standard deviation of the slope.
+
+    Returns
+    -------
+    tuple
+        Log evidence (cases,), posterior mean (cases, unknowns) and covariance (cases, unknowns, unknowns).
+    """
+    count, unknowns, sojourns = cases.shape[0], levels.shape[1] + 1, laws.shape[1]
+    log_evidence = np.empty(count)
+    means = np.empty((count, unknowns))
+    covariances = np.empty((count, unknowns, unknowns))
+    for c in range(count):
+        mean, covariance = np.zeros(unknowns), np.zeros((unknowns, unknowns))
+        mean[0], covariance[0, 0] = cases[c, 0, 0], cases[c, 0, 1] * cases[c, 0, 1]
+        for i in range(sojourns):
+            owner = 1 + int(laws[0, i])
+            factor = 1.0 + cases[c, owner, 0]
+            mean[1 + i] = factor * laws[1, i]
+            deviation = factor * laws[2, i]
+            covariance[1 + i, 1 + i] = deviation * deviation
+        for i in range(1 + sojourns, unknowns - 1):
+            covariance[i, i] = rest[0] * rest[0]
+        mean[unknowns - 1], covariance[unknowns - 1, unknowns - 1] = rest[1], rest[2] * rest[2]
+        for i in range(sojourns):  # what a system's anomaly does to its sojourns is common to them
+            for j in range(sojourns):
+                if laws[0, i] == laws[0, j]:
+                    spread = cases[c, 1 + int(laws[0, i]), 1]
+                    covariance[1 + i, 1 + j] += (spread * laws[1, i]) * (spread * laws[1, j])
+        log_evidence[c], means[c], covariances[c] = _condition(levels, moments, mean, covariance, variance, scatter)
+    return log_evidence, means, covariances
 
 
 @njit(cache=True)
@@ -383,21 +447,3 @@ def _design(story: Story, borders: IntArray, priors: Priors) -> _Design:
         mid=np.array([law.mid for law in laws], dtype=np.float64),
         scatter=np.array([law.scatter for law in laws], dtype=np.float64),
     )
-
-
-def _prior_of(design: _Design, case: tuple[Case, ...], priors: Priors) -> tuple[FloatArray, FloatArray]:
-    """Return prior mean and covariance of all unknowns in one case of base and systems."""
-    unknowns, sojourns = design.levels.shape[1] + 1, design.owner.size
-    base, *systems = case
-    factor = np.array([1.0 + system.mean for system in systems])[design.owner] if sojourns else np.zeros(0)
-    spread = np.array([system.std for system in systems])[design.owner] if sojourns else np.zeros(0)
-    mean, deviation = np.zeros(unknowns), np.full(unknowns, priors.unattributed_std)
-    mean[0], deviation[0] = base.mean, base.std
-    mean[1 : 1 + sojourns] = factor * design.mid
-    deviation[1 : 1 + sojourns] = factor * design.scatter
-    mean[-1], deviation[-1] = priors.slope.mean, priors.slope.std
-    covariance = np.diag(deviation**2)
-    shared = spread * design.mid
-    same = design.owner[:, None] == design.owner[None, :]
-    covariance[1 : 1 + sojourns, 1 : 1 + sojourns] += np.where(same, shared[:, None] * shared[None, :], 0.0)
-    return mean, covariance

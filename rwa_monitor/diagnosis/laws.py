@@ -155,9 +155,7 @@ def _fill(tables: LawTables, s: int, system: SwitchingSystem, index: IntArray, s
     at = index.astype(np.float64)
     later = np.triu(np.ones((index.size, index.size), dtype=np.bool_), k=1)
     between = (at[None, :] - at[:, None])[later]  # durations of sojourns that begin and end at candidates
-    laws = [soften(law) for law in system.durations]
-    pi = jumping_chain_law(system)
-    cycle = sum(float(p) * law.survival_sum(1) for p, law in zip(pi, laws, strict=True))
+    laws, *_ = _laws_of(system)
     inner = tables.jump[s, :, 1:, 1:]
     with np.errstate(divide="ignore"):
         for q, law in enumerate(laws):
@@ -165,16 +163,8 @@ def _fill(tables: LawTables, s: int, system: SwitchingSystem, index: IntArray, s
             tables.turn[s, q] = np.log([1.0 - up, up])
             inner[q][later] = np.log(law.pmf(between))
             tables.stay[s, q, 1:] = np.log(law.survival(slots - at))
-            ended = pi[q] * law.survival(at) / cycle
-            never = pi[q] * law.survival_sum(slots) / cycle
-            if first is not None:
-                trust, alive = CARRIED_TRUST, law.survival(np.array([first.age + 1.0]))
-                told = 1.0 if q == first.configuration else 0.0
-                ended = (1 - trust) * ended + trust * told * law.pmf(first.age + at) / alive
-                gone = law.survival(np.array([first.age + slots])) / alive
-                never = (1 - trust) * never + trust * told * float(gone[0])
-            tables.jump[s, q, 0, 1:] = np.log(ended)
-            tables.stay[s, q, 0] = np.log(never)
+            tables.jump[s, q, 0, 1:] = np.log(_first_ends(system, q, at, first))
+            tables.stay[s, q, 0] = np.log(_never_ends(system, q, slots, first))
             for direction, step in ((DOWN, -1), (UP, 1)):
                 if 0 <= q + step < system.configurations:
                     both = law.mean + laws[q + step].mean  # of two sojourns in a row, seen as one
@@ -182,6 +172,38 @@ def _fill(tables: LawTables, s: int, system: SwitchingSystem, index: IntArray, s
                     tables.missed[s, q, direction, 1:, 1:][later] = np.where(
                         between >= 2, np.log(MISSED_SHARE) + tables.turn[s, q, direction] + lomax, -np.inf
                     )
+
+
+@lru_cache(maxsize=256)
+def _laws_of(system: SwitchingSystem) -> tuple[tuple[SoftLaw, ...], FloatArray, float]:
+    """Return the soft laws, the stationary law of the jumping chain, and the mean time between its jumps [slots]."""
+    laws = tuple(soften(law) for law in system.durations)
+    pi = jumping_chain_law(system)
+    return laws, pi, sum(float(p) * law.survival_sum(1) for p, law in zip(pi, laws, strict=True))
+
+
+def _first_ends(system: SwitchingSystem, q: int, after: FloatArray, first: Onset | None) -> FloatArray:
+    """Return the probability that the first sojourn is in q and ends `after` slots of the window."""
+    laws, pi, cycle = _laws_of(system)
+    law = laws[q]
+    ended = pi[q] * law.survival(after) / cycle
+    if first is not None:
+        told = 1.0 if q == first.configuration else 0.0
+        alive = law.survival(np.array([first.age + 1.0]))
+        ended = (1 - CARRIED_TRUST) * ended + CARRIED_TRUST * told * law.pmf(first.age + after) / alive
+    return np.asarray(ended)
+
+
+def _never_ends(system: SwitchingSystem, q: int, slots: int, first: Onset | None) -> float:
+    """Return the probability that the first sojourn is in q and outlasts the window."""
+    laws, pi, cycle = _laws_of(system)
+    law = laws[q]
+    never = float(pi[q] * law.survival_sum(slots) / cycle)
+    if first is not None:
+        told = 1.0 if q == first.configuration else 0.0
+        gone = law.survival(np.array([first.age + slots])) / law.survival(np.array([first.age + 1.0]))
+        never = (1 - CARRIED_TRUST) * never + CARRIED_TRUST * told * float(gone[0])
+    return never
 
 
 def log_probability(
@@ -198,8 +220,20 @@ def log_probability(
     slots
         Length of the window.
     """
-    tables = law_tables((system,), starts[1:], slots, (first,))
-    nodes = np.arange(configurations.size)
-    up = (np.diff(configurations) > 0).astype(np.int64)
-    moves = tables.jump[0, configurations[:-1], nodes[:-1], nodes[1:]] + tables.turn[0, configurations[:-1], up]
-    return float(moves.sum() + tables.stay[0, configurations[-1], nodes[-1]])
+    laws, *_ = _laws_of(system)
+    at, last = starts[1:].astype(np.float64), int(configurations[-1])
+    left = configurations[:-1]
+    moves = np.empty(left.size)
+    with np.errstate(divide="ignore"):
+        for q in range(system.configurations):
+            inner = np.flatnonzero(left[1:] == q)
+            moves[1 + inner] = np.log(laws[q].pmf(at[1 + inner] - at[inner]))
+        if left.size == 0:
+            stayed = np.log(_never_ends(system, last, slots, first))
+        else:
+            moves[0] = np.log(_first_ends(system, int(left[0]), at[:1], first))[0]
+            stayed = np.log(laws[last].survival(slots - at[-1:]))[0]
+        up = [system.probability_up(q) for q in range(system.configurations)]
+        turn = np.log([[1.0 - probability, probability] for probability in up])
+    moves += turn[left, (np.diff(configurations) > 0).astype(np.int64)]
+    return float(moves.sum() + stayed)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -31,7 +31,9 @@ SHIFT_STEPS: Final = 1024  # grid over which an unknown shift is integrated, fro
 
 
 def log_densities(levels: Levels, value: FloatArray, std: FloatArray) -> FloatArray:
-    """Return the log density of measured values under nominal (row 0) and anomalous (row 1), float64 (2, n).
+    """Return the log density of measured values under nominal (row 0) and anomalous (row 1), float64 (2, …).
+
+    `value` and `std` broadcast against each other to the shape behind the rows.
 
     Both classes share the stray values of earlier stages' errors: heavy tails (Lomax, shape 1) around the nominal
     band. The anomalous class also has values beyond the nominal bound that are no learned anomaly's.
@@ -60,20 +62,51 @@ def system_evidence(model: AnomalyModel | None, system: SystemFeatures, shift: F
     total = np.zeros((2, shift.size))
     if model is None:
         return total
-    for q, friction, std in zip(*system.active(), strict=True):
-        levels = model.levels[int(q)]
-        if levels is not None and math.isfinite(friction) and math.isfinite(std):
-            total += log_densities(levels, friction + shift, np.full(shift.size, std))
+    configuration, friction, std = system.active()
+    log_density = np.zeros((2, friction.size, shift.size))
+    for levels, at in _sojourns_known(model, configuration, friction, std):
+        log_density[:, at] = log_densities(levels, friction[at, None] + shift, std[at, None])
+    for k in range(friction.size):  # one after the other: the sum's last bit must not depend on how many there are
+        total += log_density[:, k]
     return total
 
 
-def stray_probability(levels: Levels, value: float, std: float) -> float:
-    """Return the probability that a value lies in none of the learned bands."""
-    at, spread = np.array([value]), np.array([std])
-    bands = [band for band in (levels.nominal, levels.anomalous) if band is not None]
-    inside = 0.5 * sum(float(band.density(at, spread)[0]) for band in bands)
-    everything = 0.5 * float(np.exp(log_densities(levels, at, spread)).sum())
-    return max(0.0, 1.0 - inside / everything) if everything > 0 else 1.0
+def _sojourns_known(
+    model: AnomalyModel, configuration: IntArray, friction: FloatArray, std: FloatArray
+) -> Iterator[tuple[Levels, IntArray]]:
+    """Yield for each configuration that was learned its levels and which sojourns, finite ones, are in it."""
+    finite = np.isfinite(friction) & np.isfinite(std)
+    for q, levels in enumerate(model.levels):
+        at = np.flatnonzero(finite & (configuration == q))
+        if levels is not None and at.size:
+            yield levels, at
+
+
+def stray_probabilities(
+    model: AnomalyModel, configuration: IntArray, value: FloatArray, std: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return the probability that each value lies in none of the learned bands, and its standard deviation over reach.
+
+    Parameters
+    ----------
+    model
+        What was learned.
+    configuration, value, std
+        (n,); values of configurations that were not learned, and those that are not finite, are left out.
+    """
+    stray, relative = np.full(value.size, np.nan), np.full(value.size, np.nan)
+    for levels, at in _sojourns_known(model, configuration, value, std):
+        inside = levels.nominal.density(value[at], std[at])
+        if levels.anomalous is not None:
+            inside = inside + levels.anomalous.density(value[at], std[at])
+        nominal, anomalous = np.exp(log_densities(levels, value[at], std[at]))
+        everything = 0.5 * (nominal + anomalous)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            outside = np.maximum(0.0, 1.0 - 0.5 * inside / everything)
+        stray[at] = np.where(everything > 0.0, outside, 1.0)
+        relative[at] = std[at] / levels.reach
+    known = np.isfinite(stray)
+    return stray[known], relative[known]
 
 
 @dataclass(frozen=True, slots=True)
