@@ -104,11 +104,31 @@ def scale_variances(
             measured = max(trimmed, SMALLEST_STD**2)
             if np.isnan(borrowed):
                 borrowed = measured
-            independent = total * strides[s] / scales[s]
-            share = independent / (independent + _BORROWED)
-            borrowed = float(np.exp(share * np.log(measured) + (1 - share) * np.log(borrowed)))
+            borrowed = lean(measured, borrowed, total * strides[s] / scales[s])
         variances[s] = borrowed
     return variances
+
+
+def lean(measured: float, borrowed: float, independent: float) -> float:
+    """Return a scale's variance, measured on so many independent contrasts, leaning on the next narrower scale's."""
+    share = independent / (independent + _BORROWED)
+    return float(np.exp(share * np.log(measured) + (1 - share) * np.log(borrowed)))
+
+
+def chi_variance(statistic: FloatArray) -> float:
+    """Return v of statistics that are v·χ² with one degree of freedom but for some jumps: from their lower part.
+
+    As `scale_variances`, for all statistics of a window at hand: float64 (n,), n > 0.
+    """
+    jumped = 0.0
+    variance = 0.0
+    ascending = np.sort(statistic)
+    for _ in range(4):
+        kept = max(1, int(_KEPT * (1.0 - jumped) * ascending.size))
+        variance = float(np.mean(ascending[:kept])) / _KEPT_MEAN
+        beyond = float(np.mean(ascending > _JUMPED * variance))
+        jumped = min(max(0.0, beyond - _JUMPED_RATE), _MOST_JUMPED)
+    return variance
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
