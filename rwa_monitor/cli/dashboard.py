@@ -28,9 +28,17 @@ if TYPE_CHECKING:
     help="Folder of the recordings; the history is kept there too.",
 )
 @click.option("--token", envvar="RWA_MONITOR_TOKEN", metavar="T", help="Needed for changes.  [default: a random one]")
+@click.option(
+    "--wheel",
+    type=FILE,
+    metavar="W.toml",
+    help="Constants for friction from current.  [default: those of the latest recording in DIR]",
+)
 @click.option("--no-browser", is_flag=True, help="Open no browser.")
 @bus_options
-def command(port: int | None, record: Path, token: str | None, no_browser: bool, bus: BusOptions) -> None:
+def command(
+    port: int | None, record: Path, token: str | None, wheel: Path | None, no_browser: bool, bus: BusOptions
+) -> None:
     """Serve the health page of all wheels on the bus, with what the recordings in DIR hold.
 
     The page can be read by everybody on this machine; the address printed holds the token that changes need.
@@ -41,12 +49,13 @@ def command(port: int | None, record: Path, token: str | None, no_browser: bool,
         raise click.ClickException(f"{error.name} is missing: pip install 'rwa-monitor[dashboard]'") from error
     from rwa_monitor.cli.signals import stop_on_signals
     from rwa_monitor.errors import InputError
+    from rwa_monitor.formats.wheel_file import read_wheel
     from rwa_monitor.history.imports import import_recordings
     from rwa_monitor.history.store import History
     from rwa_monitor.live.bus import open_session
 
     warn_if_alone(bus)
-    options = DashboardOptions(port, record, token=token)
+    options = DashboardOptions(port, record, token=token, wheel=read_wheel(wheel) if wheel else None)
     if record.is_dir() and any(record.glob("*.mcap")):
         with History(record / HISTORY_NAME) as history:
             try:

@@ -91,7 +91,7 @@ def command(duration: float, no_browser: bool, port: int | None, seed: int, reco
         ThreadPoolExecutor(2) as workers,
     ):
         say(f"four simulated wheels, {story.speed:.0f} times faster than real time; recording in {record}")
-        _serve_page(page, session, record, port, no_browser=no_browser)
+        _serve_page(page, session, record, port, story, no_browser=no_browser)
         _compile_kernels(options, stop)
         view = DemoView(session, spacecraft, story.start_ns)
         ended = Event()
@@ -112,7 +112,9 @@ def command(duration: float, no_browser: bool, port: int | None, seed: int, reco
     _tell_the_truth(story, view, record)
 
 
-def _serve_page(page: ExitStack, session: zenoh.Session, record: Path, port: int | None, *, no_browser: bool) -> None:
+def _serve_page(
+    page: ExitStack, session: zenoh.Session, record: Path, port: int | None, story: Story, *, no_browser: bool
+) -> None:
     """Serve the health page while the demo runs, where what it needs is installed."""
     try:
         from rwa_monitor.dashboard.server import DashboardOptions, serve
@@ -121,7 +123,7 @@ def _serve_page(page: ExitStack, session: zenoh.Session, record: Path, port: int
         return
     from rwa_monitor.cli.dashboard import show_page
 
-    running = page.enter_context(serve(DashboardOptions(port, record), session, say))
+    running = page.enter_context(serve(DashboardOptions(port, record, wheel=story.wheel), session, say))
     show_page(running.address_with_token, no_browser=no_browser)
 
 

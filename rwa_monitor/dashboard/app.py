@@ -32,14 +32,16 @@ from rwa_monitor.dashboard.fleet import Fleet, Received
 from rwa_monitor.dashboard.listener import alarm_entry
 from rwa_monitor.dashboard.openapi import openapi
 from rwa_monitor.dashboard.recordings import list_recordings, replay_json
+from rwa_monitor.dashboard.telemetry import Evidence
 from rwa_monitor.errors import InputError
 from rwa_monitor.history.store import MAX_NAME, MAX_NOTE, History, HistoryError
-from rwa_monitor.messages import Diagnosis, dump_json, key_of
+from rwa_monitor.messages import Diagnosis, Discrepancy, dump_json, key_of
 from rwa_monitor.version import SOFTWARE
 
 STATIC: Final = Path(__file__).parent / "static"
 MAX_BODY_BYTES: Final = 16_384
 MAX_WINDOWS: Final = 1_000
+MAX_ESTIMATES: Final = 20_000  # of four parts, 9 windows a day: some 18 months
 MAX_WATCH: Final = 300  # characters of a wheel that a page asks for
 HEADERS: Final = {
     "Content-Security-Policy": "default-src 'self'; frame-ancestors 'none'; base-uri 'none'; form-action 'none'",
@@ -145,11 +147,8 @@ class Api:
         """Return what a page needs first: live wheels, those only the history knows, and the alarms."""
         history, live = self.sources.history, self.sources.fleet.snapshot()
         known = {entry.key for entry in live}
-        past = []
-        for spacecraft, wheel in history.wheels():
-            key = key_of(Diagnosis, spacecraft, wheel)
-            if key not in known:
-                past += [Received(key, d.to_json(), None) for d in history.windows(spacecraft, wheel, 1)]
+        past = [Received(key_of(Diagnosis, *name), payload, None) for name, payload in history.latest().items()]
+        past = [entry for entry in past if entry.key not in known]
         return [*live, *past, *(alarm_entry(alarm) for alarm in history.alarms())]
 
     def wheel(self, request: Request) -> Response:
@@ -158,12 +157,17 @@ class Api:
         if name not in self.sources.fleet.names():
             if name not in self.sources.history.wheels():
                 raise HTTPException(404, "no such wheel")
-            return _json(b'{"samples":null,"changepoints":[]}')
+            return _json(_wheel_json(b"null", [], [], self.sources.history.discrepancy(*name)))
         wheel = self.sources.fleet.wheel(*name)
         assert wheel is not None  # it is known, as asked above
         with self.sources.fleet.lock:
-            samples, jumps = wheel.trace.message(), b",".join(entry.payload for entry in wheel.provisional)
-        return _json(b'{"samples":' + samples + b',"changepoints":[' + jumps + b"]}")
+            samples, jumps = wheel.trace.message(), [entry.payload for entry in wheel.provisional]
+            curves = [wheel.latest[Evidence.kind].payload] if Evidence.kind in wheel.latest else []
+            so_far = wheel.open_window.evidence_so_far(wheel.diagnosis, self.sources.fleet.constants)
+            found = wheel.latest.get(Discrepancy.kind)
+        curves += [so_far.to_json()] if so_far else []
+        known = found.payload if found else self.sources.history.discrepancy(*name)
+        return _json(_wheel_json(samples, jumps, curves, known))
 
     def windows(self, request: Request) -> Response:
         """Answer with the latest diagnoses of one wheel, the oldest first."""
@@ -172,7 +176,7 @@ class Api:
 
     def estimates(self, request: Request) -> Response:
         """Answer with the latest estimates of one wheel, the oldest first."""
-        estimates = self.sources.history.estimates(*_wheel(request), limit=_limit(request))
+        estimates = self.sources.history.estimates(*_wheel(request), limit=_limit(request, MAX_ESTIMATES))
         return _json(b"[" + b",".join(estimate.to_json() for estimate in estimates) + b"]")
 
     def alarms(self, request: Request) -> Response:
@@ -251,15 +255,21 @@ async def _until_first(*works: Any) -> None:
             await task
 
 
+def _wheel_json(samples: bytes, jumps: list[bytes], curves: list[bytes], discrepancy: bytes | None) -> bytes:
+    parts = [b'"samples":' + samples, b'"changepoints":[' + b",".join(jumps) + b"]"]
+    parts += [b'"evidence":[' + b",".join(curves) + b"]", b'"discrepancy":' + (discrepancy or b"null")]
+    return b"{" + b",".join(parts) + b"}"
+
+
 def _wheel(request: Request) -> tuple[str, str]:
     return request.path_params["spacecraft"], request.path_params["wheel"]
 
 
-def _limit(request: Request) -> int:
+def _limit(request: Request, most: int = MAX_WINDOWS) -> int:
     text = request.query_params.get("limit", "200")
-    if not (text.isascii() and text.isdigit() and 1 <= int(text[:6]) <= MAX_WINDOWS):
-        raise HTTPException(422, f"limit: a number from 1 to {MAX_WINDOWS}")
-    return int(text[:6])
+    if not (text.isascii() and text.isdigit() and len(text) <= len(str(most)) and 1 <= int(text) <= most):
+        raise HTTPException(422, f"limit: a number from 1 to {most}")
+    return int(text)
 
 
 def _json(content: bytes) -> Response:

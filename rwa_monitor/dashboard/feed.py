@@ -46,7 +46,7 @@ class Hub:
 
     def __init__(self) -> None:
         self.clients: set[Client] = set()
-        self.note = ""  # what is wrong with the dashboard itself, in words
+        self.notes: dict[str, str] = {}  # what is wrong with the dashboard itself, in words, by what it is
         self._loop: asyncio.AbstractEventLoop | None = None
         self._entries: list[Received] = []
         self._statuses: dict[str, Received] = {}
@@ -81,7 +81,7 @@ class Hub:
             now = self._loop.time()
             if now >= beat_due:
                 beat_due = now + BEAT_PERIOD_S
-                beat = dump_json({"wall_ns": time.time_ns(), "note": self.note})
+                beat = dump_json({"wall_ns": time.time_ns(), "notes": [*self.notes.values()]})
                 self._entries.append(Received(BEAT_KEY, beat, time.time_ns()))
             self.flush()
 

@@ -2,77 +2,155 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from threading import Lock
 from typing import Final
 
+from rwa_monitor.dashboard.course import Course
+from rwa_monitor.dashboard.telemetry import DerivedFriction, Evidence, OpenWindow, Rhythm
 from rwa_monitor.dashboard.trace import Trace
-from rwa_monitor.messages import Changepoints, Diagnosis, Message, Status
+from rwa_monitor.messages import Changepoints, Diagnosis, Discrepancy, Message, Status, key_of
+from rwa_monitor.physics.wheel import Wheel as WheelConstants
+from rwa_monitor.physics.wheel import built_in_wheel
+from rwa_monitor.samples import Samples
 
 MAX_WHEELS: Final = 5_000
 MAX_PROVISIONAL: Final = 200  # changepoints of a running window that are kept
+MAX_OPEN_SAMPLES: Final = 8_000_000  # of all open windows: 128 MB, 100 wheels with windows of 80,000 slots
 
 
 @dataclass(frozen=True, slots=True)
 class Received:
-    """A message in JSON, its key, and when it was received [ns, this machine's clock; None: from the history]."""
+    """A message in JSON, its key, and when it was received [ns, this machine's clock; None: from the history].
+
+    `beside` is what the dashboard adds, as JSON: to a status, when samples came last (`Rhythm`); to a diagnosis, what
+    earlier windows say (`Course`).
+    """
 
     key: str
     payload: bytes
     wall_ns: int | None
+    beside: bytes = b"null"
 
     def to_json(self) -> bytes:
         """Return it as an entry of the feed."""
         wall = b"null" if self.wall_ns is None else str(self.wall_ns).encode()
-        return b'{"key":"' + self.key.encode() + b'","received_wall_ns":' + wall + b',"message":' + self.payload + b"}"
+        head = b'{"key":"' + self.key.encode() + b'","received_wall_ns":' + wall + b',"beside":' + self.beside
+        return head + b',"message":' + self.payload + b"}"
 
 
 @dataclass(slots=True)
 class Wheel:
     """What is known of one wheel; `latest` holds the last message of each kind."""
 
+    derived: DerivedFriction
     latest: dict[str, Received] = field(default_factory=dict)
     provisional: list[Received] = field(default_factory=list)
     trace: Trace = field(default_factory=Trace)
-    watched: bool = False
+    open_window: OpenWindow = field(default_factory=OpenWindow)
+    rhythm: Rhythm = field(default_factory=Rhythm)
+    course: Course = field(default_factory=Course)
+    diagnosis: Diagnosis | None = None
+    curve_due_ns: int = 0
 
 
 class Fleet:
-    """All wheels. One thread writes; the threads of the API read."""
+    """All wheels. One thread writes; the threads of the API read.
 
-    def __init__(self) -> None:
+    Parameters
+    ----------
+    constants
+        Of all wheels, for friction that is derived from current; None: the built-in wheel's.
+    """
+
+    def __init__(self, constants: WheelConstants | None = None) -> None:
         self.lock = Lock()
+        self.constants = constants or built_in_wheel()
+        self._open_samples = 0
         self._wheels: dict[tuple[str, str], Wheel] = {}
 
     def wheel(self, spacecraft: str, wheel: str) -> Wheel | None:
-        """Return a wheel, known from now on; None where there are too many."""
-        key = (spacecraft, wheel)
+        """Return a wheel; None where it is not known."""
         with self.lock:
-            if key not in self._wheels:
-                if len(self._wheels) >= MAX_WHEELS:
-                    return None
-                self._wheels[key] = Wheel()
-            return self._wheels[key]
+            return self._wheels.get((spacecraft, wheel))
+
+    def begin(self, spacecraft: str, wheel: str, past: list[Diagnosis]) -> Wheel | None:
+        """Return a wheel, known from now on with its past windows; None where there are too many."""
+        with self.lock:
+            if len(self._wheels) >= MAX_WHEELS:
+                return None
+            known = self._wheels.setdefault((spacecraft, wheel), Wheel(DerivedFriction(self.constants)))
+            known.course.extend(past)
+            return known
 
     def names(self) -> list[tuple[str, str]]:
         """Return spacecraft and name of all wheels, sorted."""
         with self.lock:
             return sorted(self._wheels)
 
-    def take(self, wheel: Wheel, message: Message, received: Received) -> None:
-        """Bring a message into the picture of its wheel."""
+    def take(self, wheel: Wheel, message: Message, received: Received) -> tuple[Received, Received | None]:
+        """Bring a message into the picture of its wheel.
+
+        Returns
+        -------
+        shown, curve
+            The message as it is shown; and the wGLR of the window that it closes, if it is a diagnosis.
+        """
         with self.lock:
             match message:
+                case Discrepancy():
+                    wheel.latest[Discrepancy.kind] = received
                 case Status():
+                    wall_ns = received.wall_ns or 0
+                    wheel.rhythm.hear_status(message.last_sample_ns, wall_ns)
+                    received = replace(received, beside=wheel.rhythm.to_json())
                     wheel.latest[Status.kind] = received
                 case Changepoints():
                     wheel.provisional = [*wheel.provisional, received][-MAX_PROVISIONAL:]
                 case Diagnosis():
-                    wheel.latest[Diagnosis.kind] = received
-                    wheel.provisional.clear()
-                    wheel.trace.keep_from(2 * message.window_start_ns - message.window_end_ns)
+                    wheel.course.extend([message])
+                    received = replace(received, beside=wheel.course.to_json())
+                    return received, self._close(wheel, message, received)
+            return received, None
+
+    def _close(self, wheel: Wheel, window: Diagnosis, received: Received) -> Received | None:
+        wheel.latest[Diagnosis.kind] = received
+        wheel.diagnosis = window
+        wheel.provisional.clear()
+        wheel.trace.keep_from(2 * window.window_start_ns - window.window_end_ns)
+        curve = wheel.open_window.evidence(window, self.constants)
+        before = wheel.open_window.count
+        # Windows may overlap: what the next one holds is kept.
+        hop = self.constants.window.hop_slots / self.constants.window.samples
+        length_ns = window.window_end_ns - window.window_start_ns
+        wheel.open_window.keep_from(window.window_start_ns + int(min(hop, 1.0) * length_ns))
+        self._open_samples += wheel.open_window.count - before
+        if curve is None:
+            return None
+        key = key_of(Evidence, window.spacecraft, window.wheel)
+        wheel.latest[Evidence.kind] = Received(key, curve.to_json(), received.wall_ns)
+        return wheel.latest[Evidence.kind]
+
+    def take_samples(self, wheel: Wheel, samples: Samples, wall_ns: int, *, watched: bool) -> Samples:
+        """Bring samples into the picture; returns those that are picked for it.
+
+        The open windows' samples are kept while there is room for them; one that a page looks at goes before others.
+        """
+        with self.lock:
+            wheel.rhythm.hear(samples.time_ns, wall_ns)
+            known = wheel.derived.add(samples)
+            before = wheel.open_window.count
+            if self._open_samples + len(known) <= MAX_OPEN_SAMPLES or watched:
+                wheel.open_window.add(known)
+            else:
+                wheel.open_window.clear()
+            if wheel.open_window.count > MAX_OPEN_SAMPLES:
+                wheel.open_window.clear()  # a wheel that is never diagnosed
+            self._open_samples += wheel.open_window.count - before
+            return wheel.trace.add(known)
 
     def snapshot(self) -> list[Received]:
         """Return the latest diagnosis and status of every wheel, for a page that opens."""
         with self.lock:
-            return [received for wheel in self._wheels.values() for received in wheel.latest.values()]
+            kinds = (Diagnosis.kind, Status.kind)
+            return [wheel.latest[kind] for wheel in self._wheels.values() for kind in kinds if kind in wheel.latest]

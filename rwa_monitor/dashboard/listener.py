@@ -16,8 +16,10 @@ from typing import Any, Final, Self
 import zenoh
 from zenoh import ext
 
+from rwa_monitor.dashboard.course import REMEMBERED
 from rwa_monitor.dashboard.feed import Hub
-from rwa_monitor.dashboard.fleet import Fleet, Received
+from rwa_monitor.dashboard.fleet import Fleet, Received, Wheel
+from rwa_monitor.dashboard.telemetry import Evidence
 from rwa_monitor.dashboard.trace import thinned_json
 from rwa_monitor.errors import InputError
 from rwa_monitor.history.records import AlarmRecord
@@ -31,6 +33,7 @@ from rwa_monitor.messages import (
     Message,
     SamplesMessage,
     Status,
+    key_of,
     split_key,
 )
 
@@ -38,6 +41,7 @@ KINDS: Final[dict[str, type[Message]]] = {kind.kind: kind for kind in (Diagnosis
 IDLE_WAIT_S: Final = 0.1
 RETRY_S: Final = 1.0
 MAX_WAITING: Final = 10_000  # windows that wait for the history
+CURVE_PERIOD_NS: Final = 1_000_000_000  # between two pictures of a window that is still open
 
 
 class Listener:
@@ -67,7 +71,7 @@ class Listener:
         self.fleet, self.history, self.hub, self.say = fleet, history, hub, say
         self.inbox = Inbox()
         self.refused = 0
-        self._waiting: deque[Diagnosis] = deque(maxlen=MAX_WAITING)
+        self._waiting: deque[Diagnosis | Discrepancy] = deque(maxlen=MAX_WAITING)
         self._retry_due_s = 0.0
         self._alarms: dict[int, AlarmRecord] = {}
         self._stop = Event()
@@ -117,42 +121,68 @@ class Listener:
         except InputError:
             self.refused += 1
             return
-        known = self.fleet.wheel(spacecraft, wheel)
+        known = self._wheel(spacecraft, wheel)
         if known is None:
             self.refused += 1
             return
-        received = Received(key, message.to_json(), time.time_ns())
-        self.fleet.take(known, message, received)
-        self.hub.post(received)
-        if isinstance(message, Diagnosis):
+        shown, curve = self.fleet.take(known, message, Received(key, message.to_json(), time.time_ns()))
+        self.hub.post(shown)
+        if curve is not None and self.hub.watched(f"{spacecraft}/{wheel}"):
+            self.hub.post(curve)
+        if isinstance(message, Diagnosis | Discrepancy):
             self._waiting.append(message)
             self._store()
 
+    def _wheel(self, spacecraft: str, wheel: str) -> Wheel | None:
+        """Return a wheel; one that is new comes with its past from the history. None where there are too many."""
+        known = self.fleet.wheel(spacecraft, wheel)
+        if known is not None:
+            return known
+        past: list[Diagnosis] = []
+        with suppress(HistoryError):  # its past is an ornament; `_store` tells of a history that cannot be used
+            past = self.history.windows(spacecraft, wheel, REMEMBERED)
+        return self.fleet.begin(spacecraft, wheel, past)
+
     def _receive_samples(self, key: str, payload: bytes, spacecraft: str, wheel: str) -> None:
         samples = SamplesMessage.parse(payload, key).samples()
-        known = self.fleet.wheel(spacecraft, wheel)
+        known = self._wheel(spacecraft, wheel)
         if known is None:
             self.refused += 1
             return
+        watched, wall_ns = self.hub.watched(f"{spacecraft}/{wheel}"), time.time_ns()
+        picked = self.fleet.take_samples(known, samples, wall_ns, watched=watched)
+        if len(picked) and watched:
+            self.hub.post(Received(key, thinned_json(picked), wall_ns))
+            self._curve_so_far(known, spacecraft, wheel, wall_ns)
+
+    def _curve_so_far(self, wheel: Wheel, spacecraft: str, name: str, wall_ns: int) -> None:
+        """Draw the wGLR of a window that is still open, for the page that looks at it, now and then."""
+        if wall_ns < wheel.curve_due_ns:
+            return
         with self.fleet.lock:
-            picked = known.trace.add(samples)
-        if len(picked) and self.hub.watched(f"{spacecraft}/{wheel}"):
-            self.hub.post(Received(key, thinned_json(picked), time.time_ns()))
+            curve = wheel.open_window.evidence_so_far(wheel.diagnosis, self.fleet.constants)
+        wheel.curve_due_ns = wall_ns + CURVE_PERIOD_NS
+        if curve is not None:
+            self.hub.post(Received(key_of(Evidence, spacecraft, name), curve.to_json(), wall_ns))
 
     def _store(self) -> None:
         """Write what waits into the history, and tell of alarms that changed."""
         try:
             while self._waiting:
-                self.history.add(self._waiting[0])
+                message = self._waiting[0]
+                if isinstance(message, Diagnosis):
+                    self.history.add(message)
+                else:
+                    self.history.add_discrepancy(message)
                 self._waiting.popleft()
             alarms = self.history.alarms()
         except HistoryError as error:
             self._retry_due_s = time.monotonic() + RETRY_S
-            if not self.hub.note:
+            if "history" not in self.hub.notes:
                 self.say(str(error))
-            self.hub.note = f"{error}. {len(self._waiting)} windows wait to be stored."
+            self.hub.notes["history"] = f"{error}. {len(self._waiting)} windows wait to be stored."
             return
-        self.hub.note = ""
+        self.hub.notes.pop("history", None)
         for alarm in alarms:
             if self._alarms.get(alarm.id) != alarm:
                 self.hub.post(alarm_entry(alarm))

@@ -2,19 +2,33 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
+from rwa_monitor.dashboard.course import Course
 from rwa_monitor.dashboard.fleet import Received
+from rwa_monitor.dashboard.telemetry import DerivedFriction, Evidence, OpenWindow
 from rwa_monitor.dashboard.trace import samples_of, thinned_json
 from rwa_monitor.errors import InputError
-from rwa_monitor.live.recording import RECORDING_SUFFIX, read_recording
-from rwa_monitor.messages import Changepoints, Diagnosis, SamplesMessage, Status, dump_json, split_key
+from rwa_monitor.live.recording import RECORDING_SUFFIX, RecordedMessage, Recording, read_recording
+from rwa_monitor.messages import (
+    Changepoints,
+    Diagnosis,
+    Discrepancy,
+    SamplesMessage,
+    Status,
+    dump_json,
+    key_of,
+    split_key,
+)
+from rwa_monitor.physics.wheel import Wheel, built_in_wheel
 
 MAX_REPLAY_BYTES: Final = 512 * 2**20
 POINTS_PER_WHEEL: Final = 12_000  # of a whole recording, for its picture
-SHOWN: Final = frozenset(kind.schema_name() for kind in (Diagnosis, Changepoints, Status))
+SHOWN: Final = frozenset(kind.schema_name() for kind in (Diagnosis, Changepoints, Status, Discrepancy))
+WHEEL_ATTACHMENT: Final = "wheel.toml"
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,28 +66,85 @@ def replay_json(folder: Path | None, name: str) -> bytes:
     if path.stat().st_size > MAX_REPLAY_BYTES:
         raise InputError(name, f"is larger than {MAX_REPLAY_BYTES} bytes")
     recording = read_recording(path)
-    samples_schema = SamplesMessage.schema_name()
-    counts: dict[str, int] = {}
-    for message in recording.messages:
-        if message.schema == samples_schema:
-            counts[message.topic] = counts.get(message.topic, 0) + len(samples_of(message.data, message.topic))
-    entries: list[bytes] = []
-    phases: dict[str, int] = dict.fromkeys(counts, 0)
-    for message in recording.messages:
-        payload = message.data
-        if message.schema == samples_schema:
-            stride = -(-counts[message.topic] // POINTS_PER_WHEEL)
-            samples = samples_of(payload, message.topic)
-            picked = samples[phases[message.topic] :: stride]
-            phases[message.topic] = (phases[message.topic] - len(samples)) % stride
-            if not len(picked):
-                continue
-            payload = thinned_json(picked)
-        elif message.schema not in SHOWN:
-            continue
-        split_key(message.topic)
-        entry = Received(message.topic, payload, message.publish_time).to_json()
-        entries.append(b'{"time_ns":' + str(message.log_time).encode() + b"," + entry[1:])
+    entries = list(_Replay(recording).entries())
     # Reading stops at what is damaged; the page says so.
     problems = dump_json(recording.problems)
     return b'{"problems":' + problems + b',"entries":[' + b",".join(entries) + b"]}"
+
+
+def wheel_of(recording: Recording) -> Wheel:
+    """Return the wheel that a recording was made with; the built-in one where it holds none."""
+    if WHEEL_ATTACHMENT not in recording.attachments:
+        return built_in_wheel()
+    text = recording.attachments[WHEEL_ATTACHMENT].decode(errors="replace")
+    return Wheel.from_toml(text, f"{recording.path.name}: {WHEEL_ATTACHMENT}")
+
+
+def latest_wheel(folder: Path | None) -> Wheel | None:
+    """Return the wheel of the latest recording of a folder that has one; None where there is none."""
+    for entry in list_recordings(folder):
+        if folder is not None and entry.size_bytes <= MAX_REPLAY_BYTES:
+            try:
+                recording = read_recording(folder / entry.name)
+                if WHEEL_ATTACHMENT in recording.attachments:
+                    return wheel_of(recording)
+            except InputError:  # damaged: an earlier one tells as well
+                continue
+    return None
+
+
+class _Replay:
+    """Turns a recording's messages into the entries that a page would have had, samples thinned."""
+
+    def __init__(self, recording: Recording) -> None:
+        self.recording = recording
+        self.wheel = wheel_of(recording)
+        self._counts: dict[str, int] = {}
+        for message in recording.messages:
+            if message.schema == SamplesMessage.schema_name():
+                known = len(samples_of(message.data, message.topic))
+                self._counts[message.topic] = self._counts.get(message.topic, 0) + known
+        self._phases: dict[str, int] = dict.fromkeys(self._counts, 0)
+        self._derived = {topic: DerivedFriction(self.wheel) for topic in self._counts}
+        self._courses: dict[str, Course] = {}
+        self._open = {topic: OpenWindow() for topic in self._counts}
+
+    def entries(self) -> Iterator[bytes]:
+        """Yield the entries {time_ns, key, message} in the recording's order."""
+        for message in self.recording.messages:
+            if message.schema == SamplesMessage.schema_name():
+                payload = self._samples(message)
+                if payload is not None:
+                    yield _entry(message, message.topic, payload)
+            elif message.schema in SHOWN:
+                if message.schema == Diagnosis.schema_name():
+                    yield from self._diagnosis(message)
+                else:
+                    yield _entry(message, message.topic, message.data)
+
+    def _samples(self, message: RecordedMessage) -> bytes | None:
+        topic = message.topic
+        samples = self._derived[topic].add(samples_of(message.data, topic))
+        self._open[topic].add(samples)
+        stride = -(-self._counts[topic] // POINTS_PER_WHEEL)
+        picked = samples[self._phases[topic] :: stride]
+        self._phases[topic] = (self._phases[topic] - len(samples)) % stride
+        return thinned_json(picked) if len(picked) else None
+
+    def _diagnosis(self, message: RecordedMessage) -> Iterator[bytes]:
+        spacecraft, wheel, _ = split_key(message.topic)
+        window = Diagnosis.parse(message.data, f"{self.recording.path.name}: {message.topic}")
+        course = self._courses.setdefault(message.topic, Course())
+        course.extend([window])
+        yield _entry(message, message.topic, message.data, course.to_json())
+        held = self._open.get(key_of(SamplesMessage, spacecraft, wheel))
+        curve = held.evidence(window, self.wheel) if held else None
+        if held is not None:
+            held.keep_from(window.window_start_ns + self.wheel.window.hop_slots * self.wheel.period_ns)
+        if curve is not None:
+            yield _entry(message, key_of(Evidence, spacecraft, wheel), curve.to_json())
+
+
+def _entry(message: RecordedMessage, key: str, payload: bytes, beside: bytes = b"null") -> bytes:
+    entry = Received(key, payload, message.publish_time, beside).to_json()
+    return b'{"time_ns":' + str(message.log_time).encode() + b"," + entry[1:]

@@ -19,8 +19,10 @@ from rwa_monitor.dashboard.app import Sources, create_app
 from rwa_monitor.dashboard.feed import Hub
 from rwa_monitor.dashboard.fleet import Fleet
 from rwa_monitor.dashboard.listener import Listener
+from rwa_monitor.dashboard.recordings import latest_wheel
 from rwa_monitor.errors import RwaMonitorError
 from rwa_monitor.history.store import History, Retention
+from rwa_monitor.physics.wheel import Wheel
 
 HOST: Final = "127.0.0.1"
 DEFAULT_PORT: Final = 8750
@@ -41,6 +43,9 @@ class DashboardOptions:
         Folder of the recordings; the history lies in it too. None: a history in memory.
     listen_to
         Key expression on the bus.
+    wheel
+        Constants of the wheels, for friction that is derived from current; None: those of the latest recording in the
+        folder, the built-in wheel's where there is none.
     token
         For changes; None makes a random one.
     """
@@ -49,6 +54,7 @@ class DashboardOptions:
     record: Path | None = None
     listen_to: str = "rwa/*/*/*"
     token: str | None = None
+    wheel: Wheel | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +81,7 @@ def serve(options: DashboardOptions, session: zenoh.Session, say: Callable[[str]
     with ExitStack() as stack:
         history = stack.enter_context(History(options.record / HISTORY_NAME if options.record else None))
         history.prune(Retention())
-        fleet, hub = Fleet(), Hub()
+        fleet, hub = Fleet(options.wheel or latest_wheel(options.record)), Hub()
         listening = stack.enter_context(_socket(options.port))
         app = create_app(Sources(fleet, history, hub, options.record, token))
         config = uvicorn.Config(

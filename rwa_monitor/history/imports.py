@@ -8,7 +8,7 @@ from typing import Final
 
 from rwa_monitor.history.store import History
 from rwa_monitor.live.recording import read_chain
-from rwa_monitor.messages import Diagnosis
+from rwa_monitor.messages import Diagnosis, Discrepancy
 
 BATCH_WINDOWS: Final = 200  # of one transaction
 
@@ -41,6 +41,9 @@ def import_recordings(history: History, path: Path) -> Imported:
             for message in recording.messages
             if message.schema == Diagnosis.schema_name()
         ]
+        for message in recording.messages:
+            if message.schema == Discrepancy.schema_name():
+                history.add_discrepancy(Discrepancy.parse(message.data, f"{recording.path}: {message.topic}"))
         windows += len(diagnoses)
         for begin in range(0, len(diagnoses), BATCH_WINDOWS):
             new += history.add_all(diagnoses[begin : begin + BATCH_WINDOWS])

@@ -33,8 +33,16 @@ from rwa_monitor.history.alarms import (
     observe,
 )
 from rwa_monitor.history.records import AlarmRecord, EstimateRecord
-from rwa_monitor.history.tables import AlarmEventRow, AlarmRow, AlarmStateRow, DiagnosisRow, EstimateRow, Table
-from rwa_monitor.messages import Diagnosis
+from rwa_monitor.history.tables import (
+    AlarmEventRow,
+    AlarmRow,
+    AlarmStateRow,
+    DiagnosisRow,
+    DiscrepancyRow,
+    EstimateRow,
+    Table,
+)
+from rwa_monitor.messages import Diagnosis, Discrepancy
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND
 
 BUSY_TIMEOUT_S: Final = 5.0
@@ -140,6 +148,23 @@ class History:
             self._observe(session, diagnosis, name, observation)
         session.flush()
         return True
+
+    def add_discrepancy(self, found: Discrepancy) -> bool:
+        """Take in a discrepancy report; False where a later one of the wheel is known. Raises HistoryError as `add`."""
+        with self._session() as session:
+            row = session.get(DiscrepancyRow, (found.spacecraft, found.wheel))
+            if row is not None and row.end_ns >= found.end_ns:
+                return False
+            session.merge(
+                DiscrepancyRow(
+                    spacecraft=found.spacecraft,
+                    wheel=found.wheel,
+                    end_ns=found.end_ns,
+                    message=found.to_json().decode(),
+                    stored_wall_ns=self._wall_ns(),
+                )
+            )
+            return True
 
     def _observe(self, session: Session, diagnosis: Diagnosis, name: str, observation: Observation) -> None:
         """Run one alarm over one window; a window older than the last one taken in changes no alarm."""
@@ -266,6 +291,22 @@ class History:
             pairs = session.execute(select(DiagnosisRow.spacecraft, DiagnosisRow.wheel).distinct()).all()
             return sorted((spacecraft, wheel) for spacecraft, wheel in pairs)
 
+    def latest(self) -> dict[tuple[str, str], bytes]:
+        """Return the latest diagnosis of every wheel, as JSON, by spacecraft and wheel."""
+        ends = (
+            select(DiagnosisRow.spacecraft, DiagnosisRow.wheel, func.max(DiagnosisRow.window_end_ns).label("end_ns"))
+            .group_by(DiagnosisRow.spacecraft, DiagnosisRow.wheel)
+            .subquery()
+        )
+        same = (
+            (DiagnosisRow.spacecraft == ends.c.spacecraft)
+            & (DiagnosisRow.wheel == ends.c.wheel)
+            & (DiagnosisRow.window_end_ns == ends.c.end_ns)
+        )
+        wanted = select(DiagnosisRow.spacecraft, DiagnosisRow.wheel, DiagnosisRow.message).join(ends, same)
+        with self._session() as session:
+            return {(spacecraft, wheel): text.encode() for spacecraft, wheel, text in session.execute(wanted)}
+
     def windows(self, spacecraft: str, wheel: str, limit: int = 200, before_ns: int | None = None) -> list[Diagnosis]:
         """Return the latest diagnoses of a wheel, the oldest first; only those that end before `before_ns`."""
         wanted = select(DiagnosisRow.message).filter_by(spacecraft=spacecraft, wheel=wheel)
@@ -290,6 +331,12 @@ class History:
                 EstimateRecord(**{name: getattr(row, name) for name in EstimateRecord.model_fields})
                 for row in reversed(rows)
             ]
+
+    def discrepancy(self, spacecraft: str, wheel: str) -> bytes | None:
+        """Return the latest discrepancy report of a wheel, as JSON; None where there is none."""
+        with self._session() as session:
+            row = session.get(DiscrepancyRow, (spacecraft, wheel))
+            return None if row is None else row.message.encode()
 
     def alarms(self, *, closed: int = 50) -> list[AlarmRecord]:
         """Return all open alarms, the worst first, then the latest closed ones."""

@@ -54,6 +54,18 @@ class EstimateRow(Table):
     active: Mapped[bool]
 
 
+class DiscrepancyRow(Table):
+    """The latest discrepancy report of a wheel, as it was on the bus."""
+
+    __tablename__ = "discrepancies"
+
+    spacecraft: Mapped[str] = mapped_column(primary_key=True)
+    wheel: Mapped[str] = mapped_column(primary_key=True)
+    end_ns: Mapped[int]
+    message: Mapped[str]
+    stored_wall_ns: Mapped[int]
+
+
 class AlarmStateRow(Table):
     """The state machine of one alarm: its last levels, and the row of its present rise."""
 

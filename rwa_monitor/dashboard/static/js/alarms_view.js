@@ -1,6 +1,7 @@
+import { ask } from "./ask.js";
 import { h } from "./dom.js";
 import { utc, wheelTime } from "./format.js";
-import { token } from "./token.js";
+import { setToken, token } from "./token.js";
 
 const MARK = { watch: "○ watch", warning: "◐ warning", distress: "● distress", critical: "⬤ critical", normal: "✓ normal again" };
 const LEVELS = ["normal", "watch", "warning", "distress", "critical"];
@@ -35,20 +36,21 @@ export function alarmsView(store) {
   function form(alarm) {
     const name = h("input", { name: "name", placeholder: "your name", "aria-label": "Your name", required: true, maxlength: 100 });
     const note = h("input", { name: "note", placeholder: "note (optional)", "aria-label": "Note", maxlength: 2000 });
+    const secret = h("input", { name: "token", type: "password", autocomplete: "off", placeholder: "token", "aria-label": "Token", hidden: true });
     const problem = h("span", { role: "alert", class: "anomalous" });
     return h("form", { onsubmit: async (event) => {
       event.preventDefault();
       try {
-        const answer = await fetch(`/api/alarms/${alarm.id}/acknowledge`, { method: "POST", headers: { Authorization: `Bearer ${token()}`, "Content-Type": "application/json" }, body: JSON.stringify({ name: name.value, note: note.value }) });
-        const content = await answer.json();
-        if (!answer.ok) throw new Error(content.error);
+        if (!secret.hidden) setToken(secret.value);
+        const content = await ask(`/api/alarms/${alarm.id}/acknowledge`, { method: "POST", headers: { Authorization: `Bearer ${token()}`, "Content-Type": "application/json" }, body: JSON.stringify({ name: name.value, note: note.value }) });
         store.alarms.set(content.id, content);
         name.blur();
         refresh();
       } catch (error) {
+        if (error.status === 401) secret.hidden = false; // whoever has it can write it here
         problem.textContent = `Not acknowledged: ${error.message}`;
       }
-    } }, name, note, h("button", {}, "Acknowledge"), problem);
+    } }, name, note, secret, h("button", {}, "Acknowledge"), problem);
   }
 
   refresh();

@@ -3,11 +3,14 @@ const QUIET_MS = 4000; // the server beats every second
 const RETRY_MS = 1000;
 
 export class Feed {
-  constructor(store, onChange) {
+  /** `onReturn` is called when the server is there again after it was away. */
+  constructor(store, onChange, onReturn) {
     this.store = store;
     this.onChange = onChange;
-    this.connected = false;
-    this.note = "";
+    this.onReturn = onReturn;
+    this.connected = store.connected = false;
+    this.lost = false;
+    this.notes = [];
     this.since = Date.now();
     this.watched = "";
     this.heard = 0;
@@ -22,19 +25,24 @@ export class Feed {
     this.socket.onmessage = (event) => {
       this.heard = Date.now();
       if (!this.connected) {
-        this.connected = true;
+        this.connected = this.store.connected = true;
         this.send();
       }
       for (const entry of JSON.parse(event.data)) {
         if (entry.key === "dashboard/beat") {
           this.store.now = entry.message.wall_ns / 1e6;
-          this.note = entry.message.note;
+          this.notes = entry.message.notes;
         } else this.store.apply(entry);
       }
+      if (this.lost) this.onReturn();
+      this.lost = false;
       this.onChange();
     };
     this.socket.onclose = () => {
-      if (this.connected) this.since = Date.now();
+      if (this.connected) {
+        this.since = Date.now();
+        this.lost = true;
+      }
       this.connected = false;
       this.onChange();
       setTimeout(() => this.open(), RETRY_MS);

@@ -1,69 +1,115 @@
 import { h } from "./dom.js";
-import { SIGN, age, number } from "./format.js";
+import { SIGN, age, number, percent, span } from "./format.js";
 import { last } from "./store.js";
 
-const ORDER = { anomalous: 0, inconclusive: 1, nominal: 2 };
+const ORDER = { anomalous: 0, inconclusive: 2, nominal: 4 };
+const ARROW = { worse: "↑ worse", better: "↓ better", steady: "→ steady" };
 let search = "";
 
-/** All wheels, the worst first; those that are not heard come after those that are. */
+/** All wheels, the worst first. What is stale is said to be, and stands behind what is as bad and heard now. */
 export function fleetView(store, base) {
   const list = h("div", {});
   const summary = h("p", { class: "soft", role: "status" });
   const field = h("input", { type: "search", placeholder: "search wheels, reasons", "aria-label": "Search wheels", value: search });
   field.addEventListener("input", () => { search = field.value; refresh(); });
   const rows = new Map();
+  const nothing = h("p", { class: "empty" });
 
   function refresh() {
-    const wheels = [...store.wheels.values()].filter((wheel) => matches(wheel));
-    wheels.sort((a, b) => rank(store, a) - rank(store, b) || worst(b) - worst(a) || a.name.localeCompare(b.name));
-    const wanted = wheels.map((wheel) => row(wheel));
-    if (wanted.length !== list.children.length || wanted.some((element, i) => list.children[i] !== element)) list.replaceChildren(...wanted);
-    if (!wheels.length) list.replaceChildren(h("p", { class: "empty" }, store.wheels.size ? "No wheel matches." : "No wheel has been heard yet. Start a monitor (rwa-monitor run) on the same bus, or open a recording."));
-    const heard = wheels.filter((wheel) => !store.silent(wheel));
-    const bad = heard.filter((wheel) => last(wheel)?.verdict === "anomalous").length;
-    summary.textContent = `${heard.length} of ${wheels.length} wheels reporting, ${bad} anomalous, ${store.openAlarms().length} open alarms`;
+    const wheels = [...store.wheels.values()].filter(matches).map((wheel) => ({ wheel, state: store.state(wheel) }));
+    for (const one of wheels) one.rank = rank(one);
+    wheels.sort((a, b) => a.rank - b.rank || worst(b.wheel) - worst(a.wheel) || (a.wheel.name < b.wheel.name ? -1 : 1));
+    place(wheels.map(({ wheel, state }) => row(wheel, state)));
+    if (!wheels.length) {
+      nothing.textContent = store.wheels.size ? "No wheel matches." : store.connected === false ? "Loading…" : "No wheel has been heard yet. Start a monitor (rwa-monitor run) on the same bus, or open a recording.";
+      list.replaceChildren(nothing);
+    }
+    const heard = wheels.filter(({ state }) => state === "live");
+    const bad = wheels.filter(({ wheel }) => last(wheel)?.verdict === "anomalous").length;
+    const text = store.live ? `${heard.length} of ${wheels.length} wheels reporting, ${bad} anomalous, ${store.openAlarms().length} open alarms` : `${wheels.length} wheels, ${bad} anomalous`;
+    if (summary.textContent !== text) summary.textContent = text;
+  }
+
+  /** Bring the rows into order, moving only those that stand wrong. */
+  function place(wanted) {
+    let at = list.firstChild;
+    for (const element of wanted) {
+      if (element === at) at = at.nextSibling;
+      else list.insertBefore(element, at);
+    }
+    while (at) {
+      const next = at.nextSibling;
+      at.remove();
+      at = next;
+    }
   }
 
   function matches(wheel) {
+    if (!search) return true;
     const diagnosis = last(wheel);
     return `${wheel.name} ${diagnosis?.verdict} ${diagnosis?.reason}`.toLowerCase().includes(search.toLowerCase());
   }
 
-  function row(wheel) {
-    const diagnosis = last(wheel);
-    const silent = store.silent(wheel);
-    const verdict = diagnosis?.verdict ?? "waiting";
+  function row(wheel, state) {
     let entry = rows.get(wheel.name);
-    if (!entry) {
-      const parts = { verdict: h("span", {}), reason: h("span", { class: "reason" }), age: h("span", { class: "age" }) };
-      const element = h("a", { href: `${base}/wheel/${wheel.name}` }, parts.verdict, h("b", {}, wheel.wheel, h("br"), h("span", { class: "soft" }, wheel.spacecraft)), parts.reason, parts.age);
-      rows.set(wheel.name, (entry = { element, parts }));
+    if (!entry) rows.set(wheel.name, (entry = newRow(wheel)));
+    // Ages move without a message: those of what is stale every second, others with the next status.
+    const now = `${wheel.version} ${state} ${state === "live" ? "" : Math.floor(store.now / 1000)}`;
+    if (entry.drawn !== now) {
+      entry.drawn = now;
+      drawRow(entry, wheel, state);
     }
-    const { element, parts } = entry;
-    element.className = `wheel is-${silent ? "silent" : verdict}`;
-    parts.verdict.className = `verdict ${silent ? "silent" : verdict}`;
-    parts.verdict.textContent = `${SIGN[verdict] ?? "…"} ${verdict}${trend(wheel)}`;
-    parts.reason.textContent = (silent ? "Not heard now; last known: " : "") + (diagnosis?.reason ?? `The first window is being filled (${number(100 * (wheel.status?.window_fill ?? 0))} %).`);
-    parts.age.textContent = silent ? (wheel.heard ? `stale, heard ${age(store.now - wheel.heard)}` : "stale, from the history") : `window ${Math.round(100 * (wheel.status?.window_fill ?? 0))} % full`;
-    return element;
+    return entry.element;
+  }
+
+  function newRow(wheel) {
+    const parts = { verdict: h("span", {}), reason: h("span", {}), since: h("span", { class: "soft" }), age: h("span", { class: "age" }) };
+    const element = h("a", { href: `${base}/wheel/${wheel.name}` }, parts.verdict, h("b", {}, wheel.wheel, h("br"), h("span", { class: "soft" }, wheel.spacecraft)), h("span", { class: "reason" }, parts.reason, h("br"), parts.since), parts.age);
+    return { element, parts, drawn: "", texts: {} };
+  }
+
+  function drawRow({ element, parts }, wheel, state) {
+    const diagnosis = last(wheel);
+    const stale = state !== "live";
+    const verdict = diagnosis?.verdict ?? "waiting";
+    element.className = `wheel is-${verdict}${stale ? " is-stale" : ""}`;
+    parts.verdict.className = `verdict ${stale ? "silent" : verdict}`;
+    parts.verdict.textContent = `${SIGN[verdict] ?? "…"} ${verdict}${stale ? "\n◌ stale" : ""}${wheel.course?.change ? `\n${ARROW[wheel.course.change]}` : ""}`;
+    parts.reason.textContent = `${LEAD[state]}${diagnosis?.reason ?? "The first window is being filled."}`;
+    parts.since.textContent = diagnosis ? since(wheel, diagnosis) : "";
+    parts.age.textContent = staleness(store, wheel, state) ?? fill(wheel);
   }
 
   refresh();
   return { element: h("div", {}, h("h1", {}, store.live ? "Fleet" : "Fleet in this recording"), h("div", { class: "row" }, field, summary), list), refresh };
 }
 
+const LEAD = { live: "", silent: "Not heard now; last known: ", starved: "No telemetry now; last known: ", past: "From the history: " };
+
+/** Why what is shown of a wheel is not its present, null where it is. */
+export function staleness(store, wheel, state) {
+  if (state === "silent") return `stale: monitor heard ${age(store.now - wheel.heard)}`;
+  if (state === "starved") return `stale: no telemetry for ${span(store.starvedFor(wheel))}, expected within ${span(wheel.telemetry.stale_after_s)}`;
+  return state === "past" ? "stale, from the history" : null;
+}
+
+const fill = (wheel) => `window ${Math.round(100 * (wheel.status?.window_fill ?? 0))} % full`;
+
+/** How sure, and since when: on the wheel's own clock, in which its windows are. */
+function since(wheel, diagnosis) {
+  const active = Object.values(diagnosis.anomalies).filter((one) => one.active);
+  const sure = active.length ? `probability ${percent(Math.max(...active.map((one) => one.probability)))}, severity ${number(worst(wheel))}; ` : "";
+  if (!wheel.course?.since_ns) return sure;
+  const windows = wheel.course.windows;
+  return `${sure}${diagnosis.verdict} for ${windows} window${windows === 1 ? "" : "s"}, ${span((diagnosis.window_end_ns - wheel.course.since_ns) / 1e9)}`;
+}
+
 function worst(wheel) {
-  return Math.max(0, ...Object.values(last(wheel)?.anomalies ?? {}).map((anomaly) => (anomaly.active ? anomaly.severity ?? 0 : 0)));
+  const diagnosis = last(wheel);
+  if (!diagnosis || diagnosis.verdict !== "anomalous") return 0;
+  return Math.max(0, ...Object.values(diagnosis.anomalies).map((anomaly) => (anomaly.active ? anomaly.severity ?? 0 : 0)));
 }
 
-function rank(store, wheel) {
-  return (store.silent(wheel) ? 10 : 0) + (ORDER[last(wheel)?.verdict] ?? 3);
-}
-
-/** An arrow where the worst anomaly's severity moves by more than a tenth from one window to the next. */
-function trend(wheel) {
-  if (wheel.diagnoses.length < 2 || last(wheel).verdict !== "anomalous") return "";
-  const before = worst({ diagnoses: wheel.diagnoses.slice(0, -1) });
-  const change = worst(wheel) - before;
-  return change > 0.1 ? "\n↑ worse" : change < -0.1 ? "\n↓ better" : "\n→ steady";
+function rank({ wheel, state }) {
+  return (state === "past" ? 10 : state === "live" ? 0 : 1) + (ORDER[last(wheel)?.verdict] ?? 3);
 }

@@ -14,7 +14,7 @@ takeToken();
 const store = new Store(true);
 let view = null;
 let due = false;
-const feed = new Feed(store, redrawSoon);
+const feed = new Feed(store, redrawSoon, () => view?.refill?.());
 
 function route() {
   view?.close?.();
@@ -28,7 +28,11 @@ function route() {
   else if (parts[0] === "recordings") view = recordingsView();
   else if (parts[0] === "replay") view = replayView(parts[1], parts.slice(2));
   else view = fleetView(store, "#");
-  for (const link of document.querySelectorAll("nav a")) link.hash === `#/${["alarms", "recordings"].includes(parts[0]) ? parts[0] : parts[0] === "replay" ? "recordings" : ""}` ? link.setAttribute("aria-current", "page") : link.removeAttribute("aria-current");
+  const at = { alarms: "alarms", recordings: "recordings", replay: "recordings" }[parts[0]] ?? "";
+  for (const link of document.querySelectorAll("nav a")) {
+    if (link.hash === `#/${at}`) link.setAttribute("aria-current", "page");
+    else link.removeAttribute("aria-current");
+  }
   element("view").replaceChildren(view.element);
   view.refresh();
 }
@@ -43,7 +47,8 @@ function redraw() {
   document.body.classList.toggle("disconnected", !feed.connected);
   element("connection").textContent = feed.connected ? "● connected" : "○ disconnected";
   element("clock").textContent = utc(Date.now() * 1e6);
-  const trouble = feed.connected ? feed.note : `Disconnected from the dashboard's server. What you see is the last known state, ${age(Date.now() - feed.since)}. Trying again…`;
+  element("connection").className = feed.connected ? "" : "anomalous";
+  const trouble = feed.connected ? feed.notes.join(" ") : `Disconnected from the dashboard's server. What you see is the last known state, ${age(Date.now() - feed.since)}. Trying again…`;
   element("banner").hidden = !trouble;
   if (element("banner").textContent !== trouble) element("banner").textContent = trouble;
   const waiting = store.openAlarms().filter((alarm) => alarm.phase !== "acknowledged").length;
@@ -59,5 +64,9 @@ addEventListener("keydown", (event) => {
   if (target) location.hash = target;
   if (event.key === "/" && document.querySelector("input[type=search]")) { event.preventDefault(); document.querySelector("input[type=search]").focus(); }
 });
-setInterval(() => { store.now = feed.connected ? store.now : Date.now(); redraw(); }, 1000);
+setInterval(() => {
+  if (!feed.connected) store.now = Date.now(); // what is known gets older also while the server does not tell the time
+  redraw();
+}, 1000);
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", redraw);
 route();

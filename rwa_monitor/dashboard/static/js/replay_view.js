@@ -1,3 +1,4 @@
+import { ask } from "./ask.js";
 import { h } from "./dom.js";
 import { fleetView } from "./fleet_view.js";
 import { number, utc, wheelTime } from "./format.js";
@@ -5,6 +6,7 @@ import { Store } from "./store.js";
 import { wheelView } from "./wheel_view.js";
 
 const FRAME_MS = 100;
+const SPEEDS = [0.1, 1, 10, 100, 1000]; // times real time
 let opened = null; // the recording that is open, kept while views change
 
 export function recordingsView() {
@@ -20,7 +22,7 @@ export function replayView(name, rest) {
   const seek = h("input", { type: "range", min: 0, max: 1000, value: 0, "aria-label": "Position in the recording" });
   const play = h("button", { type: "button", onclick: () => toggle() }, "▶ Play");
   const step = h("button", { type: "button", onclick: () => nextWindow() }, "Next window");
-  const speed = h("select", { "aria-label": "Speed" }, [0.1, 1, 10, 100, 1000].map((times) => h("option", { value: times, selected: times === 1000 }, `${times}×`)));
+  const speed = h("select", { "aria-label": "Speed" }, SPEEDS.map((times) => h("option", { value: times, selected: times === 1000 }, `${times}×`)));
   const clock = h("span", { class: "soft" });
   const problems = h("p", { class: "inconclusive", hidden: true });
   let player = null, inner = null, timer = null;
@@ -96,11 +98,4 @@ class Player {
     this.now = time;
     return back;
   }
-}
-
-async function ask(path) {
-  const answer = await fetch(path);
-  const content = await answer.json();
-  if (!answer.ok) throw new Error(content.error);
-  return content;
 }

@@ -1,6 +1,7 @@
 /** What is known of the fleet, from the entries of the feed. Live and replay each have one, and nothing else differs. */
 const MAX_WINDOWS = 1000;
 const MAX_POINTS = 12000;
+const MAX_CURVES = 4; // windows whose wGLR is kept: those that the samples' charts span
 const SILENT_MS = 6000; // the monitor speaks every second
 
 export class Store {
@@ -9,13 +10,12 @@ export class Store {
     this.wheels = new Map();
     this.alarms = new Map();
     this.now = 0; // time of the source, ms
-    this.changed = new Set();
   }
 
   wheel(name) {
     if (!this.wheels.has(name)) {
       const [spacecraft, wheel] = name.split("/");
-      this.wheels.set(name, { name, spacecraft, wheel, diagnoses: [], status: null, heard: null, jumps: [], t: [], speed: [], friction: [] });
+      this.wheels.set(name, { name, spacecraft, wheel, version: 0, diagnoses: [], status: null, heard: null, telemetry: null, course: null, discrepancy: null, curves: [], jumps: [], t: [], speed: [], friction: [] });
     }
     return this.wheels.get(name);
   }
@@ -23,21 +23,25 @@ export class Store {
   apply(entry) {
     const parts = entry.key.split("/");
     if (parts[0] !== "rwa" || parts.length !== 4) return;
-    const name = `${parts[1]}/${parts[2]}`;
     const message = entry.message;
-    this.changed.add(name);
     if (parts[3] === "alarm") {
       this.alarms.set(message.id, message);
       return;
     }
-    const wheel = this.wheel(name);
+    const wheel = this.wheel(`${parts[1]}/${parts[2]}`);
+    wheel.version += 1;
     // What comes out of the history or a bus's memory is not what is heard now: only a status tells of a live monitor.
     if (parts[3] === "status") {
       wheel.status = message;
       wheel.heard = entry.received_wall_ns / 1e6;
-    } else if (parts[3] === "diagnosis") this.addDiagnosis(wheel, message);
-    else if (parts[3] === "changepoints") wheel.jumps.push(...message.changepoints);
+      wheel.telemetry = entry.beside;
+    } else if (parts[3] === "diagnosis") {
+      this.addDiagnosis(wheel, message);
+      if (entry.beside) wheel.course = entry.beside;
+    } else if (parts[3] === "changepoints") wheel.jumps.push(...message.changepoints);
     else if (parts[3] === "samples") this.addSamples(wheel, message);
+    else if (parts[3] === "evidence") this.addCurve(wheel, message);
+    else if (parts[3] === "discrepancy") wheel.discrepancy = message;
   }
 
   addDiagnosis(wheel, message) {
@@ -50,6 +54,14 @@ export class Store {
       if (known.length > MAX_WINDOWS) known.shift();
       wheel.jumps = wheel.jumps.filter((jump) => jump.time_ns >= message.window_end_ns);
     }
+  }
+
+  /** The curve of a closed window replaces that of the same one while it was open. */
+  addCurve(wheel, message) {
+    wheel.curves = wheel.curves.filter((one) => !one.open && one.window_start_ns !== message.window_start_ns);
+    wheel.curves.push(message);
+    wheel.curves.sort((a, b) => a.window_start_ns - b.window_start_ns);
+    if (wheel.curves.length > MAX_CURVES) wheel.curves.shift();
   }
 
   addSamples(wheel, message) {
@@ -66,9 +78,18 @@ export class Store {
     if (over > 0) for (const list of [wheel.t, wheel.speed, wheel.friction]) list.splice(0, over);
   }
 
-  /** Whether the wheel's monitor is heard; what is known of a silent one is its last state, not its present. */
-  silent(wheel) {
-    return this.live && (wheel.heard === null || this.now - wheel.heard > SILENT_MS);
+  /** Whether what is known of a wheel is its present: "live", "silent" (its monitor is not heard), "past" (it never was,
+   *  all is from the history), or "starved" (the monitor lives, and gets no samples). */
+  state(wheel) {
+    if (!this.live) return "live";
+    if (wheel.heard === null) return "past";
+    if (this.now - wheel.heard > SILENT_MS) return "silent";
+    return this.starvedFor(wheel) > (wheel.telemetry?.stale_after_s ?? Infinity) ? "starved" : "live";
+  }
+
+  /** Seconds since the last samples of a wheel came. */
+  starvedFor(wheel) {
+    return wheel.telemetry?.wall_ns == null ? 0 : this.now / 1e3 - wheel.telemetry.wall_ns / 1e9;
   }
 
   openAlarms() {

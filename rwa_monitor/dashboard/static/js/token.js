@@ -6,4 +6,6 @@ export function takeToken() {
   history.replaceState(null, "", "#/");
 }
 
+export const setToken = (text) => sessionStorage.setItem("token", text.trim());
+
 export const token = () => sessionStorage.getItem("token") ?? "";

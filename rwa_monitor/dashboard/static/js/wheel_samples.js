@@ -1,0 +1,82 @@
+/** What one wheel's samples show: speed, friction with its jumps, the wGLR that found them, what the model leaves. */
+import { COLOURS, GREY, chart, marks, systemStyle } from "./charts.js";
+import { h } from "./dom.js";
+import { simulated } from "./friction.js";
+
+const MAX_DRAWN = 3000;
+const CLOUD = "rgba(133,147,160,.55)";
+
+export function wheelSamples(store, wheel) {
+  const sync = `samples of ${wheel.name} ${store.live}`;
+  const key = h("div", { class: "key" });
+  const notice = h("p", { class: "soft" });
+  const speed = chart({ label: "speed", unit: "rad/s", height: 170, sync, series: [{ label: "speed", colour: COLOURS[1] }] });
+  const friction = chart({ label: "friction", unit: "mN m", height: 270, sync, draw: (u) => marks(u, jumps()), series: [{ label: "measured", colour: CLOUD, width: 0, points: true }, { label: "simulated", colour: COLOURS[0], width: 2 }] });
+  const evidence = chart({ label: "wGLR", height: 200, log: true, sync, series: [{ label: "wGLR", colour: COLOURS[1], width: 1 }, { label: "threshold", colour: COLOURS[0], dash: [6, 4], width: 2 }] });
+  const residual = chart({ label: "residual", unit: "mN m", height: 170, sync, series: [{ label: "measured less simulated", colour: COLOURS[3], width: 0, points: true }] });
+  const charts = [speed, friction, evidence, residual];
+  const curves = h("p", { class: "soft" });
+  let systems = [];
+
+  function jumps() {
+    return [
+      ...wheel.diagnoses.flatMap((one) => one.changepoints.map((jump) => ({ x: jump.time_ns / 1e9, ...systemStyle(jump.fss, systems) }))),
+      ...wheel.jumps.map((jump) => ({ x: jump.time_ns / 1e9, colour: GREY, shape: "◇" })),
+    ];
+  }
+
+  function refresh(fss) {
+    systems = fss;
+    const step = Math.max(1, Math.ceil(wheel.t.length / MAX_DRAWN));
+    const times = [], speeds = [], measured = [], model = [], rest = [];
+    for (let i = 0; i < wheel.t.length; i += step) {
+      const torque = wheel.friction[i], omega = wheel.speed[i];
+      const against = torque === null || omega === null ? null : torque * Math.sign(omega);
+      const expected = omega === null ? null : simulated(wheel.diagnoses, wheel.t[i] * 1e9, omega);
+      times.push(wheel.t[i]);
+      speeds.push(omega);
+      measured.push(against === null ? null : against * 1e3);
+      model.push(expected === null ? null : expected * 1e3);
+      rest.push(against === null || expected === null ? null : (against - expected) * 1e3);
+    }
+    notice.textContent = !times.length
+      ? "No samples here: they are drawn while they come over the bus, or from a recording."
+      : measured.every((value) => value === null) ? "These samples hold no friction torque, and none can be derived: that takes motor current or torque and the wheel's inertia (--wheel)." : "";
+    speed.set([times, speeds]);
+    friction.set([times, measured, model]);
+    residual.set([times, rest]);
+    drawCurves(times);
+    key.replaceChildren(h("span", {}, "· measured, positive against the rotation"), h("span", {}, "— simulated from the diagnosis"), ...systems.map((one) => legend(one, one)), legend("", "not (yet) attributed"), legend("rejected", "rejected"));
+  }
+
+  function drawCurves(times) {
+    const x = [], statistic = [], threshold = [];
+    for (const curve of wheel.curves) {
+      if (x.length) { x.push(x[x.length - 1] + 1e-3); statistic.push(null); threshold.push(null); }
+      curve.time_ns.forEach((time, i) => { x.push(time / 1e9); statistic.push(Math.max(curve.statistic[i], 0.1)); threshold.push(curve.threshold); });
+    }
+    const from = times[0] ?? -Infinity;
+    const keep = x.map((time, i) => i).filter((i) => x[i] >= from);
+    // The same span of time as the charts above, so that a jump stands below itself.
+    const ends = times.length && keep.length ? [[times[0], null, null]] : [];
+    const rows = [...ends, ...keep.map((i) => [x[i], statistic[i], threshold[i]])];
+    if (ends.length && times[times.length - 1] > x[x.length - 1]) rows.push([times[times.length - 1], null, null]);
+    evidence.set([0, 1, 2].map((column) => rows.map((one) => one[column])));
+    curves.textContent = wheel.curves.length
+      ? "Evidence of a jump, the largest of the scales of 4 to 128 slots, in variances of its noise. Near a large jump the curve has side lobes above the threshold, which are no jumps."
+      : "The wGLR is drawn once the samples of a window are at hand here.";
+  }
+
+  function legend(system, text) {
+    const { colour, shape } = systemStyle(system, systems);
+    const mark = h("span", {}, shape);
+    mark.style.color = colour;
+    return h("span", {}, mark, ` ${text}`);
+  }
+
+  const element = h("section", { class: "card" },
+    h("h2", {}, "Speed, friction and jumps"), notice, speed.element, friction.element, key,
+    h("h2", {}, "wGLR and its threshold"), evidence.element, curves,
+    h("h2", {}, "Measured less simulated"), residual.element, h("p", { class: "soft" }, "Simulated: base dry and viscous friction and the switching systems. Jumps that fit no system stay in the residual."));
+  return { element, refresh, get width() { return speed.width; }, close: () => charts.forEach((one) => one.close()) };
+}

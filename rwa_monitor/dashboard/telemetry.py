@@ -1,0 +1,205 @@
+"""A wheel's samples on their way to the page: friction where it is derived, the open window's samples, their rhythm."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, field
+from typing import Annotated, ClassVar, Final
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from rwa_monitor.diagnosis.evidence_curve import evidence_curve
+from rwa_monitor.messages import Diagnosis, Message, Number, TimeNs, dump_json
+from rwa_monitor.physics.torque_balance import derive_friction, half_width
+from rwa_monitor.physics.wheel import Wheel
+from rwa_monitor.samples import NANOSECONDS_PER_SECOND, FloatArray, IntArray, Samples, concatenate
+from rwa_monitor.slots import SlotGrid
+
+EVIDENCE_POINTS: Final = 1_500  # a screen is some 1,500 pixels wide
+SPARSEST: Final = 8  # slots per sample up to which a stretch is laid on the slot grid
+LEAST_KEPT: Final = 0.9  # share of a window's good samples that must be at hand for its curve
+
+LEAST_STALE_S: Final = 10.0
+FIRST_STALE_S: Final = 60.0  # while nothing is known of the rhythm
+RHYTHMS: Final = 8  # messages whose intervals are looked at
+LATE_FACTOR: Final = 3.0  # a message that is three intervals late does not come
+FASTEST: Final = 2_000.0  # times real time: what comes faster is read out of a memory, and is no rhythm
+
+
+class Evidence(Message):
+    """The wGLR of a window, thinned so that no peak is lost, and the threshold that a jump must clear.
+
+    `statistic` is in variances of its own noise. `open` is true while the window is not closed.
+    """
+
+    kind: ClassVar[str] = "evidence"
+
+    window_start_ns: int
+    open: bool
+    time_ns: list[TimeNs]
+    statistic: list[Annotated[float, Field(ge=0, allow_inf_nan=False)]]
+    threshold: Number
+
+
+class DerivedFriction:
+    """Gives samples a friction torque where they have none: from motor torque or current, with the wheel's constants.
+
+    The derivative needs some slots on either side, so that samples leave as much later; samples that hold a friction
+    torque, and those from which none can be derived, pass as they are.
+    """
+
+    def __init__(self, wheel: Wheel) -> None:
+        self.wheel = wheel
+        self._half = half_width(wheel.friction.derivative, wheel.sample_period_s)
+        self._tail: Samples | None = None
+        self._left_ns = -1  # time of the last sample that has left
+
+    def add(self, samples: Samples) -> Samples:
+        """Take samples in; return those whose friction is known now."""
+        torque = samples.motor_torque_Nm
+        if torque is None and samples.motor_current_A is not None and self.wheel.torque_constant_Nm_A is not None:
+            torque = self.wheel.torque_constant_Nm_A * samples.motor_current_A
+        if samples.friction_torque_Nm is not None or torque is None or self.wheel.inertia_kg_m2 is None:
+            return samples
+        joined = Samples(samples.time_ns, samples.speed_rad_s, motor_torque_Nm=torque)
+        tail, period_ns = self._tail, self.wheel.period_ns
+        if tail is not None and 0 < joined.time_ns[0] - tail.time_ns[-1] <= 2 * self._half * period_ns:
+            joined = concatenate([tail, joined])
+        slot = SlotGrid(int(joined.time_ns[0]), period_ns).slot_of(joined.time_ns)
+        if np.any(np.diff(slot) <= 0) or slot[-1] >= SPARSEST * len(joined):
+            self._tail = None
+            return samples
+        friction = self._derive(joined, slot)
+        end = int(slot[-1]) - self._half
+        self._tail = joined[slot > end - self._half]
+        ready = (slot <= end) & (joined.time_ns > self._left_ns)
+        if ready.any():
+            self._left_ns = int(joined.time_ns[ready][-1])
+        return Samples(joined.time_ns[ready], joined.speed_rad_s[ready], friction[ready])
+
+    def _derive(self, samples: Samples, slot: IntArray) -> FloatArray:
+        speed, torque = np.full(int(slot[-1]) + 1, np.nan), np.full(int(slot[-1]) + 1, np.nan)
+        speed[slot], torque[slot] = samples.speed_rad_s, samples.motor_torque_Nm
+        return derive_friction(speed, torque, self.wheel)[slot]
+
+
+@dataclass(slots=True)
+class OpenWindow:
+    """The samples since the last window's end, in half the memory: 16 bytes each."""
+
+    _time_ns: list[IntArray] = field(default_factory=list)
+    _speed: list[NDArray[np.float32]] = field(default_factory=list)
+    _friction: list[NDArray[np.float32]] = field(default_factory=list)
+    count: int = 0
+
+    def add(self, samples: Samples) -> None:
+        """Keep samples; those without friction say nothing here."""
+        if samples.friction_torque_Nm is not None and len(samples):
+            self._time_ns.append(samples.time_ns)
+            self._speed.append(samples.speed_rad_s.astype(np.float32))
+            self._friction.append(samples.friction_torque_Nm.astype(np.float32))
+            self.count += len(samples)
+
+    def keep_from(self, time_ns: int) -> None:
+        """Drop what is older than a time; whole messages only, so that a few samples more may stay."""
+        while self._time_ns and self._time_ns[0][-1] < time_ns:
+            self.count -= self._time_ns[0].size
+            for arrays in (self._time_ns, self._speed, self._friction):
+                del arrays[0]
+
+    def clear(self) -> None:
+        """Drop everything."""
+        self.keep_from(2**62)
+
+    def evidence(self, window: Diagnosis, wheel: Wheel) -> Evidence | None:
+        """Return the curve of a window that was diagnosed; None where its samples are not at hand any more."""
+        period_ns = (window.window_end_ns - window.window_start_ns) // max(window.samples, 1)
+        return self._evidence(
+            window.window_start_ns,
+            window.window_end_ns,
+            period_ns,
+            window.friction.viscous.value,
+            wheel,
+            least=int(LEAST_KEPT * window.coverage * window.samples),
+        )
+
+    def evidence_so_far(self, last: Diagnosis | None, wheel: Wheel) -> Evidence | None:
+        """Return the curve of the window that is still open, with the slope of the last one."""
+        if not self._time_ns:
+            return None
+        start_ns = int(self._time_ns[0][0]) if last is None else last.window_end_ns
+        slope = last.friction.viscous.value if last else None
+        if slope is None:
+            slope = wheel.nominal.viscous_Nm_s_rad if wheel.nominal else 0.0
+        return self._evidence(start_ns, None, wheel.period_ns, slope, wheel, least=0)
+
+    def _evidence(
+        self, start_ns: int, end_ns: int | None, period_ns: int, slope: float | None, wheel: Wheel, *, least: int
+    ) -> Evidence | None:
+        if slope is None or period_ns <= 0 or not self._time_ns:
+            return None
+        time_ns = np.concatenate(self._time_ns)
+        inside = (time_ns >= start_ns) & (time_ns < (np.iinfo(np.int64).max if end_ns is None else end_ns))
+        slots = SlotGrid(start_ns, period_ns).slot_of(time_ns[inside])
+        if slots.size < max(least, 1) or int(slots.max()) >= SPARSEST * slots.size:
+            return None
+        speed, friction = np.full(int(slots.max()) + 1, np.nan), np.full(int(slots.max()) + 1, np.nan)
+        speed[slots] = np.concatenate(self._speed)[inside]
+        friction[slots] = np.concatenate(self._friction)[inside]
+        used = np.isfinite(friction) & (np.abs(speed) > (wheel.window.dead_band_rad_s or 0.0))
+        curve = evidence_curve(speed, friction, used, slope, EVIDENCE_POINTS)
+        if curve is None:
+            return None
+        return Evidence(
+            window_start_ns=start_ns,
+            open=end_ns is None,
+            time_ns=(start_ns + curve.index * period_ns).tolist(),
+            statistic=np.round(curve.statistic, 3).tolist(),
+            threshold=curve.threshold,
+        )
+
+
+class Rhythm:
+    """When a wheel's samples came last, and how long it takes to call them stale, by this machine's clock.
+
+    Telemetry comes every second, every half minute, or once in a pass: late is what is late for this wheel. Until its
+    rhythm is known, a message is expected when the time that it spans has passed again.
+    """
+
+    def __init__(self) -> None:
+        self.wall_ns: int | None = None
+        self._span_s = FIRST_STALE_S / LATE_FACTOR
+        self._last_sample_ns: int | None = None
+        self._intervals: deque[float] = deque(maxlen=RHYTHMS)
+
+    def hear(self, time_ns: IntArray, wall_ns: int) -> None:
+        """Note a message of samples."""
+        self._span_s = float(time_ns[-1] - time_ns[0]) / NANOSECONDS_PER_SECOND
+        if self.wall_ns is not None:
+            interval_s = (wall_ns - self.wall_ns) / NANOSECONDS_PER_SECOND
+            if interval_s > self._span_s / FASTEST:
+                self._intervals.append(interval_s)
+        self.wall_ns = wall_ns
+
+    def hear_status(self, last_sample_ns: int | None, wall_ns: int) -> None:
+        """Note what the monitor says came last: where its samples are not heard, its progress tells of them.
+
+        The first one begins the wait, for it does not tell how old what it knows is.
+        """
+        goes_on = last_sample_ns is not None and last_sample_ns != self._last_sample_ns
+        if self.wall_ns is None or (goes_on and not self._intervals):
+            self.wall_ns = wall_ns
+        self._last_sample_ns = last_sample_ns
+
+    @property
+    def stale_after_s(self) -> float:
+        """Silence after which the samples are no longer those of now [s]."""
+        known = len(self._intervals) >= RHYTHMS // 2
+        expected_s = max(self._intervals) if known else self._span_s
+        return max(LEAST_STALE_S, LATE_FACTOR * expected_s)
+
+    def to_json(self) -> bytes:
+        """Return it as it goes with a status in the feed."""
+        return dump_json({"wall_ns": self.wall_ns, "stale_after_s": round(self.stale_after_s, 3)})
