@@ -125,6 +125,10 @@ faults: $(VENV)/.installed-dev ## the fault campaign on real processes; writes d
 soak: $(VENV)/.installed-dev ## ten minutes at 100,000 samples a second; writes docs/soak.md (SOAK_ARGS="--seconds 60")
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python benchmarks/soak.py -o docs/soak.md $(SOAK_ARGS)
 
+.PHONY: fleet
+fleet: $(VENV)/.installed-dev ## diagnosis of many recordings on 1, 2 and 4 workers; writes docs/fleet.md
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.fleet -o docs/fleet.md
+
 .PHONY: package
 package: $(VENV)/.installed-dev ## builds sdist and wheel, and tries the wheel in an empty environment
 	PYTHON=$(BIN)/python tools/check_package.sh

@@ -2,24 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, Literal
 
 import click
 
 from rwa_monitor.cli.exit_codes import UNREADABLE, WRONG_USE
-from rwa_monitor.cli.options import FILE, method_option, model_option, wheel_option
+from rwa_monitor.cli.options import FILE, FleetOptions, fleet_options, method_option, model_option, wheel_option
 from rwa_monitor.cli.talk import say
 from rwa_monitor.errors import InputError
 
 if TYPE_CHECKING:
-    from rwa_monitor.diagnosis.model import Model
-    from rwa_monitor.diagnosis.state import CarriedState
-    from rwa_monitor.live.telemetry_files import WheelTelemetry
+    from rwa_monitor.fleet.tasks import CarriedStates, Diagnose
     from rwa_monitor.messages import Diagnosis
-    from rwa_monitor.physics.wheel import Wheel
 
 WIDTH_IN_FILES: Final = 120  # characters of a line where no terminal says how many it has
 
@@ -31,6 +27,7 @@ WIDTH_IN_FILES: Final = 120  # characters of a line where no terminal says how m
 @method_option
 @click.option("--json", "as_json", is_flag=True, help="One JSON object for each window and line (rwa.Diagnosis).")
 @click.option("--carry", is_flag=True, help="Start each file with what the ones before it told about the wheel.")
+@fleet_options
 @click.pass_context
 def command(
     ctx: click.Context,
@@ -40,106 +37,67 @@ def command(
     method: Literal["joint", "paper"],
     as_json: bool,
     carry: bool,
+    fleet: FleetOptions,
 ) -> None:
     """Diagnose recordings, window by window: CSV, Parquet or MCAP, in the order given.
 
     A last window that the data does not fill is diagnosed too and marked partial. A file is read whole before anything
     is said about it. One that cannot be used is named on stderr, the others are done all the same, and the exit code
     is 2; with --carry, where later diagnoses would miss it, the work ends there.
+
+    With --results, --scheduler or --workers many recordings are diagnosed at once, on Dask; the output is the same.
     """
+    from rwa_monitor.fleet.tasks import Diagnose
     from rwa_monitor.formats.model_file import read_model
     from rwa_monitor.formats.wheel_file import read_wheel
 
+    if carry and fleet.asked_for:
+        raise click.UsageError(
+            "--carry takes one file after the other, --results, --scheduler and --workers many at once"
+        )
     # Read before any file is: a wrong option costs nothing then.
-    wheel = read_wheel(wheel_file) if wheel_file else None
-    model = read_model(model_file) if model_file else None
-    diagnoser = Diagnoser(wheel, model, method, carry)
+    task = Diagnose(
+        read_wheel(wheel_file) if wheel_file else None, read_model(model_file) if model_file else None, method
+    )
     show = _json_line if as_json else _picture()
+    ctx.exit(_one_by_one(task, files, show, carry) if not fleet.asked_for else _at_once(task, files, show, fleet))
+
+
+def _one_by_one(task: Diagnose, files: tuple[Path, ...], show: Callable[[Diagnosis], None], carry: bool) -> int:
+    """Diagnose one file after the other, and return the exit code."""
+    carried: CarriedStates = {}
+    said: set[str] = set()
     status = 0
     for file in files:
         try:
-            for diagnosis in diagnoser.diagnose(file):
-                show(diagnosis)
+            found = task.diagnose(file, carried if carry else None)
         except InputError as error:
             if carry:
                 raise
             say(str(error))
             status = WRONG_USE
-    ctx.exit(status or (UNREADABLE if diagnoser.unreadable else 0))
+            continue
+        carried |= found.carried
+        for note in (*found.problems, *found.notes):
+            if note not in said:
+                say(note)
+                said.add(note)
+        status = status or (UNREADABLE if found.problems else 0)
+        for diagnosis in found.diagnoses:
+            show(diagnosis)
+    return status
 
 
-@dataclass(slots=True)
-class Diagnoser:
-    """Diagnoses files one after the other, and keeps what a wheel's windows told where it is to be carried on.
+def _at_once(task: Diagnose, files: tuple[Path, ...], show: Callable[[Diagnosis], None], options: FleetOptions) -> int:
+    """Diagnose many files at once, and return the exit code."""
+    from rwa_monitor.cli.fleet import Fleet
+    from rwa_monitor.messages import Diagnosis
 
-    Attributes
-    ----------
-    wheel, model
-        Those to use for every file; None for what a recording carries, or the built-in ones.
-    method
-        As for `WheelCore`.
-    carry
-        Whether a wheel starts a file with the state in which it ended the one before.
-    carried
-        That state, by spacecraft and wheel.
-    unreadable
-        Whether bytes of a file could not be read.
-    """
-
-    wheel: Wheel | None
-    model: Model | None
-    method: Literal["joint", "paper"]
-    carry: bool
-    carried: dict[tuple[str, str], CarriedState] = field(default_factory=dict, init=False)
-    unreadable: bool = field(default=False, init=False)
-    _noted: set[str] = field(default_factory=set, init=False)
-
-    def diagnose(self, file: Path) -> Iterator[Diagnosis]:
-        """Yield the diagnoses of a file's windows; raises InputError before the first if the file cannot be used."""
-        from rwa_monitor.diagnosis.model import built_in_model
-        from rwa_monitor.live.telemetry_files import read_telemetry
-        from rwa_monitor.physics.wheel import built_in_wheel
-
-        content = read_telemetry(file)
-        for note in (*content.problems, *content.notes):
-            say(note)
-        self.unreadable |= bool(content.problems)
-        wheel = self.wheel or content.wheel or built_in_wheel()
-        model = self.model or content.model or built_in_model()
-        self._note(wheel)
-        for telemetry in content.telemetry:
-            yield from self._diagnose_wheel(telemetry, wheel, model)
-
-    def _note(self, wheel: Wheel) -> None:
-        """Say what a wheel lacks, once for each."""
-        for note in wheel.missing() if wheel.name not in self._noted else ():
-            say(f"{wheel.name}: {note}")
-        self._noted.add(wheel.name)
-
-    def _diagnose_wheel(self, telemetry: WheelTelemetry, wheel: Wheel, model: Model) -> Iterator[Diagnosis]:
-        from rwa_monitor.api import Monitor
-
-        name = telemetry.wheel or wheel.name
-        key = (telemetry.spacecraft, name)
-        try:
-            monitor = Monitor(
-                wheel,
-                model,
-                method=self.method,
-                spacecraft=telemetry.spacecraft,
-                name=name,
-                source=telemetry.source,
-                carried=self.carried.get(key) if self.carry else None,
-            )
-            found = [
-                diagnosis
-                for batch in telemetry.batches
-                for diagnosis in monitor.feed(batch.samples, batch.publisher, batch.batch)
-            ]
-        except InputError as error:
-            raise InputError(telemetry.source, f"{error.source}: {error.reason}", error.place) from error
-        yield from (*found, *monitor.finish())
-        self.carried[key] = monitor.carried
+    fleet = Fleet(options)
+    for done in fleet.each(task, files, "diagnosing"):
+        for row in done.rows:
+            show(Diagnosis.model_validate_json(row["message"]))
+    return fleet.status
 
 
 def _json_line(diagnosis: Diagnosis) -> None:

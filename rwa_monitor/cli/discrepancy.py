@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import click
 
 from rwa_monitor.cli.exit_codes import UNREADABLE
-from rwa_monitor.cli.options import FILE, wheel_option
+from rwa_monitor.cli.options import FILE, FleetOptions, fleet_options, wheel_option
 from rwa_monitor.cli.talk import say
 
 if TYPE_CHECKING:
@@ -39,6 +39,8 @@ if TYPE_CHECKING:
     help="Take p-values from B simulated records without the effect instead of the table.",
 )
 @click.option("--plan", "show_plan", is_flag=True, help="Rank the manoeuvres that would tell the leading causes apart.")
+@click.option("--each", is_flag=True, help="Each file is a wheel of its own: a report for each, many at once.")
+@fleet_options
 @click.pass_context
 def command(
     ctx: click.Context,
@@ -48,12 +50,22 @@ def command(
     out: Path | None,
     bootstrap: int,
     show_plan: bool,
+    each: bool,
+    fleet: FleetOptions,
 ) -> None:
     """Find what a wheel's simulation lacks: the cause by name, its size, and what adding it gains.
 
     Several files are recordings of one wheel and give one joint report. Where the data cannot tell causes apart, all
     are named, with the manoeuvre that would separate them.
+
+    With --each the files are judged one by one, on Dask: a line of verdict and causes, or a JSON object, for each.
     """
+    if each:
+        if out is not None or bootstrap or show_plan:
+            raise click.UsageError("--each gives short reports; --out, --bootstrap and --plan are for one wheel")
+        ctx.exit(_each(files, wheel_file, as_json, fleet))
+    if fleet.asked_for:
+        raise click.UsageError("--results, --scheduler and --workers need --each: several files are one joint report")
     from rwa_monitor.cli.progress import status_line
     from rwa_monitor.cli.recordings import read_recordings
     from rwa_monitor.discrepancy.find import find_discrepancy
@@ -89,6 +101,23 @@ def command(
     if out is not None:
         say(f"report written to {out}")
     ctx.exit(UNREADABLE if recordings.unreadable else 0)
+
+
+def _each(files: tuple[Path, ...], wheel_file: Path | None, as_json: bool, options: FleetOptions) -> int:
+    """Judge each file by itself, and return the exit code."""
+    from rwa_monitor.cli.fleet import Fleet
+    from rwa_monitor.fleet.tasks import FindDiscrepancy
+    from rwa_monitor.formats.wheel_file import read_wheel
+
+    fleet = Fleet(options)
+    for done in fleet.each(FindDiscrepancy(read_wheel(wheel_file) if wheel_file else None), files, "searching"):
+        for row in done.rows:
+            if as_json:
+                click.echo(json.dumps({"source": row["source"], **json.loads(row["message"])}, ensure_ascii=False))
+            else:
+                causes = row["effects"] or row["unexplained"]
+                click.echo(f"{row['source']}: {row['verdict']}{f': {causes}' if causes else ''}")
+    return fleet.status
 
 
 def _with_diagnosis_gain(found: Search, progress: Callable[[str], None]) -> Search:

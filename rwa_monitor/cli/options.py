@@ -6,6 +6,7 @@ import functools
 import math
 import re
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
@@ -56,6 +57,48 @@ method_option = click.option(
     show_default=True,
     help="Assign jumps jointly, or as printed in the paper.",
 )
+
+
+scheduler_option = click.option(
+    "--scheduler", metavar="ADDR", help="Work on this Dask cluster, such as tcp://host:8786.  [default: local]"
+)
+workers_option = click.option(
+    "--workers", type=click.IntRange(1, 1024), metavar="N", help="Processes of the local cluster.  [default: cores]"
+)
+
+
+@dataclass(frozen=True, slots=True)
+class FleetOptions:
+    """How thousands of recordings are worked off: where results go, and on which processes."""
+
+    results: Path | None
+    scheduler: str | None
+    workers: int | None
+
+    @property
+    def asked_for(self) -> bool:
+        """Whether any of the options was given."""
+        return self.results is not None or self.scheduler is not None or self.workers is not None
+
+
+def fleet_options(command: Decorated) -> Decorated:
+    """Add the options of work on many recordings to a command; it gets them as `fleet`, `FleetOptions`."""
+
+    @click.option(
+        "--results",
+        type=FILE,
+        metavar="DIR",
+        help="Keep one Parquet file for each recording there, and do again only what is not done.",
+    )
+    @scheduler_option
+    @workers_option
+    @functools.wraps(command)
+    def with_fleet(results: Path | None, scheduler: str | None, workers: int | None, **rest: Any) -> Any:
+        if scheduler not in (None, "local") and workers is not None:
+            raise click.UsageError("--workers is for the local cluster; the cluster of --scheduler has its own")
+        return command(fleet=FleetOptions(results, scheduler, workers), **rest)
+
+    return with_fleet  # type: ignore[return-value]
 
 
 def bus_options(command: Decorated) -> Decorated:

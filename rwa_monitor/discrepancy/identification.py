@@ -25,7 +25,7 @@ from rwa_monitor.discrepancy.record import make_record
 from rwa_monitor.errors import InputError
 from rwa_monitor.physics.durations import DurationLaw, Geometric, Lognormal, Uniform, Weibull
 from rwa_monitor.physics.wheel import FrictionRange, Noise, Nominal, SwitchingSystem, Wheel, Window
-from rwa_monitor.samples import BoolArray, FloatArray, IntArray, Samples
+from rwa_monitor.samples import NANOSECONDS_PER_SECOND, BoolArray, FloatArray, IntArray, Samples
 
 MIN_SOJOURNS: Final = 4  # complete ones of a configuration; fewer give no law
 MAX_CONFIGURATIONS: Final = 5  # a chain that needs more is two systems taken for one
@@ -112,6 +112,14 @@ class _Visits:
     durations: list[list[int]]
     friction: list[list[float]]
     ups: list[tuple[int, int]]  # per configuration: transitions up, transitions in all
+
+
+def bare_wheel(name: str, samples: Samples) -> Wheel:
+    """Return a wheel of which only name and sample period [s] are known; raises InputError below two samples."""
+    if len(samples) < 2:
+        raise InputError(name, "holds too few samples to tell the sample period")
+    period_ns = float(np.median(np.diff(samples.time_ns)))
+    return Wheel(name=name, sample_period_s=period_ns / NANOSECONDS_PER_SECOND)
 
 
 def identify(recordings: Sequence[tuple[str, Samples]], start: Wheel, *, systems: bool = True) -> Learned:

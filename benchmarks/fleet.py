@@ -1,0 +1,123 @@
+"""How diagnosis of many recordings scales with workers, and what memory each takes: `python -m benchmarks.fleet`.
+
+Simulates recordings of one window of 80,000 samples, diagnoses them on 1, 2 and 4 workers of a local Dask cluster, and
+writes docs/fleet.md. Efficiency is the time with one worker over n times the time with n; clusters are started before
+the clock is, since a fleet of thousands of recordings starts one once.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import psutil
+from distributed import Client, LocalCluster
+
+from rwa_monitor.fleet.cluster import cores, each
+from rwa_monitor.fleet.tasks import Diagnose
+from rwa_monitor.formats.parquet_table import write_parquet
+from rwa_monitor.physics.scenario import Scenario
+from rwa_monitor.physics.telemetry import simulate
+from rwa_monitor.physics.wheel import built_in_wheel
+
+WORKERS = (1, 2, 4)
+
+
+def main() -> None:
+    """Measure, and write the page."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--recordings", type=int, default=200)
+    parser.add_argument("--repeats", type=int, default=3)
+    parser.add_argument("-o", "--output", type=Path, help="page to write; printed otherwise")
+    options = parser.parse_args()
+    with tempfile.TemporaryDirectory() as folder:
+        files = [_recording(Path(folder), seed) for seed in range(options.recordings)]
+        measured = {workers: _measure(files, workers, options.repeats) for workers in WORKERS}
+        few = _measure(files[: options.recordings // 4], 1, 1)
+    page = _page(measured, few, options.recordings)
+    if options.output:
+        options.output.write_text(page, encoding="utf-8")
+    else:
+        print(page)
+
+
+def _recording(folder: Path, seed: int) -> Path:
+    file = folder / f"wheel_{seed:04d}.parquet"
+    write_parquet(simulate(Scenario(), built_in_wheel(), np.random.default_rng(seed)).samples, file)
+    return file
+
+
+def _measure(files: list[Path], workers: int, repeats: int) -> dict[str, Any]:
+    """Return the seconds of each repeat and the peak memory [MB] of a worker."""
+    options = {"host": "127.0.0.1", "dashboard_address": "127.0.0.1:0", "memory_limit": 0}
+    with LocalCluster(n_workers=workers, threads_per_worker=1, **options) as cluster, Client(cluster) as client:
+        list(each(Diagnose(), files[:workers], scheduler=cluster.scheduler_address))  # compiled, imported
+        seconds = []
+        for _ in range(repeats):
+            began = time.perf_counter()
+            outcomes = list(each(Diagnose(), files, scheduler=cluster.scheduler_address))
+            seconds.append(time.perf_counter() - began)
+            assert not any(outcome.error for outcome in outcomes)
+        peaks = client.run(_peak_MB).values()
+    return {"seconds": seconds, "peak_MB": max(peaks)}
+
+
+def _peak_MB() -> float:
+    """Return the largest memory of this process so far."""
+    import resource
+
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+
+
+def _page(measured: dict[int, dict[str, Any]], few: dict[str, Any], recordings: int) -> str:
+    alone = min(measured[1]["seconds"])
+    rows = [
+        f"| {workers} | {min(found['seconds']):.1f} s ({max(found['seconds']):.1f} s) | "
+        f"{recordings / min(found['seconds']):.1f} | {alone / workers / min(found['seconds']):.2f} | "
+        f"{found['peak_MB']:.0f} MB |"
+        for workers, found in measured.items()
+    ]
+    load = ", ".join(f"{value:.1f}" for value in os.getloadavg())
+    return f"""# Many recordings at once
+
+<!-- Written by `make fleet`. -->
+
+`diagnose`, `train`, and with `--each` also `identify` and `discrepancy`, work on many recordings at once: on a local
+Dask cluster with a process for each core, or with `--scheduler tcp://host:8786` on one that is there.
+
+```sh
+rwa-monitor diagnose day/*.parquet --results results --json
+rwa-monitor diagnose day/*.parquet --scheduler tcp://scheduler:8786 --results /shared/results
+```
+
+- `--results DIR` keeps one Parquet file for each recording. Its name holds a hash of recording, settings and release:
+  what is done is not done again, what changed is. `rwa_monitor.fleet.store.read_results(DIR)` gives all as one table.
+- What cannot be used is listed in `DIR/failed.csv` with a reason and stops nothing: bad input, a fault of the
+  program, a worker that was killed. The exit code is then 2.
+- The lines are those of one recording after the other, byte for byte, in the order of the arguments
+  (`tests/cli/test_fleet.py`).
+- The workers of a scheduler must run the same release and see the files at the same path. Dask's own traffic is not
+  protected: a scheduler belongs into a trusted network, or behind TLS (`distributed.comm.tls` in its configuration).
+
+## Measured
+
+{recordings} recordings of 80,000 samples, Parquet, best (worst) of {len(measured[1]["seconds"])} runs,
+{cores()} cores ({psutil.cpu_count(logical=False)} physical), load before the run included: {load}.
+
+| workers | time | recordings a second | efficiency | peak memory of a worker |
+|---|---|---|---|---|
+{chr(10).join(rows)}
+
+The target is an efficiency of 0.85 with 4 workers on 4 cores. A worker's memory does not grow with the number of
+recordings: {few["peak_MB"]:.0f} MB after {recordings // 4}, {measured[1]["peak_MB"]:.0f} MB after
+{recordings * len(measured[1]["seconds"])}.
+"""
+
+
+if __name__ == "__main__":
+    main()

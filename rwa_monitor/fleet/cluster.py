@@ -1,0 +1,194 @@
+"""Spreads one task over many recordings: in this process, on a local Dask cluster, or on one that is there."""
+
+from __future__ import annotations
+
+import logging
+import os
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, Generic, TypeVar
+
+from rwa_monitor.errors import RwaMonitorError
+from rwa_monitor.version import SOFTWARE
+
+if TYPE_CHECKING:
+    from distributed import Client
+
+Result = TypeVar("Result")
+LOCAL: Final = "local"
+# Recordings that wait at a worker beside the one it works on: it is never idle, and memory does not grow with their
+# number.
+WAITING_PER_WORKER: Final = 2
+FEW: Final = 4  # recordings for which starting one more process is not worth it: each takes a second or two to start
+CONNECT_TIMEOUT_S: Final = 5
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome(Generic[Result]):
+    """What became of one recording: its result, or why there is none.
+
+    Attributes
+    ----------
+    file
+        The recording.
+    result
+        None where it failed.
+    error
+        One line; empty where all went well.
+    """
+
+    file: Path
+    result: Result | None
+    error: str = ""
+
+
+def cores() -> int:
+    """Return how many processes can run at once here."""
+    return len(os.sched_getaffinity(0))
+
+
+def each(
+    task: Callable[[Path], Result], files: Sequence[Path], *, scheduler: str = LOCAL, workers: int | None = None
+) -> Iterator[Outcome[Result]]:
+    """Do a task for each recording, and yield what became of it in the order of `files`.
+
+    One that fails stops nothing: not by bad input, not by a fault of the program, not by a worker that was killed.
+
+    Parameters
+    ----------
+    task
+        Called in the workers; it and its results are sent there and back.
+    files
+        As the workers see them: on another machine, below the same path.
+    scheduler
+        Address of a Dask scheduler, or "local" for a cluster of processes on this machine while this runs.
+    workers
+        Processes of the local cluster; 1: this process, without Dask. None: one for each core, and fewer where there
+        are few recordings.
+
+    Raises
+    ------
+    RwaMonitorError
+        If the scheduler cannot be reached, its workers run another release, or Dask is not installed.
+    """
+    if workers is None:
+        workers = max(1, min(cores(), len(files) // FEW))
+    if scheduler == LOCAL and workers == 1:
+        for file in files:
+            yield _guarded(task, file)
+        return
+    with _client(scheduler, workers) as client:
+        yield from _spread(client, task, files)
+
+
+def _guarded(task: Callable[[Path], Result], file: Path) -> Outcome[Result]:
+    """Do the task for one recording, and turn whatever goes wrong into its outcome."""
+    try:
+        return Outcome(file, task(file))
+    except RwaMonitorError as error:
+        return Outcome(file, None, str(error))
+    # A fault of this program in one of thousands of recordings shall be listed beside it, and not end the others.
+    except Exception as error:  # noqa: BLE001
+        return Outcome(
+            file, None, f"{file}: fault of the program: {type(error).__name__}: {' '.join(str(error).split())}"
+        )
+
+
+@contextmanager
+def _client(scheduler: str, workers: int) -> Iterator[Client]:
+    """Connect to the scheduler, or to a local cluster that ends with this."""
+    try:
+        import dask
+        from distributed import Client, LocalCluster
+    except ImportError as error:
+        raise RwaMonitorError(f"{error}; pip install 'rwa-monitor[fleet]', or use --workers 1") from error
+
+    if scheduler == LOCAL:
+        # Loopback only, its status page too; memory is bounded by one recording at a time; faults are ours to report.
+        options = {"host": "127.0.0.1", "dashboard_address": "127.0.0.1:0", "memory_limit": 0}
+        # A recording that kills its worker, by the memory it takes for instance, would do so again.
+        with (
+            dask.config.set({"distributed.scheduler.allowed-failures": 0}),
+            LocalCluster(n_workers=workers, threads_per_worker=1, silence_logs=logging.CRITICAL, **options) as cluster,
+            Client(cluster) as client,
+        ):
+            yield client
+        return
+    try:
+        client = Client(scheduler, timeout=CONNECT_TIMEOUT_S)
+    except (OSError, ValueError) as error:
+        raise RwaMonitorError(f"{scheduler}: no Dask scheduler answers: {error}") from error
+    with client:
+        _check_release(client, scheduler)
+        yield client
+
+
+def _check_release(client: Client, scheduler: str) -> None:
+    """Refuse workers that would give other numbers."""
+    releases = client.run(_release)
+    if not releases:
+        raise RwaMonitorError(f"{scheduler}: the scheduler has no workers")
+    others = {f"{address} runs {release}" for address, release in releases.items() if release != SOFTWARE}
+    if others:
+        raise RwaMonitorError(f"{scheduler}: this is {SOFTWARE}, but {', '.join(sorted(others))}")
+
+
+def _release() -> str:
+    return SOFTWARE
+
+
+def _itself(task: Callable[[Path], Result]) -> Callable[[Path], Result]:
+    return task
+
+
+def _spread(client: Client, task: Callable[[Path], Result], files: Sequence[Path]) -> Iterator[Outcome[Result]]:
+    """Yield the outcomes in the order of `files`."""
+    ready: dict[int, Outcome[Result]] = {}
+    given = 0
+    for number, outcome in _as_they_come(client, task, files):
+        ready[number] = outcome
+        while given in ready:
+            yield ready.pop(given)
+            given += 1
+
+
+def _as_they_come(
+    client: Client, task: Callable[[Path], Result], files: Sequence[Path]
+) -> Iterator[tuple[int, Outcome[Result]]]:
+    """Keep all workers busy with a bounded number of recordings on their way; yield number and outcome of each."""
+    from distributed import KilledWorker, as_completed
+
+    # The model goes once to each worker and not with each recording; as a result, which is made again where a worker
+    # that held it dies.
+    shared = client.submit(_itself, task, pure=False)
+
+    def submit(number: int) -> Any:
+        # Not pure: the same recording named twice is done twice, as it is without a cluster.
+        return client.submit(_guarded, shared, files[number], pure=False)
+
+    def outcome_of(future: Any, number: int) -> Outcome[Result]:
+        error = future.exception()
+        return future.result() if error is None else Outcome(files[number], None, f"{files[number]}: {error}")
+
+    waiting = iter(range(len(files)))
+    at_once = max(1, len(client.scheduler_info(n_workers=-1)["workers"])) * (1 + WAITING_PER_WORKER)
+    numbers = {submit(number): number for number in islice(waiting, at_once)}
+    completed = as_completed(list(numbers))
+    suspects: list[int] = []
+    for future in completed:
+        number = numbers.pop(future)
+        if isinstance(future.exception(), KilledWorker):
+            suspects.append(number)
+        else:
+            yield number, outcome_of(future, number)
+        future.release()
+        for following in islice(waiting, 1):
+            added = submit(following)
+            numbers[added] = following
+            completed.add(added)
+    # Dask holds all recordings that waited at a worker guilty of its death. Alone, only the one that kills is.
+    for number in suspects:
+        yield number, outcome_of(submit(number), number)

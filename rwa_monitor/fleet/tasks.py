@@ -1,0 +1,220 @@
+"""What is done with one recording: a value that travels to a worker, and the function it is there."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar
+
+from rwa_monitor.api import Monitor
+from rwa_monitor.diagnosis.features import Features
+from rwa_monitor.diagnosis.model import Model, built_in_model
+from rwa_monitor.diagnosis.results import Method
+from rwa_monitor.diagnosis.state import CarriedState
+from rwa_monitor.discrepancy.find import find_discrepancy
+from rwa_monitor.discrepancy.identification import bare_wheel, identify
+from rwa_monitor.errors import InputError
+from rwa_monitor.fleet.rows import Row, diagnosis_row, discrepancy_row, wheel_row
+from rwa_monitor.formats.files import display_name
+from rwa_monitor.formats.table import read_table
+from rwa_monitor.formats.truth import beside
+from rwa_monitor.formats.wheel_file import read_wheel
+from rwa_monitor.live.core import diagnose_samples
+from rwa_monitor.live.telemetry_files import TelemetryFile, WheelTelemetry, joined, only_wheel, read_telemetry
+from rwa_monitor.messages import Diagnosis
+from rwa_monitor.physics.wheel import Wheel, built_in_wheel
+from rwa_monitor.version import SOFTWARE
+
+CarriedStates = dict[tuple[str, str], CarriedState]  # by spacecraft and wheel
+
+
+@dataclass(frozen=True, slots=True)
+class Done:
+    """What came of one recording.
+
+    Attributes
+    ----------
+    rows
+        One for each window, report or wheel.
+    problems, notes
+        What could not be read, and what was left out on purpose, a sentence each.
+    """
+
+    rows: list[Row]
+    problems: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()
+
+
+class Task(ABC):
+    """What to do with a recording, with all settings it depends on."""
+
+    kind: ClassVar[str]
+
+    @abstractmethod
+    def settings(self) -> list[str | None]:
+        """Return what the result depends on beside the recording."""
+
+    @abstractmethod
+    def __call__(self, file: Path) -> Done:
+        """Do it; raises InputError if the recording cannot be used."""
+
+    def identity(self) -> str:
+        """Return a hash of kind, program and settings: results with the same one can stand beside each other."""
+        return hashlib.sha256(json.dumps([self.kind, SOFTWARE, *self.settings()]).encode()).hexdigest()
+
+
+@dataclass(frozen=True, slots=True)
+class DiagnosedFile:
+    """The diagnoses of one file's windows, with what reading it told and what its wheels carry on."""
+
+    diagnoses: list[Diagnosis]
+    problems: tuple[str, ...]
+    notes: tuple[str, ...]
+    carried: CarriedStates
+
+
+@dataclass(frozen=True, slots=True)
+class Diagnose(Task):
+    """Diagnose a recording, window by window, through the same core as the live monitor.
+
+    Attributes
+    ----------
+    wheel, model
+        Those to use for every file; None for what a recording carries, or the built-in ones.
+    method
+        As for `WheelCore`.
+    """
+
+    kind: ClassVar[str] = "diagnosis"
+
+    wheel: Wheel | None = None
+    model: Model | None = None
+    method: Method = "joint"
+
+    def settings(self) -> list[str | None]:
+        return [self.wheel.sha256() if self.wheel else None, self.model.sha256() if self.model else None, self.method]
+
+    def __call__(self, file: Path) -> Done:
+        found = self.diagnose(file)
+        return Done([diagnosis_row(diagnosis) for diagnosis in found.diagnoses], found.problems, found.notes)
+
+    def diagnose(self, file: Path, carried: CarriedStates | None = None) -> DiagnosedFile:
+        """Diagnose a file's windows; its wheels start with their `carried` state where there is one."""
+        content = read_telemetry(file)
+        wheel = self.wheel or content.wheel or built_in_wheel()
+        model = self.model or content.model or built_in_model()
+        notes = (*content.notes, *(f"{wheel.name}: {note}" for note in wheel.missing()))
+        found = DiagnosedFile([], tuple(content.problems), notes, {})
+        for telemetry in content.telemetry:
+            self._diagnose_wheel(telemetry, wheel, model, carried or {}, found)
+        return found
+
+    def _diagnose_wheel(
+        self, telemetry: WheelTelemetry, wheel: Wheel, model: Model, carried: CarriedStates, found: DiagnosedFile
+    ) -> None:
+        name = telemetry.wheel or wheel.name
+        key = (telemetry.spacecraft, name)
+        try:
+            monitor = Monitor(
+                wheel,
+                model,
+                method=self.method,
+                spacecraft=telemetry.spacecraft,
+                name=name,
+                source=telemetry.source,
+                carried=carried.get(key),
+            )
+            for batch in telemetry.batches:
+                found.diagnoses.extend(monitor.feed(batch.samples, batch.publisher, batch.batch))
+        except InputError as error:
+            raise InputError(telemetry.source, f"{error.source}: {error.reason}", error.place) from error
+        found.diagnoses.extend(monitor.finish())
+        found.carried[key] = monitor.carried
+
+
+@dataclass(frozen=True, slots=True)
+class FindDiscrepancy(Task):
+    """Find what the simulation of the one wheel in a recording gets wrong; each recording is judged by itself."""
+
+    kind: ClassVar[str] = "discrepancy"
+
+    wheel: Wheel | None = None
+
+    def settings(self) -> list[str | None]:
+        return [self.wheel.sha256() if self.wheel else None]
+
+    def __call__(self, file: Path) -> Done:
+        content, samples = _one_wheel(file)
+        search = find_discrepancy([samples], self.wheel or content.wheel or built_in_wheel(), lambda _: None)
+        message = json.dumps(search.result.to_json(), ensure_ascii=False, allow_nan=False)
+        return Done([discrepancy_row(str(file), search.result, message)], tuple(content.problems), tuple(content.notes))
+
+
+@dataclass(frozen=True, slots=True)
+class Identify(Task):
+    """Learn a wheel from each recording by itself.
+
+    Attributes
+    ----------
+    start
+        What is known already; None for what a recording carries, or only name and sample period.
+    systems
+        Whether the laws of the switching systems are learned too.
+    """
+
+    kind: ClassVar[str] = "wheel"
+
+    start: Wheel | None = None
+    systems: bool = True
+
+    def settings(self) -> list[str | None]:
+        return [self.start.sha256() if self.start else None, str(self.systems)]
+
+    def __call__(self, file: Path) -> Done:
+        content, samples = _one_wheel(file)
+        start = self.start or content.wheel or bare_wheel(file.stem, samples[1])
+        learned = identify([samples], start, systems=self.systems)
+        return Done([wheel_row(str(file), learned)], tuple(content.problems), (*content.notes, *learned.notes))
+
+
+@dataclass(frozen=True, slots=True)
+class ReadFeatures:
+    """What the classifiers see of a recording's windows, by both methods; for `train`, which keeps it in memory.
+
+    Attributes
+    ----------
+    wheel
+        For recordings that have no wheel file of their own beside them.
+    """
+
+    wheel: Wheel
+
+    def __call__(self, file: Path) -> list[tuple[Features, Features]]:
+        """Return the features of each window by the joint and the paper's method; of full ones where there are any."""
+        wheel = self._wheel_of(file)
+        samples = read_table(file).samples
+        joint = list(diagnose_samples(samples, wheel, None, method="joint"))
+        paper = list(diagnose_samples(samples, wheel, None, method="paper"))
+        any_full = any(not window.partial for window in joint)
+        return [
+            (by_joint.diagnosis.features, by_paper.diagnosis.features)
+            for by_joint, by_paper in zip(joint, paper, strict=True)
+            if not (by_joint.partial and any_full)
+        ]
+
+    def _wheel_of(self, file: Path) -> Wheel:
+        own = beside(file, ".wheel.toml")
+        if not own.exists():
+            return self.wheel
+        wheel = read_wheel(own)
+        if wheel.anomalies != self.wheel.anomalies:
+            raise InputError(display_name(own), f"has {wheel.anomalies}, not {self.wheel.anomalies}", "anomalies")
+        return wheel
+
+
+def _one_wheel(file: Path) -> tuple[TelemetryFile, tuple[str, Any]]:
+    content = read_telemetry(file)
+    return content, (str(file), joined(only_wheel(content, display_name(file))))
