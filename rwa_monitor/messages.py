@@ -382,8 +382,19 @@ class Changepoints(Message):
     changepoints: list[ProvisionalJump]
 
 
+class HealthAlarm(Message):
+    """An open alarm: what several windows amount to, and whether somebody has seen it."""
+
+    level: Literal["normal", "watch", "warning", "distress", "critical"]
+    phase: Literal["quiet", "active", "acknowledged", "returned"]
+    acknowledged_by: str | None
+
+
 class Health(Message):
-    """A wheel's health in brief: `severity` of its worst active anomaly, `alarms` the names of all of them."""
+    """A wheel's health in brief: `severity` of its worst active anomaly, `alarms` the names of all of them.
+
+    `alarm_states` are the open alarms by name, where a dashboard keeps them; a monitor tells none.
+    """
 
     kind: ClassVar[str] = "health"
 
@@ -394,6 +405,13 @@ class Health(Message):
     reason: str
     window_end_ns: int
     alarms: list[str]
+    alarm_states: dict[str, HealthAlarm] | None = None
+
+    def to_json(self) -> bytes:
+        content = self.model_dump(mode="python")
+        if self.alarm_states is None:
+            del content["alarm_states"]
+        return dump_json(content)
 
 
 MODEL_LACKS: Final = "Run rwa-monitor discrepancy: the friction model lacks something this wheel has."

@@ -52,10 +52,12 @@ def command(
     from rwa_monitor.formats.wheel_file import read_wheel
     from rwa_monitor.history.imports import import_recordings
     from rwa_monitor.history.store import History
-    from rwa_monitor.live.bus import open_session
+    from rwa_monitor.live.bus import endpoints, open_session
 
     warn_if_alone(bus)
-    options = DashboardOptions(port, record, token=token, wheel=read_wheel(wheel) if wheel else None)
+    options = DashboardOptions(
+        port, record, token=token, wheel=read_wheel(wheel) if wheel else None, connect=endpoints(bus)
+    )
     if record.is_dir() and any(record.glob("*.mcap")):
         with History(record / HISTORY_NAME) as history:
             try:

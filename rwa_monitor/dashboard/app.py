@@ -29,12 +29,15 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from rwa_monitor.dashboard.feed import Client, Hub, frame
 from rwa_monitor.dashboard.fleet import Fleet, Received
+from rwa_monitor.dashboard.herald import Herald
 from rwa_monitor.dashboard.listener import alarm_entry
 from rwa_monitor.dashboard.openapi import openapi
 from rwa_monitor.dashboard.recordings import list_recordings, replay_json
 from rwa_monitor.dashboard.telemetry import Evidence
 from rwa_monitor.errors import InputError
-from rwa_monitor.history.store import MAX_NAME, MAX_NOTE, History, HistoryError
+from rwa_monitor.history.database import HistoryError
+from rwa_monitor.history.records import AlarmRecord
+from rwa_monitor.history.store import MAX_NAME, MAX_NOTE, History
 from rwa_monitor.messages import Diagnosis, Discrepancy, dump_json, key_of
 from rwa_monitor.version import SOFTWARE
 
@@ -62,11 +65,12 @@ class Acknowledgement(BaseModel):
 
 @dataclass(frozen=True, slots=True)
 class Sources:
-    """What the application shows: fleet, history, feed, folder of recordings (or None), token for changes."""
+    """What the application shows: fleet, history, feed, folder of recordings or None. And its voice, and its token."""
 
     fleet: Fleet
     history: History
     hub: Hub
+    herald: Herald
     recordings: Path | None
     token: str
 
@@ -199,11 +203,17 @@ class Api:
         except ValidationError as error:
             first = error.errors(include_url=False)[0]
             raise HTTPException(422, f"{'.'.join(map(str, first['loc']))}: {first['msg']}") from error
-        alarm = await run_in_threadpool(
-            self.sources.history.acknowledge, request.path_params["alarm"], who.name, who.note
-        )
-        self.sources.hub.post(alarm_entry(alarm))
+        alarm = await run_in_threadpool(self._acknowledge, request.path_params["alarm"], who)
         return _json(alarm.to_json())
+
+    def _acknowledge(self, number: int, who: Acknowledgement) -> AlarmRecord:
+        history = self.sources.history
+        alarm = history.acknowledge(number, who.name, who.note)
+        self.sources.hub.post(alarm_entry(alarm))
+        latest = history.windows(alarm.spacecraft, alarm.wheel, 1)
+        if latest:
+            self.sources.herald.tell(latest[0], history.open_alarms(alarm.spacecraft, alarm.wheel))
+        return alarm
 
     def recordings(self, request: Request) -> Response:
         """Answer with the recordings there are."""

@@ -58,6 +58,13 @@ class Hub:
             with suppress(RuntimeError):  # the loop has just ended
                 self._loop.call_soon_threadsafe(self._take, received)
 
+    def note(self, what: str, trouble: str) -> None:
+        """Tell every page what is wrong with something of the dashboard, "" where nothing is."""
+        if trouble:
+            self.notes[what] = trouble
+        else:
+            self.notes.pop(what, None)
+
     def watched(self, wheel: str) -> bool:
         """Tell whether a page wants the samples of a wheel ("spacecraft/wheel")."""
         return any(client.watches == wheel for client in tuple(self.clients))

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from threading import Event, Thread
 from typing import Any, Final, Self
@@ -16,14 +16,17 @@ from typing import Any, Final, Self
 import zenoh
 from zenoh import ext
 
+from rwa_monitor.dashboard.bus_watch import BusWatch
 from rwa_monitor.dashboard.course import REMEMBERED
 from rwa_monitor.dashboard.feed import Hub
 from rwa_monitor.dashboard.fleet import Fleet, Received, Wheel
+from rwa_monitor.dashboard.herald import Herald
 from rwa_monitor.dashboard.telemetry import Evidence
 from rwa_monitor.dashboard.trace import thinned_json
 from rwa_monitor.errors import InputError
+from rwa_monitor.history.database import HistoryError
 from rwa_monitor.history.records import AlarmRecord
-from rwa_monitor.history.store import History, HistoryError
+from rwa_monitor.history.store import History
 from rwa_monitor.live.bus import Inbox
 from rwa_monitor.messages import (
     MAX_MESSAGE_BYTES,
@@ -41,6 +44,8 @@ KINDS: Final[dict[str, type[Message]]] = {kind.kind: kind for kind in (Diagnosis
 IDLE_WAIT_S: Final = 0.1
 RETRY_S: Final = 1.0
 MAX_WAITING: Final = 10_000  # windows that wait for the history
+CHECK_PERIOD_S: Final = 1.0
+PRUNE_PERIOD_S: Final = 3600.0
 CURVE_PERIOD_NS: Final = 1_000_000_000  # between two pictures of a window that is still open
 
 
@@ -53,10 +58,12 @@ class Listener:
         An open Zenoh session; it is left open.
     key_expression
         What to listen to.
-    fleet, history, hub
+    fleet, history, hub, herald
         Where it goes.
     say
         Takes lines of talk.
+    connect
+        Endpoints that the session was told to connect to.
     """
 
     def __init__(
@@ -66,14 +73,17 @@ class Listener:
         fleet: Fleet,
         history: History,
         hub: Hub,
+        herald: Herald,
         say: Callable[[str], None],
+        connect: Sequence[str] = (),
     ) -> None:
-        self.fleet, self.history, self.hub, self.say = fleet, history, hub, say
+        self.fleet, self.history, self.hub, self.herald, self.say = fleet, history, hub, herald, say
         self.inbox = Inbox()
         self.refused = 0
         self._waiting: deque[Diagnosis | Discrepancy] = deque(maxlen=MAX_WAITING)
         self._retry_due_s = 0.0
-        self._alarms: dict[int, AlarmRecord] = {}
+        self._check_due_s = self._prune_due_s = 0.0
+        self._bus = BusWatch(session, connect)
         self._stop = Event()
         self._thread = Thread(target=self._run, name="dashboard listener", daemon=True)
         self._subscriber: Any = ext.declare_advanced_subscriber(
@@ -104,9 +114,34 @@ class Listener:
             self.inbox.wake.clear()
             while not self._stop.is_set() and (message := self.inbox.take()) is not None:
                 self.receive(message.key, message.payload)
-            if self._waiting and time.monotonic() >= self._retry_due_s:
-                self._store()
+            self._tend(time.monotonic())
             self.inbox.wake.wait(IDLE_WAIT_S)
+
+    def _tend(self, now_s: float) -> None:
+        """Do what is due by the clock: try what could not be stored again, look after database and bus."""
+        if self._waiting and now_s >= self._retry_due_s:
+            self._store()
+        if now_s >= self._check_due_s:
+            self._check_due_s = now_s + CHECK_PERIOD_S
+            self.hub.note("bus", self._bus.trouble())
+            if not self._waiting:
+                self._use_history(self.history.check)
+        if now_s >= self._prune_due_s:
+            self._prune_due_s = now_s + PRUNE_PERIOD_S
+            self._use_history(self.history.prune)
+
+    def _use_history(self, work: Callable[[], object]) -> bool:
+        """Do something with the history, and say so where it cannot be used."""
+        try:
+            work()
+        except HistoryError as error:
+            self._retry_due_s = time.monotonic() + RETRY_S
+            if "history" not in self.hub.notes:
+                self.say(str(error))
+            self.hub.note("history", f"{error}. {len(self._waiting)} windows wait to be stored.")
+            return False
+        self.hub.note("history", "")
+        return True
 
     def receive(self, key: str, payload: bytes) -> None:
         """Pass on one message; one that is none of ours is counted and dropped."""
@@ -167,26 +202,19 @@ class Listener:
 
     def _store(self) -> None:
         """Write what waits into the history, and tell of alarms that changed."""
-        try:
-            while self._waiting:
-                message = self._waiting[0]
-                if isinstance(message, Diagnosis):
-                    self.history.add(message)
-                else:
-                    self.history.add_discrepancy(message)
-                self._waiting.popleft()
-            alarms = self.history.alarms()
-        except HistoryError as error:
-            self._retry_due_s = time.monotonic() + RETRY_S
-            if "history" not in self.hub.notes:
-                self.say(str(error))
-            self.hub.notes["history"] = f"{error}. {len(self._waiting)} windows wait to be stored."
+        while self._waiting and self._use_history(self._store_first):
+            self._waiting.popleft()
+
+    def _store_first(self) -> None:
+        message = self._waiting[0]
+        if isinstance(message, Discrepancy):
+            self.history.add_discrepancy(message)
             return
-        self.hub.notes.pop("history", None)
-        for alarm in alarms:
-            if self._alarms.get(alarm.id) != alarm:
-                self.hub.post(alarm_entry(alarm))
-        self._alarms = {alarm.id: alarm for alarm in alarms}
+        changed = self.history.take(message)
+        for alarm in changed:
+            self.hub.post(alarm_entry(alarm))
+        if changed:
+            self.herald.tell(message, self.history.open_alarms(message.spacecraft, message.wheel))
 
 
 def alarm_entry(alarm: AlarmRecord) -> Received:

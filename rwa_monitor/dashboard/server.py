@@ -18,10 +18,11 @@ import zenoh
 from rwa_monitor.dashboard.app import Sources, create_app
 from rwa_monitor.dashboard.feed import Hub
 from rwa_monitor.dashboard.fleet import Fleet
+from rwa_monitor.dashboard.herald import Herald
 from rwa_monitor.dashboard.listener import Listener
 from rwa_monitor.dashboard.recordings import latest_wheel
 from rwa_monitor.errors import RwaMonitorError
-from rwa_monitor.history.store import History, Retention
+from rwa_monitor.history.store import History
 from rwa_monitor.physics.wheel import Wheel
 
 HOST: Final = "127.0.0.1"
@@ -46,6 +47,8 @@ class DashboardOptions:
     wheel
         Constants of the wheels, for friction that is derived from current; None: those of the latest recording in the
         folder, the built-in wheel's where there is none.
+    connect
+        Endpoints that the session was told to connect to: the page says so when none of them can be reached.
     token
         For changes; None makes a random one.
     """
@@ -55,6 +58,7 @@ class DashboardOptions:
     listen_to: str = "rwa/*/*/*"
     token: str | None = None
     wheel: Wheel | None = None
+    connect: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,10 +84,10 @@ def serve(options: DashboardOptions, session: zenoh.Session, say: Callable[[str]
     token = options.token or secrets.token_urlsafe(16)
     with ExitStack() as stack:
         history = stack.enter_context(History(options.record / HISTORY_NAME if options.record else None))
-        history.prune(Retention())
         fleet, hub = Fleet(options.wheel or latest_wheel(options.record)), Hub()
         listening = stack.enter_context(_socket(options.port))
-        app = create_app(Sources(fleet, history, hub, options.record, token))
+        herald = stack.enter_context(Herald(session))
+        app = create_app(Sources(fleet, history, hub, herald, options.record, token))
         config = uvicorn.Config(
             app, log_level="error", ws="websockets-sansio", ws_max_size=4096, timeout_graceful_shutdown=SHUTDOWN_S
         )
@@ -97,7 +101,7 @@ def serve(options: DashboardOptions, session: zenoh.Session, say: Callable[[str]
             thread.join(0.01)
         if not server.started:
             raise RwaMonitorError("the dashboard's server did not start")
-        stack.enter_context(Listener(session, options.listen_to, fleet, history, hub, say))
+        stack.enter_context(Listener(session, options.listen_to, fleet, history, hub, herald, say, options.connect))
         address = f"http://{HOST}:{listening.getsockname()[1]}/"
         yield Running(address, f"{address}#token={token}", token)
 

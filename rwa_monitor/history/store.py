@@ -1,24 +1,20 @@
 """The history on a database: takes diagnoses in, runs the alarms over them, and tells what it knows.
 
-SQLite without set-up: one file, write-ahead log, so that readers and the one writer do not wait for each other. A
-window is taken in once, whether it comes live, again after a restart, or from an imported recording; what it means for
-the alarms is written in the same transaction.
+A window is taken in once, whether it comes live, again after a restart, or from an imported recording; what it means
+for the alarms is written in the same transaction.
 """
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, Final, Self
 
-from sqlalchemy import Engine, create_engine, delete, event, func, select
-from sqlalchemy.exc import SQLAlchemyError
+from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
-from rwa_monitor.errors import InputError, RwaMonitorError
+from rwa_monitor.errors import InputError
 from rwa_monitor.history.alarms import (
     MODEL_ALARM,
     Alarm,
@@ -32,7 +28,9 @@ from rwa_monitor.history.alarms import (
     advance,
     observe,
 )
-from rwa_monitor.history.records import AlarmRecord, EstimateRecord
+from rwa_monitor.history.database import Database
+from rwa_monitor.history.records import AlarmLine, AlarmRecord, EstimateRecord
+from rwa_monitor.history.retention import Retention, oldest_ns, prune
 from rwa_monitor.history.tables import (
     AlarmEventRow,
     AlarmRow,
@@ -40,38 +38,12 @@ from rwa_monitor.history.tables import (
     DiagnosisRow,
     DiscrepancyRow,
     EstimateRow,
-    Table,
 )
 from rwa_monitor.messages import Diagnosis, Discrepancy
-from rwa_monitor.samples import NANOSECONDS_PER_SECOND
 
-BUSY_TIMEOUT_S: Final = 5.0
-DAY_NS: Final = 86_400 * NANOSECONDS_PER_SECOND
 MAX_NAME: Final = 100  # characters of a person's name
 MAX_NOTE: Final = 2_000
-
-
-class HistoryError(RwaMonitorError):
-    """The database cannot be used just now."""
-
-
-@dataclass(frozen=True, slots=True)
-class Retention:
-    """How long things are kept, in days before the latest window of the wheel.
-
-    Attributes
-    ----------
-    diagnoses_days
-        Whole diagnoses.
-    estimates_days
-        Estimates, for trends.
-    alarms_days
-        Closed alarms with their audit trail; open ones are kept always.
-    """
-
-    diagnoses_days: float = 180.0
-    estimates_days: float = 3650.0
-    alarms_days: float = 3650.0
+CHANGED: Final = "changed"  # alarms that a session has changed
 
 
 class History:
@@ -83,6 +55,8 @@ class History:
         SQLite file, made where it is missing; None keeps everything in memory.
     policy
         When windows make an alarm.
+    retention
+        How long what is kept.
     wall_ns
         This machine's clock [ns], for the audit trail.
 
@@ -93,12 +67,16 @@ class History:
     """
 
     def __init__(
-        self, path: Path | None, policy: Policy | None = None, wall_ns: Callable[[], int] = time.time_ns
+        self,
+        path: Path | None,
+        policy: Policy | None = None,
+        retention: Retention | None = None,
+        wall_ns: Callable[[], int] = time.time_ns,
     ) -> None:
-        self.path = path
         self.policy = policy or Policy()
+        self.retention = retention or Retention()
         self._wall_ns = wall_ns
-        self._engine = _open_engine(path)
+        self._database = Database(path)
 
     def __enter__(self) -> Self:
         return self
@@ -108,7 +86,7 @@ class History:
 
     def close(self) -> None:
         """Close the database."""
-        self._engine.dispose()
+        self._database.close()
 
     # ---- in ------------------------------------------------------------------------------------------------------
 
@@ -122,15 +100,23 @@ class History:
         """
         return self.add_all([diagnosis]) == 1
 
+    def take(self, diagnosis: Diagnosis) -> list[AlarmRecord]:
+        """Take in one window, and return the alarms that it changed. Raises HistoryError as `add`."""
+        with self._database.session() as session:
+            self._add(session, diagnosis)
+            session.flush()
+            rows = [session.get_one(AlarmRow, alarm_id) for alarm_id in sorted(session.info.get(CHANGED, ()))]
+            return _records(session, rows)
+
     def add_all(self, diagnoses: list[Diagnosis]) -> int:
         """Take in several windows in one transaction; returns how many were new. Raises HistoryError as `add`."""
-        with self._session() as session:
+        with self._database.session() as session:
             return sum(self._add(session, diagnosis) for diagnosis in diagnoses)
 
     def _add(self, session: Session, diagnosis: Diagnosis) -> bool:
         place = {"spacecraft": diagnosis.spacecraft, "wheel": diagnosis.wheel}
         known = select(DiagnosisRow.id).filter_by(**place, window_start_ns=diagnosis.window_start_ns)
-        if session.scalar(known) is not None:
+        if session.scalar(known) is not None or self._is_past_keeping(session, diagnosis):
             return False
         session.add(
             DiagnosisRow(
@@ -149,9 +135,17 @@ class History:
         session.flush()
         return True
 
+    def _is_past_keeping(self, session: Session, diagnosis: Diagnosis) -> bool:
+        """Tell whether a window is older than the policy keeps any: of an old recording that is imported again."""
+        newest = select(func.max(EstimateRow.window_end_ns)).filter_by(
+            spacecraft=diagnosis.spacecraft, wheel=diagnosis.wheel
+        )
+        end_ns = session.scalar(newest)
+        return end_ns is not None and diagnosis.window_end_ns < oldest_ns(end_ns, self.retention.diagnoses_days)
+
     def add_discrepancy(self, found: Discrepancy) -> bool:
         """Take in a discrepancy report; False where a later one of the wheel is known. Raises HistoryError as `add`."""
-        with self._session() as session:
+        with self._database.session() as session:
             row = session.get(DiscrepancyRow, (found.spacecraft, found.wheel))
             if row is not None and row.end_ns >= found.end_ns:
                 return False
@@ -213,6 +207,7 @@ class History:
         return row
 
     def _tell(self, session: Session, row: AlarmRow, happened: AlarmEvent, person: str = "", note: str = "") -> None:
+        session.info.setdefault(CHANGED, set()).add(row.id)
         session.add(
             AlarmEventRow(
                 alarm_id=row.id,
@@ -238,7 +233,7 @@ class History:
         person, note = person.strip(), note.strip()
         if not person or len(person) > MAX_NAME or len(note) > MAX_NOTE:
             raise InputError("name", f"is needed, of at most {MAX_NAME} characters, and a note of at most {MAX_NOTE}")
-        with self._session() as session:
+        with self._database.session() as session:
             row = session.get(AlarmRow, alarm_id)
             state = session.scalar(select(AlarmStateRow).filter_by(alarm_id=alarm_id))
             if row is None or state is None:
@@ -251,43 +246,22 @@ class History:
                 self._tell(session, row, happened, *by_person)
             _write(row, state, after, state.last_window_ns)
             session.flush()
-            return _record(session, row)
+            return _records(session, [row])[0]
 
-    def prune(self, retention: Retention) -> int:
+    def prune(self) -> int:
         """Remove what is older than the policy says; returns the number of diagnoses removed."""
-        removed = 0
-        with self._session() as session:
-            latest = session.execute(
-                select(EstimateRow.spacecraft, EstimateRow.wheel, func.max(EstimateRow.window_end_ns)).group_by(
-                    EstimateRow.spacecraft, EstimateRow.wheel
-                )
-            ).all()
-            for spacecraft, wheel, end_ns in latest:
-                old_diagnoses = delete(DiagnosisRow).where(
-                    DiagnosisRow.spacecraft == spacecraft,
-                    DiagnosisRow.wheel == wheel,
-                    DiagnosisRow.window_end_ns < end_ns - retention.diagnoses_days * DAY_NS,
-                )
-                old_estimates = delete(EstimateRow).where(
-                    EstimateRow.spacecraft == spacecraft,
-                    EstimateRow.wheel == wheel,
-                    EstimateRow.window_end_ns < end_ns - retention.estimates_days * DAY_NS,
-                )
-                old_alarms = delete(AlarmRow).where(
-                    AlarmRow.spacecraft == spacecraft,
-                    AlarmRow.wheel == wheel,
-                    AlarmRow.closed_ns < end_ns - retention.alarms_days * DAY_NS,
-                )
-                removed += int(getattr(session.execute(old_diagnoses), "rowcount", 0))
-                session.execute(old_estimates)
-                session.execute(old_alarms)
-        return removed
+        with self._database.session() as session:
+            return prune(session, self.retention)
+
+    def check(self) -> None:
+        """Put the database back in its place if it was removed; raises HistoryError where that cannot be done."""
+        self._database.check()
 
     # ---- out -----------------------------------------------------------------------------------------------------
 
     def wheels(self) -> list[tuple[str, str]]:
         """Return spacecraft and wheel of everything the history knows, sorted."""
-        with self._session() as session:
+        with self._database.session() as session:
             pairs = session.execute(select(DiagnosisRow.spacecraft, DiagnosisRow.wheel).distinct()).all()
             return sorted((spacecraft, wheel) for spacecraft, wheel in pairs)
 
@@ -304,7 +278,7 @@ class History:
             & (DiagnosisRow.window_end_ns == ends.c.end_ns)
         )
         wanted = select(DiagnosisRow.spacecraft, DiagnosisRow.wheel, DiagnosisRow.message).join(ends, same)
-        with self._session() as session:
+        with self._database.session() as session:
             return {(spacecraft, wheel): text.encode() for spacecraft, wheel, text in session.execute(wanted)}
 
     def windows(self, spacecraft: str, wheel: str, limit: int = 200, before_ns: int | None = None) -> list[Diagnosis]:
@@ -313,7 +287,7 @@ class History:
         if before_ns is not None:
             wanted = wanted.where(DiagnosisRow.window_end_ns < before_ns)
         wanted = wanted.order_by(DiagnosisRow.window_end_ns.desc()).limit(limit)
-        with self._session() as session:
+        with self._database.session() as session:
             texts = session.scalars(wanted).all()
         return [Diagnosis.parse(text.encode(), "history") for text in reversed(texts)]
 
@@ -325,7 +299,7 @@ class History:
             .order_by(EstimateRow.window_end_ns.desc(), EstimateRow.name)
             .limit(limit)
         )
-        with self._session() as session:
+        with self._database.session() as session:
             rows = session.scalars(wanted).all()
             return [
                 EstimateRecord(**{name: getattr(row, name) for name in EstimateRecord.model_fields})
@@ -334,53 +308,22 @@ class History:
 
     def discrepancy(self, spacecraft: str, wheel: str) -> bytes | None:
         """Return the latest discrepancy report of a wheel, as JSON; None where there is none."""
-        with self._session() as session:
+        with self._database.session() as session:
             row = session.get(DiscrepancyRow, (spacecraft, wheel))
             return None if row is None else row.message.encode()
+
+    def open_alarms(self, spacecraft: str, wheel: str) -> list[AlarmRecord]:
+        """Return the open alarms of one wheel."""
+        wanted = select(AlarmRow).filter_by(spacecraft=spacecraft, wheel=wheel, closed_ns=None).order_by(AlarmRow.id)
+        with self._database.session() as session:
+            return _records(session, session.scalars(wanted).all())
 
     def alarms(self, *, closed: int = 50) -> list[AlarmRecord]:
         """Return all open alarms, the worst first, then the latest closed ones."""
         open_ones = select(AlarmRow).where(AlarmRow.closed_ns.is_(None)).order_by(AlarmRow.level.desc(), AlarmRow.id)
         ended = select(AlarmRow).where(AlarmRow.closed_ns.is_not(None)).order_by(AlarmRow.id.desc()).limit(closed)
-        with self._session() as session:
-            return [_record(session, row) for query in (open_ones, ended) for row in session.scalars(query)]
-
-    @contextmanager
-    def _session(self) -> Iterator[Session]:
-        """Give a session in a transaction; what the database itself refuses becomes a HistoryError."""
-        try:
-            with Session(self._engine) as session, session.begin():
-                yield session
-        except SQLAlchemyError as error:
-            reason = str(getattr(error, "orig", None) or error).splitlines()[0]
-            raise HistoryError(f"the history ({self.path or 'in memory'}) cannot be used: {reason}") from error
-
-
-def _open_engine(path: Path | None) -> Engine:
-    """Open the database and make its tables where they are missing."""
-    try:
-        if path is None:
-            from sqlalchemy.pool import StaticPool  # noqa: PLC0415 - only where nothing is kept
-
-            engine = create_engine("sqlite://", poolclass=StaticPool, connect_args={"check_same_thread": False})
-        else:
-            path.parent.mkdir(parents=True, exist_ok=True)
-            engine = create_engine(f"sqlite:///{path}", connect_args={"timeout": BUSY_TIMEOUT_S})
-        event.listen(engine, "connect", _set_up_connection)
-        Table.metadata.create_all(engine)
-    except (OSError, SQLAlchemyError) as error:
-        reason = str(getattr(error, "orig", None) or error).splitlines()[0]
-        raise InputError(str(path), f"cannot be used as a history: {reason}") from error
-    return engine
-
-
-def _set_up_connection(connection: Any, record: object) -> None:
-    del record
-    cursor = connection.cursor()
-    cursor.execute("PRAGMA journal_mode = WAL")
-    cursor.execute("PRAGMA synchronous = FULL")  # an acknowledgement that was answered survives a loss of power
-    cursor.execute("PRAGMA foreign_keys = ON")
-    cursor.close()
+        with self._database.session() as session:
+            return _records(session, [row for query in (open_ones, ended) for row in session.scalars(query)])
 
 
 def _alarm(state: AlarmStateRow, row: AlarmRow | None) -> Alarm:
@@ -412,22 +355,21 @@ def _write(row: AlarmRow, state: AlarmStateRow, alarm: Alarm, time_ns: int) -> N
     row.changed_ns = alarm.changed_ns or row.changed_ns
 
 
-def _record(session: Session, row: AlarmRow) -> AlarmRecord:
-    trail = session.scalars(select(AlarmEventRow).filter_by(alarm_id=row.id).order_by(AlarmEventRow.id))
-    lines = [
-        {
-            "event": line.kind,
-            "level": Level(line.level).word,
-            "time_ns": line.time_ns,
-            "wall_ns": line.wall_ns,
-            "person": line.person,
-            "note": line.note,
-        }
-        for line in trail
+def _records(session: Session, rows: Sequence[AlarmRow]) -> list[AlarmRecord]:
+    """Return alarms with their audit trails, in the order given."""
+    wanted = select(AlarmEventRow).where(AlarmEventRow.alarm_id.in_([row.id for row in rows]))
+    trails: dict[int, list[AlarmLine]] = {row.id: [] for row in rows}
+    for line in session.scalars(wanted.order_by(AlarmEventRow.id)):
+        content = {"event": line.kind, "level": Level(line.level).word}
+        same = {name: getattr(line, name) for name in ("time_ns", "wall_ns", "person", "note")}
+        trails[line.alarm_id].append(AlarmLine.model_validate({**content, **same}))
+    return [
+        AlarmRecord.model_validate(
+            {name: getattr(row, name) for name in _SAME_IN_RECORD}
+            | {"level": Level(row.level).word, "peak": Level(row.peak).word, "trail": trails[row.id]}
+        )
+        for row in rows
     ]
-    same = {name: getattr(row, name) for name in _SAME_IN_RECORD}
-    words = {"level": Level(row.level).word, "peak": Level(row.peak).word}
-    return AlarmRecord.model_validate({**same, **words, "trail": lines})
 
 
 _SAME_IN_RECORD: Final = (

@@ -123,6 +123,14 @@ def _depth(json5: str) -> int:
     return deepest
 
 
+def endpoints(options: BusOptions) -> tuple[str, ...]:
+    """Return what a session with these options connects to; raises InputError as `session_config`."""
+    wanted = json.loads(session_config(options).get_json("connect/endpoints"))
+    if isinstance(wanted, dict):  # by mode
+        wanted = [endpoint for of_mode in wanted.values() for endpoint in of_mode or ()]
+    return tuple(str(endpoint) for endpoint in wanted or ())
+
+
 def open_session(options: BusOptions) -> zenoh.Session:
     """Open a Zenoh session; use it with `with`, an open one keeps the process from ending.
 
@@ -245,6 +253,7 @@ class MonitorBus:
         self._open = True  # callbacks go on after undeclare(): they look here
         self._declared: list[Any] = []
         self._publishers: dict[str, Any] = {}
+        self._told: dict[str, Any] = {}  # when each wheel's health was published
 
     def __enter__(self) -> Self:
         """Enter; nothing is declared yet."""
@@ -313,7 +322,12 @@ class MonitorBus:
                     ),
                     publisher_detection=True,
                 )
-        self._publishers[key].put(payload)
+        if message.kind == "health":
+            # A dashboard tells the same wheel's health when an alarm changes: the asker shall get the later of both.
+            self._told[key] = self.session.new_timestamp()
+            self._publishers[key].put(payload, timestamp=self._told[key])
+        else:
+            self._publishers[key].put(payload)
 
     def answer(self, encoding: str, latest: Callable[[], dict[str, bytes]]) -> None:
         """Answer the questions that wait with the latest message of each key that they ask for."""
@@ -321,7 +335,7 @@ class MonitorBus:
             query = self.queries.popleft()
             for key, payload in latest().items():
                 if query.key_expr.intersects(zenoh.KeyExpr(key)):
-                    query.reply(key, payload, encoding=encoding)
+                    query.reply(key, payload, encoding=encoding, timestamp=self._told.get(key))
             query.drop()  # type: ignore[no-untyped-call]
 
     def close(self) -> None:

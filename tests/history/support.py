@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from rwa_monitor.messages import Anomaly, Diagnosis, Friction, Provenance, Quantity, Residuals
+from rwa_monitor.messages import Anomaly, Diagnosis, Discrepancy, Friction, Provenance, Quantity, Residuals
 
 WINDOW_NS = 2_000_000_000_000
 START_NS = 1_795_000_000_000_000_000
@@ -28,4 +28,22 @@ def diagnosis(number: int, *, severity: float | None = None, wheel: str = "wheel
         changepoints=[], fit=Residuals(rmse_Nm=4e-5, excess_rmse_Nm=0.0, noise_std_Nm=3.9e-5),
         model_adequate=True, suspected_effect=None, explanation="Two sentences. For an operator.",
         provenance=Provenance(software="test", method="joint", model_sha256="", wheel_sha256="", prior_sha256=""),
+    )  # fmt: skip
+
+
+def discrepancy(number: int, wheel: str = "wheel_1") -> Discrepancy:
+    """Return a report on the n-th window that names an effect."""
+    start = START_NS + number * WINDOW_NS
+    effect = {
+        "name": "stribeck", "family": "mean", "equivalent": ["load_dependence"], "separate_by": "cross zero slowly",
+        "parameters": {"strength_Nm": {"value": 5e-4, "std": 1e-5, "unit": "N m"}}, "p_value": 1e-9,
+        "delta_deviance": 80.0,
+    }  # fmt: skip
+    return Discrepancy.model_validate(
+        {
+            "spacecraft": "sat", "wheel": wheel, "start_ns": start, "end_ns": start + WINDOW_NS,
+            "verdict": "inadequate", "effects": [effect], "unexplained": {"signature": "ripple", "size_Nm": 2e-5},
+            "untested": [{"effect": "torque_constant_temperature", "missing": "bearing_temperature_degC"}],
+            "gain": None,
+        }
     )  # fmt: skip

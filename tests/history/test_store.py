@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import shutil
 import sqlite3
 from pathlib import Path
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from rwa_monitor.errors import InputError
-from rwa_monitor.history.store import DAY_NS, History, HistoryError, Retention
-from tests.history.support import WINDOW_NS, diagnosis
+from rwa_monitor.history.database import HistoryError
+from rwa_monitor.history.retention import DAY_NS, Retention
+from rwa_monitor.history.store import History
+from tests.history.support import WINDOW_NS, diagnosis, discrepancy
 
 
 def test_a_window_taken_in_again_makes_no_double_and_no_alarm(tmp_path: Path) -> None:
@@ -45,7 +50,7 @@ def test_what_was_acknowledged_is_kept_and_clears_when_normal(tmp_path: Path) ->
 
 
 def test_a_locked_database_is_said_and_nothing_is_half_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("rwa_monitor.history.store.BUSY_TIMEOUT_S", 0.05)
+    monkeypatch.setattr("rwa_monitor.history.database.BUSY_TIMEOUT_S", 0.05)
     path = tmp_path / "h.sqlite3"
     with History(path) as history:
         other = sqlite3.connect(path, isolation_level=None)
@@ -64,10 +69,103 @@ def test_no_database_is_refused_in_one_line(tmp_path: Path) -> None:
         History(tmp_path / "h.sqlite3")
 
 
-def test_retention_keeps_estimates_longer_than_diagnoses(tmp_path: Path) -> None:
-    with History(tmp_path / "h.sqlite3") as history:
-        history.add_all([diagnosis(n) for n in range(10)])
-        removed = history.prune(Retention(diagnoses_days=2.5 * WINDOW_NS / DAY_NS))
-        assert removed == 7
+def test_retention_keeps_estimates_longer_than_diagnoses_and_old_ones_coarsely(tmp_path: Path) -> None:
+    a_window = WINDOW_NS / DAY_NS
+    policy = Retention(diagnoses_days=2.5 * a_window, fine_days=10.5 * a_window, estimates_days=100.5 * a_window)
+    windows = [diagnosis(n, severity=4.0 if n in {5, 100} else None) for n in range(150)]
+    with History(tmp_path / "h.sqlite3", retention=policy) as history:
+        for window in windows:
+            history.add(window)
+        assert history.prune() == 147
         assert len(history.windows("sat", "wheel_1")) == 3
-        assert len(history.estimates("sat", "wheel_1")) == 10
+        kept = history.estimates("sat", "wheel_1")
+        fine_from = windows[-1].window_end_ns - policy.fine_days * DAY_NS
+        assert [one.window_end_ns for one in kept if one.window_end_ns >= fine_from] == [
+            window.window_end_ns for window in windows[-11:]
+        ]
+        coarse = [one for one in kept if one.window_end_ns < fine_from]
+        days = [one.window_end_ns // DAY_NS for one in coarse]
+        assert len(set(days)) == len(days) >= 2
+        assert coarse[0].window_end_ns >= windows[-1].window_end_ns - policy.estimates_days * DAY_NS
+        assert [one.severity for one in kept].count(4.0) == 1  # the worst of its day stays, that of window 5 is too old
+        assert history.prune() == 0
+        # An old recording that is imported again does not bring back what the policy has let go.
+        assert history.add_all(windows) == 0
+        assert history.estimates("sat", "wheel_1") == kept
+
+
+@given(st.lists(st.integers(0, 14), max_size=40))
+def test_importing_in_any_order_and_again_and_again_makes_no_doubles(order: list[int]) -> None:
+    with History(None) as history:
+        new = [history.add(diagnosis(number, severity=1.0 if number % 3 else None)) for number in order]
+        assert sum(new) == len(set(order))
+        ends = [window.window_end_ns for window in history.windows("sat", "wheel_1")]
+        assert ends == sorted(set(ends))
+        assert len(history.estimates("sat", "wheel_1")) == len(set(order))
+
+
+def acknowledged(history: History) -> list[tuple[str, str]]:
+    return [(line.person, line.note) for alarm in history.alarms() for line in alarm.trail if line.person]
+
+
+@pytest.mark.parametrize("what", ["file", "folder"])
+def test_a_database_that_is_removed_is_put_back_with_all_that_was_acknowledged(tmp_path: Path, what: str) -> None:
+    folder = tmp_path / "record"
+    path = folder / "h.sqlite3"
+    with History(path) as history:
+        history.add_all([diagnosis(n, severity=1.0) for n in range(2)])
+        history.acknowledge(1, "Ann", "seen")
+        if what == "folder":
+            shutil.rmtree(folder)
+        else:
+            path.unlink()
+        assert history.add(diagnosis(2, severity=1.0))
+    with History(path) as history:
+        assert len(history.windows("sat", "wheel_1")) == 3
+        assert acknowledged(history) == [("Ann", "seen")]
+
+
+def test_a_database_that_cannot_be_put_back_is_said_and_comes_when_it_can(tmp_path: Path) -> None:
+    folder = tmp_path / "record"
+    with History(folder / "h.sqlite3") as history:
+        history.add_all([diagnosis(n, severity=1.0) for n in range(2)])
+        history.acknowledge(1, "Ann")
+        shutil.rmtree(folder)
+        folder.write_text("in the way")
+        with pytest.raises(HistoryError, match="is gone, and cannot be put back"):
+            history.add(diagnosis(2))
+        folder.unlink()
+        assert history.add(diagnosis(2))
+    with History(folder / "h.sqlite3") as history:
+        assert acknowledged(history) == [("Ann", "")]
+
+
+def test_a_database_put_in_its_place_is_used_from_then_on(tmp_path: Path) -> None:
+    with History(tmp_path / "other.sqlite3") as other:
+        other.add(diagnosis(7))
+    with History(tmp_path / "h.sqlite3") as history:
+        history.add(diagnosis(0))
+        (tmp_path / "other.sqlite3").replace(tmp_path / "h.sqlite3")
+        assert history.windows("sat", "wheel_1") == [diagnosis(7)]
+        assert history.add(diagnosis(8))
+    with History(tmp_path / "h.sqlite3") as history:
+        assert history.windows("sat", "wheel_1") == [diagnosis(7), diagnosis(8)]
+
+
+def test_taking_a_window_tells_which_alarms_it_changed(tmp_path: Path) -> None:
+    with History(tmp_path / "h.sqlite3") as history:
+        phases = [[(alarm.name, alarm.phase) for alarm in history.take(diagnosis(n, severity=1.0))] for n in range(3)]
+        assert phases == [[], [("viscous", "active")], []]
+        history.acknowledge(1, "Ann")
+        assert [alarm.phase for alarm in history.open_alarms("sat", "wheel_1")] == ["acknowledged"]
+        ended = [alarm for n in range(3, 7) for alarm in history.take(diagnosis(n))]
+        assert ended[-1].closed_ns is not None
+        assert history.open_alarms("sat", "wheel_1") == []
+
+
+def test_the_latest_discrepancy_report_of_a_wheel_is_kept(tmp_path: Path) -> None:
+    with History(tmp_path / "h.sqlite3") as history:
+        assert history.discrepancy("sat", "wheel_1") is None
+        assert history.add_discrepancy(discrepancy(2))
+        assert not history.add_discrepancy(discrepancy(1))
+        assert history.discrepancy("sat", "wheel_1") == discrepancy(2).to_json()

@@ -1,0 +1,167 @@
+"""The database under the history: opens it, gives sessions, and keeps what was written when its file is taken away.
+
+SQLite without set-up: one file, write-ahead log, so that readers and the one writer do not wait for each other.
+"""
+
+from __future__ import annotations
+
+import sqlite3
+from collections.abc import Iterator
+from contextlib import closing, contextmanager
+from pathlib import Path
+from threading import Condition
+from typing import Any, Final
+
+from sqlalchemy import Engine, create_engine, event
+from sqlalchemy.exc import SQLAlchemyError
+from sqlalchemy.orm import Session
+from sqlalchemy.pool import StaticPool
+
+from rwa_monitor.errors import InputError, RwaMonitorError
+from rwa_monitor.history.tables import Table
+
+BUSY_TIMEOUT_S: Final = 5.0
+LOGS: Final = ("-wal", "-shm")  # SQLite's write-ahead log and its index, beside the file
+
+
+class HistoryError(RwaMonitorError):
+    """The database cannot be used just now."""
+
+
+class Database:
+    """An open database with the history's tables.
+
+    A file that is removed while it is open lives on, nameless, as long as it is open. Before the next session it is
+    written back to its place, so that nothing of it is lost when the program ends; where that cannot be done, there is
+    no session. A file that somebody put in its place is used from then on.
+
+    Parameters
+    ----------
+    path
+        SQLite file, made where it is missing; None keeps everything in memory.
+
+    Raises
+    ------
+    InputError
+        If the file is no database or cannot be opened.
+    """
+
+    def __init__(self, path: Path | None) -> None:
+        self.path = path
+        self._gate = Condition()
+        self._sessions = 0  # that are open: the file is put back while there is none
+        self._engine = _open_engine(path)
+        self._keeper: Any = None
+        self._files = self._hold()
+
+    def close(self) -> None:
+        """Close the database."""
+        if self._keeper is not None:
+            self._keeper.close()
+        self._engine.dispose()
+
+    @contextmanager
+    def session(self) -> Iterator[Session]:
+        """Give a session in a transaction; what the database itself refuses becomes a HistoryError."""
+        self.check()
+        with self._gate:
+            self._sessions += 1
+        try:
+            with Session(self._engine) as session, session.begin():
+                yield session
+        except SQLAlchemyError as error:
+            raise HistoryError(self._say(f"cannot be used: {_reason(error)}")) from error
+        finally:
+            with self._gate:
+                self._sessions -= 1
+                self._gate.notify_all()
+
+    def check(self) -> None:
+        """Put the file back if it was removed; use another one that lies in its place.
+
+        Raises
+        ------
+        HistoryError
+            If that cannot be done now.
+        """
+        if self.path is None or _identity(self.path) == self._files[0]:
+            return
+        with self._gate:
+            self._gate.wait_for(lambda: not self._sessions, BUSY_TIMEOUT_S)
+            if _identity(self.path) == self._files[0]:
+                return
+            try:
+                if self._sessions:
+                    raise OSError("it is in use")
+                self._reopen(self.path)
+            except (OSError, sqlite3.Error, InputError) as error:
+                raise HistoryError(self._say(f"is gone, and cannot be put back: {_reason(error)}")) from error
+
+    def _reopen(self, path: Path) -> None:
+        copy = path.with_name(f"{path.name}.new")
+        gone = _identity(path) is None
+        if gone:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            copy.unlink(missing_ok=True)
+            with closing(sqlite3.connect(copy)) as target:
+                self._keeper.connection.driver_connection.backup(target)
+        # The log of the file that was removed is no log of the one that comes now.
+        for suffix, held in zip(LOGS, self._files[1:], strict=True):
+            log = path.with_name(path.name + suffix)
+            if gone or _identity(log) == held:
+                log.unlink(missing_ok=True)
+        if gone:
+            copy.replace(path)
+        opened = _open_engine(path)
+        self.close()  # only now: the old file, nameless, holds everything until there is a new one
+        self._engine = opened
+        self._files = self._hold()
+
+    def _hold(self) -> tuple[tuple[int, int] | None, ...]:
+        """Keep a connection open, so that a file without a name lives; return which files they are."""
+        if self.path is None:
+            return ()
+        self._keeper = self._engine.connect()
+        return tuple(_identity(self.path.with_name(self.path.name + suffix)) for suffix in ("", *LOGS))
+
+    def _say(self, text: str) -> str:
+        return f"the history ({self.path or 'in memory'}) {text}"
+
+
+def _identity(path: Path) -> tuple[int, int] | None:
+    """Return which file lies at a path, None for none."""
+    try:
+        facts = path.stat()
+    except OSError:
+        return None
+    return facts.st_dev, facts.st_ino
+
+
+def _open_engine(path: Path | None) -> Engine:
+    """Open the database and make its tables where they are missing."""
+    try:
+        if path is None:
+            engine = create_engine("sqlite://", poolclass=StaticPool, connect_args={"check_same_thread": False})
+        else:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            # A connection is used by one thread at a time, as the pool sees to; the keeper by whoever puts it back.
+            connect_args = {"timeout": BUSY_TIMEOUT_S, "check_same_thread": False}
+            engine = create_engine(f"sqlite:///{path}", connect_args=connect_args)
+        event.listen(engine, "connect", _set_up_connection)
+        Table.metadata.create_all(engine)
+    except (OSError, SQLAlchemyError) as error:
+        raise InputError(str(path), f"cannot be used as a history: {_reason(error)}") from error
+    return engine
+
+
+def _set_up_connection(connection: Any, record: object) -> None:
+    del record
+    cursor = connection.cursor()
+    cursor.execute("PRAGMA journal_mode = WAL")
+    cursor.execute("PRAGMA synchronous = FULL")  # an acknowledgement that was answered survives a loss of power
+    cursor.execute("PRAGMA foreign_keys = ON")
+    cursor.close()
+
+
+def _reason(error: Exception) -> str:
+    return str(getattr(error, "orig", None) or error).splitlines()[0]

@@ -1,0 +1,90 @@
+"""A dashboard and a browser for tests: real ones, on a real bus."""
+
+from __future__ import annotations
+
+import json
+import urllib.error
+import urllib.request
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from threading import Event
+from typing import Any
+
+import pytest
+import zenoh
+
+from rwa_monitor.messages import Status
+from tests.history.support import diagnosis
+
+CHROMIUM = Path("/usr/bin/chromium")
+WAIT_MS = 20_000  # for what should be there at once: a busy machine is no fault of the page
+WAIT_S = WAIT_MS / 1000
+
+
+def status(wheel: str, **changes: Any) -> bytes:
+    """Return the status of a monitor that is well."""
+    counted = ("samples_", "slots_", "messages_")
+    return Status.model_validate(
+        {name: 0 for name in Status.model_fields if name.startswith(counted)}
+        | {"spacecraft": "sat", "wheel": wheel, "queue_depth": 0, "window_fill": 0.5, "last_error": None}
+        | {"recording": None, "software": "test", "model_sha256": "", "publisher": "p", "windows": 3}
+        | {"last_sample_ns": None, "diagnosis_s": None, "now_wall_ns": 1}
+        | changes
+    ).to_json()
+
+
+def send_windows(session: zenoh.Session, wheel: str, *, failing: bool, windows: int = 3) -> None:
+    """Send diagnoses of a wheel, which fails from the second one on."""
+    for number in range(windows):
+        message = diagnosis(number, severity=1.0 if failing and number else None, wheel=wheel)
+        session.put(f"rwa/sat/{wheel}/diagnosis", message.to_json())
+
+
+def ask(
+    address: str, path: str, *, headers: dict[str, str] | None = None, body: bytes | None = None
+) -> tuple[int, Any]:
+    """Ask the API; returns status and content."""
+    request = urllib.request.Request(address + path, data=body, headers=headers or {})
+    try:
+        with urllib.request.urlopen(request, timeout=WAIT_S) as answer:
+            return answer.status, json.load(answer)
+    except urllib.error.HTTPError as error:
+        with error:
+            return error.code, error.read()
+
+
+def wait_until(condition: Callable[[], Any], what: str) -> Any:
+    """Wait for a condition, and return what it gives."""
+    pause = Event()
+    for _ in range(int(WAIT_S / 0.05)):
+        if found := condition():
+            return found
+        pause.wait(0.05)
+    pytest.fail(f"waited {WAIT_S:.0f} s for {what}")
+
+
+@contextmanager
+def browser() -> Iterator[Any]:
+    """Start Debian's Chromium; skips where there is none."""
+    if not CHROMIUM.exists():
+        pytest.skip(f"no browser: {CHROMIUM} is missing (Debian's package chromium)")
+    from playwright.sync_api import expect, sync_playwright
+
+    with sync_playwright() as playwright:
+        started = playwright.chromium.launch(executable_path=str(CHROMIUM), args=["--no-sandbox", "--disable-gpu"])
+        expect.set_options(timeout=WAIT_MS)
+        try:
+            yield started
+        finally:
+            started.close()
+
+
+def new_page(started: Any, width: int = 1280, **options: Any) -> tuple[Any, list[str]]:
+    """Open a page; returns it and the list to which its complaints go."""
+    page = started.new_page(viewport={"width": width, "height": 900}, **options)
+    page.set_default_timeout(WAIT_MS)
+    complaints: list[str] = []
+    page.on("pageerror", lambda error: complaints.append(str(error)))
+    page.on("console", lambda message: complaints.append(message.text) if message.type == "error" else None)
+    return page, complaints

@@ -1,0 +1,138 @@
+"""…/health on a real bus: at each window's close by the monitor, at each change of an alarm by the dashboard."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from threading import Event, Thread
+from typing import Any
+
+import pytest
+import zenoh
+
+from rwa_monitor.dashboard.server import DashboardOptions, serve
+from rwa_monitor.diagnosis.model import built_in_model
+from rwa_monitor.live.bus import BusOptions, open_session
+from rwa_monitor.live.publisher import publish
+from rwa_monitor.live.run_options import RunOptions
+from rwa_monitor.live.service import run
+from rwa_monitor.messages import Diagnosis, Health, SamplesMessage, health_message, key_of
+from rwa_monitor.physics.wheel import Window, built_in_wheel
+from rwa_monitor.samples import Samples
+from tests.dashboard.support import ask, send_windows, wait_until
+from tests.dashboard.test_telemetry import with_friction
+from tests.history.support import diagnosis
+
+WINDOW = 2_000
+TOKEN = {"Authorization": "Bearer right"}
+
+pytestmark = pytest.mark.processes
+
+
+@pytest.fixture
+def session() -> Iterator[zenoh.Session]:
+    with open_session(BusOptions()) as opened:
+        yield opened
+
+
+def asked(session: zenoh.Session, key: str = "rwa/**/health") -> dict[str, Health]:
+    """Ask for the last health of every wheel."""
+    replies = [reply.ok for reply in session.get(key) if reply.ok is not None]
+    keys = [str(reply.key_expr) for reply in replies]
+    assert len(set(keys)) == len(keys)  # one answer a wheel, however many know it
+    return {key: Health.parse(reply.payload.to_bytes(), key) for key, reply in zip(keys, replies, strict=True)}
+
+
+def test_a_monitor_tells_the_health_at_each_close_and_the_last_one_to_who_asks(session: zenoh.Session) -> None:
+    heard: list[tuple[str, bytes]] = []
+    subscriber: Any = session.declare_subscriber(
+        "rwa/sat/*/*", lambda sample: heard.append((str(sample.key_expr), sample.payload.to_bytes()))
+    )
+    wheel = built_in_wheel().model_copy(update={"window": Window(samples=WINDOW, hop=WINDOW, dead_band_rad_s=1.0)})
+    talk: list[str] = []
+    stop, names = Event(), ("wheel_1", "wheel_2")
+    options = RunOptions(wheels="rwa/sat/*/samples", wheel=wheel, model=built_in_model())
+    monitor = Thread(target=run, args=(options, stop), kwargs={"session": session, "say": talk.append})
+    monitor.start()
+    try:
+        wait_until(lambda: any("monitoring" in line for line in talk), "the monitor")
+        telemetry: dict[str, Samples] = {
+            key_of(SamplesMessage, "sat", name): with_friction(3 * WINDOW + 200) for name in names
+        }
+        publish(telemetry, session, speed=math.inf, batch_samples=500, linger_s=0.0)
+        wait_until(lambda: len([key for key, _ in heard if key.endswith("/health")]) >= 6, "six windows' health")
+        for name in names:
+            found = [json.loads(payload) for key, payload in heard if key == f"rwa/sat/{name}/diagnosis"]
+            told = [payload for key, payload in heard if key == f"rwa/sat/{name}/health"]
+            expected = [health_message(Diagnosis.parse(json.dumps(one).encode(), name)) for one in found]
+            assert told == [one.to_json() for one in expected]
+            assert asked(session)[f"rwa/sat/{name}/health"] == expected[-1]
+        assert set(asked(session)) == {f"rwa/sat/{name}/health" for name in names}
+    finally:
+        stop.set()
+        monitor.join()
+        subscriber.undeclare()
+
+
+def test_a_dashboard_tells_the_health_at_each_change_of_an_alarm(session: zenoh.Session, tmp_path: Path) -> None:
+    heard: list[Health] = []
+    subscriber: Any = session.declare_subscriber(
+        "rwa/sat/*/health", lambda sample: heard.append(Health.parse(sample.payload.to_bytes(), "heard"))
+    )
+
+    def phases() -> list[tuple[str, str | None]]:
+        states = [one.alarm_states or {} for one in heard]
+        return [(one["viscous"].phase, one["viscous"].acknowledged_by) if one else ("none", None) for one in states]
+
+    with serve(DashboardOptions(0, tmp_path, token="right"), session) as running:
+        send_windows(session, "wheel_1", failing=True)
+        wait_until(lambda: phases() == [("active", None)], "the alarm on the bus")
+        seen = json.dumps({"name": "Ann"}).encode()
+        assert ask(running.address, "api/alarms/1/acknowledge", headers=TOKEN, body=seen)[0] == 200
+        wait_until(lambda: phases()[1:] == [("acknowledged", "Ann")], "the acknowledgement on the bus")
+        assert asked(session) == {"rwa/sat/wheel_1/health": heard[-1]}
+        assert heard[-1].alarms == ["viscous"]
+        for number in range(3, 6):
+            session.put("rwa/sat/wheel_1/diagnosis", diagnosis(number).to_json())
+        wait_until(lambda: phases()[-1] == ("none", None), "the end of the alarm on the bus")
+        assert asked(session)["rwa/sat/wheel_1/health"].alarm_states == {}
+        subscriber.undeclare()
+
+
+def test_who_asks_gets_the_later_of_what_monitor_and_dashboard_know(session: zenoh.Session, tmp_path: Path) -> None:
+    from rwa_monitor.live.bus import Inbox, MonitorBus
+
+    key, encoding = "rwa/sat/wheel_1/health", Health.encoding()
+    with MonitorBus(session, Inbox()) as bus, serve(DashboardOptions(0, tmp_path, token="right"), session) as running:
+        bus.offer_health()
+        stop = Event()
+        latest: dict[str, bytes] = {}
+
+        def answer() -> None:
+            while not stop.wait(0.01):
+                bus.answer(encoding, lambda: latest)
+
+        def tell(number: int) -> None:
+            message = diagnosis(number, severity=1.0)
+            latest[key] = health_message(message).to_json()
+            bus.publish(key, Health, latest[key])
+            session.put("rwa/sat/wheel_1/diagnosis", message.to_json())
+
+        answering = Thread(target=answer)
+        answering.start()
+        try:
+            tell(0)
+            tell(1)
+            wait_until(lambda: asked(session)[key].alarm_states, "the alarm")
+            seen = json.dumps({"name": "Ann"}).encode()
+            assert ask(running.address, "api/alarms/1/acknowledge", headers=TOKEN, body=seen)[0] == 200
+            states = asked(session)[key].alarm_states
+            assert states is not None
+            assert states["viscous"].acknowledged_by == "Ann"
+            tell(2)  # changes no alarm: the monitor's is the later one
+            assert asked(session)[key].window_end_ns == diagnosis(2).window_end_ns
+        finally:
+            stop.set()
+            answering.join()
