@@ -45,6 +45,7 @@ class _Case:
     wheel: Wheel
     priors: Priors
     onsets: tuple[Onset | None, ...]
+    variance: float  # of the noise, see `segments.effective_variance`
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,7 +94,13 @@ def assign(
     tuple[Assignment, Estimate]
         All candidates, with rejected ones; and levels and slope between the accepted changepoints.
     """
-    case = _Case(evidence, wheel, _priors(evidence, wheel, carried), onsets(wheel.fss, carried))
+    case = _Case(
+        evidence,
+        wheel,
+        _priors(evidence, wheel, carried),
+        onsets(wheel.fss, carried),
+        segments.effective_variance(evidence.noise),
+    )
     candidates = evidence.candidates
     everyone: IntArray = np.arange(len(candidates), dtype=np.int64)
     level = _measure(case, candidates.index, everyone)
@@ -133,7 +140,7 @@ def _measure(case: _Case, index: IntArray, accepted: IntArray) -> _Level:
     """Measure slope and levels between the accepted candidates."""
     moments = segments.pair_moments(case.evidence.sums, index, case.evidence.slots)
     chain = segments.chain_of(moments, _nodes(accepted, index.size))
-    variance = segments.effective_variance(case.evidence.noise)
+    variance = case.variance
     slope, information = segments.shared_slope(chain, variance, case.priors.slope)
     spread = segments.level_range(segments.levels_of(chain, slope), variance)
     jump, jump_variance = segments.jumps_of(moments, accepted, slope, information, variance)
@@ -231,22 +238,23 @@ def _tell(path: Path, actions: IntArray, index: IntArray) -> tuple[Story, IntArr
     starts = [[0] for _ in path.start]
     system = np.full((index.size, 2), REJECTED, dtype=np.int64)
     direction = np.zeros((index.size, 2), dtype=np.int64)
-    for k, action in enumerate(path.actions):
+    rows, slots = actions.tolist(), index.tolist()
+    for k, action in enumerate(path.actions.tolist()):
         if action == REJECT:
             continue
         if action == NO_SYSTEM:
             system[k, 0] = UNATTRIBUTED
             continue
-        row = actions[action]
+        row = rows[action]
         for place, (who, number) in enumerate((row[:2], row[2:])):
             if who < 0:
                 continue
-            step, missed = step_of(int(number))
+            step, missed = step_of(number)
             if missed:  # where it happened is not known; the level says: right after the sojourn began
                 starts[who].append(starts[who][-1] + 1)
                 configurations[who].append(configurations[who][-1] + missed)
             system[k, place], direction[k, place] = who, step
-            starts[who].append(int(index[k]))
+            starts[who].append(slots[k])
             configurations[who].append(configurations[who][-1] + step)
     story = Story(
         tuple(np.array(q, dtype=np.int64) for q in configurations),

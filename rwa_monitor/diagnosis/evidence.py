@@ -69,6 +69,7 @@ ANY_SLOPE: Final = 3.0  # times the slope learned or nominal: no anomaly of visc
 SMALLEST_SLOPE: Final = 0.1  # of the dry torque at nominal speed, for a wheel with next to no viscous friction
 LARGEST_VALUE: Final = 1e4  # normalised speed or friction beyond is a broken word of telemetry, not a wheel's
 LEAST_SHARE: Final = 0.8  # of the variance by mean squares that a robust one may be: heavy tails make it smaller
+FAR_AWAY: Final = -(2**40)  # a slot that lies near none
 SPEED_NOISES: Final = 5.0  # dead band in standard deviations of the speed's noise: the sign of ω is certain beyond
 
 
@@ -159,7 +160,8 @@ class WindowAccumulator:
         self._scales: IntArray = np.array(scales, dtype=np.int64)
         self._strides: IntArray = np.maximum(self._scales // 4, 1)
         self._peaks = PeakList(self._scales)
-        self._announced: list[int] = []
+        self._announced: IntArray = np.full(STEP, FAR_AWAY, dtype=np.int64)  # the last ones, in turns
+        self._announcements = 0
         self._variances: FloatArray = np.full(self._scales.size, np.nan)
         self._floors: FloatArray = np.full(self._scales.size, np.inf)
         self._sure: FloatArray = np.full(self._scales.size, np.inf)
@@ -264,13 +266,14 @@ class WindowAccumulator:
             self._start(min(ready, CHUNK))
         events: list[ConfirmedCandidate] = []
         while self._done < ready:
-            begin, end = self._done, min(ready, self._done - self._done % CHUNK + CHUNK)
+            begin, end = self._done, min(ready, _settings_change(self._done))
             if begin >= CHUNK:
                 self._mark_used(begin, end)
+            if begin % CHUNK == 0:
+                self._peaks.make_room(self._variances)
+            end = self._scan(begin, end, count_bins=begin >= CHUNK)
             self._sums.extend(end)
             self._structure.extend((self._x, self._z, self._good, self._used), begin, end, self._certain)
-            self._peaks.make_room(self._variances)
-            self._scan(begin, end, count_bins=begin >= CHUNK)
             events.extend(self._announce())
             self._done = end
             self._measure_blocks()
@@ -315,12 +318,13 @@ class WindowAccumulator:
         """Decide which slots are used: good, outside the dead band, turning."""
         _mark_used(self._x, self._good, self._band, start, stop, self._used)
 
-    def _scan(self, start: int, stop: int, count_bins: bool) -> None:
+    def _scan(self, start: int, stop: int, count_bins: bool) -> int:
+        """Scan the slots [start, stop), as far as there is room for peaks; return where it ended."""
         settings = ScanSettings(
             self._scales, self._weight, self._slope, self._floors, self._sure, self.method == "paper"
         )
-        arrays = self._peaks.arrays
-        scan(self._x, self._z, self._used, start, stop, count_bins, settings, self._state, arrays)
+        arrays, most = self._peaks.arrays, self._peaks.chunk_peaks
+        return int(scan(self._x, self._z, self._used, start, stop, count_bins, settings, self._state, arrays, most))
 
     def _measure_blocks(self) -> None:
         """Measure the noise of all blocks that are complete."""
@@ -383,12 +387,13 @@ class WindowAccumulator:
         for s, index, statistic, jump in self._peaks.confirmed():
             scale, variance = int(self._scales[s]), float(self._variances[s])
             if self.method == "joint":
-                if any(abs(index - other) <= scale for other in self._announced[-STEP:]):
+                if _near_any(self._announced, index, scale):
                     continue
                 statistic, jump = self._for_any_slope(index, scale, variance)
                 if statistic <= self._sure[s]:
                     continue
-            self._announced.append(index)
+            self._announced[self._announcements % STEP] = index
+            self._announcements += 1
             normalised = statistic / variance
             chance = PEAK_TESTS_PER_SLOT * self.slots * float(special.chdtrc(1, normalised))
             std = abs(jump) / float(np.sqrt(normalised))
@@ -425,17 +430,22 @@ class WindowAccumulator:
             return evidence.candidates
         table = variance_table(self._scales[known], self._variances[known])
         colour = ar_coefficient(evidence.noise)
-        index = suppress(peaks)
+        index, tails = suppress(peaks), self._tails()
         margin: IntArray | int = STEP // 4
         candidates = peaks
         for _ in range(3):
             slope, _ = estimate_slope(evidence, index, margin, self.slope_prior)
-            candidates = select_candidates(peaks, self._sums, slope, table, evidence.threshold, self._tails(), colour)
+            candidates = select_candidates(peaks, self._sums, slope, table, evidence.threshold, tails, colour)
             if np.array_equal(candidates.index, index):
                 break
             index = candidates.index
             margin = default_exclusion(candidates.scale)
         return candidates
+
+
+def _settings_change(slot: int) -> int:
+    """Return the first slot beyond `slot` at which variances, floors or slope change: after 1, 2, 4, 8 … chunks."""
+    return CHUNK << (slot // CHUNK).bit_length()
 
 
 _NORMAL_MEDIAN: Final = float(special.ndtri(0.75))  # median of |N(0, 1)|
@@ -464,6 +474,15 @@ def _normalise(
             x[k] = abs(speed[k]) / speed_unit
             z[k] = np.sign(speed[k]) * torque[k] / torque_unit
     return count
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def _near_any(slots: IntArray, slot: int, reach: int) -> bool:
+    """Tell whether any of the slots lies within `reach` of `slot`."""
+    for k in range(slots.size):  # noqa: SIM110  (compiled: a generator would allocate)
+        if abs(slots[k] - slot) <= reach:
+            return True
+    return False
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)

@@ -429,19 +429,28 @@ def _design(story: Story, borders: IntArray, priors: Priors) -> _Design:
     owner: list[int] = []
     laws: list[FrictionLaw] = []
     places: list[IntArray] = []
-    members: list[FloatArray] = [np.ones((last_slot.size, 1))]
-    for s, (configurations, starts) in enumerate(zip(story.configurations, story.starts, strict=True)):
-        sojourn = np.searchsorted(starts, last_slot, side="right") - 1
-        of_sojourn = [priors.laws[s][q] for q in configurations.tolist()]
-        free = np.array([not law.fixed_at_zero for law in of_sojourn])
-        place = np.where(free, len(owner) + np.cumsum(free), -1)
-        places.append(place.astype(np.int64))
-        members.append((sojourn[:, None] == np.flatnonzero(free)[None, :]).astype(np.float64))
-        owner.extend([s] * int(free.sum()))
-        laws.extend(law for law in of_sojourn if not law.fixed_at_zero)
-    members.append((last_slot[:, None] >= story.unattributed[None, :]).astype(np.float64))
+    for s, configurations in enumerate(story.configurations):
+        place = []
+        for q in configurations.tolist():
+            law = priors.laws[s][q]
+            if law.fixed_at_zero:
+                place.append(-1)
+            else:
+                owner.append(s)
+                laws.append(law)
+                place.append(len(owner))
+        places.append(np.array(place, dtype=np.int64))
+    levels = np.zeros((last_slot.size, 1 + len(owner) + story.unattributed.size))
+    levels[:, 0] = 1.0
+    segment = np.arange(last_slot.size)
+    for of_sojourn, starts in zip(places, story.starts, strict=True):
+        column = of_sojourn[np.searchsorted(starts, last_slot, side="right") - 1]
+        free = column >= 0
+        levels[segment[free], column[free]] = 1.0
+    if story.unattributed.size:
+        levels[:, 1 + len(owner) :] = last_slot[:, None] >= story.unattributed[None, :]
     return _Design(
-        levels=np.ascontiguousarray(np.hstack(members)),
+        levels=levels,
         column=tuple(places),
         owner=np.array(owner, dtype=np.int64),
         mid=np.array([law.mid for law in laws], dtype=np.float64),

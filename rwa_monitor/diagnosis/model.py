@@ -8,7 +8,7 @@ side: the paper's linear support vector machine, and the densities of the joint 
 from __future__ import annotations
 
 import pkgutil
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Annotated, Final, Self
 
 import numpy as np
@@ -265,6 +265,10 @@ class Model(_Part):
 
     def sha256(self) -> str:
         """Return the hash of the canonical JSON."""
+        return self._content_sha256
+
+    @cached_property
+    def _content_sha256(self) -> str:
         return content_sha256(self.model_dump(mode="json"))
 
 

@@ -12,6 +12,7 @@ Three robust views, all incremental and of fixed size:
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Final
 
 import numba
@@ -98,8 +99,8 @@ def scale_variances(
     """
     variances = np.full(scales.size, np.nan)
     borrowed = np.nan if start_variance is None else start_variance
-    for s in range(scales.size):
-        total, trimmed = _trimmed_variance(histogram[s], _BIN_EDGES, _BIN_WIDTHS, _KEPT_MEAN, _JUMPED_RATE)
+    totals, of_scales = _trimmed_variances(histogram, _BIN_EDGES, _BIN_WIDTHS, _KEPT_MEAN, _JUMPED_RATE)
+    for s, (total, trimmed) in enumerate(zip(totals.tolist(), of_scales.tolist(), strict=True)):
         if total > 0:
             measured = max(trimmed, SMALLEST_STD**2)
             if np.isnan(borrowed):
@@ -129,6 +130,18 @@ def chi_variance(statistic: FloatArray) -> float:
         beyond = float(np.mean(ascending > _JUMPED * variance))
         jumped = min(max(0.0, beyond - _JUMPED_RATE), _MOST_JUMPED)
     return variance
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def _trimmed_variances(
+    histogram: IntArray, edges: FloatArray, widths: FloatArray, kept_mean: float, jumped_rate: float
+) -> tuple[IntArray, FloatArray]:
+    """Return `_trimmed_variance` of each scale, (S,) each."""
+    scales = histogram.shape[0]
+    totals, variances = np.zeros(scales, dtype=np.int64), np.zeros(scales)
+    for s in range(scales):
+        totals[s], variances[s] = _trimmed_variance(histogram[s], edges, widths, kept_mean, jumped_rate)
+    return totals, variances
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
@@ -278,13 +291,24 @@ def quiet_levels(sums: FloatArray, pairs: FloatArray) -> tuple[FloatArray, Float
     full = _full_blocks(pairs)
     if not full.any():
         return np.full(LAGS, np.nan), np.zeros(LAGS)
-    sums, pairs = sums[full], pairs[full]
-    score = sums.sum(axis=1) / pairs.sum(axis=1)
+    if not full.all():
+        sums, pairs = sums[full], pairs[full]
+    level, counts = _sum_quiet_blocks(sums, pairs, sums.sum(axis=1) / pairs.sum(axis=1))
+    return level / counts, counts
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def _sum_quiet_blocks(sums: FloatArray, pairs: FloatArray, score: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Add up, in their order, the blocks whose score does not stand out upwards, (LAGS,) each."""
     middle = np.median(score)
-    spread = 1.4826 * np.median(np.abs(score - middle))
-    quiet = score <= middle + 4.0 * spread
-    counts = pairs[quiet].sum(axis=0)
-    return sums[quiet].sum(axis=0) / counts, counts
+    most = middle + 4.0 * (1.4826 * np.median(np.abs(score - middle)))
+    total, counts = np.zeros(sums.shape[1]), np.zeros(sums.shape[1])
+    for b in range(score.size):
+        if score[b] <= most:
+            for lag in range(total.size):
+                total[lag] += sums[b, lag]
+                counts[lag] += pairs[b, lag]
+    return total, counts
 
 
 def contrast_variances(levels: FloatArray, scales: IntArray) -> FloatArray:
@@ -306,11 +330,15 @@ def contrast_variances(levels: FloatArray, scales: IntArray) -> FloatArray:
     """
     if not np.isfinite(levels).all():
         return np.zeros(scales.size)
-    w, lag = scales[:, None], np.arange(1, LAGS + 1)
-    # w² r(l) of the weights -1/w (w times), +1/w (w times)
-    correlation = np.where(lag < w, 2 * w - 3 * lag, np.minimum(lag - 2 * w, 0))
-    variances: FloatArray = np.maximum(-(correlation @ levels) / scales, 0.0)
+    variances: FloatArray = np.maximum(-(_contrast_correlations(tuple(scales.tolist())) @ levels) / scales, 0.0)
     return np.where(2 * scales <= LAGS, variances, 0.0)
+
+
+@lru_cache(maxsize=16)
+def _contrast_correlations(scales: tuple[int, ...]) -> IntArray:
+    """Return w² r(l) of the weights -1/w (w times), +1/w (w times) at the lags 1 … LAGS, int64 (S, LAGS)."""
+    w, lag = np.array(scales, dtype=np.int64)[:, None], np.arange(1, LAGS + 1)
+    return np.where(lag < w, 2 * w - 3 * lag, np.minimum(lag - 2 * w, 0))
 
 
 def estimate_noise(

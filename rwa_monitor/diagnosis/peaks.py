@@ -31,18 +31,23 @@ class PeakList:
     ----------
     scales
         int64 (S,), half-widths w, ascending.
+
+    Attributes
+    ----------
+    chunk_peaks
+        Peaks that a chunk can give at most.
     """
 
     def __init__(self, scales: IntArray) -> None:
         self.scales = scales
         # Peaks of one sign at one scale lie more than w apart, so a chunk cannot give more than this.
-        self._per_chunk = int(np.ceil((2.0 / (scales + 1.0)).sum() * CHUNK)) + 2 * scales.size
+        self.chunk_peaks = int(np.ceil((2.0 / (scales + 1.0)).sum() * CHUNK)) + 2 * scales.size
         self.arrays = PeakArrays(
-            slots=np.zeros((self._per_chunk, 3), dtype=np.int64),
-            values=np.zeros((self._per_chunk, 2)),
+            slots=np.zeros((self.chunk_peaks, 3), dtype=np.int64),
+            values=np.zeros((self.chunk_peaks, 2)),
             open=np.full((scales.size, 3), -1, dtype=np.int64),
             counters=np.zeros(3, dtype=np.int64),
-            confirmed=np.zeros(self._per_chunk, dtype=np.int64),
+            confirmed=np.zeros(self.chunk_peaks, dtype=np.int64),
         )
 
     def __len__(self) -> int:
@@ -52,18 +57,20 @@ class PeakList:
     def make_room(self, variances: FloatArray) -> None:
         """Make room for the peaks of a chunk: by growth or, beyond MOST_PEAKS, by leaving out the weaker half.
 
+        To be called where a chunk begins, and only there: what is left out must not depend on how slots arrive.
+
         Parameters
         ----------
         variances
             float64 (S,), by which the scales' statistics compare.
         """
         room = self.arrays.slots.shape[0]
-        if len(self) + self._per_chunk <= room:
+        if len(self) + self.chunk_peaks <= room:
             return
-        if len(self) + self._per_chunk > MOST_PEAKS:
+        if len(self) + self.chunk_peaks > MOST_PEAKS:
             self._prune(variances)
             return
-        more = min(max(room, self._per_chunk), MOST_PEAKS - room)
+        more = min(max(room, self.chunk_peaks), MOST_PEAKS - room)
         self.arrays = self.arrays._replace(
             slots=np.concatenate((self.arrays.slots, np.zeros((more, 3), dtype=np.int64))),
             values=np.concatenate((self.arrays.values, np.zeros((more, 2)))),

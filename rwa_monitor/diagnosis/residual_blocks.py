@@ -57,8 +57,12 @@ def residual_blocks(evidence: Evidence, estimate: Estimate, size: int) -> Blocks
     """
     start = np.arange(evidence.slots // size, dtype=np.int64) * size
     sums = evidence.sums.between(start, start + size)
-    interval = np.searchsorted(estimate.index, start, side="right")
-    usable = (interval == np.searchsorted(estimate.index, start + size - 1, side="right")) & (sums.n >= size // 2)
+    # The first block that begins at or after each changepoint begins its interval.
+    border = np.minimum(-(-estimate.index // size), start.size)
+    interval = np.repeat(np.arange(estimate.index.size + 1), np.diff(border, prepend=0, append=start.size))
+    usable = sums.n >= size // 2
+    inside = estimate.index[(estimate.index % size != 0) & (estimate.index < start.size * size)]
+    usable[inside // size] = False
     n = np.maximum(sums.n, 1.0)
     friction = (sums.z - estimate.viscous * sums.x) / n
     # The level is the blocks' own: an estimate leaves out samples beside the jumps, and a difference would look alike

@@ -313,8 +313,9 @@ def scan(
     settings: ScanSettings,
     state: ScanState,
     peaks: PeakArrays,
-) -> None:
-    """Advance the detection over the slots [start, stop), which lie in one chunk.
+    chunk_peaks: int,
+) -> int:
+    """Advance the detection over the slots [start, stop), as far as there is room for peaks; return where it ended.
 
     Parameters
     ----------
@@ -327,10 +328,15 @@ def scan(
         Whether to add to the histogram (not when slots are scanned a second time).
     settings, state, peaks
         See their classes; state and peaks are changed in place.
+    chunk_peaks
+        Peaks that a chunk can give at most. There is room for those of the first chunk; it ends before another one
+        for which there is none.
     """
-    chunk = start - start % CHUNK
     peaks.counters[COUNT_CONFIRMED] = 0
     for begin in range(start, stop, STEP):
+        chunk = begin - begin % CHUNK
+        if begin == chunk and begin > start and peaks.counters[COUNT_PEAKS] + chunk_peaks > peaks.slots.shape[0]:
+            return begin
         end = min(begin + STEP, stop)
         fill_prefix(state.prefix, x, z, used, chunk, begin, end, settings.slope)
         for s in range(settings.scales.size):
@@ -349,6 +355,7 @@ def scan(
                 reach = 0 if settings.runs else w
                 _keep_peaks(state.statistic, state.jump, first, count, s, reach, floor, peaks)
         _confirm_peaks(end, settings, peaks)
+    return stop
 
 
 def wglr(

@@ -119,9 +119,10 @@ def seven_scales(window: Window) -> Callable[[], object]:
             bits=statistic.view(np.int64),
             jump=np.empty(STEP),
         )
-        for start in range(0, x.size, CHUNK):
+        done = 0
+        while done < x.size:
             peaks.make_room(variances)
-            scan(x, z, used, start, min(start + CHUNK, x.size), True, settings, state, peaks.arrays)
+            done = scan(x, z, used, done, x.size, True, settings, state, peaks.arrays, peaks.chunk_peaks)
         return peaks
 
     return run
