@@ -20,6 +20,7 @@ NO_SYSTEM: Final = 1
 # Steps of a system at a candidate: down or up (step % 2), after no, a downward or an upward jump without a candidate.
 STEPS: Final = 6
 _SKIPPED: Final = (0, -1, 1)
+SLACK: Final = 1e-9  # of a first sieve, whose terms are added up in another order [log-likelihood]
 
 Int16Array = NDArray[np.int16]
 Int32Array = NDArray[np.int32]
@@ -71,15 +72,14 @@ class Offers(NamedTuple):
 
 
 class States(NamedTuple):
-    """Distinct states of the next stage with their best entries, best first; `table` finds a state by its hash."""
+    """Distinct states of the next stage, each with its best offers, best first; `table` finds a state by its hash."""
 
     table: Int32Array
     rows: Int16Array
     kept: Int32Array
     score: FloatArray
-    parent: Int32Array
+    entry: Int32Array
     action: Int32Array
-    friction: FloatArray
 
 
 class Tree(NamedTuple):
@@ -167,21 +167,15 @@ def expand(
         slots *= 2
     most = room * tables.actions.shape[0]
     tree = Tree(np.empty((candidates + 1) * room, dtype=np.int32), np.empty((candidates + 1) * room, dtype=np.int32))
-    entries = Entries(
-        np.zeros((room, width), dtype=np.int16),
-        np.zeros(room),
-        np.zeros(room, dtype=np.int32),
-        np.zeros((room, systems, 2)),
-    )
+    entries, following = _no_entries(room, systems), _no_entries(room, systems)
     offers = Offers(np.empty(most, dtype=np.int32), np.empty(most, dtype=np.int32), np.empty(most), np.empty(most))
     states = States(
         np.empty(slots, dtype=np.int32),
-        np.zeros((room, width), dtype=np.int16),
-        np.zeros(room, dtype=np.int32),
-        np.zeros((room, kept)),
-        np.zeros((room, kept), dtype=np.int32),
-        np.zeros((room, kept), dtype=np.int32),
-        np.zeros((room, kept, systems, 2)),
+        np.empty((room, width), dtype=np.int16),
+        np.empty(room, dtype=np.int32),
+        np.empty((room, kept)),
+        np.empty((room, kept), dtype=np.int32),
+        np.empty((room, kept), dtype=np.int32),
     )
     count = _start(tables, cutoff, starts, entries, tree)
     used, expanded, lost = count, 0, -np.inf
@@ -190,24 +184,24 @@ def expand(
         expanded += count
         stage_cutoff = cutoff
         if offered > room:
-            ordered = np.sort(offers.bound[:offered])
-            stage_cutoff = ordered[offered - room]
-            lost = max(lost, ordered[offered - room - 1])
+            divided = np.partition(offers.bound[:offered], offered - room)
+            stage_cutoff = divided[offered - room]
+            lost = max(lost, divided[: offered - room].max())
         found = _merge(tables, k, stage_cutoff, entries, offers, offered, states)
         count = 0
         for state in range(found):
             for rank in range(states.kept[state]):
+                at, action = states.entry[state, rank], states.action[state, rank]
                 for column in range(width):
-                    entries.rows[count, column] = states.rows[state, column]
-                for s in range(systems):
-                    entries.friction[count, s, 0] = states.friction[state, rank, s, 0]
-                    entries.friction[count, s, 1] = states.friction[state, rank, s, 1]
-                entries.score[count] = states.score[state, rank]
-                entries.node[count] = used
-                tree.parent[used] = states.parent[state, rank]
-                tree.action[used] = states.action[state, rank]
+                    following.rows[count, column] = states.rows[state, column]
+                _learn(tables, entries, at, k, action, following.friction[count])
+                following.score[count] = states.score[state, rank]
+                following.node[count] = used
+                tree.parent[used] = entries.node[at]
+                tree.action[used] = action
                 used += 1
                 count += 1
+        entries, following = following, entries
     for at in range(count):
         entries.score[at] += tables.fit[entries.rows[at, 0], candidates + 1]
         for s in range(systems):
@@ -216,14 +210,28 @@ def expand(
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
+def _no_entries(room: int, systems: int) -> Entries:
+    """Return room for entries."""
+    return Entries(
+        np.empty((room, 1 + 2 * systems), dtype=np.int16),
+        np.empty(room),
+        np.empty(room, dtype=np.int32),
+        np.empty((room, systems, 2)),
+    )
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
 def _start(tables: Tables, cutoff: float, starts: int, entries: Entries, tree: Tree) -> int:
     """Enter all configurations that the systems may be in at the window's begin; return their number."""
     count = 0
     for start in range(starts):
         remainder = start
+        entries.rows[count, 0] = 0
+        entries.score[count] = 0.0
         for s in range(tables.configurations.size - 1, -1, -1):
             q = remainder % tables.configurations[s]
             entries.rows[count, 1 + 2 * s] = q
+            entries.rows[count, 2 + 2 * s] = 0
             entries.friction[count, s, 0] = tables.law_mean[s, q]
             entries.friction[count, s, 1] = tables.law_variance[s, q]
             remainder //= tables.configurations[s]
@@ -245,40 +253,57 @@ def _offer(tables: Tables, k: int, cutoff: float, entries: Entries, count: int, 
     highest = _size_term(tables, k, tables.size[k - 1], 0.0)
     offered = 0
     for at in range(count):
-        by_own = _weigh_steps(tables, entries, at, k, steps)
-        last = entries.rows[at, 0]
-        for a in range(actions.shape[0] if by_own > -np.inf else 0):
-            score, own = entries.score[at], by_own
-            node = k
-            if a == REJECT:
-                score += tables.priors[0]
-                node = last
-            elif a == NO_SYSTEM:
-                score += fit[last, k] + unattributed
-            else:
-                s, first, t, second = actions[a, 0], actions[a, 1], actions[a, 2], actions[a, 3]
-                if steps[s, first, 0] == -np.inf or (second >= 0 and steps[t, second, 0] == -np.inf):
+        last, so_far = entries.rows[at, 0], entries.score[at]
+        by_own = 0.0  # what the systems may still do without a step here
+        for s in range(systems):
+            by_own += tables.own[s, entries.rows[at, 1 + 2 * s], entries.rows[at, 2 + 2 * s], k]
+        if by_own == -np.inf:
+            continue
+        score = so_far + tables.priors[0]
+        bound = score + min(rest[last, k], rest_fit[last, k] + by_own)
+        if bound >= cutoff:
+            offered = _list(offers, offered, at, REJECT, score, bound)
+        score = so_far + (fit[last, k] + unattributed)
+        bound = score + min(rest[k, k], rest_fit[k, k] + by_own)
+        if bound >= cutoff and bound > -np.inf:
+            offered = _list(offers, offered, at, NO_SYSTEM, score, bound)
+        # Most steps end here, before they are weighed: not even a perfect size would bring them within reach.
+        best = so_far + fit[last, k] + highest + rest[k, k]
+        if best < cutoff - SLACK:
+            continue
+        _weigh_steps(tables, entries, at, k, steps)
+        for a in range(NO_SYSTEM + 1, actions.shape[0]):
+            s, first, t, second = actions[a, 0], actions[a, 1], actions[a, 2], actions[a, 3]
+            if best + steps[s, first, 0] < cutoff - SLACK or steps[s, first, 0] == -np.inf:
+                continue
+            if (second < 0 or first % 2 == second % 2) and not signs[k - 1, first % 2]:
+                continue
+            score = so_far + (fit[last, k] + steps[s, first, 0])
+            own = by_own + steps[s, first, 1]
+            mean, variance = steps[s, first, 2], steps[s, first, 3]
+            if second >= 0:
+                if steps[t, second, 0] == -np.inf:
                     continue
-                if (second < 0 or first % 2 == second % 2) and not signs[k - 1, first % 2]:
-                    continue
-                score += fit[last, k] + steps[s, first, 0]
-                own += steps[s, first, 1]
-                mean, variance = steps[s, first, 2], steps[s, first, 3]
-                if second >= 0:
-                    score += steps[t, second, 0] + tables.priors[2]
-                    own += steps[t, second, 1]
-                    mean += steps[t, second, 2]
-                    variance += steps[t, second, 3]
-                # Most end here, before the size is weighed: not even a perfect size would bring them within reach.
-                if score + highest + min(rest[k, k], rest_fit[k, k] + own) < cutoff:
-                    continue
-                score += _size_term(tables, k, mean, variance)
-            bound = score + min(rest[node, k], rest_fit[node, k] + own)
+                score += steps[t, second, 0] + tables.priors[2]
+                own += steps[t, second, 1]
+                mean += steps[t, second, 2]
+                variance += steps[t, second, 3]
+            follows = min(rest[k, k], rest_fit[k, k] + own)
+            if score + highest + follows < cutoff:
+                continue
+            score += _size_term(tables, k, mean, variance)
+            bound = score + follows
             if bound >= cutoff and bound > -np.inf:
-                offers.entry[offered], offers.action[offered] = at, a
-                offers.score[offered], offers.bound[offered] = score, bound
-                offered += 1
+                offered = _list(offers, offered, at, a, score, bound)
     return offered
+
+
+@njit(cache=True, error_model="numpy", nogil=True, inline="always")
+def _list(offers: Offers, offered: int, at: int, action: int, score: float, bound: float) -> int:
+    """Add an offer; return how many there are now."""
+    offers.entry[offered], offers.action[offered] = at, action
+    offers.score[offered], offers.bound[offered] = score, bound
+    return offered + 1
 
 
 @njit(cache=True, error_model="numpy", nogil=True, inline="always")
@@ -291,17 +316,12 @@ def _size_term(tables: Tables, k: int, mean: float, variance: float) -> float:
 
 
 @njit(cache=True, error_model="numpy", nogil=True, inline="always")
-def _weigh_steps(tables: Tables, entries: Entries, at: int, k: int, steps: FloatArray) -> float:
-    """Fill in what each step of each system is worth, see `_offer`; -inf where it is impossible.
-
-    Returns the sum of the systems' own bounds without a step, -inf for a state that has no future.
-    """
+def _weigh_steps(tables: Tables, entries: Entries, at: int, k: int, steps: FloatArray) -> None:
+    """Fill in what each step of each system is worth, see `_offer`; -inf where it is impossible."""
     jump, missed, turn, own = tables.jump, tables.missed, tables.turn, tables.own
-    total = 0.0
     for s in range(tables.configurations.size):
         q, since = entries.rows[at, 1 + 2 * s], entries.rows[at, 2 + 2 * s]
         now = own[s, q, since, k]
-        total += now
         for step in range(STEPS):
             steps[s, step, 0] = -np.inf
             for column in range(1, 4):
@@ -324,7 +344,6 @@ def _weigh_steps(tables: Tables, entries: Entries, at: int, k: int, steps: Float
             steps[s, step, 1] = own[s, after, k, k] - now
             steps[s, step, 2] = tables.law_mean[s, after] - mean
             steps[s, step, 3] = tables.law_variance[s, after] + variance
-    return total
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
@@ -334,7 +353,6 @@ def _merge(
     """Bring the offers above the cutoff together by state; return the number of states."""
     room, mask = states.rows.shape[0], states.table.size - 1
     out = np.zeros((1, entries.rows.shape[1]), dtype=np.int16)
-    friction = np.zeros((tables.configurations.size, 2))
     states.table[:] = -1
     found, taken = 0, 0
     for offer in range(offered):
@@ -354,14 +372,13 @@ def _merge(
             found += 1
         state, score = states.table[place], offers.score[offer]
         if states.kept[state] < states.score.shape[1] or score > states.score[state, states.score.shape[1] - 1]:
-            _learn(tables, entries, at, k, a, friction)
-            _keep(states, state, score, entries.node[at], a, friction)
+            _keep(states, state, score, at, a)
     return found
 
 
 @njit(cache=True, error_model="numpy", nogil=True, inline="always")
-def _keep(states: States, state: int, score: float, parent: int, action: int, friction: FloatArray) -> None:
-    """Put an entry, which belongs there, among the best of its state."""
+def _keep(states: States, state: int, score: float, entry: int, action: int) -> None:
+    """Put an offer, which belongs there, among the best of its state."""
     kept, place = states.score.shape[1], states.kept[state]
     if place == kept:
         place -= 1
@@ -369,15 +386,10 @@ def _keep(states: States, state: int, score: float, parent: int, action: int, fr
         states.kept[state] += 1
     while place > 0 and states.score[state, place - 1] < score:
         states.score[state, place] = states.score[state, place - 1]
-        states.parent[state, place] = states.parent[state, place - 1]
+        states.entry[state, place] = states.entry[state, place - 1]
         states.action[state, place] = states.action[state, place - 1]
-        for s in range(friction.shape[0]):
-            states.friction[state, place, s, 0] = states.friction[state, place - 1, s, 0]
-            states.friction[state, place, s, 1] = states.friction[state, place - 1, s, 1]
         place -= 1
-    states.score[state, place], states.parent[state, place], states.action[state, place] = score, parent, action
-    for s in range(friction.shape[0]):
-        states.friction[state, place, s, 0], states.friction[state, place, s, 1] = friction[s, 0], friction[s, 1]
+    states.score[state, place], states.entry[state, place], states.action[state, place] = score, entry, action
 
 
 @njit(cache=True, error_model="numpy", nogil=True, inline="always")
