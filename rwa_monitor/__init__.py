@@ -13,6 +13,7 @@ if TYPE_CHECKING:
 
     from rwa_monitor import plot
     from rwa_monitor.api import (
+        CoefficientTrend,
         Diagnosis,
         Monitor,
         Samples,
@@ -26,9 +27,11 @@ if TYPE_CHECKING:
         read,
         read_wheel,
         simulate,
+        wheel_trends,
     )
 
 __all__ = [
+    "CoefficientTrend",
     "Diagnosis",
     "Monitor",
     "Samples",
@@ -44,6 +47,7 @@ __all__ = [
     "read",
     "read_wheel",
     "simulate",
+    "wheel_trends",
 ]
 
 

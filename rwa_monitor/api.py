@@ -35,6 +35,7 @@ from rwa_monitor.formats.wheel_file import read_wheel as read_wheel_file
 from rwa_monitor.live.core import WheelCore
 from rwa_monitor.live.events import Event, WindowDiagnosed
 from rwa_monitor.live.telemetry_files import joined, only_wheel, read_telemetry
+from rwa_monitor.live.trends import CoefficientTrend, wheel_trends
 from rwa_monitor.messages import Diagnosis, diagnosis_message
 from rwa_monitor.physics.scenario import Scenario
 from rwa_monitor.physics.telemetry import Telemetry
@@ -45,6 +46,7 @@ from rwa_monitor.threads import on_threads
 from rwa_monitor.version import SOFTWARE
 
 __all__ = [
+    "CoefficientTrend",
     "Diagnosis",
     "Monitor",
     "Samples",
@@ -58,6 +60,7 @@ __all__ = [
     "read",
     "read_wheel",
     "simulate",
+    "wheel_trends",
 ]
 
 PathLike = str | os.PathLike[str]

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Callable
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, Literal
 
@@ -15,6 +17,7 @@ from rwa_monitor.errors import InputError
 
 if TYPE_CHECKING:
     from rwa_monitor.fleet.tasks import CarriedStates, Diagnose
+    from rwa_monitor.live.trends import WindowFriction
     from rwa_monitor.messages import Diagnosis
 
 WIDTH_IN_FILES: Final = 120  # characters of a line where no terminal says how many it has
@@ -46,6 +49,9 @@ def command(
     is 2; with --carry, where later diagnoses would miss it, the work ends there.
 
     With --results, --scheduler or --workers many recordings are diagnosed at once, on Dask; the output is the same.
+
+    Of eight windows of a wheel or more, the last lines say whether its dry or viscous friction grows, and when it will
+    leave the nominal range; not with --json.
     """
     from rwa_monitor.fleet.tasks import Diagnose
     from rwa_monitor.formats.model_file import read_model
@@ -59,8 +65,11 @@ def command(
     task = Diagnose(
         read_wheel(wheel_file) if wheel_file else None, read_model(model_file) if model_file else None, method
     )
-    show = _json_line if as_json else _picture()
-    ctx.exit(_one_by_one(task, files, show, carry) if not fleet.asked_for else _at_once(task, files, show, fleet))
+    show = _json_line if as_json else _Pictures()
+    status = _one_by_one(task, files, show, carry) if not fleet.asked_for else _at_once(task, files, show, fleet)
+    if isinstance(show, _Pictures):
+        show.end()
+    ctx.exit(status)
 
 
 def _one_by_one(task: Diagnose, files: tuple[Path, ...], show: Callable[[Diagnosis], None], carry: bool) -> int:
@@ -104,15 +113,34 @@ def _json_line(diagnosis: Diagnosis) -> None:
     click.echo(diagnosis.to_json())
 
 
-def _picture() -> Callable[[Diagnosis], None]:
-    """Return the function that prints a diagnosis for a person."""
-    from functools import partial
+class _Pictures:
+    """Prints diagnoses for a person, and at the end what the windows of each wheel together say of its friction."""
 
-    from rich.console import Console
+    def __init__(self) -> None:
+        from rich.console import Console
 
-    from rwa_monitor.cli.diagnosis_view import print_diagnosis
+        self._console = Console(highlight=False)
+        if not self._console.is_terminal:
+            self._console.width = WIDTH_IN_FILES
+        self._courses: defaultdict[tuple[str, str], list[WindowFriction]] = defaultdict(list)
 
-    console = Console(highlight=False)
-    if not console.is_terminal:
-        console.width = WIDTH_IN_FILES
-    return partial(print_diagnosis, console)
+    def __call__(self, diagnosis: Diagnosis) -> None:
+        """Print a diagnosis."""
+        from rwa_monitor.cli.diagnosis_view import print_diagnosis
+        from rwa_monitor.live.trends import WindowFriction
+
+        print_diagnosis(self._console, diagnosis)
+        self._courses[diagnosis.spacecraft, diagnosis.wheel].append(WindowFriction.of(diagnosis))
+
+    def end(self) -> None:
+        """Print the trends."""
+        from rwa_monitor.live.trends import wheel_trends
+
+        for (spacecraft, wheel), windows in self._courses.items():
+            starts = [window.window_start_ns for window in windows]
+            if any(later <= earlier for earlier, later in pairwise(starts)):
+                continue  # several files of the same time: other wheels, or the same one twice, but not one course
+            for trend in wheel_trends(windows).values():
+                click.echo(
+                    f"{spacecraft}/{wheel}: {trend.sentence()}" if spacecraft else f"{wheel}: {trend.sentence()}"
+                )

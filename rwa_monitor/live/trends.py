@@ -1,0 +1,210 @@
+"""The course of a wheel's friction over many windows, from its diagnoses or a history: trend, words, plain content.
+
+    for trend in wheel_trends(diagnoses).values():
+        print(trend.sentence())
+
+Each coefficient is followed to the bound of its nominal range, or to a limit that the caller names.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Final, Protocol, Self
+
+import numpy as np
+
+from rwa_monitor.diagnosis.explanation import quantity, title
+from rwa_monitor.diagnosis.trend import Reach, Trend, find_trend
+from rwa_monitor.messages import Diagnosis
+from rwa_monitor.samples import NANOSECONDS_PER_SECOND
+
+SECONDS_PER_DAY: Final = 86_400.0
+DRAWN: Final = 60  # points of the line in plain content
+SMALLEST_P: Final = 1e-9  # below, a p-value is only said to be smaller: it rests on Gaussian tails
+
+
+class Estimate(Protocol):
+    """One coefficient in one window, as a row of the history has it: SI units, None where it is not known."""
+
+    @property
+    def window_start_ns(self) -> int: ...
+    @property
+    def window_end_ns(self) -> int: ...
+    @property
+    def value(self) -> float | None: ...
+    @property
+    def std(self) -> float | None: ...
+    @property
+    def nominal_low(self) -> float | None: ...
+    @property
+    def nominal_high(self) -> float | None: ...
+    @property
+    def unit(self) -> str: ...
+
+
+@dataclass(frozen=True, slots=True)
+class FrictionEstimate:
+    """One coefficient in one window; see `Estimate`."""
+
+    window_start_ns: int
+    window_end_ns: int
+    value: float | None
+    std: float | None
+    nominal_low: float | None
+    nominal_high: float | None
+    unit: str
+
+
+@dataclass(frozen=True, slots=True)
+class WindowFriction:
+    """Base dry and viscous friction of one window: what is left of a diagnosis that is kept for its trend only."""
+
+    window_start_ns: int
+    by_name: Mapping[str, FrictionEstimate]
+
+    @classmethod
+    def of(cls, diagnosis: Diagnosis) -> Self:
+        """Return the friction of a diagnosis."""
+        start, end, friction = diagnosis.window_start_ns, diagnosis.window_end_ns, diagnosis.friction
+        by_name = {}
+        for name, quantity_ in (("dry", friction.base_dry), ("viscous", friction.viscous)):
+            known = diagnosis.anomalies.get(name)
+            low, high = (known.nominal_low, known.nominal_high) if known else (None, None)
+            by_name[name] = FrictionEstimate(start, end, quantity_.value, quantity_.std, low, high, quantity_.unit)
+        return cls(start, by_name)
+
+
+@dataclass(frozen=True, slots=True)
+class CoefficientTrend:
+    """The trend of one coefficient.
+
+    Attributes
+    ----------
+    name, unit
+        `dry` or `viscous`; SI unit.
+    first_ns
+        Begin of the first window: the zero of all times of `trend` and `reach`.
+    trend
+        What was found.
+    limit
+        The limit that the trend leads to, None without one.
+    reach
+        When it is reached, None without a trend or a limit.
+    """
+
+    name: str
+    unit: str
+    first_ns: int
+    trend: Trend
+    limit: float | None
+    reach: Reach | None
+
+    def at_ns(self, time_s: float) -> int | None:
+        """Return a time of the trend on the wheel's clock [ns]; None for one that never comes."""
+        return self.first_ns + round(time_s * NANOSECONDS_PER_SECOND) if np.isfinite(time_s) else None
+
+    def sentence(self) -> str:
+        """Say in one sentence what the trend is and when it reaches the limit."""
+        found, name = self.trend, title(self.name)
+        p = f"p < {SMALLEST_P:.0e}" if found.p_value < SMALLEST_P else f"p = {found.p_value:.2g}"
+        if not found.present:
+            return f"No trend of {name} in {found.windows} windows ({p})."
+        per_day, std = (quantity(x * SECONDS_PER_DAY, self.unit) for x in (abs(found.slope), found.slope_std))
+        course = f"{name} {'grows' if found.slope > 0 else 'falls'} by {per_day} a day (± {std}, {p})"
+        return f"{course[0].upper()}{course[1:]}{self._when()}."
+
+    def _when(self) -> str:
+        if self.limit is None or self.reach is None:
+            return ""
+        limit, now = quantity(self.limit, self.unit), self.trend.lines.now_s
+        if self.reach.time_s == now:
+            return f" and is beyond its limit of {limit}"
+        low, median, high = (
+            f"{(t - now) / SECONDS_PER_DAY:.2g}" if np.isfinite(t) else "never"
+            for t in (self.reach.low_s, self.reach.time_s, self.reach.high_s)
+        )
+        return f" and reaches its limit of {limit} in {median} days (95 %: {low} to {high})"
+
+    def document(self) -> dict[str, Any]:
+        """Return the trend as plain content for JSON; times in ns on the wheel's clock, None for never."""
+        found = self.trend
+        until = found.lines.now_s
+        if self.reach is not None and np.isfinite(self.reach.high_s):
+            until = max(self.reach.high_s, until)
+        time_s = np.linspace(0.0, min(until, 2.0 * found.lines.span_s), DRAWN)
+        mean, std = found.lines.at(time_s)
+        return {
+            "name": self.name,
+            "unit": self.unit,
+            "windows": found.windows,
+            "present": found.present,
+            "p_value": found.p_value,
+            "slope_per_day": found.slope * SECONDS_PER_DAY,
+            "slope_per_day_std": found.slope_std * SECONDS_PER_DAY,
+            "onset_ns": [self.at_ns(t) for t in found.onset_s],
+            "limit": self.limit,
+            "reach_ns": None
+            if self.reach is None
+            else [self.at_ns(t) for t in (self.reach.low_s, self.reach.time_s, self.reach.high_s)],
+            "line": {"time_ns": [self.at_ns(t) for t in time_s], "value": mean.tolist(), "std": std.tolist()},
+            "sentence": self.sentence(),
+        }
+
+
+def coefficient_trend(name: str, estimates: Sequence[Estimate], limit: float | None = None) -> CoefficientTrend | None:
+    """Find the trend of one coefficient of one wheel.
+
+    Parameters
+    ----------
+    name
+        `dry`, `viscous`, or a switching system.
+    estimates
+        One for each window, in order of time; rows of the history will do.
+    limit
+        In the estimates' unit; None: the bound of the last window's nominal range that the trend leads to.
+
+    Returns
+    -------
+    None where fewer than `diagnosis.trend.MIN_WINDOWS` windows show it.
+    """
+    if not estimates:
+        return None
+    first_ns, last = estimates[0].window_start_ns, estimates[-1]
+    # Whole nanoseconds first: as floats, times since 1970 would be good to a quarter of a microsecond only.
+    middle_s = [(e.window_start_ns + e.window_end_ns - 2 * first_ns) / 2 / NANOSECONDS_PER_SECOND for e in estimates]
+    # A window that claims to be exact tells nothing, as one that knows nothing.
+    std = [e.std if e.std is not None and e.std > 0 else np.nan for e in estimates]
+    value = [np.nan if e.value is None else e.value for e in estimates]
+    trend = find_trend(np.array(middle_s), np.array(value), np.array(std))
+    if trend is None:
+        return None
+    if limit is None:
+        limit = last.nominal_high if trend.slope > 0 else last.nominal_low
+    return CoefficientTrend(name, last.unit, first_ns, trend, limit, None if limit is None else trend.reach(limit))
+
+
+def wheel_trends(
+    windows: Sequence[Diagnosis | WindowFriction], limits: Mapping[str, float] | None = None
+) -> dict[str, CoefficientTrend]:
+    """Find the trends of base dry and viscous friction over the windows of one wheel.
+
+    Parameters
+    ----------
+    windows
+        Diagnoses of one wheel, or what is left of them, in any order.
+    limits
+        By coefficient, `dry` [N m] and `viscous` [N m s/rad]; the others are followed to their nominal range.
+
+    Returns
+    -------
+    By coefficient; one that too few windows show is not in it.
+    """
+    frictions = [window if isinstance(window, WindowFriction) else WindowFriction.of(window) for window in windows]
+    frictions.sort(key=lambda friction: friction.window_start_ns)
+    found = {}
+    for name in ("dry", "viscous"):
+        trend = coefficient_trend(name, [friction.by_name[name] for friction in frictions], (limits or {}).get(name))
+        if trend is not None:
+            found[name] = trend
+    return found
