@@ -11,6 +11,7 @@ from contextlib import closing, contextmanager
 from pathlib import Path
 from threading import Condition
 from typing import Any, Final
+from urllib.parse import quote
 
 from sqlalchemy import Engine, create_engine, event
 from sqlalchemy.exc import SQLAlchemyError
@@ -50,6 +51,8 @@ class Database:
         self.path = path
         self._gate = Condition()
         self._sessions = 0  # that are open: the file is put back while there is none
+        if path is not None:
+            _make(path)
         self._engine = _open_engine(path)
         self._keeper: Any = None
         self._files = self._hold()
@@ -137,19 +140,29 @@ def _identity(path: Path) -> tuple[int, int] | None:
     return facts.st_dev, facts.st_ino
 
 
+def _make(path: Path) -> None:
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.touch()
+    except OSError as error:
+        raise InputError(str(path), f"cannot be used as a history: {error.strerror}") from error
+
+
 def _open_engine(path: Path | None) -> Engine:
     """Open the database and make its tables where they are missing."""
     try:
         if path is None:
             engine = create_engine("sqlite://", poolclass=StaticPool, connect_args={"check_same_thread": False})
         else:
-            path.parent.mkdir(parents=True, exist_ok=True)
             # A connection is used by one thread at a time, as the pool sees to; the keeper by whoever puts it back.
+            # None makes a file: an empty one in the place of one that was removed would be taken for one put there.
             connect_args = {"timeout": BUSY_TIMEOUT_S, "check_same_thread": False}
-            engine = create_engine(f"sqlite:///{path}", connect_args=connect_args)
+            engine = create_engine(
+                f"sqlite:///file:{quote(str(path.absolute()))}?mode=rw&uri=true", connect_args=connect_args
+            )
         event.listen(engine, "connect", _set_up_connection)
         Table.metadata.create_all(engine)
-    except (OSError, SQLAlchemyError) as error:
+    except SQLAlchemyError as error:
         raise InputError(str(path), f"cannot be used as a history: {_reason(error)}") from error
     return engine
 

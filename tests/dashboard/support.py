@@ -8,7 +8,7 @@ import urllib.request
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from threading import Event
+from threading import Event, Thread
 from typing import Any
 
 import pytest
@@ -65,6 +65,25 @@ def wait_until(condition: Callable[[], Any], what: str) -> Any:
 
 
 @contextmanager
+def reporting(session: zenoh.Session, *wheels: str, **changes: Any) -> Iterator[None]:
+    """Let monitors report: a status of each wheel some times a second."""
+    stop = Event()
+
+    def report() -> None:
+        while not stop.wait(0.3):
+            for wheel in wheels:
+                session.put(f"rwa/sat/{wheel}/status", status(wheel, **changes))
+
+    thread = Thread(target=report)
+    thread.start()
+    try:
+        yield
+    finally:
+        stop.set()
+        thread.join()
+
+
+@contextmanager
 def browser() -> Iterator[Any]:
     """Start Debian's Chromium; skips where there is none."""
     if not CHROMIUM.exists():
@@ -88,3 +107,10 @@ def new_page(started: Any, width: int = 1280, **options: Any) -> tuple[Any, list
     page.on("pageerror", lambda error: complaints.append(str(error)))
     page.on("console", lambda message: complaints.append(message.text) if message.type == "error" else None)
     return page, complaints
+
+
+def expect(locator: Any) -> Any:
+    """Expect something of an element, as Playwright does it: waits for it."""
+    from playwright.sync_api import expect as playwright_expect
+
+    return playwright_expect(locator)

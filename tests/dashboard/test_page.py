@@ -3,135 +3,241 @@
 from __future__ import annotations
 
 import json
-import urllib.error
-import urllib.request
+import re
+import subprocess
+import sys
 from collections.abc import Iterator
-from contextlib import ExitStack
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import pytest
 import zenoh
 
+from rwa_monitor.cli.demo_story import FAILING
 from rwa_monitor.dashboard.server import DashboardOptions, Running, serve
-from rwa_monitor.live.bus import BusOptions, open_session
-from rwa_monitor.messages import Status
-from tests.history.support import diagnosis
+from rwa_monitor.messages import samples_json
+from rwa_monitor.samples import Samples
+from tests.dashboard.support import ask, expect, new_page, reporting, send_windows, status, wait_until
+from tests.dashboard.test_recordings import RECORDING
+from tests.dashboard.test_telemetry import current, with_friction
+from tests.history.support import diagnosis, discrepancy
 
-CHROMIUM = Path("/usr/bin/chromium")
-WAIT_MS = 15_000
-
-
-def status(wheel: str) -> bytes:
-    counted = ("samples_", "slots_", "messages_")
-    return Status.model_validate(
-        {name: 0 for name in Status.model_fields if name.startswith(counted)}
-        | {"spacecraft": "sat", "wheel": wheel, "queue_depth": 0, "window_fill": 0.5, "last_error": None}
-        | {"recording": None, "software": "test", "model_sha256": "", "publisher": "p", "windows": 3}
-        | {"last_sample_ns": None, "diagnosis_s": None, "now_wall_ns": 1}
-    ).to_json()
+VIEWS = ("#/", "#/alarms", "#/recordings", "#/wheel/sat/wheel_2", "#/wheel/sat/nobody", f"#/replay/{RECORDING.name}")
+ALARM_MS = 120_000  # the demo's wheel fails some 20 s after its start; a new machine compiles first
 
 
-@pytest.fixture
-def session() -> Iterator[zenoh.Session]:
-    with open_session(BusOptions()) as opened:
-        yield opened
-
-
-@pytest.fixture
-def server(session: zenoh.Session, tmp_path: Path) -> Iterator[Running]:
-    with serve(DashboardOptions(0, tmp_path, token="right"), session) as running:
-        for number in range(3):
-            session.put("rwa/sat/wheel_1/diagnosis", diagnosis(number).to_json())
-            failing = diagnosis(number, severity=1.0 if number else None, wheel="wheel_2")
-            session.put("rwa/sat/wheel_2/diagnosis", failing.to_json())
-        for wheel in ("wheel_1", "wheel_2"):
+@contextmanager
+def failing_fleet(session: zenoh.Session, record: Path) -> Iterator[Running]:
+    """Serve a fleet of two wheels, of which one fails and has a discrepancy report, with samples."""
+    (record / RECORDING.name).write_bytes(RECORDING.read_bytes())
+    with serve(DashboardOptions(0, record, token="right"), session) as running:
+        for wheel, failing in (("wheel_1", False), ("wheel_2", True)):
+            send_windows(session, wheel, failing=failing)
             session.put(f"rwa/sat/{wheel}/status", status(wheel))
+        send_samples(session, "wheel_2", with_friction(4_000))
+        session.put("rwa/sat/wheel_2/discrepancy", discrepancy(1, "wheel_2").to_json())
         yield running
 
 
-def ask(
-    address: str, path: str, *, headers: dict[str, str] | None = None, body: bytes | None = None
-) -> tuple[int, Any]:
-    request = urllib.request.Request(address + path, data=body, headers=headers or {})
-    try:
-        with urllib.request.urlopen(request, timeout=10) as answer:
-            return answer.status, json.load(answer)
-    except urllib.error.HTTPError as error:
-        with error:
-            return error.code, error.read()
+def send_samples(session: zenoh.Session, wheel: str, samples: Samples) -> None:
+    for begin in range(0, len(samples), 250):
+        session.put(f"rwa/sat/{wheel}/samples", samples_json(samples[begin : begin + 250], "satellite", begin))
 
 
 @pytest.mark.processes
-def test_changes_need_the_token_and_no_other_origin_or_host_is_served(server: Running) -> None:
-    seen = json.dumps({"name": "Ann"}).encode()
-    assert ask(server.address, "api/alarms/1/acknowledge", body=seen)[0] == 401
-    assert (
-        ask(server.address, "api/alarms/1/acknowledge", body=seen, headers={"Authorization": "Bearer wrong"})[0] == 401
-    )
-    right = {"Authorization": "Bearer right"}
-    assert ask(server.address, "api/alarms/1/acknowledge", body=b"{}", headers=right)[0] == 422
-    assert ask(server.address, "api/alarms/1/acknowledge", body=b" " * 100_000, headers=right)[0] == 413
-    assert ask(server.address, "api/fleet", headers={"Origin": "http://elsewhere.example"})[0] == 403
-    assert ask(server.address, "api/fleet", headers={"Host": "elsewhere.example"})[0] == 400
-    assert ask(server.address, "api/recordings/..%2Fsecret")[0] in {404, 422}
-    assert ask(server.address, "api/wheels/sat/wheel_9")[0] == 404
-    status_code, document = ask(server.address, "api/openapi.json")
-    assert status_code == 200
-    assert "/api/fleet" in document["paths"]
+def test_changes_need_the_token_and_no_other_origin_or_host_is_served(session: zenoh.Session, tmp_path: Path) -> None:
+    with failing_fleet(session, tmp_path) as server:
+        address, path = server.address, "api/alarms/1/acknowledge"
+        seen, right = json.dumps({"name": "Ann"}).encode(), {"Authorization": "Bearer right"}
+        assert ask(address, path, body=seen)[0] == 401
+        assert ask(address, path, body=seen, headers={"Authorization": "Bearer wrong"})[0] == 401
+        assert ask(address, path, body=b"{}", headers=right)[0] == 422
+        assert ask(address, path, body=b" " * 100_000, headers=right)[0] == 413
+        assert ask(address, "api/fleet", headers={"Origin": "http://elsewhere.example"})[0] == 403
+        assert ask(address, "api/fleet", headers={"Host": "elsewhere.example"})[0] == 400
+        assert ask(address, "api/recordings/..%2Fsecret")[0] in {404, 422}
+        assert ask(address, "api/wheels/sat/wheel_9")[0] == 404
 
 
 @pytest.mark.browser
-def test_an_operator_finds_the_failing_wheel_and_acknowledges(session: zenoh.Session, tmp_path: Path) -> None:
-    if not CHROMIUM.exists():
-        pytest.skip(f"no browser: {CHROMIUM} is missing (Debian's package chromium)")
-    from playwright.sync_api import expect, sync_playwright
-
-    with ExitStack() as stack:
-        served = ExitStack()
-        stack.callback(served.close)
-        running = served.enter_context(serve(DashboardOptions(0, tmp_path, token="right"), session))
-        for wheel, severity in (("wheel_1", None), ("wheel_2", 1.0)):
-            for number in range(3):
-                message = diagnosis(number, severity=severity if number else None, wheel=wheel)
-                session.put(f"rwa/sat/{wheel}/diagnosis", message.to_json())
-            session.put(f"rwa/sat/{wheel}/status", status(wheel))
-        playwright = stack.enter_context(sync_playwright())
-        browser = playwright.chromium.launch(executable_path=str(CHROMIUM), args=["--no-sandbox"])
-        stack.callback(browser.close)
-        page = browser.new_page(viewport={"width": 1280, "height": 900})
-        page.set_default_timeout(WAIT_MS)
-        expect.set_options(timeout=WAIT_MS)
-        complaints: list[str] = []
-        page.on("pageerror", lambda error: complaints.append(str(error)))
-        page.on("console", lambda message: complaints.append(message.text) if message.type == "error" else None)
-
-        page.goto(running.address_with_token)
+@pytest.mark.slow
+@pytest.mark.processes
+def test_an_operator_sees_the_demos_wheel_fail_and_acknowledges(chromium: Any, tmp_path: Path) -> None:
+    command = ["demo", "--no-browser", "--duration", "70", "--port", "0", "--record", str(tmp_path)]
+    demo = subprocess.Popen(
+        [sys.executable, "-m", "rwa_monitor.cli", *command],
+        stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
+    )  # fmt: skip
+    try:
+        assert demo.stderr is not None
+        address = next(match[1] for line in demo.stderr if (match := re.search(r"the page is at (\S+)", line)))
+        page, complaints = new_page(chromium)
+        page.goto(address)
         assert "token" not in page.url
-        expect(page.locator(".wheel").first).to_contain_text("anomalous")  # the worst comes first
-        expect(page.locator(".wheel").first).to_contain_text("Viscous friction is too high.")
-        page.locator(".wheel").first.click()
-        expect(page.locator("h1")).to_have_text("sat / wheel_2")
-        expect(page.locator("tbody tr")).to_contain_text("▲ active")
-        expect(page.locator("canvas").first).to_be_visible()
+        row = page.locator(".wheel", has_text=FAILING)
+        expect(row).to_contain_text("nominal", timeout=ALARM_MS)
+        expect(row).to_contain_text("anomalous", timeout=ALARM_MS)
+        assert FAILING in page.locator(".wheel").first.inner_text()  # the worst comes first
+        row.click()
+        expect(page.locator("h1")).to_contain_text(FAILING)
+        expect(page.get_by_role("row", name="viscous")).to_contain_text("▲ active")
+        expect(page.locator(".strong")).to_contain_text("Viscous friction is")
+        expect(page.get_by_role("img", name="wGLR over time").locator("canvas")).to_be_visible()
 
-        page.get_by_role("link", name="Alarms").click()
-        page.get_by_label("Your name").fill("Ann")
-        page.get_by_label("Note").fill("<b>seen</b>")
-        page.get_by_role("button", name="Acknowledge").click()
-        expect(page.get_by_text("Acknowledged by Ann")).to_be_visible()
+        page.keyboard.press("a")  # a key for each view
+        alarm = page.get_by_role("region", name=re.compile(f"viscous of {FAILING}"))
+        alarm.get_by_label("Your name").fill("Ann", timeout=ALARM_MS)
+        alarm.get_by_label("Note").fill("<b>seen</b>")
+        alarm.get_by_role("button", name="Acknowledge").click()
+        expect(alarm.get_by_text("Acknowledged by Ann")).to_be_visible()
         page.reload()
-        expect(page.get_by_text("Acknowledged by Ann")).to_be_visible()
-        expect(page.get_by_role("button", name="Acknowledge")).to_have_count(0)
+        expect(alarm.get_by_text("Acknowledged by Ann")).to_be_visible()
+        expect(alarm.get_by_role("button", name="Acknowledge")).to_have_count(0)
 
-        page.set_viewport_size({"width": 390, "height": 800})
-        for view in ("#/", "#/alarms", "#/recordings", "#/wheel/sat/wheel_2"):
-            page.goto(running.address + view)
-            expect(page.locator("h1")).to_be_visible()
-            assert page.evaluate("document.documentElement.scrollWidth") <= 390, view
-
-        page.goto(running.address + "#/")
-        expect(page.locator(".wheel").first).to_contain_text("stale")  # the monitor has been silent for some seconds
+        page.keyboard.press("r")
+        page.get_by_role("link", name="rwa-000001.mcap").click()
+        replay_and_seek(page)
         assert complaints == []
-        served.close()
-        expect(page.locator("#banner")).to_contain_text("Disconnected")
+        page.close()
+    finally:
+        demo.terminate()
+        demo.communicate()
+
+
+def replay_and_seek(page: Any) -> None:
+    """Play, pause, step and seek in a recording; the views are those of the live page."""
+    page.get_by_role("button", name="Next window").click()
+    expect(page.locator(".wheel").first).to_contain_text(re.compile("nominal|anomalous|inconclusive"))
+    page.locator(".wheel").first.click()
+    expect(page.locator("tbody tr").first).to_contain_text("dry")
+    clock = page.locator("section .soft", has_text="spacecraft clock").first
+    at_window = clock.inner_text()
+    page.get_by_label("Position").fill("0")
+    wait_until(lambda: clock.inner_text() != at_window, "the replay to go back")
+    expect(page.get_by_text("The first window is being filled.")).to_be_visible()
+    begin = clock.inner_text()
+    page.get_by_role("combobox", name="Speed").select_option("10")
+    page.get_by_role("button", name="Play").click()
+    wait_until(lambda: clock.inner_text() != begin, "the replay to go on")
+    page.get_by_role("button", name="Pause").click()
+    page.get_by_label("Position").fill("1000")
+    expect(page.locator("tbody tr").first).to_contain_text("dry")
+
+
+@pytest.mark.browser
+def test_a_recording_is_played_stepped_and_sought(chromium: Any, session: zenoh.Session, tmp_path: Path) -> None:
+    with failing_fleet(session, tmp_path) as running:
+        page, complaints = new_page(chromium)
+        page.goto(f"{running.address}#/recordings")
+        page.get_by_role("link", name=RECORDING.name).click()
+        replay_and_seek(page)
+        assert complaints == []
+        page.close()
+
+
+@pytest.mark.browser
+def test_the_wheel_view_shows_all_that_is_known(chromium: Any, session: zenoh.Session, tmp_path: Path) -> None:
+    with failing_fleet(session, tmp_path) as running, reporting(session, "wheel_2", last_sample_ns=5):
+        page, complaints = new_page(chromium)
+        page.goto(running.address)
+        expect(page.locator(".wheel").first).to_contain_text("Viscous friction is too high.")
+        expect(page.locator(".wheel").first).to_contain_text("probability 99 %, severity 1; anomalous for 2 windows")
+        page.locator(".wheel").first.click()
+        expect(page.get_by_role("row", name="viscous")).to_contain_text("6.6 µN m s/rad")
+        for chart in ("speed [rad/s]", "friction [mN m]", "wGLR", "residual [mN m]", "viscous [µN m s/rad]"):
+            expect(page.get_by_role("img", name=f"{chart} over time").first.locator("canvas")).to_be_visible()
+        report = page.locator("section", has=page.get_by_role("heading", name="Discrepancy report"))
+        expect(report).to_contain_text("stribeck")
+        expect(report).to_contain_text("0.5 mN m ± 0.01 mN m")
+        expect(report).to_contain_text("Unexplained: ripple")
+        quality = page.locator("section", has=page.get_by_role("heading", name="Data quality"))
+        for fact in ("✓ reporting", "100 %", "0 slots missed", "spacecraft clock 0.0 s", "1 jumps so far"):
+            expect(quality).to_contain_text(fact.replace("1 jumps", "0 jumps"))
+        # At the cursor stand the time on both clocks, and the values.
+        page.get_by_role("img", name="speed [rad/s] over time").hover()
+        expect(page.locator(".reading").first).to_contain_text(re.compile(r"UTC \(spacecraft clock .* s\): speed 100"))
+        assert complaints == []
+        page.close()
+
+
+@pytest.mark.browser
+def test_friction_that_is_derived_from_current_is_drawn(chromium: Any, session: zenoh.Session, tmp_path: Path) -> None:
+    with serve(DashboardOptions(0, tmp_path), session) as running:
+        session.put("rwa/sat/wheel_1/diagnosis", diagnosis(0).to_json())
+        send_samples(session, "wheel_1", current(1_000))
+        shown = wait_until(lambda: ask(running.address, "api/wheels/sat/wheel_1")[1]["samples"], "samples")
+        known = [value for value in shown["friction_torque_Nm"] if value is not None]
+        assert len(known) > 900
+        page, _ = new_page(chromium)
+        page.goto(f"{running.address}#/wheel/sat/wheel_1")
+        expect(page.get_by_role("img", name="friction [mN m] over time").first.locator("canvas")).to_be_visible()
+        expect(page.get_by_text("none can be derived")).to_have_count(0)
+        page.close()
+
+
+@pytest.mark.browser
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_every_view_is_accessible_and_fits(chromium: Any, session: zenoh.Session, tmp_path: Path, scheme: str) -> None:
+    from axe_playwright_python.sync_playwright import Axe
+
+    with failing_fleet(session, tmp_path) as running, reporting(session, "wheel_2"):
+        for width in (1280, 390):
+            page, complaints = new_page(chromium, width, color_scheme=scheme)
+            page.goto(running.address_with_token)
+            expect(page.locator(".wheel").first).to_contain_text("anomalous")
+            for view in VIEWS:
+                page.goto(running.address + view)
+                expect(page.locator("h1, h2").first).to_be_visible()
+                if "replay" in view:
+                    page.get_by_role("button", name="Next window").click()
+                if "wheel_2" in view:
+                    expect(page.get_by_role("heading", name="Discrepancy report")).to_be_visible()
+                wide = page.evaluate("document.documentElement.scrollWidth")
+                assert wide <= width, f"{view} is {wide} pixels wide"
+                found = Axe().run(page).response["violations"]
+                serious = [one for one in found if one["impact"] in {"serious", "critical"}]
+                assert serious == [], view
+            # The only complaint is about the wheel that nobody knows.
+            assert all("404" in complaint for complaint in complaints)
+            page.close()
+
+
+@pytest.mark.browser
+def test_all_can_be_done_by_keyboard(chromium: Any, session: zenoh.Session, tmp_path: Path) -> None:
+    with failing_fleet(session, tmp_path) as running:
+        page, complaints = new_page(chromium)
+        page.goto(running.address_with_token)
+        expect(page.locator(".wheel")).to_have_count(2)
+        page.keyboard.press("/")
+        page.keyboard.type("wheel_2")
+        expect(page.locator(".wheel")).to_have_count(1)
+        page.keyboard.press("Tab")
+        page.keyboard.press("Enter")
+        expect(page.locator("h1")).to_have_text("sat / wheel_2")
+        page.keyboard.press("a")
+        expect(page.locator("h1")).to_have_text("Alarms")
+        page.get_by_label("Your name").focus()
+        page.keyboard.type("Ann, far from the mouse")  # letters that are keys elsewhere
+        page.keyboard.press("Enter")
+        expect(page.get_by_text("Acknowledged by Ann, far from the mouse")).to_be_visible()
+        page.keyboard.press("f")
+        expect(page.locator("h1")).to_have_text("Fleet")
+        assert complaints == []
+        page.close()
+
+
+@pytest.mark.browser
+def test_empty_and_loading_states_are_drawn(chromium: Any, session: zenoh.Session, tmp_path: Path) -> None:
+    with serve(DashboardOptions(0, tmp_path), session) as running:
+        page, _ = new_page(chromium)
+        page.route("**/api/recordings", lambda route: (page.wait_for_timeout(300), route.continue_()))
+        page.goto(running.address)
+        expect(page.get_by_text("No wheel has been heard yet.")).to_be_visible()
+        page.goto(f"{running.address}#/alarms")
+        expect(page.get_by_text("No alarm so far.")).to_be_visible()
+        page.goto(f"{running.address}#/recordings")
+        expect(page.get_by_text("No recording in this folder yet.")).to_be_visible()
+        page.goto(f"{running.address}#/replay/missing.mcap")
+        expect(page.get_by_role("alert").filter(has_text="cannot be opened")).to_be_visible()
+        page.close()

@@ -21,13 +21,18 @@ export function fleetView(store, base) {
     wheels.sort((a, b) => a.rank - b.rank || worst(b.wheel) - worst(a.wheel) || (a.wheel.name < b.wheel.name ? -1 : 1));
     place(wheels.map(({ wheel, state }) => row(wheel, state)));
     if (!wheels.length) {
-      nothing.textContent = store.wheels.size ? "No wheel matches." : store.connected === false ? "Loading…" : "No wheel has been heard yet. Start a monitor (rwa-monitor run) on the same bus, or open a recording.";
+      nothing.textContent = store.wheels.size ? "No wheel matches." : nobody();
       list.replaceChildren(nothing);
     }
     const heard = wheels.filter(({ state }) => state === "live");
     const bad = wheels.filter(({ wheel }) => last(wheel)?.verdict === "anomalous").length;
     const text = store.live ? `${heard.length} of ${wheels.length} wheels reporting, ${bad} anomalous, ${store.openAlarms().length} open alarms` : `${wheels.length} wheels, ${bad} anomalous`;
     if (summary.textContent !== text) summary.textContent = text;
+  }
+
+  function nobody() {
+    if (!store.live) return "Nothing has happened yet at this time of the recording. Play it, or go to the next window.";
+    return store.connected ? "No wheel has been heard yet. Start a monitor (rwa-monitor run) on the same bus, or open a recording." : "Loading…";
   }
 
   /** Bring the rows into order, moving only those that stand wrong. */

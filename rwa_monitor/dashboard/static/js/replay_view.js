@@ -25,14 +25,17 @@ export function replayView(name, rest) {
   const speed = h("select", { "aria-label": "Speed" }, SPEEDS.map((times) => h("option", { value: times, selected: times === 1000 }, `${times}×`)));
   const clock = h("span", { class: "soft" });
   const problems = h("p", { class: "inconclusive", hidden: true });
+  const controls = [seek, play, step, speed];
   let player = null, inner = null, timer = null;
-  seek.addEventListener("input", () => player && move(player.begin + (seek.value / 1000) * (player.end - player.begin)));
+  for (const one of controls) one.disabled = true; // until there is something to play
+  seek.addEventListener("input", () => move(player.begin + (seek.value / 1000) * (player.end - player.begin)));
 
   open();
   async function open() {
     try {
       if (opened?.name !== name) opened = new Player(name, await ask(`/api/recordings/${encodeURIComponent(name)}`));
       player = opened;
+      for (const one of controls) one.disabled = false;
       if (player.problems.length) { problems.hidden = false; problems.textContent = `Not all could be read: ${player.problems.join("; ")}`; }
       show();
     } catch (error) {
@@ -61,13 +64,15 @@ export function replayView(name, rest) {
 
   function toggle() {
     clearInterval(timer);
-    timer = timer ? null : setInterval(() => { if (player) { move(Math.min(player.end, player.now + FRAME_MS * 1e6 * Number(speed.value))); if (player.now >= player.end) toggle(); } }, FRAME_MS);
+    timer = timer ? null : setInterval(() => { move(Math.min(player.end, player.now + FRAME_MS * 1e6 * Number(speed.value)));
+      if (player.now >= player.end) toggle();
+    }, FRAME_MS);
     play.textContent = timer ? "❚❚ Pause" : "▶ Play";
   }
 
   function nextWindow() {
-    const next = player?.entries.find((entry) => entry.time_ns > player.now && entry.key.endsWith("/diagnosis"));
-    if (next) move(next.time_ns);
+    const next = player.entries.find((entry) => entry.time_ns > player.now && entry.key.endsWith("/diagnosis"));
+    move(next ? next.time_ns : player.end);
   }
 
   const element = h("div", {}, h("section", { class: "card" }, h("h2", {}, `Replay of ${name}`), problems, h("div", { class: "row" }, play, step, speed, seek), clock), place);

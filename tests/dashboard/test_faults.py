@@ -1,0 +1,293 @@
+"""What can go wrong around the page, for real: it says what, recovers by itself, and nothing acknowledged is lost."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+import zenoh
+
+from rwa_monitor.dashboard import telemetry
+from rwa_monitor.dashboard.server import HISTORY_NAME, DashboardOptions, serve
+from rwa_monitor.history.store import History
+from rwa_monitor.live.bus import BusOptions, open_session
+from rwa_monitor.messages import samples_json
+from tests.dashboard.support import ask, expect, new_page, reporting, send_windows, wait_until
+from tests.dashboard.test_recordings import RECORDING
+from tests.dashboard.test_telemetry import with_friction
+from tests.history.support import diagnosis
+
+pytestmark = [pytest.mark.browser, pytest.mark.processes]
+
+LOCK = """
+import sqlite3, sys
+connection = sqlite3.connect(sys.argv[1], isolation_level=None)
+connection.execute("BEGIN IMMEDIATE")
+print("locked", flush=True)
+sys.stdin.read()
+"""
+ROUTER = """
+import json, sys, zenoh
+config = zenoh.Config()
+config.insert_json5("mode", '"router"')
+config.insert_json5("listen/endpoints", json.dumps([sys.argv[1]]))
+config.insert_json5("scouting/multicast/enabled", "false")
+with zenoh.open(config):
+    print("listening", flush=True)
+    sys.stdin.read()
+"""
+
+
+def free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+@contextmanager
+def script(text: str, argument: str) -> Iterator[subprocess.Popen[str]]:
+    """Run a script in another process until it is told to end, once it has said its first word."""
+    process = subprocess.Popen(
+        [sys.executable, "-c", text, argument], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+    )
+    try:
+        assert process.stdout is not None
+        assert process.stdout.readline()
+        yield process
+    finally:
+        process.communicate("")
+
+
+@contextmanager
+def monitor(port: int) -> Iterator[subprocess.Popen[str]]:
+    """Run a real monitor that connects to a port."""
+    command = [sys.executable, "-m", "rwa_monitor.cli", "run", "-e", f"tcp/127.0.0.1:{port}"]
+    with open(os.devnull, "w") as null:
+        process = subprocess.Popen(command, stdout=null, stderr=null, text=True)
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.wait()
+
+
+def acknowledge(page: Any, name: str = "Ann") -> None:
+    page.get_by_label("Your name").fill(name)
+    page.get_by_role("button", name="Acknowledge").click()
+
+
+def test_a_monitor_that_is_killed_leaves_stale_wheels_until_it_is_back(chromium: Any, tmp_path: Path) -> None:
+    port = free_port()
+    bus = BusOptions(listen=(f"tcp/127.0.0.1:{port}",))
+    with open_session(bus) as session, serve(DashboardOptions(0, tmp_path), session) as running:
+        page, complaints = new_page(chromium)
+        page.goto(running.address)
+        batch = samples_json(with_friction(40), "satellite", 0)
+
+        def send_until_heard() -> None:
+            # The monitor is there some seconds after its start; who sends without a history is not heard before.
+            def heard() -> bool:
+                session.put("rwa/sat/wheel_1/samples", batch)
+                return "1 of 1 wheels reporting" in page.get_by_role("status").all_inner_texts()[-1]
+
+            wait_until(heard, "the monitor")
+
+        with monitor(port) as process:
+            send_until_heard()
+            page.locator(".wheel").click()
+            expect(page.get_by_text("✓ reporting")).to_be_visible()
+            process.send_signal(signal.SIGKILL)
+            expect(page.locator(".stale-note")).to_contain_text("stale: monitor heard")
+            expect(page.get_by_text("✓ reporting")).to_have_count(0)
+            page.goto(f"{running.address}#/")
+            expect(page.locator(".wheel")).to_contain_text("◌ stale")
+        with monitor(port):
+            send_until_heard()
+            expect(page.locator(".wheel")).not_to_contain_text("stale")
+        assert complaints == []
+        page.close()
+
+
+def test_telemetry_of_one_wheel_that_stops_is_not_shown_as_current(
+    chromium: Any, session: zenoh.Session, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(telemetry, "LEAST_STALE_S", 1.0)
+    samples, batch = with_friction(4_000), 0
+
+    def send(wheel: str) -> None:
+        nonlocal batch
+        session.put(f"rwa/sat/{wheel}/samples", samples_json(samples[batch : batch + 8], "satellite", batch))
+        batch += 8
+
+    with serve(DashboardOptions(0, tmp_path), session) as running, reporting(session, "wheel_1", "wheel_2"):
+        for wheel in ("wheel_1", "wheel_2"):
+            send_windows(session, wheel, failing=False)
+        page, _ = new_page(chromium)
+        page.goto(running.address)
+        rows = {wheel: page.locator(".wheel", has_text=wheel) for wheel in ("wheel_1", "wheel_2")}
+        for _ in range(10):
+            send("wheel_1")
+            send("wheel_2")
+            page.wait_for_timeout(100)
+
+        def starved() -> bool:
+            send("wheel_1")
+            return "No telemetry now" in rows["wheel_2"].inner_text()
+
+        wait_until(starved, "the wheel whose telemetry stopped")
+        expect(rows["wheel_2"]).to_contain_text("stale: no telemetry for")
+        assert "stale" not in rows["wheel_1"].inner_text()
+        rows["wheel_2"].click()
+        expect(page.locator(".stale-note")).to_contain_text("This is the last known state, not the present one.")
+
+        def back() -> bool:
+            send("wheel_2")
+            return page.locator(".stale-note").count() == 0
+
+        wait_until(back, "the telemetry that is back")
+        page.close()
+
+
+def test_a_bus_that_is_gone_is_said_until_it_is_back(chromium: Any, tmp_path: Path) -> None:
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    with ExitStack() as stack:
+        first = stack.enter_context(script(ROUTER, endpoint))
+        session = stack.enter_context(open_session(BusOptions(mode="client", connect=(endpoint,))))
+        running = stack.enter_context(serve(DashboardOptions(0, tmp_path, connect=(endpoint,)), session))
+        page, _ = new_page(chromium)
+        page.goto(running.address)
+        expect(page.locator("#connection")).to_contain_text("connected")
+        expect(page.locator("#banner")).to_be_hidden()
+        first.kill()
+        expect(page.locator("#banner")).to_contain_text(f"The bus is gone: there is no connection to {endpoint}")
+        with script(ROUTER, endpoint):
+            expect(page.locator("#banner")).to_be_hidden()
+        page.close()
+
+
+def test_a_locked_database_is_said_and_what_came_meanwhile_is_stored(
+    chromium: Any, session: zenoh.Session, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("rwa_monitor.history.database.BUSY_TIMEOUT_S", 0.2)
+    with serve(DashboardOptions(0, tmp_path, token="right"), session) as running:
+        send_windows(session, "wheel_1", failing=True)
+        page, _ = new_page(chromium)
+        page.goto(running.address_with_token)
+        page.get_by_role("link", name="Alarms").click()
+        expect(page.get_by_role("button", name="Acknowledge")).to_be_visible()
+        with script(LOCK, str(tmp_path / HISTORY_NAME)):
+            acknowledge(page)
+            expect(page.get_by_text("Not acknowledged: the history")).to_contain_text("database is locked")
+            for number in range(3, 5):
+                session.put("rwa/sat/wheel_1/diagnosis", diagnosis(number, severity=1.0).to_json())
+            expect(page.locator("#banner")).to_contain_text("2 windows wait to be stored")
+        expect(page.locator("#banner")).to_be_hidden()
+        acknowledge(page)
+        expect(page.get_by_text("Acknowledged by Ann")).to_be_visible()
+        wait_until(lambda: len(ask(running.address, "api/wheels/sat/wheel_1/windows")[1]) == 5, "all windows")
+        page.close()
+
+
+def test_a_database_that_is_removed_comes_back_with_what_was_acknowledged(
+    chromium: Any, session: zenoh.Session, tmp_path: Path
+) -> None:
+    path = tmp_path / "record" / HISTORY_NAME
+    with serve(DashboardOptions(0, path.parent, token="right"), session) as running:
+        send_windows(session, "wheel_1", failing=True)
+        page, _ = new_page(chromium)
+        page.goto(running.address_with_token)
+        page.get_by_role("link", name="Alarms").click()
+        acknowledge(page)
+        expect(page.get_by_text("Acknowledged by Ann")).to_be_visible()
+        path.unlink()
+        wait_until(path.exists, "the database")
+        # Where it cannot be put back, the page says so.
+        for file in path.parent.iterdir():
+            file.unlink()
+        path.parent.rmdir()
+        path.parent.write_text("in the way")
+        expect(page.locator("#banner")).to_contain_text("is gone, and cannot be put back")
+        path.parent.unlink()
+        expect(page.locator("#banner")).to_be_hidden()
+        page.reload()
+        expect(page.get_by_text("Acknowledged by Ann")).to_be_visible()
+        page.close()
+    with History(path) as history:
+        assert [line.person for alarm in history.alarms() for line in alarm.trail] == ["", "Ann"]
+
+
+def test_a_server_that_is_gone_is_said_and_found_again(chromium: Any, session: zenoh.Session, tmp_path: Path) -> None:
+    options = DashboardOptions(free_port(), tmp_path, token="right")
+    page, _ = new_page(chromium)
+    with serve(options, session) as running:
+        send_windows(session, "wheel_1", failing=True)
+        page.goto(f"{running.address}#/wheel/sat/wheel_1")
+        expect(page.get_by_role("row", name="viscous")).to_contain_text("▲ active")
+    expect(page.locator("#banner")).to_contain_text("Disconnected from the dashboard's server")
+    expect(page.locator("#connection")).to_contain_text("○ disconnected")
+    assert "disconnected" in page.locator("body").get_attribute("class")
+    with serve(options, session):
+        expect(page.locator("#banner")).to_be_hidden()
+        expect(page.locator("#connection")).to_contain_text("● connected")
+        expect(page.get_by_role("row", name="viscous")).to_contain_text("▲ active")
+        expect(page.locator(".stale-note")).to_contain_text("stale, from the history")
+    page.close()
+
+
+def test_a_wrong_token_is_said_and_can_be_mended_on_the_page(
+    chromium: Any, session: zenoh.Session, tmp_path: Path
+) -> None:
+    with serve(DashboardOptions(0, tmp_path, token="right"), session) as running:
+        send_windows(session, "wheel_1", failing=True)
+        page, _ = new_page(chromium)
+        page.goto(f"{running.address}#token=wrong")
+        page.get_by_role("link", name="Alarms").click()
+        acknowledge(page)
+        expect(page.get_by_text("Not acknowledged: the token is missing or wrong")).to_be_visible()
+        page.get_by_label("Token").fill("right")
+        acknowledge(page)
+        expect(page.get_by_text("Acknowledged by Ann")).to_be_visible()
+        page.close()
+
+
+def test_a_recording_that_is_cut_off_shows_what_is_left_and_says_so(
+    chromium: Any, session: zenoh.Session, tmp_path: Path
+) -> None:
+    data = RECORDING.read_bytes()
+    (tmp_path / "cut.mcap").write_bytes(data[: len(data) * 2 // 3])
+    (tmp_path / "none.mcap").write_bytes(b"no recording")
+    with serve(DashboardOptions(0, tmp_path), session) as running:
+        page, _ = new_page(chromium)
+        page.goto(f"{running.address}#/recordings")
+        page.get_by_role("link", name="cut.mcap").click()
+        expect(page.get_by_text("Not all could be read")).to_contain_text("cannot be read")
+        page.get_by_role("button", name="Next window").click()  # there is none: it goes to the end
+        expect(page.locator(".wheel").first).to_be_visible()
+        page.goto(f"{running.address}#/replay/none.mcap")
+        expect(page.get_by_role("alert").filter(has_text="cannot be opened")).to_contain_text("is no MCAP file")
+        page.close()
+
+
+def test_the_feed_says_what_is_wrong_in_its_beat(session: zenoh.Session, tmp_path: Path) -> None:
+    from websockets.sync.client import connect
+
+    options = DashboardOptions(0, tmp_path, connect=("tcp/127.0.0.1:9",))
+    with (
+        serve(options, session) as running,
+        connect(running.address.replace("http", "ws") + "api/feed") as socket,
+    ):
+
+        def told() -> list[str]:
+            beats = [one for one in json.loads(socket.recv()) if one["key"] == "dashboard/beat"]
+            return beats[-1]["message"]["notes"] if beats else []
+
+        assert "The bus is gone" in wait_until(told, "a note")[0]
