@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from typing import Final
+
+MAX_PART: Final = 500  # characters of what an error says of its place, and of its reason
+
 
 class RwaMonitorError(Exception):
     """Base of all errors that the command line shows as one line, without a traceback (exit code 1)."""
@@ -22,13 +26,18 @@ class InputError(RwaMonitorError):
 
     def __init__(self, source: str, reason: str, place: str = "") -> None:
         self.source = source
-        self.place = place
-        self.reason = reason
-        super().__init__(_one_line(": ".join(part for part in (source, place, reason) if part)))
+        self.place = _shortened(place)
+        self.reason = _shortened(reason)
+        super().__init__(_one_line(": ".join(part for part in (source, self.place, self.reason) if part)))
 
     def __reduce__(self) -> tuple[type[InputError], tuple[str, str, str]]:
         """Keep all three parts when the error crosses a process border."""
         return (InputError, (self.source, self.reason, self.place))
+
+
+def _shortened(text: str) -> str:
+    """Return a text, cut where it is long: what is wrong may be a name of a million characters."""
+    return text if len(text) <= MAX_PART else f"{text[: MAX_PART - 1]}…"
 
 
 def _one_line(text: str) -> str:

@@ -18,11 +18,12 @@ import pyarrow.compute as pc
 import pyarrow.csv as pa_csv
 
 from rwa_monitor.errors import InputError
-from rwa_monitor.formats.columns import SampleTable, check_rows, check_time, lay_out
-from rwa_monitor.formats.files import atomic_write, decode_utf8, display_name, read_bytes
+from rwa_monitor.formats.columns import MAX_ROWS, SampleTable, check_rows, check_time, lay_out
+from rwa_monitor.formats.files import atomic_write, decode_utf8, display_name, first_line, read_bytes
 from rwa_monitor.samples import FloatArray, IntArray, Samples
 
 MAX_CSV_BYTES: Final = 2_000_000_000
+MAX_HEADER_BYTES: Final = 100_000
 FIRST_DATA_ROW: Final = 2  # as a person counts: the header is row 1
 
 _PLAIN_INTEGER: Final = r"^-?[0-9]{1,18}$"
@@ -47,6 +48,8 @@ def read_csv(path: Path) -> SampleTable:
     source = display_name(path)
     # A closing blank line is nobody's mistake; one in the middle is a row without values, and is refused as such.
     content = read_bytes(path, MAX_CSV_BYTES).removeprefix(b"\xef\xbb\xbf").rstrip(b"\r\n")
+    if max(content.count(b"\n"), content.count(b"\r")) > MAX_ROWS:
+        raise InputError(source, f"has more rows than the limit of {MAX_ROWS:,}: split it, and use --carry")
     decode_utf8(content, path)
     names, rows = _header_and_rows(content, source)
     layout = lay_out(names, source)
@@ -78,6 +81,8 @@ def _header_and_rows(content: bytes, source: str) -> tuple[list[str], memoryview
     line = first.group(1) if first else b""
     if first is None or not line.strip():
         raise InputError(source, "has no header", "row 1")
+    if len(line) > MAX_HEADER_BYTES:
+        raise InputError(source, f"is longer than the limit of {MAX_HEADER_BYTES:,} bytes", "row 1")
     if b"\x00" in line:
         raise InputError(source, "is no CSV: its first row holds zero bytes", "row 1")
     try:
@@ -116,7 +121,7 @@ def _texts(rows: memoryview, count: int, wanted: list[int], source: str) -> dict
             row = refused[0]
             reason = f"has {row.actual_columns} fields, the header has {row.expected_columns}"
             raise InputError(source, reason, f"row {row.number + FIRST_DATA_ROW - 1}") from error
-        raise InputError(source, f"is no CSV: {str(error).splitlines()[0]}") from error
+        raise InputError(source, f"is no CSV: {first_line(error)}") from error
     return {position: pc.utf8_trim_whitespace(table[str(position)]) for position in wanted}
 
 

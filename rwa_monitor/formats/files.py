@@ -5,9 +5,14 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager
+from hashlib import sha256
 from pathlib import Path
+from typing import Final
 
 from rwa_monitor.errors import InputError, RwaMonitorError
+
+SHA256_SUFFIX: Final = ".sha256"  # of a file as `sha256sum` writes it: the hash, then a name
+MAX_SHA256_BYTES: Final = 10_000
 
 
 def display_name(path: Path) -> str:
@@ -32,10 +37,11 @@ def read_bytes(path: Path, limit: int) -> bytes:
     """
     try:
         with path.open("rb") as file:
-            content = file.read(limit + 1)
+            # What says its size is refused by it; what does not (a pipe, a device) is read up to the limit.
+            content = file.read(limit + 1) if os.fstat(file.fileno()).st_size <= limit else None
     except OSError as error:
         raise unreadable(path, error) from error
-    if len(content) > limit:
+    if content is None or len(content) > limit:
         raise InputError(display_name(path), f"is larger than the limit of {limit:,} bytes")
     return content
 
@@ -43,6 +49,23 @@ def read_bytes(path: Path, limit: int) -> bytes:
 def read_text(path: Path, limit: int) -> str:
     """Return the content of a UTF-8 file (a byte order mark is dropped); raises InputError as `read_bytes` does."""
     return decode_utf8(read_bytes(path, limit), path)
+
+
+def read_checked_text(path: Path, limit: int) -> str:
+    """Return the content of a UTF-8 file whose hash is checked where `<file>.sha256` lies beside it.
+
+    Raises
+    ------
+    InputError
+        As `read_text`; if the file beside it cannot be read, or its first word is not the hash of the content.
+    """
+    content = read_bytes(path, limit)
+    beside = path.with_name(path.name + SHA256_SUFFIX)
+    if beside.exists():
+        stated = read_bytes(beside, MAX_SHA256_BYTES).split(maxsplit=1)
+        if not stated or stated[0].decode("ascii", "replace").lower() != sha256(content).hexdigest():
+            raise InputError(display_name(path), f"is not the file whose hash stands in {display_name(beside)}")
+    return decode_utf8(content, path)
 
 
 def decode_utf8(content: bytes, path: Path) -> str:
@@ -61,6 +84,11 @@ def decode_utf8(content: bytes, path: Path) -> str:
         row = content.count(b"\n", 0, error.start) + 1
         reason = f"is no UTF-8 text (byte 0x{content[error.start]:02x} at offset {error.start})"
         raise InputError(display_name(path), reason, f"row {row}") from error
+
+
+def first_line(error: Exception) -> str:
+    """Return the first line of what an error of a library says, its name where it says nothing."""
+    return next(iter(str(error).splitlines()), type(error).__name__)
 
 
 def unreadable(path: Path, error: OSError) -> InputError:

@@ -1,7 +1,7 @@
 """labels.csv: which anomalies each recording of a data set holds; what `simulate dataset` writes and `train` reads.
 
 The header is `file,dry,viscous,<names of the switching systems>`, the rest is 0 or 1. File names are relative to the
-folder of the labels. A label holds for all windows of its file.
+folder of the labels and do not lead out of it. A label holds for all windows of its file.
 """
 
 from __future__ import annotations
@@ -80,6 +80,9 @@ def _labelled_file(fields: list[str], names: list[str], labels: Path, row: str) 
         if flag not in ("0", "1"):
             raise InputError(source, f"{flag[:40]!r} is neither 0 nor 1", f"{row}, column {name}")
     path = labels.parent / file
+    # By its text, so that a link inside the folder may still lead to where the data really lie.
+    if Path(file).is_absolute() or ".." in Path(file).parts or "\x00" in file:
+        raise InputError(source, f"{file[:40]!r} leads out of the folder of the labels", f"{row}, column file")
     if not path.is_file():
         raise InputError(source, f"there is no file {display_name(path)}", f"{row}, column file")
     return LabelledFile(path, {name: flag == "1" for name, flag in zip(names, flags, strict=True)})

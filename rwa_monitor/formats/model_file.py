@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from rwa_monitor.diagnosis.model import MAX_MODEL_BYTES, Model, built_in_model
-from rwa_monitor.formats.files import display_name, read_text, write_text
+from rwa_monitor.formats.files import display_name, read_checked_text, write_text
 
 
 def read_model(path: Path | None) -> Model:
@@ -18,7 +18,7 @@ def read_model(path: Path | None) -> Model:
     """
     if path is None:
         return built_in_model()
-    return Model.from_json(read_text(path, MAX_MODEL_BYTES), display_name(path))
+    return Model.from_json(read_checked_text(path, MAX_MODEL_BYTES), display_name(path))
 
 
 def write_model(model: Model, path: Path) -> None:

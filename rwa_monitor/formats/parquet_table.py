@@ -1,7 +1,11 @@
-"""Parquet sample tables: the same columns as in CSV, as numbers; null is a value that was not measured (NaN)."""
+"""Parquet sample tables: the same columns as in CSV, as numbers; null is a value that was not measured (NaN).
+
+What a file says of its sizes and types is compared with limits before anything in it is unpacked.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -12,10 +16,15 @@ import pyarrow.parquet as pq
 
 from rwa_monitor.errors import InputError
 from rwa_monitor.formats.columns import SampleTable, check_rows, check_time, lay_out
-from rwa_monitor.formats.files import atomic_write, display_name, unreadable
+from rwa_monitor.formats.files import atomic_write, display_name, first_line, unreadable
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, FloatArray, IntArray, Samples
 
 FIRST_ROW: Final = 1  # as a person counts: a Parquet table has no header row
+
+MAX_PARQUET_BYTES: Final = 2_000_000_000
+MAX_UNPACKED_BYTES: Final = 4_000_000_000  # of the columns that are read; 20 million rows of 7 channels are 1.3 GB
+MAX_ROW_GROUPS: Final = 100_000
+MAX_FOOTER_ENTRIES: Final = 1_000_000  # of a list in the footer, and characters of a text in it
 
 # A column; pyarrow has no types of its own.
 Column = Any
@@ -31,22 +40,51 @@ def read_parquet(path: Path) -> SampleTable:
     """
     source = display_name(path)
     try:
-        with pq.ParquetFile(path, page_checksum_verification=True) as file:
-            names = file.schema_arrow.names
-            layout = lay_out(names, source)
-            check_rows(file.metadata.num_rows, source)  # said by the footer, before anything is unpacked
+        if path.stat().st_size > MAX_PARQUET_BYTES:
+            raise InputError(source, f"is larger than the limit of {MAX_PARQUET_BYTES:,} bytes")
+        with pq.ParquetFile(
+            path,
+            page_checksum_verification=True,
+            thrift_string_size_limit=MAX_FOOTER_ENTRIES,
+            thrift_container_size_limit=MAX_FOOTER_ENTRIES,
+        ) as file:
+            layout = lay_out(file.schema_arrow.names, source)
             ((time_name, _),) = layout.time.items()
+            _check_footer(file, (time_name, *layout.channels), source)
             table = file.read([time_name, *layout.channels])
     except (pa.ArrowException, EOFError) as error:
-        raise InputError(source, f"is no readable Parquet file: {str(error).splitlines()[0]}") from error
+        raise InputError(source, f"is no readable Parquet file: {first_line(error)}") from error
     except OSError as error:  # Arrow reports damaged pages so, with a text and without a code
         if error.errno is not None:
             raise unreadable(path, error) from error
-        raise InputError(source, f"is no readable Parquet file: {str(error).splitlines()[0]}") from error
+        raise InputError(source, f"is no readable Parquet file: {first_line(error)}") from error
     time_ns = _nanoseconds(table[time_name], time_name, source)
     check_time(time_ns, time_name, source, FIRST_ROW)
-    channels = {name: _numbers(table[name], name, source) for name in layout.channels}
+    channels = {name: _numbers(table[name]) for name in layout.channels}
     return SampleTable(Samples(time_ns=time_ns, **channels), layout.ignored)
+
+
+def _check_footer(file: Any, columns: Sequence[str], source: str) -> None:
+    """Raise InputError where the footer promises too much, or a column that is wanted and holds no numbers."""
+    metadata, schema = file.metadata, file.schema_arrow
+    check_rows(metadata.num_rows, source)
+    if metadata.num_row_groups > MAX_ROW_GROUPS:
+        raise InputError(source, f"has {metadata.num_row_groups:,} row groups; the limit is {MAX_ROW_GROUPS:,}")
+    for name in columns:
+        kind = schema.field(name).type
+        if not _is_number(kind):
+            raise InputError(source, f"holds {kind}, not numbers", f"column {name}")
+    wanted = [at for at in range(metadata.num_columns) if metadata.schema.column(at).path in columns]
+    groups = (metadata.row_group(at) for at in range(metadata.num_row_groups))
+    unpacked = sum(group.column(at).total_uncompressed_size for group in groups for at in wanted)
+    if unpacked > MAX_UNPACKED_BYTES:
+        raise InputError(source, f"unpacks to {unpacked:,} bytes; the limit is {MAX_UNPACKED_BYTES:,}")
+
+
+def _is_number(kind: Any) -> bool:
+    """Tell whether a column's values are numbers; a column without any value is one of NaN."""
+    types = pa.types
+    return bool(types.is_null(kind) or types.is_integer(kind) or types.is_floating(kind) or types.is_decimal(kind))
 
 
 def write_parquet(samples: Samples, path: Path) -> None:
@@ -58,13 +96,11 @@ def write_parquet(samples: Samples, path: Path) -> None:
         pq.write_table(table, part, compression="zstd", write_page_checksum=True)
 
 
-def _numbers(column: Column, name: str, source: str) -> FloatArray:
+def _numbers(column: Column) -> FloatArray:
     """Return a column's values as float64, null as NaN."""
     kind = column.type
     if pa.types.is_null(kind):
         return np.full(len(column), np.nan)
-    if not (pa.types.is_integer(kind) or pa.types.is_floating(kind) or pa.types.is_decimal(kind)):
-        raise InputError(source, f"holds {kind}, not numbers", f"column {name}")
     return np.asarray(pc.cast(column, pa.float64(), safe=False).to_numpy(), dtype=np.float64)
 
 
@@ -80,7 +116,7 @@ def _nanoseconds(column: Column, name: str, source: str) -> IntArray:
             return np.asarray(pc.cast(column, pa.int64()).to_numpy(), dtype=np.int64)
         except pa.ArrowInvalid as error:
             raise InputError(source, "holds a time beyond 64 bits of nanoseconds", f"column {name}") from error
-    seconds = _numbers(column, name, source)
+    seconds = _numbers(column)
     # Whole seconds and the rest apart: their product with 1e9 together would lose the last digits of a late time.
     whole = np.floor(seconds)
     usable = np.abs(whole) < np.iinfo(np.int64).max // NANOSECONDS_PER_SECOND

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from rwa_monitor.formats.files import display_name, read_text
+from rwa_monitor.formats.files import display_name, read_checked_text
 from rwa_monitor.physics.scenario import MAX_SCENARIO_BYTES, Scenario
 
 
@@ -18,4 +18,4 @@ def read_scenario(path: Path | None) -> Scenario:
     """
     if path is None:
         return Scenario()
-    return Scenario.from_toml(read_text(path, MAX_SCENARIO_BYTES), display_name(path))
+    return Scenario.from_toml(read_checked_text(path, MAX_SCENARIO_BYTES), display_name(path))

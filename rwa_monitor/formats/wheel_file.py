@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from rwa_monitor.formats.files import display_name, read_text, write_text
+from rwa_monitor.formats.files import display_name, read_checked_text, write_text
 from rwa_monitor.physics.wheel import MAX_WHEEL_FILE_BYTES, Wheel, built_in_wheel
 
 
@@ -18,7 +18,7 @@ def read_wheel(path: Path | None) -> Wheel:
     """
     if path is None:
         return built_in_wheel()
-    return Wheel.from_toml(read_text(path, MAX_WHEEL_FILE_BYTES), display_name(path))
+    return Wheel.from_toml(read_checked_text(path, MAX_WHEEL_FILE_BYTES), display_name(path))
 
 
 def write_wheel(wheel: Wheel, path: Path) -> None:

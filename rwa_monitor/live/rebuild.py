@@ -14,7 +14,7 @@ from rwa_monitor.live.checkpoint import Checkpoint
 from rwa_monitor.live.core import WheelCore
 from rwa_monitor.live.outputs import CARRIED_SCHEMA, Output, outputs_of
 from rwa_monitor.live.recording import Recording
-from rwa_monitor.messages import Changepoints, Diagnosis, SamplesMessage, split_key
+from rwa_monitor.messages import KEY_PREFIX, Changepoints, Diagnosis, SamplesMessage, split_key
 from rwa_monitor.physics.wheel import Wheel
 
 # What a replay must give again; health follows from the diagnosis, status has the wall clock in it.
@@ -85,7 +85,8 @@ def start(recording: Recording, setup: Setup) -> Rebuilt:
     rebuilt = Rebuilt()
     for name, data in recording.attachments.items():
         if name.startswith(CHECKPOINT_PREFIX):
-            spacecraft, _, wheel = name.removeprefix(CHECKPOINT_PREFIX).removesuffix(".json").partition("/")
+            wheel_name = name.removeprefix(CHECKPOINT_PREFIX).removesuffix(".json")
+            spacecraft, wheel, _ = split_key(f"{KEY_PREFIX}/{wheel_name}/{SamplesMessage.kind}")
             checkpoint = Checkpoint.from_json(data, f"{recording.path}: {name}")
             rebuilt.cores[spacecraft, wheel] = WheelCore.resume(
                 checkpoint, setup.wheel, setup.model, method=setup.method

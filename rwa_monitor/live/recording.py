@@ -3,11 +3,16 @@
 The mcap package's own readers check no CRC unless told to, skip those of attachments always, and give nothing of a file
 that was cut. This reader walks over the records itself (one byte opcode, eight bytes length, content), keeps what is
 whole, and says what is not.
+
+A file may be made to do harm: a few bytes that unpack to gigabytes, a million beginnings of chunks that are none. What
+it says of its sizes is compared with limits before anything is copied or unpacked, and so is the work on all of it; a
+file that exceeds a limit is refused.
 """
 
 from __future__ import annotations
 
 import json
+import struct
 import zlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
@@ -21,16 +26,25 @@ from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, Chunk, Schema
 from mcap.records import Message as McapMessage
-from mcap.stream_reader import breakup_chunk
 from mcap.writer import MCAP0_MAGIC
 
 from rwa_monitor.errors import InputError
+from rwa_monitor.formats.files import display_name, read_bytes
 
 MAX_CHUNK_BYTES: Final = 64 * 2**20  # uncompressed; ours have some 64 kB, or one message of at most 8 MB
 MAX_RECORD_BYTES: Final = 256 * 2**20  # an attached checkpoint of 8 open windows of 80,000 slots is some 30 MB
+MAX_FILE_BYTES: Final = 2**30  # ours are rotated at 32 MiB
+MAX_WORK_BYTES: Final = 3 * 2**30  # to be copied and unpacked, of all records of a file and of what only looks like one
+MAX_RECORDS: Final = 10_000_000  # of a file
+MAX_JSON_BYTES: Final = 16 * 2**20  # of an attachment that is parsed here
 _HEAD_BYTES: Final = 9  # opcode and length
 _FOOTER_BYTES: Final = _HEAD_BYTES + 8 + 8 + 4
 _COMPRESSION_OFFSET: Final = _HEAD_BYTES + 8 + 8 + 8 + 4  # of the compression's name in a chunk record
+_CHUNK_HEAD: Final = struct.Struct("<BQQQQI")  # opcode, length, first and last time, size and checksum when unpacked
+_RECORD_HEAD: Final = struct.Struct("<BQ")  # opcode and length
+_MESSAGE_HEAD: Final = struct.Struct("<HIQQ")  # channel, sequence, log and publish time
+_MESSAGE_BYTES: Final = _MESSAGE_HEAD.size
+_MESSAGE: Final = int(Opcode.MESSAGE)  # comparing an enumeration costs as much as reading the record
 _ZSTD_NAME: Final = b"\x04\x00\x00\x00zstd"
 CHANNELS_ATTACHMENT: Final = "channels.json"
 
@@ -80,6 +94,8 @@ class Recording:
             raise InputError(
                 str(self.path), "is missing: this is no recording of rwa-monitor run", f"attachment {name}"
             )
+        if len(self.attachments[name]) > MAX_JSON_BYTES:
+            raise InputError(str(self.path), f"is larger than {MAX_JSON_BYTES} bytes", f"attachment {name}")
         try:
             content = json.loads(self.attachments[name])
         except (ValueError, RecursionError) as error:
@@ -95,12 +111,9 @@ def read_recording(path: Path) -> Recording:
     Raises
     ------
     InputError
-        If the file cannot be opened or does not begin as an MCAP file.
+        If the file cannot be opened, does not begin as an MCAP file, or exceeds a limit.
     """
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise InputError(str(path), f"cannot be read: {error.strerror}") from error
+    data = read_bytes(path, MAX_FILE_BYTES)
     if data[: len(MCAP0_MAGIC)] != MCAP0_MAGIC:
         raise InputError(str(path), "is no MCAP file")
     recording = Recording(path)
@@ -117,6 +130,8 @@ class _Walk:
         self.schemas: dict[int, str] = {}
         self.channels: dict[int, tuple[str, str]] = {}  # topic and schema
         self.lost_messages = 0
+        self.work_bytes = 0
+        self.records = 0
 
     def run(self) -> None:
         position = len(MCAP0_MAGIC)
@@ -142,6 +157,7 @@ class _Walk:
     def _record(self, position: int, stop: int) -> bool:
         """Take in one record; False where it is damaged."""
         opcode = self.data[position]
+        self._begin_work(stop - position)
         content = self.data[position + _HEAD_BYTES : stop]
         if opcode == Opcode.CHUNK:
             return self._chunk(content)
@@ -155,9 +171,9 @@ class _Walk:
     def _chunk(self, content: bytes) -> bool:
         try:
             chunk = Chunk.read(ReadDataStream(BytesIO(content)))
-            if not _believable(chunk):
-                return False
-            records = breakup_chunk(chunk, validate_crc=True)
+            records = self._unpack(chunk)
+        except InputError:
+            raise
         # The parsers raise whatever a damaged byte leads them to.
         except Exception:  # noqa: BLE001
             return False
@@ -166,9 +182,46 @@ class _Walk:
                 self.schemas[record.id] = record.name
             elif isinstance(record, Channel):
                 self.channels[record.id] = (record.topic, self.schemas.get(record.schema_id, ""))
-            elif isinstance(record, McapMessage):
+            else:
                 self._message(record)
         return True
+
+    def _unpack(self, chunk: Chunk) -> list[Schema | Channel | McapMessage]:
+        """Return the records of a chunk; raises InputError if the file exceeds a limit, others if it is damaged."""
+        if not _believable(chunk):
+            raise ValueError("a size or checksum that is none")
+        self._begin_work(chunk.uncompressed_size)
+        data = zstandard.decompress(chunk.data, chunk.uncompressed_size) if chunk.compression else chunk.data
+        if zlib.crc32(data) != chunk.uncompressed_crc:
+            raise ValueError("another checksum")
+        records: list[Schema | Channel | McapMessage] = []
+        position, stop = 0, len(data)
+        while position < stop:
+            self.records += 1
+            if self.records > MAX_RECORDS:
+                raise InputError(display_name(self.recording.path), f"has more than {MAX_RECORDS:,} records")
+            opcode, length = _RECORD_HEAD.unpack_from(data, position)
+            start, position = position + _HEAD_BYTES, position + _HEAD_BYTES + length
+            if position > stop:
+                raise ValueError("a record that reaches beyond its chunk")
+            if opcode == _MESSAGE:
+                if length < _MESSAGE_BYTES:
+                    raise ValueError("a message without its head")
+                channel, sequence, log_time, publish_time = _MESSAGE_HEAD.unpack_from(data, start)
+                payload = data[start + _MESSAGE_BYTES : position]
+                records.append(McapMessage(channel, log_time, payload, publish_time, sequence))
+            elif opcode == Opcode.SCHEMA:
+                records.append(Schema.read(ReadDataStream(BytesIO(data[start:position]))))
+            elif opcode == Opcode.CHANNEL:
+                records.append(Channel.read(ReadDataStream(BytesIO(data[start:position]))))
+        return records
+
+    def _begin_work(self, size: int) -> None:
+        """Add to the work done on the file; raises InputError where it is too much."""
+        self.work_bytes += size
+        if self.work_bytes > MAX_WORK_BYTES:
+            reason = f"asks for more than {MAX_WORK_BYTES:,} bytes to be copied and unpacked"
+            raise InputError(display_name(self.recording.path), reason)
 
     def _message(self, record: McapMessage) -> None:
         if record.channel_id not in self.channels:
@@ -185,9 +238,11 @@ class _Walk:
         try:
             attachment = Attachment.read(ReadDataStream(BytesIO(content)))
             if attachment.name == CHANNELS_ATTACHMENT:
+                if len(attachment.data) > MAX_JSON_BYTES:
+                    return False
                 for key, (topic, schema) in json.loads(attachment.data).items():
                     self.channels.setdefault(int(key), (str(topic), str(schema)))
-        except (ValueError, TypeError, AttributeError):
+        except Exception:  # noqa: BLE001 - as above
             return False
         self.recording.attachments[attachment.name] = attachment.data
         return True
@@ -204,16 +259,24 @@ class _Walk:
         """Return where the next whole chunk begins, the file's end where there is none."""
         while (found := self.data.find(_ZSTD_NAME, position + _COMPRESSION_OFFSET)) >= 0:
             start = found - _COMPRESSION_OFFSET
-            stop = self._record_end(start) if self.data[start] == Opcode.CHUNK else None
-            if stop is not None and self._is_chunk(self.data[start + _HEAD_BYTES : stop]):
+            stop = self._record_end(start)
+            if stop is not None and self._is_chunk(start, stop):
                 return start
             position = start + 1
         return len(self.data)
 
-    def _is_chunk(self, content: bytes) -> bool:
+    def _is_chunk(self, start: int, stop: int) -> bool:
+        """Tell whether a whole chunk lies between two positions; looks at its head before it copies anything."""
+        opcode, _, _, _, size, _ = _CHUNK_HEAD.unpack_from(self.data, start)
+        data = start + _COMPRESSION_OFFSET + len(_ZSTD_NAME) + 8
+        length = int.from_bytes(self.data[data - 8 : data], "little")
+        if opcode != Opcode.CHUNK or size > MAX_CHUNK_BYTES or data + length != stop:
+            return False
+        self._begin_work(stop - start)
         try:
-            chunk = Chunk.read(ReadDataStream(BytesIO(content)))
-            return _believable(chunk) and bool(breakup_chunk(chunk, validate_crc=True))
+            return bool(self._unpack(Chunk.read(ReadDataStream(BytesIO(self.data[start + _HEAD_BYTES : stop])))))
+        except InputError:
+            raise
         except Exception:  # noqa: BLE001 - as above
             return False
 

@@ -5,18 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final
 
 from rwa_monitor.diagnosis.model import Model
 from rwa_monitor.errors import InputError
 from rwa_monitor.formats.files import decode_utf8, display_name
 from rwa_monitor.formats.table import file_format, read_table
 from rwa_monitor.live.recording import Recording, read_recording
-from rwa_monitor.messages import SamplesMessage
+from rwa_monitor.messages import SamplesMessage, split_key
 from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import Samples, concatenate
-
-SAMPLES_TOPIC_PARTS: Final = 4  # rwa/{spacecraft}/{wheel}/samples
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,10 +122,11 @@ def _recorded(recording: Recording, source: str) -> tuple[list[WheelTelemetry], 
 
 def _of_topic(source: str, topic: str, batches: list[SampleBatch]) -> WheelTelemetry:
     """Name the wheel as its topic does."""
-    parts = topic.split("/")
-    if len(parts) != SAMPLES_TOPIC_PARTS:
-        raise InputError(source, "is not rwa/{spacecraft}/{wheel}/samples", f"topic {topic}")
-    return WheelTelemetry(source, parts[1], parts[2], batches)
+    try:
+        spacecraft, wheel, _ = split_key(topic)
+    except InputError as error:
+        raise InputError(source, error.reason, f"topic {topic}") from error
+    return WheelTelemetry(source, spacecraft, wheel, batches)
 
 
 def only_wheel(content: TelemetryFile, source: str) -> WheelTelemetry:

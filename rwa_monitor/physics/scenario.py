@@ -26,7 +26,6 @@ duration_s = 12.0
 
 from __future__ import annotations
 
-import tomllib
 from typing import Annotated, Any, Final
 
 import tomli_w
@@ -35,6 +34,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_valida
 from rwa_monitor.errors import InputError
 from rwa_monitor.physics.sensors import Fault, FrictionNoise, Sensors
 from rwa_monitor.physics.speed import SpeedProfile
+from rwa_monitor.physics.toml import parse_toml
 from rwa_monitor.physics.torque_balance import inertia_of, torque_constant_of
 from rwa_monitor.physics.wheel import EffectBlock, Wheel
 from rwa_monitor.samples import CHANNELS
@@ -167,12 +167,7 @@ class Scenario(_Part):
         InputError
             If the text is no TOML, or a key is unknown or out of range; names the key.
         """
-        if len(text) > MAX_SCENARIO_BYTES:
-            raise InputError(source, f"is larger than {MAX_SCENARIO_BYTES} bytes; this is not a scenario")
-        try:
-            tables = tomllib.loads(text)
-        except (tomllib.TOMLDecodeError, RecursionError) as error:
-            raise InputError(source, f"is no valid TOML: {error}") from error
+        tables = parse_toml(text, source, MAX_SCENARIO_BYTES, "a scenario")
         head = tables.pop("scenario", {})
         if not isinstance(head, dict):
             raise InputError(source, "is a table", "scenario")

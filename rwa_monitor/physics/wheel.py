@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import tomllib
 from typing import Annotated, Any, Final, Literal
 
 import tomli_w
@@ -16,6 +15,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from rwa_monitor.errors import InputError
 from rwa_monitor.physics.durations import DurationLaw
+from rwa_monitor.physics.toml import parse_toml
 from rwa_monitor.slots import MIN_PERIOD_NS, period_ns
 
 MAX_WHEEL_FILE_BYTES: Final = 1_000_000  # a wheel file is a page of text; more is not one
@@ -209,13 +209,7 @@ class Wheel(_Part):
         InputError
             If the text is no TOML, or a key is missing, unknown or out of range; names the key.
         """
-        if len(text) > MAX_WHEEL_FILE_BYTES:
-            raise InputError(source, f"is larger than {MAX_WHEEL_FILE_BYTES} bytes; this is not a wheel file")
-        try:
-            tables = tomllib.loads(text)
-        except (tomllib.TOMLDecodeError, RecursionError) as error:
-            raise InputError(source, f"is no valid TOML: {error}") from error
-        return cls.from_tables(tables, source)
+        return cls.from_tables(parse_toml(text, source, MAX_WHEEL_FILE_BYTES, "a wheel file"), source)
 
     @classmethod
     def from_tables(cls, tables: dict[str, Any], source: str) -> Wheel:

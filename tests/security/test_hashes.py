@@ -1,0 +1,96 @@
+"""Wheel, model and recording are checked by hash: a file that is not the one that was meant is noticed."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+from pathlib import Path
+
+import pytest
+from mcap.writer import CompressionType, Writer
+
+from rwa_monitor.diagnosis.model import built_in_model
+from rwa_monitor.errors import InputError
+from rwa_monitor.formats.model_file import read_model
+from rwa_monitor.formats.scenario_file import read_scenario
+from rwa_monitor.formats.wheel_file import read_wheel
+from rwa_monitor.live.rebuild import Setup
+from rwa_monitor.live.recording import read_recording
+from rwa_monitor.live.replay import replay
+from rwa_monitor.physics.scenario import Scenario
+from rwa_monitor.physics.wheel import built_in_wheel
+
+REFERENCE = Path(__file__).parents[2] / "replay" / "nominal" / "rwa-000001.mcap"
+FILES = {
+    "wheel.toml": (read_wheel, built_in_wheel().to_toml()),
+    "model.json": (read_model, built_in_model().to_json()),
+    "scenario.toml": (read_scenario, Scenario().to_toml()),
+}
+
+
+@pytest.mark.parametrize("name", list(FILES))
+def test_a_file_beside_which_its_hash_lies_must_have_it(name: str, tmp_path: Path) -> None:
+    read, text = FILES[name]
+    path = tmp_path / name
+    path.write_text(text)
+    stated = subprocess.run(["sha256sum", name], cwd=tmp_path, capture_output=True, text=True, check=True).stdout
+    beside = tmp_path / f"{name}.sha256"
+    beside.write_text(stated)
+    assert read(path) == read(path)
+    path.write_text(f"{text} ")
+    with pytest.raises(InputError, match="is not the file whose hash"):
+        read(path)
+    for wrong in ("", "\n", "\xff", stated[1:], "x" * 20_000):
+        beside.write_text(wrong, encoding="latin-1")
+        with pytest.raises(InputError):
+            read(path)
+
+
+def rewritten(target: Path, name: str, change: tuple[bytes, bytes]) -> None:
+    """Write the reference again with one attachment changed, and every checksum right."""
+    recording = read_recording(REFERENCE)
+    assert change[0] in recording.attachments[name]
+    recording.attachments[name] = recording.attachments[name].replace(*change)
+    with target.open("wb") as file:
+        writer = Writer(file, compression=CompressionType.ZSTD)
+        writer.start()
+        for attachment, data in recording.attachments.items():
+            if attachment != "channels.json":
+                writer.add_attachment(0, 0, attachment, "", data)
+        channels: dict[tuple[str, str], int] = {}
+        for message in recording.messages:
+            place = (message.topic, message.schema)
+            if place not in channels:
+                channels[place] = writer.register_channel(
+                    message.topic, "json", writer.register_schema(message.schema, "", b"")
+                )
+            writer.add_message(channels[place], message.log_time, message.data, message.publish_time)
+        writer.finish()
+
+
+@pytest.mark.parametrize(
+    ("name", "change"),
+    [
+        ("wheel.toml", (b"max_speed_rad_s = 650.0", b"max_speed_rad_s = 651.0")),
+        ("model.json", (b'"windows": ', b'"windows": 1')),
+    ],
+)
+def test_a_recording_with_another_wheel_or_model_does_not_replay(
+    name: str, change: tuple[bytes, bytes], tmp_path: Path
+) -> None:
+    rewritten(tmp_path / "same.mcap", name, (change[0], change[0]))
+    assert replay(tmp_path / "same.mcap").equal  # the control
+    rewritten(tmp_path / "other.mcap", name, change)
+    report = replay(tmp_path / "other.mcap")
+    assert not report.equal
+    hashed = "wheel_sha256" if name == "wheel.toml" else "model_sha256"
+    assert any(hashed in field for field in report.fields), report.fields
+
+
+def test_a_diagnosis_names_the_hashes_of_what_it_was_made_with() -> None:
+    recording = read_recording(REFERENCE)
+    diagnoses = [json.loads(m.data) for m in recording.messages if m.schema == "rwa.Diagnosis"]
+    wheel_sha256, model_sha256, _ = Setup.of(recording).identity()
+    assert diagnoses
+    assert {d["provenance"]["wheel_sha256"] for d in diagnoses} == {wheel_sha256}
+    assert {d["provenance"]["model_sha256"] for d in diagnoses} == {model_sha256}

@@ -1,0 +1,103 @@
+"""A name in a key, a file or a request cannot lead out of its folder."""
+
+from __future__ import annotations
+
+from contextlib import closing
+from http.client import HTTPConnection
+from pathlib import Path
+
+import pytest
+
+from rwa_monitor.dashboard.server import DashboardOptions, serve
+from rwa_monitor.errors import InputError
+from rwa_monitor.formats.labels import read_labels
+from rwa_monitor.live.bus import BusOptions, open_session
+from rwa_monitor.live.rebuild import Setup, start
+from rwa_monitor.live.recorder import RecordingWriter
+from rwa_monitor.live.recording import Recording
+from rwa_monitor.live.telemetry_files import read_telemetry
+from rwa_monitor.messages import SamplesMessage, samples_json, split_key
+from tests.live.support import model, telemetry, wheel
+
+ESCAPED = ["%2e%2e", "..%2fx", "a\\b", "a\x00b", "a\nb"]
+LEADING_OUT = ["..", ".", "", "/", "/etc", "../x", "a/b", "~/x y", "*", "**", "$*", *ESCAPED]
+
+
+@pytest.mark.parametrize("name", LEADING_OUT)
+def test_a_key_names_nothing_that_is_no_plain_name(name: str) -> None:
+    for parts in (
+        ("rwa", name, "wheel", "samples"),
+        ("rwa", "sat", name, "samples"),
+        (name, "sat", "wheel", "samples"),
+    ):
+        key = "/".join((*parts, "samples"))
+        with pytest.raises(InputError) as caught:
+            split_key(key)
+        assert str(caught.value).isprintable()
+
+
+@pytest.mark.parametrize("name", LEADING_OUT)
+def test_a_recording_names_no_wheel_that_leads_out(name: str, tmp_path: Path) -> None:
+    recording = Recording(tmp_path / "x.mcap", attachments={f"checkpoint/{name}.json": b"{}"})
+    with pytest.raises(InputError):
+        start(recording, Setup(wheel(), model(), "joint"))
+
+
+def test_a_recorded_topic_names_no_wheel_that_leads_out(tmp_path: Path) -> None:
+    writer = RecordingWriter(tmp_path / "x.mcap", {}, lambda: 0)
+    writer.write("rwa/../etc/samples", SamplesMessage.schema_name(), samples_json(telemetry(16), "p", 0), 0)
+    writer.close()
+    with pytest.raises(InputError, match=r"rwa/\.\./etc/samples"):
+        read_telemetry(tmp_path / "x.mcap")
+
+
+@pytest.mark.parametrize("file", ["../outside.csv", "/etc/hostname", "in/../../outside.csv", "a\x00b"])
+def test_labels_name_no_file_outside_their_folder(file: str, tmp_path: Path) -> None:
+    folder = tmp_path / "labels"
+    (folder / "in").mkdir(parents=True)
+    (tmp_path / "outside.csv").write_text("")
+    (folder / "labels.csv").write_text(f"file,dry,viscous\n{file},0,1\n")
+    with pytest.raises(InputError, match="leads out of the folder"):
+        read_labels(folder / "labels.csv")
+
+
+def test_labels_name_files_in_their_folder_and_below(tmp_path: Path) -> None:
+    (tmp_path / "in").mkdir()
+    for file in ("here.csv", "in/there.csv"):
+        (tmp_path / file).write_text("")
+    (tmp_path / "labels.csv").write_text("file,dry,viscous\nhere.csv,0,1\nin/there.csv,1,0\n")
+    read = [entry.path for entry in read_labels(tmp_path / "labels.csv")]
+    assert read == [tmp_path / "here.csv", tmp_path / "in" / "there.csv"]
+
+
+REQUESTS = (
+    "/api/recordings/..%2foutside.mcap",
+    "/api/recordings/%2e%2e%2foutside.mcap",
+    "/api/recordings/%252e%252e%252foutside.mcap",
+    "/api/recordings/..\\outside.mcap",
+    "/api/recordings/%00",
+    "/api/recordings/history.sqlite3",
+    "/static/../app.py",
+    "/static/..%2fapp.py",
+    "/static/%2e%2e/app.py",
+    "/static//etc/hostname",
+)
+
+
+def test_the_page_serves_nothing_outside_its_folders(tmp_path: Path) -> None:
+    folder = tmp_path / "recordings"
+    folder.mkdir()
+    (tmp_path / "outside.mcap").write_bytes(b"\x89MCAP0\r\n")
+    with (
+        open_session(BusOptions()) as session,
+        serve(DashboardOptions(0, folder), session, lambda _: None) as running,
+        closing(HTTPConnection(running.address.removeprefix("http://").rstrip("/"))) as server,
+    ):
+        found = {}
+        for path in (*REQUESTS, "/static/style.css"):
+            server.request("GET", path)
+            with server.getresponse() as response:
+                response.read()
+                found[path] = response.status
+    assert found.pop("/static/style.css") == 200  # the control
+    assert set(found.values()) <= {404, 422}, found
