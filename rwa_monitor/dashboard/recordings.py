@@ -27,7 +27,7 @@ from rwa_monitor.physics.wheel import Wheel, built_in_wheel
 
 MAX_REPLAY_BYTES: Final = 512 * 2**20
 POINTS_PER_WHEEL: Final = 12_000  # of a whole recording, for its picture
-SHOWN: Final = frozenset(kind.schema_name() for kind in (Diagnosis, Changepoints, Status, Discrepancy))
+SHOWN: Final = {kind.schema_name(): kind for kind in (Diagnosis, Changepoints, Status, Discrepancy)}
 WHEEL_ATTACHMENT: Final = "wheel.toml"
 
 
@@ -120,7 +120,9 @@ class _Replay:
                 if message.schema == Diagnosis.schema_name():
                     yield from self._diagnosis(message)
                 else:
-                    yield _entry(message, message.topic, message.data)
+                    split_key(message.topic)
+                    shown = SHOWN[message.schema].parse(message.data, f"{self.recording.path.name}: {message.topic}")
+                    yield _entry(message, message.topic, shown.to_json())
 
     def _samples(self, message: RecordedMessage) -> bytes | None:
         topic = message.topic
@@ -136,7 +138,7 @@ class _Replay:
         window = Diagnosis.parse(message.data, f"{self.recording.path.name}: {message.topic}")
         course = self._courses.setdefault(message.topic, Course())
         course.extend([window])
-        yield _entry(message, message.topic, message.data, course.to_json())
+        yield _entry(message, message.topic, window.to_json(), course.to_json())
         held = self._open.get(key_of(SamplesMessage, spacecraft, wheel))
         curve = held.evidence(window, self.wheel) if held else None
         if held is not None:
