@@ -7,6 +7,7 @@ the last one is enough to go on. Floats are written in full; a core that was res
 from __future__ import annotations
 
 import math
+from dataclasses import asdict
 from typing import Annotated, Final, Literal, Self
 
 import numpy as np
@@ -17,6 +18,7 @@ from rwa_monitor.errors import InputError
 from rwa_monitor.live.friction import Source
 from rwa_monitor.live.order_guard import Rows
 from rwa_monitor.live.ring_buffer import RingBuffer
+from rwa_monitor.live.screen import Channel, Screen
 from rwa_monitor.live.sequencer import Batch
 from rwa_monitor.messages import SamplesMessage, dump_json, samples_json
 from rwa_monitor.samples import FloatArray
@@ -80,7 +82,7 @@ class SlotsState(_Part):
         """Keep the slots from `begin` on."""
         begin = max(begin, ring.begin)
         slots = np.arange(begin, ring.end, dtype=np.int64)
-        values = {name: _with_null(ring.read(name, begin, ring.end)) for name in ring.channels}
+        values = {name: _with_null(ring.read(name, begin, ring.end).tolist()) for name in ring.channels}
         return cls(begin=begin, end=ring.end, filled=_run_lengths(ring.is_filled(slots)), values=values)
 
     def restore(self, ring: RingBuffer) -> None:
@@ -101,7 +103,7 @@ class WaitingSample(_Part):
     @classmethod
     def of(cls, rows: Rows) -> Self:
         """Keep the one sample of `rows`."""
-        values = {name: _with_null(array)[0] for name, array in rows.values.items()}
+        values = {name: _with_null(array.tolist())[0] for name, array in rows.values.items()}
         return cls(time_ns=int(rows.time_ns[0]), values=values)
 
     def rows(self) -> Rows:
@@ -110,9 +112,52 @@ class WaitingSample(_Part):
         return Rows(np.array([self.time_ns], dtype=np.int64), values)
 
 
-class EffectsState(_Part):
-    """What the wheel's effects remember of the slots so far."""
+class ChannelState(_Part):
+    """State of a `screen.Channel`; null for NaN."""
 
+    recent: list[float | None]
+    last: float | None
+    step: float
+    bend: float
+    restless: float
+    repeated: float
+    restless_before: float
+    rough: float
+    steps: float
+
+    @classmethod
+    def of(cls, channel: Channel) -> Self:
+        """Keep what is remembered of a channel."""
+        values = asdict(channel)
+        return cls(**{**values, "recent": _with_null(channel.recent), "last": _with_null([channel.last])[0]})
+
+    def channel(self) -> Channel:
+        """Return the channel as it was."""
+        recent, last = _with_nan(self.recent).tolist(), float(_with_nan([self.last])[0])
+        return Channel(**{**self.model_dump(), "recent": recent, "last": last})
+
+
+class ScreenState(_Part):
+    """State of `screen.Screen`."""
+
+    done: int
+    speed: ChannelState
+    torque: ChannelState
+
+    @classmethod
+    def of(cls, screen: Screen) -> Self:
+        """Keep what the screen remembers of the slots so far."""
+        return cls(done=screen.done, speed=ChannelState.of(screen.speed), torque=ChannelState.of(screen.torque))
+
+    def restore(self, screen: Screen) -> None:
+        """Let a screen of the same wheel go on from here."""
+        screen.done, screen.speed, screen.torque = self.done, self.speed.channel(), self.torque.channel()
+
+
+class EffectsState(_Part):
+    """What the wheel's effects, and the friction before them, remember of the slots so far."""
+
+    friction: ChannelState | None = None
     angle_rad: float
     last_speed_rad_s: float
     memories: list[list[float] | None]
@@ -140,6 +185,7 @@ class Checkpoint(_Part):
     epoch_origin_ns: int
     grid: GridState
     slots: SlotsState
+    screen: ScreenState | None = None
     effects: EffectsState
     windows: WindowsState
 
@@ -159,8 +205,8 @@ class Checkpoint(_Part):
             raise InputError(source, first["msg"], ".".join(str(part) for part in first["loc"])) from error
 
 
-def _with_null(values: FloatArray) -> list[float | None]:
-    return [None if math.isnan(value) else value for value in values.tolist()]
+def _with_null(values: list[float]) -> list[float | None]:
+    return [None if math.isnan(value) else value for value in values]
 
 
 def _with_nan(values: list[float | None]) -> FloatArray:

@@ -1,6 +1,6 @@
 """The monitor core of one wheel: samples in, events out. Pure: no clock, no network, no file.
 
-    messages → sequencer → order guard → ring buffer → friction less known effects → open windows → diagnosis
+    messages → sequencer → order guard → ring buffer → screen → friction less known effects → open windows → diagnosis
 
 Live monitor, replay and the diagnosis of tables all feed this one core, so that they agree by construction, and its
 result does not depend on how the samples are cut into messages.
@@ -21,10 +21,12 @@ from rwa_monitor.diagnosis.state import CarriedState
 from rwa_monitor.diagnosis.window import diagnose_window
 from rwa_monitor.errors import InputError
 from rwa_monitor.live.checkpoint import (
+    ChannelState,
     Checkpoint,
     EffectsState,
     GridState,
     HeldBatch,
+    ScreenState,
     SequencerState,
     SlotsState,
     WaitingSample,
@@ -35,12 +37,14 @@ from rwa_monitor.live.events import (
     EpochStarted,
     Event,
     ProvisionalChangepoint,
+    SensorFault,
     StraySamples,
     WindowDiagnosed,
 )
 from rwa_monitor.live.friction import BLOCK_SLOTS, FrictionSource, Source, source_of
 from rwa_monitor.live.order_guard import PIECE_SLOTS, OrderGuard, Rows
 from rwa_monitor.live.ring_buffer import RingBuffer
+from rwa_monitor.live.screen import LAG_SLOTS, TORQUE, Fault, Screen, friction_limit, speed_limit
 from rwa_monitor.live.sequencer import Batch, Counts, Sequencer
 from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import FloatArray, IntArray, Samples
@@ -102,13 +106,12 @@ class WheelCore:
                 "window.hop",
             )
         self._sequencer = Sequencer(self.counts)
-        self._guard = OrderGuard(wheel.period_ns, self._samples, wheel.limits, wheel.torque_constant_Nm_A, self.counts)
+        self._guard = OrderGuard(wheel.period_ns, self._samples, wheel.limits, wheel.max_motor_torque_Nm, self.counts)
         self._grid = SlotGrid(0, wheel.period_ns)  # of the running epoch
         self._source: Source | Literal[""] = ""  # the channel that friction comes from; the first message decides
         self._said_missing = False
         self._waiting: Rows | None = None  # one sample that the next one judges
-        self._friction = FrictionSource(wheel, "friction_torque_Nm")
-        self._begin_ring()
+        self._begin_source("friction_torque_Nm")
 
     # ---- in ---------------------------------------------------------------------------------------------------------
 
@@ -132,8 +135,7 @@ class WheelCore:
         self.check(samples)
         if not self._source:
             self._source = source_of(samples, self.wheel)
-            self._friction = FrictionSource(self.wheel, self._source)
-            self._begin_ring()
+            self._begin_source(self._source)
         ready, notes = self._sequencer.put(Batch(publisher, batch, samples), self._guard.last_ns)
         events: list[Event] = list(notes)
         for message in ready:
@@ -168,8 +170,13 @@ class WheelCore:
         if not self._source:
             source_of(samples, self.wheel)
 
-    def _begin_ring(self) -> None:
+    def _begin_source(self, source: Source) -> None:
         """Start with empty slots; room for the open windows, a piece before them and the stencil around it."""
+        self._friction = FrictionSource(self.wheel, source)
+        # Friction that is derived is judged when it is known: a motor may do much more than friction does.
+        self._screen = Screen(
+            speed_limit(self.wheel), float("inf") if self._friction.derived else friction_limit(self.wheel)
+        )
         capacity = self._samples + PIECE_SLOTS + 2 * (self._friction.reach + BLOCK_SLOTS)
         self._ring = RingBuffer(capacity, self._friction.optional)
         self._begin_slots()
@@ -179,6 +186,7 @@ class WheelCore:
         self._next_start = 0  # first slot of the next window to open
         self._last_end = 0  # first slot after the last window that was closed
         self._open: list[_OpenWindow] = []
+        self._screen.reset()
         self._friction.reset()
 
     def _begin_epoch(self, grid: SlotGrid) -> None:
@@ -247,8 +255,15 @@ class WheelCore:
 
     def _advance(self, *, to_the_end: bool = False) -> list[Event]:
         """Work off all blocks that are complete, the stencil around them included."""
-        events: list[Event] = []
-        ready = self._ring.end - (0 if to_the_end else self._friction.reach)
+        if to_the_end:
+            seen = ready = self._ring.end
+        else:
+            seen = self._ring.end - 1  # the last slot only judges those before it
+            ready = max(seen - LAG_SLOTS, self._border_before(seen)) - self._friction.reach
+            next_block = (self._done // BLOCK_SLOTS + 1) * BLOCK_SLOTS
+            if self._done != self._next_start and ready < min(next_block, self._border()):
+                return []  # nothing to work off, and many slots are screened in the time of one
+        events = self._told(*self._screen.run(self._ring, seen, self._border_before))
         while True:
             if self._open and self._window_complete(to_the_end=to_the_end):
                 events.append(self._close(self._open.pop(0)))
@@ -256,13 +271,22 @@ class WheelCore:
                 accumulator = WindowAccumulator(self.wheel, self.method)
                 self._open.append(_OpenWindow(self._done, accumulator))
                 self._next_start += self._hop
-            border = min([self._next_start, *(window.start + self._samples for window in self._open)])
+            border = self._border()
             stop = min(border, ready)
             if stop < border and not to_the_end:
                 stop = stop // BLOCK_SLOTS * BLOCK_SLOTS
             if stop <= self._done:
                 return events
             events += self._work_off(stop)
+
+    def _border(self) -> int:
+        """Return where the next window begins or ends."""
+        return min([self._next_start, *(window.start + self._samples for window in self._open)])
+
+    def _border_before(self, slot: int) -> int:
+        """Return the last slot up to `slot` with which a window closed; 0 before the first."""
+        first = self._samples + self._friction.reach
+        return first + (slot - first) // self._hop * self._hop if slot >= first else 0
 
     def _window_complete(self, *, to_the_end: bool) -> bool:
         """Tell whether the oldest window is full and a sample beyond it, and beyond the stencil, has come."""
@@ -273,15 +297,29 @@ class WheelCore:
         """Add the slots [done, stop) to all open windows."""
         start, self._done = self._done, stop
         speed = self._ring.read("speed_rad_s", start, stop)
-        friction = self._friction.friction(self._ring, start, stop)
+        friction, masked, faults = self._friction.friction(self._ring, start, stop)
         self._ring.overwrite("torque_Nm", start, friction)
         good = np.isfinite(speed) & np.isfinite(friction)
         confirmed = [window.accumulator.append(speed, friction, good) for window in self._open]
+        events = self._told(masked, faults)
         if not confirmed:
-            return []
+            return events
         # Where windows overlap, the first one to hold a slot tells of it.
         first = self._open[0].start
-        return [self._provisional(first, jump) for jump in confirmed[0] if first + jump.index >= self._last_end]
+        return events + [
+            self._provisional(first, jump) for jump in confirmed[0] if first + jump.index >= self._last_end
+        ]
+
+    def _told(self, masked: int, faults: list[Fault]) -> list[Event]:
+        """Count slots that were taken as good and are masked now, and tell why."""
+        self.counts.used -= masked
+        self.counts.masked += masked
+        return [
+            SensorFault(
+                self._source if fault.channel == TORQUE else fault.channel, fault.hangs, self._grid.time_of(fault.slot)
+            )
+            for fault in faults
+        ]
 
     # ---- windows into diagnoses -------------------------------------------------------------------------------------
 
@@ -349,9 +387,11 @@ class WheelCore:
                 origin_ns=guard.grid.origin_ns if guard.grid else None, frontier=guard.frontier, last_ns=guard.last_ns
             ),
             slots=SlotsState.of(self._ring, needed - 2 * friction.reach - BLOCK_SLOTS),
+            screen=ScreenState.of(self._screen),
             effects=EffectsState(
                 angle_rad=friction.angle_rad,
                 last_speed_rad_s=friction.last_speed_rad_s,
+                friction=ChannelState.of(friction.channel),
                 memories=[None if memory is None else memory.tolist() for memory in friction.memories],
             ),
             windows=WindowsState(
@@ -374,8 +414,7 @@ class WheelCore:
         core = cls(wheel, model, method=method, carried=checkpoint.carried)
         if checkpoint.source:
             core._source = checkpoint.source
-            core._friction = FrictionSource(wheel, checkpoint.source)
-            core._begin_ring()
+            core._begin_source(checkpoint.source)
         core._said_missing = checkpoint.said_missing
         for name, count in checkpoint.counts.items():
             setattr(core.counts, name, count)
@@ -410,9 +449,15 @@ class WheelCore:
         if not fits:
             raise InputError("checkpoint", f"does not fit the wheel {self.wheel.name}")
         slots.restore(self._ring)
+        if checkpoint.screen is not None:
+            checkpoint.screen.restore(self._screen)
+        else:  # of a version that did not screen: it begins now
+            self._screen.done = windows.done
         self._waiting = None if checkpoint.waiting is None else checkpoint.waiting.rows()
         self._friction.angle_rad = effects.angle_rad
         self._friction.last_speed_rad_s = effects.last_speed_rad_s
+        if effects.friction is not None:
+            self._friction.channel = effects.friction.channel()
         self._friction.memories = [None if m is None else np.array(m, dtype=np.float64) for m in effects.memories]
         self._done, self._next_start, self._last_end = windows.done, windows.next_start, windows.last_end
         for start in windows.open:

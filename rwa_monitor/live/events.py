@@ -96,12 +96,32 @@ class StraySamples:
     time_ns: int
 
 
+@dataclass(frozen=True, slots=True)
+class SensorFault:
+    """A channel shows what no wheel does; such slots are masked.
+
+    Attributes
+    ----------
+    channel
+        Which one.
+    hangs
+        True at the first slot in which it repeats one value too often, False for a slot that stands out.
+    time_ns
+        Of the slot.
+    """
+
+    channel: str
+    hangs: bool
+    time_ns: int
+
+
 Event = (
     EpochStarted
     | ProvisionalChangepoint
     | WindowDiagnosed
     | ChannelMissing
     | StraySamples
+    | SensorFault
     | PublisherChanged
     | PublisherConflict
     | MessagesMissed

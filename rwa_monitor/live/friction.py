@@ -13,10 +13,11 @@ import numpy as np
 
 from rwa_monitor.errors import InputError
 from rwa_monitor.live.ring_buffer import OPTIONAL, RingBuffer
+from rwa_monitor.live.screen import STANDS_OUT, Channel, Fault, friction_limit
 from rwa_monitor.physics.effects.base import Channels, Memory
 from rwa_monitor.physics.effects.catalogue import mean_effects
 from rwa_monitor.physics.effects.removal import effect_torque
-from rwa_monitor.physics.torque_balance import differentiate, friction_torque, half_width, inertia_of
+from rwa_monitor.physics.torque_balance import differentiate_over_gaps, friction_torque, half_width, inertia_of
 from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import FloatArray, Samples
 
@@ -62,6 +63,12 @@ class FrictionSource:
         Slots that the derivative's stencil reaches to either side; 0 where nothing needs it.
     optional
         Channels besides speed and torque that the wheel's effects need.
+    limit_Nm
+        What friction can do within a slot.
+    derived
+        Whether friction is not given.
+    channel
+        Judges derived friction, with the effects still in it: slots where it stands out are masked.
     angle_rad, last_speed_rad_s, memories
         What the effects remember of the slots so far.
     """
@@ -70,14 +77,17 @@ class FrictionSource:
         self.wheel = wheel
         self.source = source
         self.effects = mean_effects(wheel)
-        derived = source != "friction_torque_Nm"
-        self.reach = half_width(wheel.friction.derivative, wheel.sample_period_s) if derived or self.effects else 0
+        self.derived = source != "friction_torque_Nm"
+        needs_acceleration = self.derived or self.effects
+        self.reach = half_width(wheel.friction.derivative, wheel.sample_period_s) if needs_acceleration else 0
         needed = frozenset[str]().union(*(effect.needs for effect in self.effects))
         self.optional = tuple(name for name in OPTIONAL if name in needed)
+        self.limit_Nm = friction_limit(wheel)
         self.reset()
 
     def reset(self) -> None:
         """Begin a new epoch."""
+        self.channel = Channel()
         self.angle_rad = 0.0
         self.last_speed_rad_s = 0.0
         self.memories: list[Memory] = [None] * len(self.effects)
@@ -90,7 +100,11 @@ class FrictionSource:
             return samples.friction_torque_Nm
         if self.source == "motor_torque_Nm":
             return samples.motor_torque_Nm
-        return None if samples.motor_current_A is None else self.motor_torque(samples)
+        torque, limit_A = self.motor_torque(samples), self.wheel.limits.max_current_A
+        if torque is None or samples.motor_current_A is None:
+            return None
+        # At its limit the current is saturated, and the torque that would be needed is not known.
+        return torque if limit_A is None else np.where(np.abs(samples.motor_current_A) < limit_A, torque, np.nan)
 
     def motor_torque(self, samples: Samples) -> FloatArray | None:
         """Return the motor torque, measured or K_T·I, float64 (n,) [N m]; None where neither is there."""
@@ -102,8 +116,8 @@ class FrictionSource:
 
     # ---- slots → friction ----------------------------------------------------------------------------------------
 
-    def friction(self, ring: RingBuffer, start: int, stop: int) -> FloatArray:
-        """Return the friction torque of the slots [start, stop), float64 [N m], NaN where it is not known.
+    def friction(self, ring: RingBuffer, start: int, stop: int) -> tuple[FloatArray, int, list[Fault]]:
+        """Return the friction torque of the slots [start, stop), and where it stands out.
 
         Parameters
         ----------
@@ -111,22 +125,48 @@ class FrictionSource:
             Holds the slots and `reach` more on either side, as far as there are any.
         start, stop
             Go on where the last call ended; both multiples of 64, or borders of windows or of the epoch.
+
+        Returns
+        -------
+        torque
+            float64 (stop - start,) [N m], NaN where it is not known or stands out.
+        masked
+            Slots where it was known and is not believed.
+        faults
+            One for each time that derived friction stands out.
         """
         torque = ring.read("torque_Nm", start, stop)
+        masked = 0
+        faults: list[Fault] = []
         if self.reach == 0:
-            return torque
+            return torque, masked, faults
         around = ring.read("speed_rad_s", start - self.reach, stop + self.reach)
-        acceleration = differentiate(around, self.wheel.friction.derivative, self.wheel.sample_period_s)
+        acceleration = differentiate_over_gaps(around, self.wheel.friction.derivative, self.wheel.sample_period_s)
         acceleration = acceleration[self.reach : self.reach + stop - start]
-        if self.source != "friction_torque_Nm":
-            torque = friction_torque(torque, acceleration, inertia_of(self.wheel))
+        if self.derived:
+            inertia = inertia_of(self.wheel)
+            torque = friction_torque(torque, acceleration, inertia)
+            # The last slot is judged by the one after it, whose acceleration is not known yet, but nearly the same.
+            following = friction_torque(ring.read("torque_Nm", stop, stop + 1), acceleration[-1:], inertia)
+            kind, since = self.channel.judge(np.concatenate((torque, following)), self.limit_Nm)
+            for k in np.flatnonzero(kind == STANDS_OUT).tolist():
+                first = max(k - int(since[k]), 0)
+                masked += int(np.isfinite(torque[first : k + 1]).sum())
+                torque[first : k + 1] = np.nan
+                faults.append(Fault("friction", False, start + first))
+        self._take_effects_out(ring, start, stop, acceleration, torque)
+        return torque, masked, faults
+
+    def _take_effects_out(
+        self, ring: RingBuffer, start: int, stop: int, acceleration: FloatArray, torque: FloatArray
+    ) -> None:
+        """Subtract the effects of the slots [start, stop) from their torque, in place."""
         low = start
         while self.effects and low < stop:
             high = min((low // BLOCK_SLOTS + 1) * BLOCK_SLOTS, stop)
             block = slice(low - start, high - start)
             torque[block] -= self._effect_torque(ring, low, high, acceleration[block], torque[block])
             low = high
-        return torque
 
     def _effect_torque(
         self, ring: RingBuffer, start: int, stop: int, acceleration: FloatArray, friction: FloatArray

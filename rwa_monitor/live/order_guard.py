@@ -102,8 +102,8 @@ class OrderGuard:
         Of the wheel; a clock step of more than a window begins a new epoch.
     limits
         Samples beyond are rejected.
-    torque_constant_Nm_A
-        To hold a motor torque against the current limit; None leaves it unchecked.
+    max_motor_torque_Nm
+        Limit of a motor torque; None leaves it unchecked.
     counts
         Where to count.
 
@@ -118,12 +118,12 @@ class OrderGuard:
     """
 
     def __init__(
-        self, period_ns: int, window_slots: int, limits: Limits, torque_constant_Nm_A: float | None, counts: Counts
+        self, period_ns: int, window_slots: int, limits: Limits, max_motor_torque_Nm: float | None, counts: Counts
     ) -> None:
         self.period_ns = period_ns
         self.window_slots = window_slots
         self.limits = limits
-        self.torque_constant_Nm_A = torque_constant_Nm_A
+        self.max_motor_torque_Nm = max_motor_torque_Nm
         self.counts = counts
         self.grid: SlotGrid | None = None
         self.frontier = 0
@@ -132,14 +132,10 @@ class OrderGuard:
     def reject_beyond_limits(self, samples: Samples) -> BoolArray:
         """Return which samples can be telemetry of this wheel, bool (n,), and count the others as rejected."""
         wrong = (samples.time_ns < MIN_TIME_NS) | (samples.time_ns > MAX_TIME_NS)
-        max_current = self.limits.max_current_A
-        max_torque = None
-        if max_current is not None and self.torque_constant_Nm_A is not None:
-            max_torque = max_current * self.torque_constant_Nm_A
         for values, limit in (
             (samples.speed_rad_s, self.limits.max_speed_rad_s),
-            (samples.motor_current_A, max_current),
-            (samples.motor_torque_Nm, max_torque),
+            (samples.motor_current_A, self.limits.max_current_A),
+            (samples.motor_torque_Nm, self.max_motor_torque_Nm),
         ):
             if values is not None and limit is not None:
                 wrong |= np.isfinite(values) & (np.abs(values) > limit)

@@ -11,6 +11,7 @@ from rwa_monitor.live.events import (
     EpochStarted,
     Event,
     ProvisionalChangepoint,
+    SensorFault,
     StraySamples,
     WindowDiagnosed,
 )
@@ -130,6 +131,9 @@ def trouble_in(event: Event) -> str | None:
             f"{event.count} samples with a time far from those before and after were rejected, "
             f"the first at {event.time_ns} ns"
         )
+    if isinstance(event, SensorFault):
+        what = "repeats one value, as a sensor that hangs" if event.hangs else "stands out from the samples around it"
+        return f"{event.channel} {what}, at {event.time_ns} ns: masked"
     if isinstance(event, PublisherConflict):
         return (
             f"two live publishers on one wheel: {event.samples} samples of {event.refused!r} were rejected, "

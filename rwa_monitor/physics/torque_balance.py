@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from typing import Final
 
+import numba
 import numpy as np
 
 from rwa_monitor.errors import InputError
@@ -18,6 +19,7 @@ from rwa_monitor.samples import FloatArray
 MAX_HALF_WIDTH: Final = (
     5_000  # slots; a wider derivative is a wrong window_s, and would see nothing of a wheel's motion
 )
+MAX_VARIANCE_RATIO: Final = 2.0  # of a slope over a gap to one without a gap
 
 
 def friction_torque(motor_torque_Nm: FloatArray, acceleration_rad_s2: FloatArray, inertia_kg_m2: float) -> FloatArray:
@@ -92,6 +94,47 @@ def differentiate(speed_rad_s: FloatArray, derivative: Derivative, period_s: flo
     total[np.isnan(speed_rad_s[half : half + inner])] = np.nan
     result[half : half + inner] = total
     return result
+
+
+def differentiate_over_gaps(speed_rad_s: FloatArray, derivative: Derivative, period_s: float) -> FloatArray:
+    """Return dω/dt as `differentiate` does, and also where some of the stencil's samples are missing.
+
+    There it is the slope of the least-squares parabola through those samples that are left, at slots with a sample of
+    their own, as long as that has at most `MAX_VARIANCE_RATIO` times the variance. Nothing is filled in: a single lost
+    sample costs one slot, not a whole stencil of them.
+
+    Parameters
+    ----------
+    speed_rad_s, derivative, period_s
+        As for `differentiate`.
+    """
+    result = differentiate(speed_rad_s, derivative, period_s)
+    half = half_width(derivative, period_s)
+    if np.isnan(speed_rad_s).any() and result.size > 2 * half:
+        _bridge(speed_rad_s, result, half, period_s)
+    return result
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def _bridge(speed: FloatArray, result: FloatArray, half: int, period_s: float) -> None:
+    """Fill in `result` where the parabola through the samples that are left determines the slope well enough."""
+    full = half * (half + 1) * (2 * half + 1) / 3.0  # Σ j² of a whole stencil: one over the slope's variance
+    for k in range(half, speed.size - half):
+        if not np.isnan(result[k]) or np.isnan(speed[k]):
+            continue
+        n, s1, s2, s3, s4 = 0.0, 0.0, 0.0, 0.0, 0.0
+        y, jy, jjy = 0.0, 0.0, 0.0
+        for j in range(-half, half + 1):
+            value = speed[k + j] - speed[k]
+            if not np.isnan(value):
+                n, s1, s2, s3, s4 = n + 1.0, s1 + j, s2 + j * j, s3 + j**3, s4 + j**4
+                y, jy, jjy = y + value, jy + j * value, jjy + j * j * value
+        # Second row of the inverse of the normal equations of y = a + b·j + c·j².
+        determinant = n * (s2 * s4 - s3 * s3) - s1 * (s1 * s4 - s2 * s3) + s2 * (s1 * s3 - s2 * s2)
+        variance = n * s4 - s2 * s2
+        if n > 2.0 and variance * full <= MAX_VARIANCE_RATIO * determinant:
+            slope = ((s2 * s3 - s1 * s4) * y + variance * jy + (s1 * s2 - n * s3) * jjy) / determinant
+            result[k] = slope / period_s
 
 
 def derive_friction(speed_rad_s: FloatArray, motor_torque_Nm: FloatArray, wheel: Wheel) -> FloatArray:

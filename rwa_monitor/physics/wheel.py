@@ -173,6 +173,13 @@ class Wheel(_Part):
         return (*RESERVED_ANOMALIES, *(system.name for system in self.fss))
 
     @property
+    def max_motor_torque_Nm(self) -> float | None:
+        """Torque of the motor at its largest current [N m]; None where limit or torque constant is not known."""
+        if self.limits.max_current_A is None or self.torque_constant_Nm_A is None:
+            return None
+        return self.limits.max_current_A * self.torque_constant_Nm_A
+
+    @property
     def torque_unit_Nm(self) -> float:
         """Torque by which friction is normalised [N m]: the nominal dry torque, or 1 N m where it is not known."""
         return self.nominal.dry_torque_Nm if self.nominal else 1.0

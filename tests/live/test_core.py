@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import hypothesis.strategies as st
 import numpy as np
 import pytest
@@ -10,7 +12,7 @@ from hypothesis import given, settings
 from rwa_monitor.errors import InputError
 from rwa_monitor.live.checkpoint import Checkpoint
 from rwa_monitor.live.core import WheelCore, diagnose_samples
-from rwa_monitor.live.events import ChannelMissing, EpochStarted, WindowDiagnosed
+from rwa_monitor.live.events import ChannelMissing, EpochStarted, SensorFault, WindowDiagnosed
 from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import Samples, concatenate
 from tests.live.support import WINDOW, model, pieces, run_core, said, spoiled, telemetry, wheel
@@ -24,12 +26,33 @@ KINDS = {
     "windows with gaps between": (WINDOW, 1_500, False, False),
     "effects, given": (WINDOW, None, True, True),
     "effects, derived": (WINDOW, 700, True, False),
+    "broken sensors, given": (WINDOW, 700, False, True),
+    "broken sensors, derived": (WINDOW, None, True, False),
 }
 
 
 def case(kind: str) -> tuple[Wheel, Samples]:
     samples, hop, effects, given_ = KINDS[kind]
-    return wheel(samples, hop, effects), spoiled(telemetry(ROWS, 3, given_), 5)
+    table = spoiled(telemetry(ROWS, 3, given_), 5)
+    return wheel(samples, hop, effects), broken(table) if "broken" in kind else table
+
+
+def broken(samples: Samples) -> Samples:
+    """Return telemetry whose sensors hang and jump, most of all about the ends of windows."""
+    rng = np.random.default_rng(6)
+    channels = dict(samples.channels())
+    name = "motor_current_A" if samples.friction_torque_Nm is None else "friction_torque_Nm"
+    torque, speed = channels[name].copy(), channels["speed_rad_s"].copy()
+    slots = samples.time_ns // 125_000_000
+    for border in (WINDOW, WINDOW + 8, WINDOW + 700, 2 * WINDOW, 2 * WINDOW + 8, 3 * WINDOW):
+        rows = np.searchsorted(slots, border) + rng.integers(-3, 3, 4)
+        torque[rows] *= rng.choice([-30.0, 30.0], rows.size)
+    for values, start in ((torque, WINDOW - 40), (speed, 2 * WINDOW - 15), (torque, 1_300), (speed, 1_800)):
+        row = int(np.searchsorted(slots, start))
+        values[row : row + 60] = values[row]
+    torque[rng.integers(0, torque.size, 30)] *= 30.0
+    speed[rng.integers(0, speed.size, 15)] += 40.0
+    return replace(samples, **{name: torque, "speed_rad_s": speed})
 
 
 def messages(core: WheelCore, parts: list[Samples]) -> list[tuple[str, bytes]]:
@@ -51,6 +74,14 @@ def whole(kind: str) -> list[tuple[str, bytes]]:
 def test_the_interesting_things_are_there(kind: str) -> None:
     kinds = {key.rsplit("/", 1)[1] for key, _ in whole(kind)}
     assert {"diagnosis", "changepoints", "health", "carried"} <= kinds
+
+
+def test_broken_sensors_are_seen() -> None:
+    for kind in KINDS:
+        of_wheel, samples = case(kind)
+        core = WheelCore(of_wheel, model())
+        faults = [event for event in core.feed(samples) if isinstance(event, SensorFault)]
+        assert ({fault.hangs for fault in faults} == {True, False}) == ("broken" in kind)
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -131,7 +162,8 @@ def test_a_window_of_derived_friction_waits_for_the_stencil() -> None:
     core = WheelCore(wheel(), model())
     assert closed(core.feed(samples[: WINDOW + 8])) == []
     (event,) = closed(core.feed(samples[WINDOW + 8 : WINDOW + 9]))
-    assert event.diagnosis.good == WINDOW - 8  # the first slots have no samples before them
+    # The first slots have too few samples before them: a parabola through two less than 17 still tells enough.
+    assert event.diagnosis.good == WINDOW - 6
 
 
 def test_the_last_window_is_partial_unless_it_is_full() -> None:

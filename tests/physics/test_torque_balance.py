@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import signal
 
@@ -65,6 +65,40 @@ def test_a_missing_sample_touches_its_stencil_and_nothing_else(derivative):
     touched = np.abs(np.arange(200) - 90) <= half
     assert np.all(np.isnan(found[touched]))
     assert np.array_equal(found[~touched], whole[~touched], equal_nan=True)
+
+
+@settings(max_examples=30, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.floats(0.02, 0.5))
+def test_over_gaps_it_is_the_slope_of_a_parabola_through_what_is_left(seed, share):
+    rng = np.random.default_rng(seed)
+    speed = 100.0 + rng.normal(size=120)
+    speed[rng.random(size=120) < share] = np.nan
+    found = tb.differentiate_over_gaps(speed, GOLAY, PERIOD)
+    whole = tb.differentiate(speed, GOLAY, PERIOD)
+    assert np.array_equal(found[np.isfinite(whole)], whole[np.isfinite(whole)])
+    offsets = np.arange(-8, 9)
+    for k in range(8, 112):
+        around = speed[k + offsets]
+        left = np.isfinite(around)
+        if left.sum() < 4 or np.isnan(speed[k]):
+            continue
+        parabola, covariance = np.polyfit(offsets[left] * PERIOD, around[left], 2, cov="unscaled")
+        ratio = covariance[1, 1] * PERIOD**2 * np.sum(offsets**2)
+        if abs(ratio - tb.MAX_VARIANCE_RATIO) > 1e-6:
+            assert np.isfinite(found[k]) == (ratio < tb.MAX_VARIANCE_RATIO)
+        if np.isfinite(found[k]):
+            assert found[k] == pytest.approx(parabola[1], rel=1e-6, abs=1e-8)
+
+
+@derivatives
+def test_a_lost_sample_costs_its_own_slot(derivative):
+    speed = np.sin(np.arange(200) / 9.0)
+    speed[90] = np.nan
+    lost = np.flatnonzero(np.isnan(tb.differentiate_over_gaps(speed, derivative, PERIOD)))
+    half = tb.half_width(derivative, PERIOD)
+    inner = lost[(lost >= half) & (lost < 200 - half)]
+    # A central difference needs both of its samples.
+    assert inner.tolist() == ([90] if derivative is GOLAY else [89, 90, 91])
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(20, 180), st.sampled_from([GOLAY, CENTRAL]))

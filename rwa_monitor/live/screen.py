@@ -1,0 +1,258 @@
+"""Screens a wheel's slots for what a broken sensor shows and no wheel does: they are masked, counted and told.
+
+    hangs        a channel that was restless repeats one value, bit for bit, in slot after slot
+    stands out   a few slots differ from those before and after them by more than a wheel can do and undo in that time
+
+Slots are judged in order, each with one slot after it. What is found may concern slots shortly before: a slot is held
+back for `LAG_SLOTS`, but never beyond the end of a window, which closes with the first slot behind it. So a window's
+slots are judged by no more than that slot, and the result does not depend on how samples arrive.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Final
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from rwa_monitor.live.ring_buffer import RingBuffer
+from rwa_monitor.physics.wheel import Wheel
+from rwa_monitor.samples import BoolArray, FloatArray, IntArray
+
+# A channel hangs when it has repeated a value so often in a row. One that is restless (below) repeats a value with a
+# probability of at most one half, so often with 6e-8. Coarser converters are not judged.
+HANGING_SLOTS: Final = 24
+# A channel is restless while its second differences change their sign in more than this share of the last slots: with
+# white noise they do so in 73 %, with a random walk in 67 %, in smooth motion without noise hardly ever.
+RESTLESS: Final = 0.5
+ROUNDING: Final = 1e-9  # smaller second differences, relative to the value, are rounding, not noise
+RECENT_SLOTS: Final = 128  # over which restlessness and roughness are averaged
+# So many slots may stand out together; over each of them the wheel may do its utmost again.
+OUTSTANDING_SLOTS: Final = 3
+# They must differ by so many mean steps between neighbours besides, seven standard deviations of white noise or more.
+ROUGHNESS_FACTOR: Final = 6.0
+STEPS_TO_JUDGE: Final = 16  # before roughness is known well enough
+# Friction of all switching systems together, at so many times their largest nominal friction, may come and go within a
+# slot: anomalies of the paper are about twice the nominal friction. A system without given friction counts as one dry
+# torque.
+LARGEST_FACTOR: Final = 2.0
+LAG_SLOTS: Final = max(HANGING_SLOTS, OUTSTANDING_SLOTS)
+
+SPEED: Final = "speed_rad_s"
+TORQUE: Final = "torque_Nm"
+HANGS, STANDS_OUT = 1, 2
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """A channel shows what no wheel does; such slots are masked.
+
+    Attributes
+    ----------
+    channel
+        Of the ring buffer, or "friction".
+    hangs
+        True where it repeats one value, False where it stands out.
+    slot
+        The first.
+    """
+
+    channel: str
+    hangs: bool
+    slot: int
+
+
+@dataclass(slots=True)
+class Channel:
+    """Judges the slots of one channel, in order.
+
+    Attributes
+    ----------
+    recent
+        The last values, latest last, NaN where missing.
+    last, step, bend
+        The last value that was not missing, the last first and second difference.
+    restless
+        Share of the recent slots in which the second difference changed its sign.
+    repeated
+        How often the last value has been repeated.
+    restless_before
+        `restless` when the repetition began.
+    rough, steps
+        Sum of recent steps from slot to slot, in absolute value, and how many they are; both fade.
+    """
+
+    recent: list[float] = field(default_factory=lambda: [float("nan")] * OUTSTANDING_SLOTS)
+    last: float = float("nan")
+    step: float = 0.0
+    bend: float = 0.0
+    restless: float = 0.0
+    repeated: float = 0.0
+    restless_before: float = 0.0
+    rough: float = 0.0
+    steps: float = 0.0
+
+    def judge(self, values: FloatArray, limit: float) -> tuple[NDArray[np.int8], IntArray]:
+        """Judge the next slots.
+
+        Parameters
+        ----------
+        values
+            float64 (n + 1,): the slots and the one after them, NaN where missing.
+        limit
+            What the channel can do within a slot, in its unit; infinity where that is not known.
+
+        Returns
+        -------
+        kind
+            int8 (n,): 0, HANGS or STANDS_OUT, for what is found with this slot and the one after it.
+        since
+            int64 (n,): how many slots before it that begins.
+        """
+        count = values.size - 1
+        memory = np.array(
+            [
+                *(self.last, self.step, self.bend, self.restless, self.repeated, self.restless_before),
+                *(self.rough, self.steps),
+            ]
+        )
+        kind, since = np.zeros(count, dtype=np.int8), np.zeros(count, dtype=np.int64)
+        around = np.concatenate((self.recent, values))
+        _judge(around, limit, memory, kind, since)
+        self.last, self.step, self.bend, self.restless, self.repeated, self.restless_before = memory[:6].tolist()
+        self.rough, self.steps = memory[6:].tolist()
+        self.recent = around[count : count + OUTSTANDING_SLOTS].tolist()
+        return kind, since
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def _judge(
+    values: FloatArray, limit: float, memory: FloatArray, kind: NDArray[np.int8], since: NDArray[np.int64]
+) -> None:
+    """Do the work of `Channel.judge`; `values` begin with the recent ones, all but it and `limit` are written."""
+    last, step, bend, restless, repeated, restless_before, rough, steps = memory
+    for k in range(kind.size):
+        at = k + OUTSTANDING_SLOTS
+        value, before, after = values[at], values[at - 1], values[at + 1]
+        if np.isnan(value):
+            continue
+        far = limit + ROUGHNESS_FACTOR * rough / max(steps, 1.0)
+        # Do this slot, and perhaps some before it, stand out from the slot before them and the one after?
+        if steps >= STEPS_TO_JUDGE and abs(value - after) > far:
+            for count in range(1, OUTSTANDING_SLOTS + 1):
+                anchor = values[at - count]
+                if abs(after - anchor) <= 0.5 * far and abs(value - anchor) > count * far:
+                    kind[k], since[k] = STANDS_OUT, count - 1
+                    break
+        if abs(value - before) <= far:
+            rough += abs(value - before) - rough / RECENT_SLOTS
+            steps += 1.0 - steps / RECENT_SLOTS
+        if not np.isnan(last):
+            if value != last:
+                repeated = 0.0
+            else:
+                if repeated == 0.0:
+                    restless_before = restless
+                repeated += 1.0
+            next_step = value - last
+            next_bend = next_step - step
+            turns = next_bend * bend < 0.0 and abs(next_bend) > ROUNDING * abs(value)
+            restless += ((1.0 if turns else 0.0) - restless) / RECENT_SLOTS
+            step, bend = next_step, next_bend
+        last = value
+        if repeated >= HANGING_SLOTS and restless_before > RESTLESS:
+            kind[k] = HANGS
+            since[k] = HANGING_SLOTS - 1 if repeated == HANGING_SLOTS else 0
+    memory[:] = (last, step, bend, restless, repeated, restless_before, rough, steps)
+
+
+def speed_limit(wheel: Wheel) -> float:
+    """Return the largest change of speed within a slot that the motor can make [rad/s]; infinity if not known."""
+    torque = wheel.max_motor_torque_Nm
+    if torque is None or wheel.inertia_kg_m2 is None:
+        return float("inf")
+    return torque / wheel.inertia_kg_m2 * wheel.sample_period_s
+
+
+def friction_limit(wheel: Wheel) -> float:
+    """Return the largest friction that can come and go within a slot [N m]; infinity if not known."""
+    if wheel.nominal is None:
+        return float("inf")
+    highest = [max(part.high for part in system.friction) if system.friction else 1.0 for system in wheel.fss]
+    return wheel.nominal.dry_torque_Nm * (1.0 + LARGEST_FACTOR * sum(highest))
+
+
+@dataclass(slots=True)
+class Screen:
+    """Screens the channels of a wheel's ring buffer as they were measured, from the beginning of an epoch on.
+
+    Attributes
+    ----------
+    speed_limit_rad_s, torque_limit_Nm
+        What the channels can do within a slot; infinity where that is not known.
+    done
+        Slots judged; those that are not held back any more are final.
+    speed, torque
+        Judge the channels.
+    """
+
+    speed_limit_rad_s: float
+    torque_limit_Nm: float
+    done: int = 0
+    speed: Channel = field(default_factory=Channel)
+    torque: Channel = field(default_factory=Channel)
+
+    def reset(self) -> None:
+        """Begin a new epoch."""
+        self.done, self.speed, self.torque = 0, Channel(), Channel()
+
+    def run(self, ring: RingBuffer, stop: int, border_before: Callable[[int], int]) -> tuple[int, list[Fault]]:
+        """Judge the slots up to `stop`, and mask in the ring buffer what cannot be.
+
+        Parameters
+        ----------
+        ring
+            Holds them, those held back, and the slot `stop` unless nothing more will come.
+        stop
+            First slot that is left for later.
+        border_before
+            Gives the last slot, up to a given one, before which all are final when it has been seen.
+
+        Returns
+        -------
+        masked
+            Slots that were good and are not any more.
+        faults
+            What was found, in order.
+        """
+        start, self.done = self.done, max(self.done, stop)
+        if stop <= start:
+            return 0, []
+        speed, torque = ring.read(SPEED, start, stop + 1), ring.read(TORQUE, start, stop + 1)
+        turning = speed[:-1] != 0.0  # a tachometer at rest shows zero, and so may the current: that is no fault
+        held = max(start - LAG_SLOTS, ring.begin)  # the first slot that may still be masked
+        good = _good(ring, held, stop)
+        faults = []
+        for name, (kind, since) in (
+            (SPEED, self.speed.judge(speed, self.speed_limit_rad_s)),
+            (TORQUE, self.torque.judge(torque, self.torque_limit_Nm)),
+        ):
+            wrong = (kind == STANDS_OUT) | ((kind == HANGS) & turning)
+            if not wrong.any():
+                continue
+            values = ring.read(name, held, stop)
+            values[start - held :][wrong] = np.nan
+            for k in np.flatnonzero(wrong & ((kind == STANDS_OUT) | (since > 0))).tolist():
+                first = max(start + k - int(since[k]), border_before(start + k))
+                values[first - held : start + k - held] = np.nan
+                faults.append(Fault(name, bool(kind[k] == HANGS), first))
+            ring.overwrite(name, held, values)
+        masked = int(good.sum() - _good(ring, held, stop).sum())
+        return masked, sorted(faults, key=lambda fault: fault.slot)
+
+
+def _good(ring: RingBuffer, start: int, stop: int) -> BoolArray:
+    return np.isfinite(ring.read(SPEED, start, stop)) & np.isfinite(ring.read(TORQUE, start, stop))
