@@ -156,12 +156,11 @@ def test_friction_of_the_wrong_sign_or_in_kilo_units_is_unlike_anything_learned(
     assert "unlike anything learned" in window.diagnosis.reason
 
 
-def test_friction_in_milli_units_is_called_what_it_looks_like() -> None:
+def test_friction_in_milli_units_is_never_nominal() -> None:
     samples = telemetry("given")
     assert samples.friction_torque_Nm is not None
     window, _, _ = diagnosed(replace(samples, friction_torque_Nm=1e3 * samples.friction_torque_Nm))
-    assert window.diagnosis.verdict == "anomalous"
-    assert "(nominal " in window.diagnosis.reason
+    assert window.diagnosis.verdict in {"anomalous", "inconclusive"}
 
 
 @pytest.mark.parametrize("kind", GIVEN)
