@@ -36,6 +36,7 @@ TUKEY: Final = 4.685  # scales of the residual: 95 % efficient for Gaussian nois
 CACHE_BYTES: Final = 400_000_000
 MIN_USED: Final = 200  # fewer moving samples cannot tell anything apart
 HEAVY_SHARE: Final = 1e-3  # of samples beyond four standard deviations; Gaussian noise has 6e-5
+NEAR_CROSSING: Final = 20  # samples: bristles and balls take a few slots to turn over
 LONG_LAG_SHARE: Final = 0.02  # of the record: a lag of a few per cent of a sojourn or more (effects.md, step 1)
 
 
@@ -198,14 +199,19 @@ def with_noise_of(problem: Problem, residual: FloatArray) -> Problem:
 
 
 def _clip(problem: Problem) -> Problem:
-    """Pull in outliers if they are more than Gaussian noise and a few very short sojourns would give."""
+    """Pull in outliers if they are more than Gaussian noise and a few very short sojourns would give.
+
+    Tails are everywhere: what stands out only around a change of direction is friction, and is left as it is.
+    """
+    far = distance_to_crossings(problem, np.arange(problem.size)) > NEAR_CROSSING
     slope = fit(problem, np.zeros((problem.size, 0))).coefficients[0] * problem.speed
     clipped = problem.z.copy()
     for a, b in zip(problem.starts[:-1], problem.starts[1:], strict=True):
         if b > a:
             inside, outliers = clip_outliers((problem.z - slope)[a:b], problem.noise.std)
+            outliers &= far[a:b]
             clipped[a:b][outliers] = (inside + slope[a:b])[outliers]
-    share = float(np.mean(clipped != problem.z))
+    share = float(np.mean(clipped[far] != problem.z[far])) if far.any() else 0.0
     return replace(problem, z=clipped, clipped_share=share) if share > HEAVY_SHARE else problem
 
 
@@ -362,12 +368,18 @@ def sharp_jumps(problem: Problem, fitted: Fit, reach: int = 48, threshold: float
 
 def jumps_off_crossings(problem: Problem, jumps: IntArray, reach: int = 4) -> IntArray:
     """Return the jumps that do not coincide with a change of direction: there an offset looks like a jump."""
-    crossing = np.flatnonzero(np.diff(problem.sign) != 0) + 1
-    if crossing.size == 0 or jumps.size == 0:
-        return jumps
-    distance = np.abs(jumps[:, None] - crossing[None, :]).min(axis=1)
-    kept: IntArray = jumps[distance > reach]
+    kept: IntArray = jumps[distance_to_crossings(problem, jumps) > reach]
     return kept
+
+
+def distance_to_crossings(problem: Problem, at: IntArray) -> IntArray:
+    """Return how many joined samples lie between each index and the nearest change of direction, int64 (m,)."""
+    crossing = np.flatnonzero(np.diff(problem.sign) != 0) + 1
+    if crossing.size == 0:
+        return np.full(at.size, problem.size, dtype=np.int64)
+    after = np.searchsorted(crossing, at)
+    before = np.abs(at - crossing[np.maximum(after - 1, 0)])
+    return np.minimum(before, np.abs(crossing[np.minimum(after, crossing.size - 1)] - at)).astype(np.int64)
 
 
 def jump_sets(problem: Problem, fitted: Fit) -> list[IntArray]:

@@ -27,6 +27,7 @@ MAX_GAP_FACTOR: Final = 4  # a record may hold at most this many slots per sampl
 MIN_REST_SLOTS: Final = 8  # shorter stays near zero are crossings
 REST_BAND_IN_SPEED_NOISE: Final = 5.0  # within this many standard deviations the sign of ω means nothing
 BIAS_REACH: Final = 20  # slots beyond the derivative filter that tell its bias, at 17 % of the filter's noise
+BENT_TOO_FAR: Final = 2.0  # standard deviations of the friction: a larger bias is not told to within the noise
 SMOOTHING_REACH: Final = 6  # slots beyond the hole, on each side, from which motion is estimated
 
 
@@ -121,7 +122,9 @@ def make_record(samples: Samples, wheel: Wheel, source: str) -> Record:
             )
         friction = torque_balance.derive_friction(speed, torque, wheel)
         hole = torque_balance.derivative_taps(wheel.friction.derivative, wheel.sample_period_s).size // 2
-        friction = friction + wheel.inertia_kg_m2 * _derivative_bias(speed, wheel)
+        bias = wheel.inertia_kg_m2 * _derivative_bias(speed, wheel)
+        friction = friction + bias
+        friction[np.abs(bias) > BENT_TOO_FAR * _spread_between_neighbours(friction, 2 * hole + 1)] = np.nan
     else:
         hole = min(2, count // 8)
 
@@ -223,6 +226,13 @@ def _derivative_bias(speed: FloatArray, wheel: Wheel) -> FloatArray:
     outer = missed @ np.linalg.pinv(odd) / 2
     whole = np.concatenate([-outer[::-1], np.zeros(2 * half + 1), outer])
     return np.nan_to_num(correlate1d(speed, whole, mode="constant", cval=np.nan))
+
+
+def _spread_between_neighbours(values: FloatArray, lag: int) -> float:
+    """Return the noise's standard deviation, from the median difference over a lag at which it has forgotten itself."""
+    differences = values[lag:] - values[:-lag]
+    known = differences[np.isfinite(differences)]
+    return float(np.median(np.abs(known))) / 0.6745 / np.sqrt(2.0) if known.size else np.inf
 
 
 def _angle(speed: FloatArray, period_s: float) -> FloatArray:
