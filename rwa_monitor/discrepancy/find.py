@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import stats
 
-from rwa_monitor.discrepancy.base_fit import Problem, make_problem, with_noise_of
+from rwa_monitor.discrepancy.angle_drift import with_angle_drift
+from rwa_monitor.discrepancy.base_fit import Problem, fit, make_problem, with_noise_of
 from rwa_monitor.discrepancy.gain import HeldOut, held_out, holds_out
 from rwa_monitor.discrepancy.jump_terms import JUMP_TERMS
 from rwa_monitor.discrepancy.mapper import Mapper, in_turn
@@ -82,6 +83,7 @@ def find_discrepancy(
     """
     records = [without_known_effects(make_record(samples, wheel, name), wheel) for name, samples in recordings]
     problem = replace(make_problem(records, wheel), each=each)
+    problem = with_angle_drift(problem, fit(problem, np.zeros((problem.size, 0))))
     known = {block.name for block in wheel.effect}
     candidates = [effect for effect in (*MEAN_EFFECTS.values(), *JUMP_TERMS) if effect.name not in known]
     found = search(problem, candidates, holds_out, progress)

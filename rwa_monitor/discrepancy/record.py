@@ -10,7 +10,7 @@ enter the friction of that slot.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -27,7 +27,9 @@ MAX_GAP_FACTOR: Final = 4  # a record may hold at most this many slots per sampl
 MIN_REST_SLOTS: Final = 8  # shorter stays near zero are crossings
 REST_BAND_IN_SPEED_NOISE: Final = 5.0  # within this many standard deviations the sign of ω means nothing
 BIAS_REACH: Final = 20  # slots beyond the derivative filter that tell its bias, at 17 % of the filter's noise
-BENT_TOO_FAR: Final = 2.0  # standard deviations of the friction: a larger bias is not told to within the noise
+SHORT_BIAS_REACH: Final = 12  # slots, of a second opinion
+BENT: Final = 2.0  # standard deviations of the friction from which the bias must be known well
+BIAS_KNOWN_TO: Final = 0.05  # of the bias: at a corner of the speed no polynomial agrees with the next
 SMOOTHING_REACH: Final = 6  # slots beyond the hole, on each side, from which motion is estimated
 
 
@@ -56,6 +58,8 @@ class Record:
     accelerating_torque_Nm
         float64 (n,), motor torque less friction [N m]: the part of K_T·I that holds nothing of the friction that is
         to be explained. None where there is no motor torque.
+    angle_drift_rad
+        float64 (n,), by how much the integral of the measured speed misses the angle; None where nothing tells it.
     """
 
     source: str
@@ -67,6 +71,15 @@ class Record:
     speed_noise_rad_s: float
     speed_step_rad_s: float
     accelerating_torque_Nm: FloatArray | None = None
+    angle_drift_rad: FloatArray | None = None
+
+    @property
+    def undrifted(self) -> Channels:
+        """Return the channels with a speed whose integral is the angle without its drift."""
+        if self.angle_drift_rad is None:
+            return self.channels
+        rate = np.gradient(self.angle_drift_rad, self.channels.sample_period_s)
+        return replace(self.channels, speed_rad_s=self.channels.speed_rad_s + rate)
 
 
 def make_record(samples: Samples, wheel: Wheel, source: str) -> Record:
@@ -114,17 +127,7 @@ def make_record(samples: Samples, wheel: Wheel, source: str) -> Record:
     friction = on_grid(samples.friction_torque_Nm)
     derived = friction is None
     if friction is None:
-        if torque is None or wheel.inertia_kg_m2 is None:
-            raise InputError(
-                source,
-                "holds no friction_torque_Nm, and deriving it needs motor_current_A or motor_torque_Nm "
-                "with torque_constant_Nm_A and inertia_kg_m2 in the wheel file",
-            )
-        friction = torque_balance.derive_friction(speed, torque, wheel)
-        hole = torque_balance.derivative_taps(wheel.friction.derivative, wheel.sample_period_s).size // 2
-        bias = wheel.inertia_kg_m2 * _derivative_bias(speed, wheel)
-        friction = friction + bias
-        friction[np.abs(bias) > BENT_TOO_FAR * _spread_between_neighbours(friction, 2 * hole + 1)] = np.nan
+        friction, hole = _derived_friction(speed, torque, wheel, source)
     else:
         hole = min(2, count // 8)
 
@@ -208,16 +211,36 @@ def _from_neighbours(values: FloatArray, hole: int, reach: int, order: int) -> F
     return np.asarray(estimate, dtype=np.float64)
 
 
-def _derivative_bias(speed: FloatArray, wheel: Wheel) -> FloatArray:
+def _derived_friction(
+    speed: FloatArray, torque: FloatArray | None, wheel: Wheel, source: str
+) -> tuple[FloatArray, int]:
+    """Return K_T·I - J·dω/dt [N m], NaN at corners of the speed, and the derivative filter's half-width [slots]."""
+    if torque is None or wheel.inertia_kg_m2 is None:
+        raise InputError(
+            source,
+            "holds no friction_torque_Nm, and deriving it needs motor_current_A or motor_torque_Nm "
+            "with torque_constant_Nm_A and inertia_kg_m2 in the wheel file",
+        )
+    friction = torque_balance.derive_friction(speed, torque, wheel)
+    hole = torque_balance.derivative_taps(wheel.friction.derivative, wheel.sample_period_s).size // 2
+    bias = wheel.inertia_kg_m2 * _derivative_bias(speed, wheel, BIAS_REACH)
+    doubt = np.abs(bias - wheel.inertia_kg_m2 * _derivative_bias(speed, wheel, SHORT_BIAS_REACH))
+    friction = friction + bias
+    bent = np.abs(bias) > BENT * _spread_between_neighbours(friction, 2 * hole + 1)
+    friction[bent & (doubt > BIAS_KNOWN_TO * np.abs(bias))] = np.nan
+    return friction, hole
+
+
+def _derivative_bias(speed: FloatArray, wheel: Wheel, reach: int) -> FloatArray:
     """Return by how much the wheel's derivative filter misses dω/dt where that bends [rad/s²].
 
     A least-squares parabola smooths the acceleration of a fast slew: friction derived with it is off by several
-    standard deviations while the acceleration rises and falls. An odd polynomial of fifth order through the slots just
-    outside the filter, which share no noise with it, says by how much; 0 where it meets a gap or an end.
+    standard deviations while the acceleration rises and falls. An odd polynomial of fifth order through `reach` slots
+    just outside the filter, which share no noise with it, says by how much; 0 where it meets a gap or an end.
     """
     taps = torque_balance.derivative_taps(wheel.friction.derivative, wheel.sample_period_s)
     half = taps.size // 2
-    j = np.arange(half + 1, half + BIAS_REACH + 1)
+    j = np.arange(half + 1, half + reach + 1)
     span = float(j[-1])
     odd = np.stack([(j / span) ** power for power in (1, 3, 5)], axis=1)
     inner = np.arange(-half, half + 1) / span

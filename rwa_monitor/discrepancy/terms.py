@@ -22,6 +22,7 @@ from rwa_monitor.discrepancy.base_fit import (
     strong_level,
 )
 from rwa_monitor.physics.effects.base import MeanEffect, Parameter
+from rwa_monitor.physics.effects.torque_ripple import TorqueRipple
 from rwa_monitor.samples import FloatArray, IntArray
 
 FEW_CHOICES: Final = 3  # of a discrete shape parameter: so few are tried again in each refinement
@@ -74,7 +75,8 @@ def make_term(problem: Problem, effect: type[MeanEffect], shape: Mapping[str, fl
     if columns is None and depends_on_level(effect) and level is not None:
         columns = _columns_with_level(problem, effect, shape, level)
     if columns is None:
-        per_record = [effect.columns(record.channels, shape)[0][record.used] for record in problem.records]
+        channels = [record.undrifted if effect is TorqueRipple else record.channels for record in problem.records]
+        per_record = [effect.columns(c, shape)[0][r.used] for c, r in zip(channels, problem.records, strict=True)]
         columns = np.nan_to_num(np.concatenate(per_record)) * problem.sign[:, None]
         if not depends_on_level(effect):
             problem.columns.put(key, columns)
