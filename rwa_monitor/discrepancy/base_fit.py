@@ -379,7 +379,8 @@ def distance_to_crossings(problem: Problem, at: IntArray) -> IntArray:
         return np.full(at.size, problem.size, dtype=np.int64)
     after = np.searchsorted(crossing, at)
     before = np.abs(at - crossing[np.maximum(after - 1, 0)])
-    return np.minimum(before, np.abs(crossing[np.minimum(after, crossing.size - 1)] - at)).astype(np.int64)
+    nearest: IntArray = np.minimum(before, np.abs(crossing[np.minimum(after, crossing.size - 1)] - at))
+    return nearest
 
 
 def jump_sets(problem: Problem, fitted: Fit) -> list[IntArray]:

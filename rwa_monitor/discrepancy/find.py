@@ -13,7 +13,7 @@ from rwa_monitor.discrepancy.base_fit import Problem, fit, make_problem, with_no
 from rwa_monitor.discrepancy.gain import HeldOut, held_out, holds_out
 from rwa_monitor.discrepancy.jump_terms import JUMP_TERMS
 from rwa_monitor.discrepancy.mapper import Mapper, in_turn
-from rwa_monitor.discrepancy.other_families import noise_effects, switching_effects
+from rwa_monitor.discrepancy.noise_effects import noise_effects
 from rwa_monitor.discrepancy.record import Record, make_record
 from rwa_monitor.discrepancy.result import (
     DiscrepancyResult,
@@ -24,6 +24,7 @@ from rwa_monitor.discrepancy.result import (
     Verdict,
 )
 from rwa_monitor.discrepancy.search import Found, Model, Progress, SearchResult, coefficient_covariance, search
+from rwa_monitor.discrepancy.switching_effects import switching_effects
 from rwa_monitor.discrepancy.unexplained import judge_leftover
 from rwa_monitor.physics.effects.catalogue import CATALOGUE, MEAN_EFFECTS, mean_effects, to_block
 from rwa_monitor.physics.effects.removal import effect_torque

@@ -47,6 +47,8 @@ class Term:
         float64 (n, p) at the joined samples, multiplied by s, at unit strength.
     low, high
         float64 (p,), bounds of the strengths.
+    smooth
+        Whether the strengths are heights of neighbouring knots: what data does not tell is then as its neighbour.
     """
 
     effect: type[MeanEffect]
@@ -54,6 +56,7 @@ class Term:
     columns: FloatArray
     low: FloatArray
     high: FloatArray
+    smooth: bool = False
 
     @property
     def parameters(self) -> int:

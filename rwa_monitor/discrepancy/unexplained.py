@@ -17,11 +17,14 @@ from rwa_monitor.discrepancy.base_fit import Problem, jump_sets, strong_jumps
 from rwa_monitor.discrepancy.gain import holds_out
 from rwa_monitor.discrepancy.result import Unexplained
 from rwa_monitor.discrepancy.search import ACCEPT_GAIN, Model, SearchResult, refit
-from rwa_monitor.discrepancy.terms import Term, make_term
+from rwa_monitor.discrepancy.terms import Term, make_background, make_term
 from rwa_monitor.physics.effects.base import Channels, MeanEffect, Memory, Parameter
-from rwa_monitor.samples import FloatArray
+from rwa_monitor.samples import FloatArray, IntArray
 
 KNOTS: Final = 14  # of a free curve: a feature as wide as a tenth of the range is not missed
+MOST_STEPS: Final = 60  # speeds at which a step is tried
+AT_STEP: Final = 8  # slots: a jump so near to a crossing of the step's speed may be that crossing
+FEWEST_CROSSED: Final = 3  # jumps at one speed that are no coincidence
 
 
 class _FreeCurve(MeanEffect):
@@ -126,6 +129,30 @@ class _PeriodicDrag(_Periodic):
     flips: ClassVar[bool] = True
 
 
+class _Step(MeanEffect):
+    """A drag that is another above a certain speed."""
+
+    name = "step_in_speed"
+    title = "step"
+    formula = ""
+    description = "A step at a speed, no physics."
+    signature = "a drag that depends on |speed|"
+    source = "none"
+    separate_by = ""
+    parameters = (
+        Parameter("height_Nm", "N m", -np.inf, np.inf, 0.0, linear=True),
+        # Read off the jumps, as the frequency of a period is read off the periodogram.
+        Parameter("speed_rad_s", "rad/s", 0.0, np.inf, 1.0, choices=(1.0,)),
+    )
+
+    @classmethod
+    def columns(
+        cls, channels: Channels, shape: Mapping[str, float], memory: Memory = None
+    ) -> tuple[FloatArray, Memory]:
+        del memory
+        return (channels.direction * (np.abs(channels.speed_rad_s) > shape["speed_rad_s"]))[:, None], None
+
+
 def judge_leftover(problem: Problem, found: SearchResult) -> tuple[SearchResult, Unexplained | None, Model]:
     """Let free curves compete for what the search left.
 
@@ -137,6 +164,9 @@ def judge_leftover(problem: Problem, found: SearchResult) -> tuple[SearchResult,
     """
     model = found.ladder[-1]
     rivals = problem.each(lambda term: _with(problem, model, term), _free_terms(problem, model))
+    step = _best_step(problem, model)
+    if step is not None:
+        rivals.append(refit(problem, (*model.terms, step[0]), [step[1]]))
     if not rivals:
         return found, None, model
     best = min(rivals, key=lambda rival: rival.fit.criterion)
@@ -164,7 +194,7 @@ def judge_leftover(problem: Problem, found: SearchResult) -> tuple[SearchResult,
 def _free_terms(problem: Problem, model: Model) -> list[Term]:
     """Return the free curves that these records allow, periodic ones at the best frequency."""
     terms = [
-        make_term(problem, curve, {}, None)
+        replace(make_term(problem, curve, {}, None), smooth=True)
         for curve in CURVES
         if all(curve.quantity(record.channels) is not None for record in problem.records)
     ]
@@ -188,6 +218,26 @@ def _best_frequency(problem: Problem, model: Model, *, flips: bool) -> float | N
     spectrum[frequency < 3.0 / (values.size * record.channels.sample_period_s)] = 0.0
     at = int(np.argmax(spectrum))
     return float(frequency[at]) if spectrum[at] > 0 else None
+
+
+def _best_step(problem: Problem, model: Model) -> tuple[Term, IntArray] | None:
+    """Return the step at a speed that makes the most of the jumps superfluous, and the jumps that are left.
+
+    A step is crossed within a slot, so that each crossing is a jump: its speed is one at which the level jumps.
+    """
+    jumps = model.fit.jumps[:: max(model.fit.jumps.size // MOST_STEPS, 1)]
+    best: tuple[float, Term, IntArray] | None = None
+    for speed in 0.5 * (problem.speed[jumps - 1] + problem.speed[jumps]):
+        term = make_term(problem, _Step, {"speed_rad_s": float(speed)}, None)
+        crossed = np.flatnonzero(np.diff(problem.speed > speed)) + 1
+        near = np.abs(model.fit.jumps[:, None] - crossed[None, :]).min(axis=1, initial=problem.size) <= AT_STEP
+        left = model.fit.jumps[~near]
+        if np.count_nonzero(near) < FEWEST_CROSSED:
+            continue
+        criterion = make_background(problem, model.terms, left).criterion_with(term)
+        if best is None or criterion < best[0]:
+            best = criterion, term, left
+    return best[1:] if best else None
 
 
 def _with(problem: Problem, model: Model, term: Term) -> Model:

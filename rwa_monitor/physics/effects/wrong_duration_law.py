@@ -52,14 +52,15 @@ class WrongDurationLaw(SwitchingEffect):
     def fit(cls, evidence: SwitchingEvidence) -> LikelihoodFit:
         """Fit factor and shape to the sojourns of each system; return the system that gains most."""
         fits = [
-            cls._fit_system(evidence.systems[name], sojourns)
+            cls.fit_system(evidence.systems[name], sojourns)
             for name, sojourns in evidence.sojourns.items()
             if name in evidence.systems and sojourns.slots.size >= FEWEST_SOJOURNS
         ]
         return max(fits, key=lambda fit: fit.penalised_gain, default=cls.nothing_found())
 
     @classmethod
-    def _fit_system(cls, system: SwitchingSystem, sojourns: Sojourns) -> LikelihoodFit:
+    def fit_system(cls, system: SwitchingSystem, sojourns: Sojourns) -> LikelihoodFit:
+        """Fit factor and shape to the sojourns of one system, against its known laws."""
         means = np.array([law.mean() for law in system.durations])
         known = sojourns.log_likelihood(system, sojourns.slots)
         bounds = [(float(np.log(p.low)), float(np.log(p.high))) for p in cls.parameters]

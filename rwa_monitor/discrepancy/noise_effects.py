@@ -1,4 +1,4 @@
-"""Noise and switching effects: scored on their own likelihoods, after the mean effects (effects.md, step 5)."""
+"""Noise effects: scored on their own likelihoods, after the mean effects (effects.md, step 5)."""
 
 from __future__ import annotations
 
@@ -9,25 +9,18 @@ from typing import Final
 import numpy as np
 from scipy import optimize, stats
 
-from rwa_monitor.diagnosis.assignment import assign
-from rwa_monitor.diagnosis.evidence import WindowAccumulator
-from rwa_monitor.diagnosis.results import UNATTRIBUTED
 from rwa_monitor.discrepancy.base_fit import Problem
 from rwa_monitor.discrepancy.result import FoundEffect, ParameterValue
 from rwa_monitor.discrepancy.search import ACCEPT_GAIN, Model
 from rwa_monitor.physics.effects.base import Channels, Effect
-from rwa_monitor.physics.effects.catalogue import CATALOGUE, NOISE_EFFECTS, SWITCHING_EFFECTS
+from rwa_monitor.physics.effects.catalogue import CATALOGUE, NOISE_EFFECTS
 from rwa_monitor.physics.effects.likelihood import LikelihoodFit
 from rwa_monitor.physics.effects.speed_dependent_noise import spread_factor
-from rwa_monitor.physics.effects.switching_base import Jumps, Sojourns, SwitchingEvidence
-from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import BoolArray, FloatArray
 
 TESTS: Final = 10.0  # noise and switching effects in the catalogue
 OUTLIER_AT: Final = 7.0  # standard deviations
 FEW_OUTLIERS: Final = 12
-EXTRA: Final = "extra_switching_system"
-WRONG_LAW: Final = "wrong_duration_law"
 QUANTISED: Final = "tachometer_quantisation"
 COLOURED: Final = "coloured_noise"
 HEAVY: Final = "heavy_tailed_noise"
@@ -42,10 +35,8 @@ BURST_SLOTS: Final = 400  # longest burst; longer ones are sojourns of a switchi
 WEAK_BURST: Final = 6.0  # standard deviations
 BURSTS_IN_BAND: Final = 0.7  # share of the time in short weak sojourns that a band of speeds must hold
 FEWEST_BURSTS: Final = 6  # fewer short weak sojourns are a switching system's
-WRONG_LAW_WALL: Final = 60.0  # a few jumps attributed wrongly make odd sojourns, as a wrong law does
 MIN_WHITTLE: Final = 500  # samples
 WHITTLE_BINS: Final = 200  # of frequency; a filter of 17 taps varies over a seventeenth
-MOST_JUMPS: Final = 400  # more are no jumps, and their attribution says nothing
 AROUND_JUMPS: Final = 3  # slots on each side of a jump whose residual depends on where exactly it was put
 
 
@@ -60,7 +51,7 @@ def noise_effects(problem: Problem, model: Model, *, explained: bool = True) -> 
     measured = views
     if any(_is_quantised(problem, index, view) for index, view in enumerate(views)):
         # Rounding errors are not Gaussian and follow the speed: beside them no other noise can be judged.
-        return _accepted({QUANTISED: [CATALOGUE[QUANTISED].fit(v.residual, v.channels, v.good) for v in views]})  # type: ignore[attr-defined]
+        return accepted({QUANTISED: [CATALOGUE[QUANTISED].fit(v.residual, v.channels, v.good) for v in views]})  # type: ignore[attr-defined]
     found: list[FoundEffect] = []
     wall = ACCEPT_GAIN
     left = [name for name in NOISE_EFFECTS if name != QUANTISED and (explained or name != CAGE)]
@@ -73,10 +64,10 @@ def noise_effects(problem: Problem, model: Model, *, explained: bool = True) -> 
         if gains[name] < wall:
             break
         if name == SPEED and CAGE in gains and _comes_in_bursts(measured, fits[name]):
-            found += [replace(effect, equivalent=(SPEED,)) for effect in _accepted({CAGE: _as_bursts(fits[name])})]
+            found += [replace(effect, equivalent=(SPEED,)) for effect in accepted({CAGE: _as_bursts(fits[name])})]
             left.remove(CAGE)
         else:
-            found += _accepted({name: fits[name]})
+            found += accepted({name: fits[name]})
         wall = max(wall, LATER_SHARE * gains[name])
         views = [_without(view, name, fit) for view, fit in zip(views, fits[name], strict=True)]
         left = [other for other in left if other != name and not (name == CAGE and other == HEAVY)]
@@ -255,75 +246,6 @@ def coloured_beyond_filter(residual: FloatArray, good: BoolArray, taps: FloatArr
     )
 
 
-def switching_effects(problem: Problem, model: Model, wheel: Wheel) -> list[FoundEffect]:
-    """Return the switching effect that the jumps show best; those as good in its place are its equivalents."""
-    fits: dict[str, list[LikelihoodFit]] = {}
-    for index in range(len(problem.records)):
-        evidence = _switching_evidence(problem, model, wheel, index)
-        for name in ("extra_switching_system", "wrong_duration_law", "speed_triggered_jumps"):
-            fits.setdefault(name, []).append(SWITCHING_EFFECTS[name].fit(evidence))
-    found = [
-        effect for effect in _accepted(fits) if effect.name != WRONG_LAW or effect.delta_deviance >= WRONG_LAW_WALL
-    ]
-    if not found:
-        return []
-    # Their likelihoods are of different things (counts, durations, places), so that a difference decides nothing.
-    same = [effect.name for effect in found[1:]]
-    shorter = found[0].name == WRONG_LAW and found[0].parameters["duration_factor"].value < 1
-    if shorter and EXTRA not in same:
-        same.append(EXTRA)  # its jumps, attributed to the known systems, make their sojourns short
-    return [replace(found[0], equivalent=tuple(same))]
-
-
-def _switching_evidence(problem: Problem, model: Model, wheel: Wheel, index: int) -> SwitchingEvidence:
-    """Gather the jumps of a record, attributed to the wheel's switching systems where it has some."""
-    record = problem.records[index]
-    residual, good = residual_on_slots(problem, model, index, keep_jumps=True)
-    begin, end = int(problem.starts[index]), int(problem.starts[index + 1])
-    found = model.fit.jumps[(model.fit.jumps > begin) & (model.fit.jumps < end)]
-    evidence = SwitchingEvidence(
-        residual,
-        replace(record.channels, dry_level_Nm=problem.spread(model.fit.level)[index]),
-        good,
-        Jumps(problem.slot[found], model.fit.level[found] - model.fit.level[found - 1]),
-        systems={system.name: system for system in wheel.fss},
-        variance_factor=problem.noise.long_run_variance / problem.noise.std**2,
-    )
-    if not wheel.fss or wheel.nominal is None or not 0 < found.size <= MOST_JUMPS:
-        return evidence
-    return _attributed(evidence, problem, model, wheel, index)
-
-
-def _attributed(
-    evidence: SwitchingEvidence, problem: Problem, model: Model, wheel: Wheel, index: int
-) -> SwitchingEvidence:
-    """Attribute the jumps by the diagnosis's own search, on the friction that the model leaves to the base law."""
-    record = problem.records[index]
-    begin, end = int(problem.starts[index]), int(problem.starts[index + 1])
-    base = model.fit.level + model.fit.residual + model.fit.coefficients[0] * problem.speed
-    torque = np.full(record.used.size, np.nan)
-    torque[problem.slot[begin:end]] = (base * problem.sign)[begin:end]
-    plain = wheel.model_copy(update={"effect": ()})
-    window = WindowAccumulator(plain, slots=record.used.size)
-    window.append(np.nan_to_num(record.channels.speed_rad_s), np.nan_to_num(torque), np.isfinite(torque))
-    gathered = window.close()
-    if not len(gathered.candidates):
-        return evidence
-    assignment, _ = assign(gathered, plain)
-    accepted = assignment.direction != 0
-    unit = wheel.nominal.dry_torque_Nm if wheel.nominal else 1.0
-    sojourns = {}
-    for system, q, starts in zip(wheel.fss, assignment.configurations, assignment.starts, strict=True):
-        # The first and the last are cut by the record's ends.
-        sojourns[system.name] = Sojourns(starts[1:-1], q[1:-1], np.diff(starts)[1:])
-    return replace(
-        evidence,
-        jumps=Jumps(assignment.index[accepted], unit * assignment.jump[accepted]),
-        unattributed=assignment.system[accepted] == UNATTRIBUTED,
-        sojourns=sojourns,
-    )
-
-
 def residual_on_slots(
     problem: Problem, model: Model, index: int, keep_jumps: bool = False
 ) -> tuple[FloatArray, BoolArray]:
@@ -346,7 +268,8 @@ def residual_on_slots(
     return residual, good
 
 
-def _accepted(fits: dict[str, list[LikelihoodFit]]) -> list[FoundEffect]:
+def accepted(fits: dict[str, list[LikelihoodFit]]) -> list[FoundEffect]:
+    """Return the effects whose gain over all records is worth a name, strongest first."""
     found = []
     for name, of_records in fits.items():
         gain = float(sum(fit.penalised_gain for fit in of_records))

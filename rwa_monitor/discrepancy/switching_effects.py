@@ -1,0 +1,265 @@
+"""Switching effects: what could have made the jumps that are left, judged by one likelihood (effects.md, step 5).
+
+The diagnosis's own search attributes the jumps to the wheel's switching systems and returns the log-likelihood of its
+best story. Asked again with one system more, or with other laws of duration, it attributes them anew and returns the
+likelihood of the same data: the two compare as models do. Each rival's parameters and attribution are found in turns
+(hard expectation maximisation, as in Viterbi training: Juang & Rabiner, IEEE Trans. ASSP 38, 1990).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+
+from rwa_monitor.diagnosis.assignment import assign
+from rwa_monitor.diagnosis.evidence import WindowAccumulator
+from rwa_monitor.diagnosis.results import UNATTRIBUTED, Assignment, Evidence
+from rwa_monitor.discrepancy.base_fit import Problem
+from rwa_monitor.discrepancy.noise_effects import accepted, residual_on_slots
+from rwa_monitor.discrepancy.result import FoundEffect
+from rwa_monitor.discrepancy.search import EQUIVALENT_WITHIN, Model
+from rwa_monitor.physics.durations import Geometric
+from rwa_monitor.physics.effects.catalogue import SWITCHING_EFFECTS
+from rwa_monitor.physics.effects.likelihood import LikelihoodFit
+from rwa_monitor.physics.effects.speed_triggered_jumps import SpeedTriggeredJumps
+from rwa_monitor.physics.effects.switching_base import Jumps, Sojourns, SwitchingEvidence
+from rwa_monitor.physics.effects.wrong_duration_law import FEWEST_SOJOURNS, WrongDurationLaw, weibull_of_mean
+from rwa_monitor.physics.wheel import FrictionRange, SwitchingSystem, Wheel
+from rwa_monitor.samples import FloatArray, IntArray
+
+EXTRA: Final = "extra_switching_system"
+WRONG_LAW: Final = "wrong_duration_law"
+SPEED: Final = "speed_triggered_jumps"
+MOST_JUMPS: Final = 400  # more are no jumps, and their attribution says nothing
+FEWEST_OF_EXTRA: Final = 3  # unattributed jumps that suggest a system
+ROUNDS: Final = 4  # of attribution and parameters in turn
+WORTH_A_ROUND: Final = 0.5  # of the log-likelihood
+FIRST_FACTORS: Final = (0.2, 0.5, 1.0, 2.5)  # of the known mean durations, memoryless: where the turns begin
+SIZES_OF_EXTRA: Final = (0.5, 1.5)  # of the median unattributed jump: where the turns begin
+SIZE_MARGIN: Final = 0.05  # beyond the smallest and the largest size seen
+EXTRA_PARAMETERS: Final = 5  # two durations, two ends of the sizes, and that there is one
+
+
+@dataclass(frozen=True, slots=True)
+class _Story:
+    """A wheel, changed by hypothesis, and what the attribution says with it."""
+
+    wheel: Wheel
+    assignment: Assignment
+
+    @property
+    def score(self) -> float:
+        return self.assignment.log_score
+
+    def sojourns(self, system: int) -> Sojourns:
+        """Return the complete sojourns of one system; the first and the last are cut by the record's ends."""
+        starts, q = self.assignment.starts[system], self.assignment.configurations[system]
+        return Sojourns(starts[1:-1], q[1:-1], np.diff(starts)[1:])
+
+
+def switching_effects(problem: Problem, model: Model, wheel: Wheel) -> list[FoundEffect]:
+    """Return the switching effect that the jumps show best; those as good in its place are its equivalents."""
+    fits: dict[str, list[LikelihoodFit]] = {}
+    for index in range(len(problem.records)):
+        for name, fitted in _fit_record(problem, model, wheel, index).items():
+            fits.setdefault(name, []).append(fitted)
+    found = accepted(fits)
+    if not found:
+        return []
+    near = found[0].delta_deviance - EQUIVALENT_WITHIN
+    return [replace(found[0], equivalent=tuple(effect.name for effect in found[1:] if effect.delta_deviance > near))]
+
+
+def _fit_record(problem: Problem, model: Model, wheel: Wheel, index: int) -> dict[str, LikelihoodFit]:
+    """Fit each switching effect to the jumps of a record, attributed where the wheel has switching systems."""
+    record = problem.records[index]
+    residual, good = residual_on_slots(problem, model, index, keep_jumps=True)
+    begin, end = int(problem.starts[index]), int(problem.starts[index + 1])
+    found = model.fit.jumps[(model.fit.jumps > begin) & (model.fit.jumps < end)]
+    evidence = SwitchingEvidence(
+        residual,
+        replace(record.channels, dry_level_Nm=problem.spread(model.fit.level)[index]),
+        good,
+        Jumps(problem.slot[found], model.fit.level[found] - model.fit.level[found - 1]),
+        systems={system.name: system for system in wheel.fss},
+        variance_factor=problem.noise.long_run_variance / problem.noise.std**2,
+    )
+    plain = wheel.model_copy(update={"effect": ()})
+    if wheel.fss and wheel.nominal is not None and 0 < found.size <= MOST_JUMPS:
+        gathered = _gather(problem, model, plain, index)
+        if len(gathered.candidates):
+            return _compare(evidence, gathered, plain)
+    return {name: SWITCHING_EFFECTS[name].fit(evidence) for name in (EXTRA, WRONG_LAW, SPEED)}
+
+
+def _gather(problem: Problem, model: Model, plain: Wheel, index: int) -> Evidence:
+    """Return what the diagnosis sees of the friction that the model's effects leave to the base law."""
+    record = problem.records[index]
+    begin, end = int(problem.starts[index]), int(problem.starts[index + 1])
+    base = model.fit.level + model.fit.residual + model.fit.coefficients[0] * problem.speed
+    torque = np.full(record.used.size, np.nan)
+    torque[problem.slot[begin:end]] = (base * problem.sign)[begin:end]
+    window = WindowAccumulator(plain, slots=record.used.size)
+    window.append(np.nan_to_num(record.channels.speed_rad_s), np.nan_to_num(torque), np.isfinite(torque))
+    return window.close()
+
+
+def _compare(evidence: SwitchingEvidence, gathered: Evidence, plain: Wheel) -> dict[str, LikelihoodFit]:
+    """Return the fits of the three rivals; their gains are of one likelihood, that of the known wheel subtracted."""
+    base = _attribute(gathered, plain)
+    fits = {name: SWITCHING_EFFECTS[name].nothing_found() for name in (EXTRA, WRONG_LAW, SPEED)}
+    extra = _with_extra_system(gathered, base)
+    if extra is not None:
+        fits[EXTRA] = _describe_extra(evidence, extra, base.score)
+    other = _with_other_laws(gathered, base)
+    if other is None:
+        return fits
+    laws = [_law_fit(plain, other, system) for system in range(len(plain.fss))]
+    best = max(laws, key=lambda fitted: fitted.penalised_gain)
+    count = int(np.count_nonzero(base.assignment.direction))
+    fits[WRONG_LAW] = replace(
+        best,
+        log_likelihood_gain=max(other.score - base.score, 0.0),
+        parameters=2 * len(laws),
+        samples=max(count, best.samples),
+    )
+    fits[SPEED] = _speed_fit(evidence, base, other, sum(fitted.log_likelihood_gain for fitted in laws))
+    return fits
+
+
+def _attribute(gathered: Evidence, wheel: Wheel) -> _Story:
+    return _Story(wheel, assign(gathered, wheel)[0])
+
+
+# ---- one system more -------------------------------------------------------------------------------------------------
+
+
+def _with_extra_system(gathered: Evidence, base: _Story) -> _Story | None:
+    """Return the best story with one memoryless system more; None where hardly a jump is unattributed."""
+    odd = base.assignment.system == UNATTRIBUTED
+    if np.count_nonzero(odd) < FEWEST_OF_EXTRA:
+        return None
+    typical = float(np.median(np.abs(base.assignment.jump[odd])))
+    sizes = (SIZES_OF_EXTRA[0] * typical, SIZES_OF_EXTRA[1] * typical)
+    rest = active = max(gathered.slots / (np.count_nonzero(odd) + 1), 1.0)
+    best: _Story | None = None
+    for _ in range(ROUNDS):
+        system = SwitchingSystem(
+            name="extra",
+            durations=(Geometric(mean_slots=rest), Geometric(mean_slots=active)),
+            friction=(FrictionRange(low=0.0, high=0.0), FrictionRange(low=sizes[0], high=sizes[1])),
+        )
+        story = _attribute(gathered, base.wheel.model_copy(update={"fss": (*base.wheel.fss, system)}))
+        if best is not None and story.score < best.score + WORTH_A_ROUND:
+            break
+        best = story
+        seen = _sizes_of_extra(story)
+        if seen.size < FEWEST_OF_EXTRA:
+            break
+        sizes = ((1.0 - SIZE_MARGIN) * float(seen.min()), (1.0 + SIZE_MARGIN) * float(seen.max()))
+        rest, active = (_mean_length(story, q) or mean for q, mean in ((0, rest), (1, active)))
+    return best
+
+
+def _sizes_of_extra(story: _Story) -> FloatArray:
+    mine = story.assignment.system == len(story.wheel.fss) - 1
+    return np.asarray(np.abs(story.assignment.jump[mine]))
+
+
+def _mean_length(story: _Story, configuration: int) -> float | None:
+    """Return the mean sojourn of the extra system in a configuration [slots], at least one; None where there is none.
+
+    Sojourns that the record's ends cut enter with what is seen of them, the first ones beginning with the record.
+    """
+    lengths = np.diff(story.assignment.starts[-1])
+    at = lengths[story.assignment.configurations[-1][:-1] == configuration]
+    return max(float(at.mean()), 1.0) if at.size else None
+
+
+def _describe_extra(evidence: SwitchingEvidence, story: _Story, base: float) -> LikelihoodFit:
+    nominal, period = story.wheel.nominal, evidence.channels.sample_period_s
+    assert nominal is not None
+    sizes = nominal.dry_torque_Nm * _sizes_of_extra(story)
+    count = max(sizes.size, 1)
+    rest, active = (law.mean() * period for law in story.wheel.fss[-1].durations)
+    values = {
+        "strength_Nm": float(np.median(sizes)) if sizes.size else 0.0,
+        "rest_s": rest,
+        "active_s": active,
+    }
+    # The mean of a memoryless law has a standard deviation of itself over the root of the count, half of the jumps.
+    of_means = float(np.sqrt(2.0 / count))
+    std = {
+        "strength_Nm": float(np.std(sizes) / np.sqrt(count)),
+        "rest_s": rest * of_means,
+        "active_s": active * of_means,
+    }
+    jumps = int(np.count_nonzero(story.assignment.direction))
+    return LikelihoodFit(values, std, max(story.score - base, 0.0), EXTRA_PARAMETERS, jumps)
+
+
+# ---- other laws of duration ------------------------------------------------------------------------------------------
+
+
+def _with_other_laws(gathered: Evidence, base: _Story) -> _Story | None:
+    """Return the best story with Weibull laws in place of the known ones; None with hardly a sojourn."""
+    if np.count_nonzero(base.assignment.direction) < FEWEST_SOJOURNS:
+        return None
+    systems = len(base.wheel.fss)
+    first = [_with_laws(base.wheel, [(factor, 1.0)] * systems) for factor in FIRST_FACTORS]
+    stories = [_attribute(gathered, wheel) for wheel in first]
+    start = int(np.argmax([story.score for story in stories]))
+    best, laws = stories[start], [(FIRST_FACTORS[start], 1.0)] * systems
+    for _ in range(ROUNDS):
+        fits = [_law_fit(base.wheel, best, system) for system in range(systems)]
+        laws = [
+            (fitted.values["duration_factor"], fitted.values["weibull_shape"]) if fitted.samples else before
+            for fitted, before in zip(fits, laws, strict=True)
+        ]
+        story = _attribute(gathered, _with_laws(base.wheel, laws))
+        if story.score < best.score + WORTH_A_ROUND:
+            break
+        best = story
+    return best
+
+
+def _with_laws(wheel: Wheel, laws: Sequence[tuple[float, float]]) -> Wheel:
+    """Return the wheel with Weibull laws, by factor of the known mean and shape for each system."""
+    systems = [
+        system.model_copy(
+            update={"durations": tuple(weibull_of_mean(factor * law.mean(), shape) for law in system.durations)}
+        )
+        for system, (factor, shape) in zip(wheel.fss, laws, strict=True)
+    ]
+    return wheel.model_copy(update={"fss": tuple(systems)})
+
+
+def _law_fit(plain: Wheel, story: _Story, system: int) -> LikelihoodFit:
+    sojourns = story.sojourns(system)
+    if sojourns.slots.size < FEWEST_SOJOURNS:
+        return WrongDurationLaw.nothing_found()
+    return WrongDurationLaw.fit_system(plain.fss[system], sojourns)
+
+
+def _speed_fit(evidence: SwitchingEvidence, base: _Story, other: _Story, of_laws: float) -> LikelihoodFit:
+    """Fit a rate that depends on speed or temperature: the known laws, on the rate's own clock.
+
+    On the attribution that the known laws give and on the one that free laws give. The latter knows nothing of the
+    clock: its likelihood less what the free laws gain for these sojourns, and what the clock gains for them instead.
+    """
+    fits = []
+    for story, offset in ((base, 0.0), (other, other.score - base.score - of_laws)):
+        sojourns = {system.name: story.sojourns(i) for i, system in enumerate(base.wheel.fss)}
+        fitted = SpeedTriggeredJumps.fit(replace(evidence, jumps=_jumps(story), sojourns=sojourns))
+        fits.append(replace(fitted, log_likelihood_gain=max(fitted.log_likelihood_gain + offset, 0.0)))
+    return max(fits, key=lambda fitted: fitted.penalised_gain)
+
+
+def _jumps(story: _Story) -> Jumps:
+    nominal = story.wheel.nominal
+    assert nominal is not None
+    kept: IntArray = np.flatnonzero(story.assignment.direction)
+    return Jumps(story.assignment.index[kept], nominal.dry_torque_Nm * story.assignment.jump[kept])
