@@ -10,6 +10,7 @@ from scipy import stats
 
 from rwa_monitor.discrepancy.angle_drift import with_angle_drift
 from rwa_monitor.discrepancy.base_fit import Problem, fit, make_problem, with_noise_of
+from rwa_monitor.discrepancy.delay_term import DelayTerm
 from rwa_monitor.discrepancy.gain import HeldOut, held_out, holds_out
 from rwa_monitor.discrepancy.jump_terms import JUMP_TERMS
 from rwa_monitor.discrepancy.mapper import Mapper, in_turn
@@ -86,7 +87,8 @@ def find_discrepancy(
     problem = replace(make_problem(records, wheel), each=each)
     problem = with_angle_drift(problem, fit(problem, np.zeros((problem.size, 0))))
     known = {block.name for block in wheel.effect}
-    candidates = [effect for effect in (*MEAN_EFFECTS.values(), *JUMP_TERMS) if effect.name not in known]
+    terms = {**MEAN_EFFECTS, **{term.name: term for term in (DelayTerm, *JUMP_TERMS)}}
+    candidates = [effect for effect in terms.values() if effect.name not in known]
     found = search(problem, candidates, holds_out, progress)
     if found.found:
         # What the effect did to the base model's residual passed for coloured noise; without it the eye is sharper.
@@ -130,7 +132,9 @@ def extended_wheel(search: Search) -> Wheel:
     for index, term in enumerate(model.terms):
         names = [parameter.name for parameter in term.effect.strength_parameters()]
         strengths = dict(zip(names, model.strengths(index).tolist(), strict=True))
-        blocks.append(to_block(CATALOGUE[term.effect.name](**{**term.shape, **strengths})))
+        effect = CATALOGUE[term.effect.name]
+        shape = {parameter.name: term.shape[parameter.name] for parameter in effect.shape_parameters()}
+        blocks.append(to_block(effect(**{**shape, **strengths})))
     return search.wheel.model_copy(update={"effect": (*search.wheel.effect, *blocks)})
 
 
@@ -151,7 +155,7 @@ def _describe(problem: Problem, model: Model, found: Found) -> FoundEffect:
     at = 1 + sum(other.columns.shape[1] for other in model.terms[:index])
     parameters: dict[str, ParameterValue] = {}
     strengths = iter(zip(model.strengths(index), np.sqrt(np.diag(covariance))[at:], strict=False))
-    for parameter in term.effect.parameters:
+    for parameter in CATALOGUE[found.name].parameters:
         if parameter.linear:
             value, std = next(strengths)
             parameters[parameter.name] = ParameterValue(float(value), float(std), parameter.unit)

@@ -21,6 +21,7 @@ from rwa_monitor.discrepancy.base_fit import (
     solve_bounded,
     strong_level,
 )
+from rwa_monitor.discrepancy.delay_term import LEAD, without_pulses
 from rwa_monitor.physics.effects.base import MeanEffect, Parameter
 from rwa_monitor.physics.effects.torque_ripple import TorqueRipple
 from rwa_monitor.samples import FloatArray, IntArray
@@ -104,6 +105,8 @@ def _columns_with_level(
     effect, and the column would then follow it as well.
     """
     level = strong_level(problem, level)
+    if LEAD in shape:
+        level = without_pulses(level, shape[LEAD])
     columns = _evaluate_with_level(problem, effect, shape, level)
     if not effect.uses_level:
         step = 1e-3 * float(np.mean(np.abs(level))) or 1.0
