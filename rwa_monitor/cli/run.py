@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -54,13 +55,14 @@ def command(
     """Monitor wheels live: subscribe to their samples, diagnose, publish and record.
 
     Answers on rwa/{spacecraft}/{wheel}/… with status, provisional changepoints, health, and a diagnosis for each
-    window. Stops cleanly on SIGINT and SIGTERM.
+    window. Stops cleanly on SIGINT and SIGTERM. Under systemd it says when it is ready and gives signs of life.
     """
     from rwa_monitor.cli.signals import stop_on_signals
     from rwa_monitor.formats.model_file import read_model
     from rwa_monitor.formats.wheel_file import read_wheel
     from rwa_monitor.live.run_options import RunOptions
     from rwa_monitor.live.service import run
+    from rwa_monitor.live.supervisor import Supervisor
 
     wheel = read_wheel(wheel_file)
     for note in wheel.missing():
@@ -79,4 +81,4 @@ def command(
         shard=shard,
     )
     with stop_on_signals() as stop:
-        run(options, stop, say=say)
+        run(options, stop, say=say, supervisor=Supervisor(os.environ))

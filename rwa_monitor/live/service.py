@@ -23,11 +23,17 @@ from rwa_monitor.live.monitor import IDLE_WAIT_S, Clock, Monitor
 from rwa_monitor.live.past import Past, read_past
 from rwa_monitor.live.recorder import FolderLock, Recorder
 from rwa_monitor.live.run_options import RunOptions
+from rwa_monitor.live.supervisor import Supervisor
 from rwa_monitor.live.warm_up import warm_up
 
 
 def run(
-    options: RunOptions, stop: Event, *, session: zenoh.Session | None = None, say: Callable[[str], None] = print
+    options: RunOptions,
+    stop: Event,
+    *,
+    session: zenoh.Session | None = None,
+    say: Callable[[str], None] = print,
+    supervisor: Supervisor | None = None,
 ) -> None:
     """Monitor until `stop` is set; returns within two seconds of that.
 
@@ -41,6 +47,8 @@ def run(
         An open Zenoh session to use (the demo's embedded one); it is left open. None: opens and closes its own.
     say
         Takes one line of talk for the user (stderr on the command line).
+    supervisor
+        Hears when the monitor is ready, alive and stopping; None: nobody does.
 
     Raises
     ------
@@ -50,6 +58,7 @@ def run(
         If the bus cannot be reached.
     """
     say = _unbreakable(say)
+    supervisor = supervisor or Supervisor({})
     WheelCore(options.wheel, options.model, method=options.method)  # a wheel that cannot be served is told at once
     with ExitStack() as stack:
         clock = Clock()
@@ -80,13 +89,17 @@ def run(
         monitor.begin(past)
         bus.subscribe(options.wheels)
         bus.offer_health()
-        say(f"monitoring {options.wheels}" + (f", recording in {options.record}" if options.record else ""))
+        doing = f"monitoring {options.wheels}" + (f", recording in {options.record}" if options.record else "")
+        say(doing)
+        supervisor.ready(doing)
         while not stop.is_set():
+            supervisor.alive(clock.monotonic_s())
             if compiling.is_alive():
                 stop.wait(IDLE_WAIT_S)
                 monitor.tick()
             else:
                 monitor.step()
+        supervisor.stopping()
 
 
 def _unbreakable(say: Callable[[str], None]) -> Callable[[str], None]:

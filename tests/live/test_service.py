@@ -6,9 +6,8 @@ import json
 import math
 import signal
 import subprocess
-import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from threading import Event, Thread
@@ -28,6 +27,7 @@ from rwa_monitor.live.run_options import RunOptions
 from rwa_monitor.live.service import run
 from rwa_monitor.messages import SamplesMessage, samples_json
 from rwa_monitor.samples import Samples
+from tests.live.processes import PATIENCE_S, Listener, command, process, wait_for, wait_until_it_monitors
 from tests.live.support import (
     KEY,
     WINDOW,
@@ -39,34 +39,8 @@ from tests.live.support import (
     wheel,
 )
 
-PATIENCE_S = 100.0  # for what takes a second or two, but longer where kernels are compiled first
 STOP_S = 2.0  # the promise
 SLACK = 5.0
-
-
-def wait_for(condition: Callable[[], bool], what: str) -> None:
-    end = time.monotonic() + PATIENCE_S
-    while not condition():
-        assert time.monotonic() < end, f"waited in vain for {what}"
-        Event().wait(0.02)
-
-
-class Listener:
-    """Gathers what the monitor says on a session, by kind."""
-
-    def __init__(self, session: zenoh.Session) -> None:
-        self.heard: list[tuple[str, bytes]] = []
-        self._subscriber = session.declare_subscriber(
-            "rwa/**", lambda sample: self.heard.append((str(sample.key_expr), sample.payload.to_bytes()))
-        )
-
-    def kind(self, kind: str) -> list[bytes]:
-        return [payload for key, payload in self.heard if key.endswith(f"/{kind}")]
-
-    def status(self) -> dict[str, Any]:
-        statuses = self.kind("status")
-        content: dict[str, Any] = json.loads(statuses[-1]) if statuses else {}
-        return content
 
 
 def options(**changes: Any) -> RunOptions:
@@ -207,35 +181,6 @@ def test_a_folder_that_another_monitor_uses_is_refused(tmp_path: Path) -> None:
 
 
 # ---- in processes of their own, over TCP on loopback -----------------------------------------------------------------
-
-
-def command(*arguments: str | Path) -> list[str]:
-    return [sys.executable, "-m", "rwa_monitor.cli", *map(str, arguments)]
-
-
-@pytest.fixture
-def wheel_file(tmp_path: Path) -> Path:
-    path = tmp_path / "wheel.toml"
-    path.write_text(wheel().to_toml())
-    return path
-
-
-@contextmanager
-def process(*arguments: str | Path) -> Iterator[subprocess.Popen[str]]:
-    with subprocess.Popen(command(*arguments), stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as child:
-        try:
-            yield child
-        finally:
-            if child.poll() is None:
-                child.kill()
-
-
-def wait_until_it_monitors(child: subprocess.Popen[str]) -> None:
-    assert child.stderr is not None
-    for line in child.stderr:
-        if "monitoring" in line:
-            return
-    raise AssertionError("the monitor ended")
 
 
 @pytest.mark.processes

@@ -19,7 +19,7 @@ import rwa_monitor
 from rwa_monitor.cli.options import warn_if_alone
 from rwa_monitor.errors import InputError
 from rwa_monitor.live.bus import MAX_CONFIG_BYTES, MAX_CONFIG_DEPTH, BusOptions, open_session, session_config
-from tests.live.test_service import wait_for
+from tests.live.processes import wait_for
 
 PACKAGE = Path(rwa_monitor.__file__).parent
 

@@ -26,8 +26,8 @@ from rwa_monitor.live.bus import BusOptions, open_session
 from rwa_monitor.live.publisher import ReliablePublisher, SamplesPublisher
 from rwa_monitor.live.recording import read_recording, recordings_of
 from rwa_monitor.messages import SamplesMessage
+from tests.live.processes import wait_for
 from tests.live.support import WINDOW, batch_diagnoses, telemetry, wheel
-from tests.live.test_service import wait_for
 from tests.security.rig import DOCKER, certificates, issued, leaf, make_certificates, router
 
 pytestmark = pytest.mark.processes

@@ -1,0 +1,64 @@
+"""What tests of the whole service share: processes, and somebody who listens to them."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from threading import Event
+from typing import Any
+
+import zenoh
+
+PATIENCE_S = 100.0  # for what takes a second or two, but longer where kernels are compiled first
+
+
+def wait_for(condition: Callable[[], bool], what: str) -> None:
+    end = time.monotonic() + PATIENCE_S
+    while not condition():
+        assert time.monotonic() < end, f"waited in vain for {what}"
+        Event().wait(0.02)
+
+
+class Listener:
+    """Gathers what the monitor says on a session, by kind."""
+
+    def __init__(self, session: zenoh.Session) -> None:
+        self.heard: list[tuple[str, bytes]] = []
+        self._subscriber = session.declare_subscriber(
+            "rwa/**", lambda sample: self.heard.append((str(sample.key_expr), sample.payload.to_bytes()))
+        )
+
+    def kind(self, kind: str) -> list[bytes]:
+        return [payload for key, payload in self.heard if key.endswith(f"/{kind}")]
+
+    def status(self) -> dict[str, Any]:
+        statuses = self.kind("status")
+        content: dict[str, Any] = json.loads(statuses[-1]) if statuses else {}
+        return content
+
+
+def command(*arguments: str | Path) -> list[str]:
+    return [sys.executable, "-m", "rwa_monitor.cli", *map(str, arguments)]
+
+
+@contextmanager
+def process(*arguments: str | Path) -> Iterator[subprocess.Popen[str]]:
+    with subprocess.Popen(command(*arguments), stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as child:
+        try:
+            yield child
+        finally:
+            if child.poll() is None:
+                child.kill()
+
+
+def wait_until_it_monitors(child: subprocess.Popen[str]) -> None:
+    assert child.stderr is not None
+    for line in child.stderr:
+        if "monitoring" in line:
+            return
+    raise AssertionError("the monitor ended")
