@@ -36,6 +36,7 @@ from tests.history.support import diagnosis
 CHROMIUM: Final = "/usr/bin/chromium"
 MAX_FRAME_MS: Final = 50.0  # of the browser's main thread
 MAX_P99_MS: Final = 50.0  # of an answer of the server
+SETTLE_S: Final = 3.0  # while all pages open at once
 UPDATES_PER_S: Final = 10  # frames of the feed a second: its period is 0.1 s
 PATHS: Final = ("api/alarms", "api/wheels/sat/wheel_7", "api/wheels/sat/wheel_7/windows?limit=50", "api/recordings")
 FRAMES: Final = """() => {
@@ -65,6 +66,7 @@ class Figures:
     answers: int
     answer_p50: float
     answer_p99: float
+    answer_p99_by_path: dict[str, float]
     feed_frames_per_s: float
     feed_age_p99: float
     feed_megabytes_per_s: float
@@ -128,8 +130,11 @@ def play_monitors(endpoint: str, wheels: int, diagnoses_per_s: float) -> None:
 async def look(address: str, clients: int, seconds: float) -> dict[str, Any]:
     """Keep feeds open and ask the API once a second for each of them; return what was measured."""
     frames = [0] * clients
-    size, ages, answers = 0, [], []
-    end = time.monotonic() + seconds
+    size = 0
+    ages: list[float] = []
+    answers: list[tuple[int, float]] = []
+    begin = time.monotonic()
+    end = begin + SETTLE_S + seconds
 
     async def follow(n: int) -> None:
         nonlocal size
@@ -137,6 +142,8 @@ async def look(address: str, clients: int, seconds: float) -> dict[str, Any]:
             address.replace("http", "ws") + "api/feed", max_size=2**26, compression=None
         ) as feed:
             await feed.recv()
+            while time.monotonic() < begin + SETTLE_S:
+                await feed.recv()
             while time.monotonic() < end:
                 text = await feed.recv()
                 frames[n] += 1
@@ -146,12 +153,12 @@ async def look(address: str, clients: int, seconds: float) -> dict[str, Any]:
                     ages.extend((time.time_ns() - one) / 1e6 for one in sent)
 
     async def ask(n: int, client: httpx.AsyncClient) -> None:
-        await asyncio.sleep(n / clients)
+        await asyncio.sleep(SETTLE_S + n / clients)
         k = n
         while time.monotonic() < end:
-            begin = time.perf_counter()
+            asked = time.perf_counter()
             answer = await client.get(address + PATHS[k % len(PATHS)])
-            answers.append((time.perf_counter() - begin) * 1e3)
+            answers.append((k % len(PATHS), (time.perf_counter() - asked) * 1e3))
             answer.raise_for_status()
             k += 1
             await asyncio.sleep(1.0)
@@ -160,8 +167,12 @@ async def look(address: str, clients: int, seconds: float) -> dict[str, Any]:
         await asyncio.gather(*(follow(n) for n in range(clients)), *(ask(n, client) for n in range(clients)))
     return {
         "answers": len(answers),
-        "answer_p50": float(np.percentile(answers, 50)),
-        "answer_p99": float(np.percentile(answers, 99)),
+        "answer_p50": float(np.percentile([ms for _, ms in answers], 50)),
+        "answer_p99": float(np.percentile([ms for _, ms in answers], 99)),
+        "answer_p99_by_path": {
+            path: float(np.percentile([ms for k, ms in answers if k == n] or [np.nan], 99))
+            for n, path in enumerate(PATHS)
+        },
         "feed_frames_per_s": min(frames) / seconds,
         "feed_age_p99": float(np.percentile(ages, 99)),
         "feed_megabytes_per_s": size / seconds / 1e6,
@@ -237,7 +248,7 @@ def measure(wheels: int, clients: int, seconds: float, diagnoses_per_s: float) -
                 ) as looking:
                     found = looking.communicate()[0]
                 after = process.cpu_times()
-                used = (after.user + after.system - before.user - before.system) / seconds
+                used = (after.user + after.system - before.user - before.system) / (SETTLE_S + seconds)
                 return json.loads(found), used
 
             browser, (clients_found, used) = browse(address, during)

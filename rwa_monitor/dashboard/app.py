@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import secrets
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager, suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -27,7 +27,7 @@ from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp, Receive, Scope, Send
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from rwa_monitor.dashboard.feed import Client, Hub, frame
+from rwa_monitor.dashboard.feed import Client, Hub, frame, pulse
 from rwa_monitor.dashboard.fleet import Fleet, Received
 from rwa_monitor.dashboard.herald import Herald
 from rwa_monitor.dashboard.listener import alarm_entry
@@ -85,7 +85,6 @@ def create_app(sources: Sources) -> Starlette:
         feeding = asyncio.create_task(sources.hub.run())
         yield
         feeding.cancel()
-        sources.hub.close()
 
     return Starlette(
         routes=[
@@ -141,6 +140,15 @@ class Api:
 
     def __init__(self, sources: Sources) -> None:
         self.sources = sources
+        self._first = Shared(self._first_frame)
+
+    def _first_frame(self) -> str:
+        first = [Received("dashboard/software", dump_json({"software": SOFTWARE}), None)]
+        try:
+            first += self._snapshot()
+        except HistoryError:
+            first += self.sources.fleet.snapshot()
+        return frame([*(entry for entry in first if not entry.brief), *pulse(entry for entry in first if entry.brief)])
 
     def fleet(self, request: Request) -> Response:
         """Answer with the latest diagnosis and status of every wheel, as entries of the feed."""
@@ -230,15 +238,30 @@ class Api:
         client = Client()
         self.sources.hub.clients.add(client)
         try:
-            first = [Received("dashboard/software", dump_json({"software": SOFTWARE}), None)]
-            try:
-                first += await run_in_threadpool(self._snapshot)
-            except HistoryError:
-                first += self.sources.fleet.snapshot()
-            await socket.send_text(frame(first))
+            await socket.send_text(await self._first.get())
             await _until_first(_send(socket, client), _listen(socket, client))
         finally:
             self.sources.hub.clients.discard(client)
+
+
+class Shared:
+    """Work for several who ask at once: whoever asks gets what was begun afterwards, and so misses nothing since."""
+
+    def __init__(self, work: Callable[[], str]) -> None:
+        self._work = work
+        self._one_at_a_time = asyncio.Lock()
+        self._next: asyncio.Task[str] | None = None
+
+    async def get(self) -> str:
+        """Return what the next run of the work gives."""
+        if self._next is None:
+            self._next = asyncio.create_task(self._run())
+        return await asyncio.shield(self._next)
+
+    async def _run(self) -> str:
+        async with self._one_at_a_time:
+            self._next = None  # who asks from now on waits for another one
+            return await run_in_threadpool(self._work)
 
 
 async def _send(socket: WebSocket, client: Client) -> None:

@@ -1,7 +1,8 @@
 """The feed: what comes from the bus goes to every open page, in frames, over one WebSocket each.
 
-A frame is a JSON array of entries {key, received_wall_ns, message}; `message` follows the bus's schema of its key. Of
-`status` only the latest of each wheel is sent in a frame. A page that does not keep up is let go and comes again,
+A frame is a JSON array of entries {key, received_wall_ns, beside, message}; `message` follows the bus's schema of its
+key. What only the view of one wheel shows goes to the pages that look at that wheel: samples, changepoints, the wGLR,
+the whole status. Of all other statuses a frame holds one pulse. A page that does not keep up is let go and comes again,
 rather than falling behind without a sign.
 """
 
@@ -9,6 +10,8 @@ from __future__ import annotations
 
 import asyncio
 import time
+from collections import deque
+from collections.abc import Iterable
 from contextlib import suppress
 from typing import Final
 
@@ -19,7 +22,10 @@ FRAME_PERIOD_S: Final = 0.1
 BEAT_PERIOD_S: Final = 1.0  # a page without a beat for some seconds knows that the server is gone
 MAX_FRAMES: Final = 100  # that wait for one page
 MAX_ENTRIES: Final = 20_000  # of one frame
+MAX_POSTED: Final = 200_000  # that wait for a frame
 BEAT_KEY: Final = "dashboard/beat"
+PULSE_KEY: Final = "dashboard/pulse"
+CLOSE_UP: Final = frozenset({"samples", "evidence", "changepoints"})  # only for pages that look at the wheel
 
 
 class Client:
@@ -42,21 +48,18 @@ class Client:
 
 
 class Hub:
-    """Gathers what comes and hands it out. Everything but `post` belongs to the event loop."""
+    """Gathers what comes and hands it out. Everything but `post` and `note` belongs to the event loop."""
 
     def __init__(self) -> None:
         self.clients: set[Client] = set()
         self.notes: dict[str, str] = {}  # what is wrong with the dashboard itself, in words, by what it is
-        self._loop: asyncio.AbstractEventLoop | None = None
-        self._entries: list[Received] = []
-        self._statuses: dict[str, Received] = {}
-        self._samples: list[Received] = []
+        self._posted: deque[Received] = deque(maxlen=MAX_POSTED)  # its appends are atomic
+        self._own: list[Received] = []
 
     def post(self, received: Received) -> None:
-        """Take a message from any thread; before the server runs, and after it, nobody is there to see it."""
-        if self._loop is not None:
-            with suppress(RuntimeError):  # the loop has just ended
-                self._loop.call_soon_threadsafe(self._take, received)
+        """Take a message, from any thread; while nobody looks, nobody needs it."""
+        if self.clients:
+            self._posted.append(received)
 
     def note(self, what: str, trouble: str) -> None:
         """Tell every page what is wrong with something of the dashboard, "" where nothing is."""
@@ -69,45 +72,49 @@ class Hub:
         """Tell whether a page wants the samples of a wheel ("spacecraft/wheel")."""
         return any(client.watches == wheel for client in tuple(self.clients))
 
-    def _take(self, received: Received) -> None:
-        if not self.clients:
-            return
-        if received.key.endswith("/status"):
-            self._statuses[received.key] = received
-        elif received.key.endswith("/samples"):
-            self._samples.append(received)
-        elif len(self._entries) < MAX_ENTRIES:
-            self._entries.append(received)
-
     async def run(self) -> None:
         """Send frames until cancelled."""
-        self._loop = asyncio.get_running_loop()
+        clock = asyncio.get_running_loop().time
         beat_due = 0.0
         while True:
             await asyncio.sleep(FRAME_PERIOD_S)
-            now = self._loop.time()
+            now = clock()
             if now >= beat_due:
                 beat_due = now + BEAT_PERIOD_S
                 beat = dump_json({"wall_ns": time.time_ns(), "notes": [*self.notes.values()]})
-                self._entries.append(Received(BEAT_KEY, beat, time.time_ns()))
+                self._own.append(Received(BEAT_KEY, beat, time.time_ns()))
             self.flush()
 
     def flush(self) -> None:
         """Hand out what has been gathered."""
-        entries = [*self._statuses.values(), *self._entries]
-        samples = self._samples
-        self._statuses, self._entries, self._samples = {}, [], []
+        statuses: dict[str, Received] = {}
+        close_up: list[Received] = []
+        entries, self._own = self._own, []
+        for _ in range(min(len(self._posted), MAX_ENTRIES)):
+            received = self._posted.popleft()
+            if received.brief:
+                statuses[received.wheel] = received
+            elif received.key.rpartition("/")[2] in CLOSE_UP:
+                close_up.append(received)
+            else:
+                entries.append(received)
+        entries += pulse(statuses.values())
         shared = b",".join(entry.to_json() for entry in entries)
+        frames: dict[str, str] = {}  # pages that look at the same get the same
         for client in tuple(self.clients):
-            wanted = f"rwa/{client.watches}/samples"
-            own = [entry.to_json() for entry in samples if entry.key == wanted]
-            body = b",".join([shared, *own] if shared else own)
-            if body:
-                client.put("[" + body.decode() + "]")
+            if client.watches not in frames:
+                own = [statuses[client.watches]] if client.watches in statuses else []
+                own += [entry for entry in close_up if entry.wheel == client.watches]
+                body = b",".join([*([shared] if shared else []), *(entry.to_json() for entry in own)])
+                frames[client.watches] = f"[{body.decode()}]" if body else ""
+            if frames[client.watches]:
+                client.put(frames[client.watches])
 
-    def close(self) -> None:
-        """Take nothing more."""
-        self._loop = None
+
+def pulse(statuses: Iterable[Received]) -> list[Received]:
+    """Return what several statuses come to in brief, as one entry; none of none."""
+    beats = b",".join(b'"%b":%b' % (one.wheel.encode(), one.brief) for one in statuses)
+    return [Received(PULSE_KEY, b"{" + beats + b"}", time.time_ns())] if beats else []
 
 
 def frame(entries: list[Received]) -> str:

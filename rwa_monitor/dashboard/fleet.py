@@ -24,13 +24,19 @@ class Received:
     """A message in JSON, its key, and when it was received [ns, this machine's clock; None: from the history].
 
     `beside` is what the dashboard adds, as JSON: to a status, when samples came last (`Rhythm`); to a diagnosis, what
-    earlier windows say (`Course`).
+    earlier windows say (`Course`). `brief` is what of it goes to pages that do not look at this wheel, "" for all.
     """
 
     key: str
     payload: bytes
     wall_ns: int | None
     beside: bytes = b"null"
+    brief: bytes = b""
+
+    @property
+    def wheel(self) -> str:
+        """Spacecraft and wheel, as the page names them."""
+        return self.key.split("/", 1)[1].rpartition("/")[0]
 
     def to_json(self) -> bytes:
         """Return it as an entry of the feed."""
@@ -103,7 +109,13 @@ class Fleet:
                 case Status():
                     wall_ns = received.wall_ns or 0
                     wheel.rhythm.hear_status(message.last_sample_ns, wall_ns)
-                    received = replace(received, beside=wheel.rhythm.to_json())
+                    rhythm = wheel.rhythm.to_json()
+                    pulse = b'{"heard_wall_ns":%d,"window_fill":%.4f,"telemetry":%b}' % (
+                        wall_ns,
+                        message.window_fill,
+                        rhythm,
+                    )
+                    received = replace(received, beside=rhythm, brief=pulse)
                     wheel.latest[Status.kind] = received
                 case Changepoints():
                     wheel.provisional = [*wheel.provisional, received][-MAX_PROVISIONAL:]

@@ -6,6 +6,7 @@ nobody up: its windows wait, and are written when it can be again.
 
 from __future__ import annotations
 
+import itertools
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -44,6 +45,7 @@ KINDS: Final[dict[str, type[Message]]] = {kind.kind: kind for kind in (Diagnosis
 IDLE_WAIT_S: Final = 0.1
 RETRY_S: Final = 1.0
 MAX_WAITING: Final = 10_000  # windows that wait for the history
+BATCH_WINDOWS: Final = 100  # of one transaction
 CHECK_PERIOD_S: Final = 1.0
 PRUNE_PERIOD_S: Final = 3600.0
 CURVE_PERIOD_NS: Final = 1_000_000_000  # between two pictures of a window that is still open
@@ -114,6 +116,8 @@ class Listener:
             self.inbox.wake.clear()
             while not self._stop.is_set() and (message := self.inbox.take()) is not None:
                 self.receive(message.key, message.payload)
+                if len(self._waiting) >= BATCH_WINDOWS:
+                    self._tend(time.monotonic())
             self._tend(time.monotonic())
             self.inbox.wake.wait(IDLE_WAIT_S)
 
@@ -166,7 +170,6 @@ class Listener:
             self.hub.post(curve)
         if isinstance(message, Diagnosis | Discrepancy):
             self._waiting.append(message)
-            self._store()
 
     def _wheel(self, spacecraft: str, wheel: str) -> Wheel | None:
         """Return a wheel; one that is new comes with its past from the history. None where there are too many."""
@@ -202,19 +205,23 @@ class Listener:
 
     def _store(self) -> None:
         """Write what waits into the history, and tell of alarms that changed."""
-        while self._waiting and self._use_history(self._store_first):
-            self._waiting.popleft()
+        while self._waiting and self._use_history(self._store_some):
+            pass
 
-    def _store_first(self) -> None:
-        message = self._waiting[0]
-        if isinstance(message, Discrepancy):
-            self.history.add_discrepancy(message)
-            return
-        changed = self.history.take(message)
+    def _store_some(self) -> None:
+        """Store windows together: to bring one to the disk takes as long as to bring a hundred."""
+        some = list(itertools.islice(self._waiting, BATCH_WINDOWS))
+        diagnoses = [message for message in some if isinstance(message, Diagnosis)]
+        changed = self.history.take(diagnoses)
+        for message in some:
+            if isinstance(message, Discrepancy):
+                self.history.add_discrepancy(message)
+            self._waiting.popleft()
         for alarm in changed:
             self.hub.post(alarm_entry(alarm))
-        if changed:
-            self.herald.tell(message, self.history.open_alarms(message.spacecraft, message.wheel))
+        latest = {(one.spacecraft, one.wheel): one for one in diagnoses}
+        for name in {(alarm.spacecraft, alarm.wheel) for alarm in changed}:
+            self.herald.tell(latest[name], self.history.open_alarms(*name))
 
 
 def alarm_entry(alarm: AlarmRecord) -> Received:

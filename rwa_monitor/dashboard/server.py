@@ -89,7 +89,12 @@ def serve(options: DashboardOptions, session: zenoh.Session, say: Callable[[str]
         herald = stack.enter_context(Herald(session))
         app = create_app(Sources(fleet, history, hub, herald, options.record, token))
         config = uvicorn.Config(
-            app, log_level="error", ws="websockets-sansio", ws_max_size=4096, timeout_graceful_shutdown=SHUTDOWN_S
+            app,
+            log_level="error",
+            ws="websockets-sansio",
+            ws_max_size=4096,
+            ws_per_message_deflate=False,  # on loopback it would cost more than it saves
+            timeout_graceful_shutdown=SHUTDOWN_S,
         )
         server = uvicorn.Server(config)
         thread = Thread(target=server.run, kwargs={"sockets": [listening]}, name="dashboard server", daemon=True)
@@ -107,7 +112,8 @@ def serve(options: DashboardOptions, session: zenoh.Session, say: Callable[[str]
 
 
 def _socket(port: int | None) -> socket.socket:
-    listening = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+    # Only of a socket that says that it is TCP does asyncio send small answers at once (TCP_NODELAY), not after 40 ms.
+    listening = socket.socket(socket.AF_INET, socket.SOCK_STREAM, socket.IPPROTO_TCP)
     listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:
         listening.bind((HOST, DEFAULT_PORT if port is None else port))

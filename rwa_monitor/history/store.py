@@ -7,7 +7,7 @@ for the alarms is written in the same transaction.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, Final, Self
 
@@ -100,10 +100,11 @@ class History:
         """
         return self.add_all([diagnosis]) == 1
 
-    def take(self, diagnosis: Diagnosis) -> list[AlarmRecord]:
-        """Take in one window, and return the alarms that it changed. Raises HistoryError as `add`."""
+    def take(self, diagnoses: Iterable[Diagnosis]) -> list[AlarmRecord]:
+        """Take in windows in one transaction; returns the alarms that they changed. Raises HistoryError as `add`."""
         with self._database.session() as session:
-            self._add(session, diagnosis)
+            for diagnosis in diagnoses:
+                self._add(session, diagnosis)
             session.flush()
             rows = [session.get_one(AlarmRow, alarm_id) for alarm_id in sorted(session.info.get(CHANGED, ()))]
             return _records(session, rows)

@@ -20,6 +20,7 @@ from tests.history.support import diagnosis
 CHROMIUM = Path("/usr/bin/chromium")
 WAIT_MS = 20_000  # for what should be there at once: a busy machine is no fault of the page
 WAIT_S = WAIT_MS / 1000
+COMPILE_S = 120.0  # for what a new machine compiles first
 
 
 def status(wheel: str, **changes: Any) -> bytes:
@@ -54,14 +55,14 @@ def ask(
             return error.code, error.read()
 
 
-def wait_until(condition: Callable[[], Any], what: str) -> Any:
+def wait_until(condition: Callable[[], Any], what: str, wait_s: float = WAIT_S) -> Any:
     """Wait for a condition, and return what it gives."""
     pause = Event()
-    for _ in range(int(WAIT_S / 0.05)):
+    for _ in range(int(wait_s / 0.05)):
         if found := condition():
             return found
         pause.wait(0.05)
-    pytest.fail(f"waited {WAIT_S:.0f} s for {what}")
+    pytest.fail(f"waited {wait_s:.0f} s for {what}")
 
 
 @contextmanager

@@ -21,7 +21,7 @@ from rwa_monitor.dashboard.server import HISTORY_NAME, DashboardOptions, serve
 from rwa_monitor.history.store import History
 from rwa_monitor.live.bus import BusOptions, open_session
 from rwa_monitor.messages import samples_json
-from tests.dashboard.support import ask, expect, new_page, reporting, send_windows, wait_until
+from tests.dashboard.support import COMPILE_S, ask, expect, new_page, reporting, send_windows, wait_until
 from tests.dashboard.test_recordings import RECORDING
 from tests.dashboard.test_telemetry import with_friction
 from tests.history.support import diagnosis
@@ -99,7 +99,7 @@ def test_a_monitor_that_is_killed_leaves_stale_wheels_until_it_is_back(chromium:
                 session.put("rwa/sat/wheel_1/samples", batch)
                 return "1 of 1 wheels reporting" in page.get_by_role("status").all_inner_texts()[-1]
 
-            wait_until(heard, "the monitor")
+            wait_until(heard, "the monitor", COMPILE_S)
 
         with monitor(port) as process:
             send_until_heard()

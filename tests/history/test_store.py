@@ -154,11 +154,11 @@ def test_a_database_put_in_its_place_is_used_from_then_on(tmp_path: Path) -> Non
 
 def test_taking_a_window_tells_which_alarms_it_changed(tmp_path: Path) -> None:
     with History(tmp_path / "h.sqlite3") as history:
-        phases = [[(alarm.name, alarm.phase) for alarm in history.take(diagnosis(n, severity=1.0))] for n in range(3)]
+        phases = [[(alarm.name, alarm.phase) for alarm in history.take([diagnosis(n, severity=1.0)])] for n in range(3)]
         assert phases == [[], [("viscous", "active")], []]
         history.acknowledge(1, "Ann")
         assert [alarm.phase for alarm in history.open_alarms("sat", "wheel_1")] == ["acknowledged"]
-        ended = [alarm for n in range(3, 7) for alarm in history.take(diagnosis(n))]
+        ended = [alarm for n in range(3, 7) for alarm in history.take([diagnosis(n)])]
         assert ended[-1].closed_ns is not None
         assert history.open_alarms("sat", "wheel_1") == []
 

@@ -32,7 +32,8 @@ export class Feed {
         if (entry.key === "dashboard/beat") {
           this.store.now = entry.message.wall_ns / 1e6;
           this.notes = entry.message.notes;
-        } else this.store.apply(entry);
+        } else if (entry.key === "dashboard/pulse") this.store.pulse(entry.message);
+        else this.store.apply(entry);
       }
       if (this.lost) this.onReturn();
       this.lost = false;

@@ -16,9 +16,11 @@ export function fleetView(store, base) {
   const nothing = h("p", { class: "empty" });
 
   function refresh() {
-    const wheels = [...store.wheels.values()].filter(matches).map((wheel) => ({ wheel, state: store.state(wheel) }));
-    for (const one of wheels) one.rank = rank(one);
-    wheels.sort((a, b) => a.rank - b.rank || worst(b.wheel) - worst(a.wheel) || (a.wheel.name < b.wheel.name ? -1 : 1));
+    const wheels = [...store.wheels.values()].filter(matches).map((wheel) => {
+      const state = store.state(wheel);
+      return { wheel, state, rank: rank(wheel, state), worst: worst(wheel) };
+    });
+    wheels.sort((a, b) => a.rank - b.rank || b.worst - a.worst || (a.wheel.name < b.wheel.name ? -1 : 1));
     place(wheels.map(({ wheel, state }) => row(wheel, state)));
     if (!wheels.length) {
       nothing.textContent = store.wheels.size ? "No wheel matches." : nobody();
@@ -98,7 +100,7 @@ export function staleness(store, wheel, state) {
   return state === "past" ? "stale, from the history" : null;
 }
 
-const fill = (wheel) => `window ${Math.round(100 * (wheel.status?.window_fill ?? 0))} % full`;
+const fill = (wheel) => `window ${Math.round(100 * wheel.fill)} % full`;
 
 /** How sure, and since when: on the wheel's own clock, in which its windows are. */
 function since(wheel, diagnosis) {
@@ -115,6 +117,6 @@ function worst(wheel) {
   return Math.max(0, ...Object.values(diagnosis.anomalies).map((anomaly) => (anomaly.active ? anomaly.severity ?? 0 : 0)));
 }
 
-function rank({ wheel, state }) {
+function rank(wheel, state) {
   return (state === "past" ? 10 : state === "live" ? 0 : 1) + (ORDER[last(wheel)?.verdict] ?? 3);
 }

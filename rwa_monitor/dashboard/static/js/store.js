@@ -15,7 +15,7 @@ export class Store {
   wheel(name) {
     if (!this.wheels.has(name)) {
       const [spacecraft, wheel] = name.split("/");
-      this.wheels.set(name, { name, spacecraft, wheel, version: 0, diagnoses: [], status: null, heard: null, telemetry: null, course: null, discrepancy: null, curves: [], jumps: [], t: [], speed: [], friction: [] });
+      this.wheels.set(name, { name, spacecraft, wheel, version: 0, diagnoses: [], status: null, heard: null, fill: 0, telemetry: null, course: null, discrepancy: null, curves: [], jumps: [], t: [], speed: [], friction: [] });
     }
     return this.wheels.get(name);
   }
@@ -33,8 +33,7 @@ export class Store {
     // What comes out of the history or a bus's memory is not what is heard now: only a status tells of a live monitor.
     if (parts[3] === "status") {
       wheel.status = message;
-      wheel.heard = entry.received_wall_ns / 1e6;
-      wheel.telemetry = entry.beside;
+      this.hear(wheel, entry.received_wall_ns, message.window_fill, entry.beside);
     } else if (parts[3] === "diagnosis") {
       this.addDiagnosis(wheel, message);
       if (entry.beside) wheel.course = entry.beside;
@@ -42,6 +41,18 @@ export class Store {
     else if (parts[3] === "samples") this.addSamples(wheel, message);
     else if (parts[3] === "evidence") this.addCurve(wheel, message);
     else if (parts[3] === "discrepancy") wheel.discrepancy = message;
+  }
+
+  /** What the statuses of wheels come to that this page does not look at. */
+  pulse(wheels) {
+    for (const [name, beat] of Object.entries(wheels)) this.hear(this.wheel(name), beat.heard_wall_ns, beat.window_fill, beat.telemetry);
+  }
+
+  hear(wheel, wallNs, fill, telemetry) {
+    wheel.version += 1;
+    wheel.heard = wallNs / 1e6;
+    wheel.fill = fill;
+    wheel.telemetry = telemetry;
   }
 
   addDiagnosis(wheel, message) {
