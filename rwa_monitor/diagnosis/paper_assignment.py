@@ -54,7 +54,9 @@ _State = tuple[tuple[int, ...], tuple[int, ...]]
 _Choices = tuple[int, ...]
 
 
-def assign_as_paper(evidence: Evidence, wheel: Wheel, *, limit: int = STATE_CAP) -> tuple[Assignment, Estimate]:
+def assign_as_paper(
+    evidence: Evidence, wheel: Wheel, *, limit: int = STATE_CAP, hard: bool = False
+) -> tuple[Assignment, Estimate]:
     """Assign candidates to switching systems by the paper's dynamic programme.
 
     Parameters
@@ -65,12 +67,14 @@ def assign_as_paper(evidence: Evidence, wheel: Wheel, *, limit: int = STATE_CAP)
         Its wheel.
     limit
         States kept per candidate.
+    hard
+        Whether to keep to the hard duration laws as printed, also where no sequence of jumps is possible under them.
 
     Returns
     -------
     tuple[Assignment, Estimate]
         Where no sequence of jumps is possible under the hard duration laws, impossible durations are allowed at a
-        price; where none is possible even so, all candidates are unattributed.
+        price, unless `hard`; where none is possible even so, all candidates are unattributed.
     """
     candidates = evidence.candidates
     exclude = default_exclusion(candidates.scale)
@@ -79,7 +83,7 @@ def assign_as_paper(evidence: Evidence, wheel: Wheel, *, limit: int = STATE_CAP)
     log_false = float(np.log(max(special.chdtrc(1, evidence.threshold), 1e-300)))
     rejection = intervals.rejection_cost + log_false
     choices, start, score, states, pruned = most_likely_jumps(
-        wheel.fss, candidates.index, directions, rejection, limit=limit
+        wheel.fss, candidates.index, directions, rejection, limit=limit, hard=hard
     )
     system = np.array(choices, dtype=np.int64) if choices is not None else np.full(len(candidates), UNATTRIBUTED)
     accepted = system != REJECTED
@@ -112,6 +116,7 @@ def most_likely_jumps(
     rejection: FloatArray,
     *,
     limit: int = STATE_CAP,
+    hard: bool = False,
 ) -> tuple[_Choices | None, tuple[int, ...], float, int, bool]:
     """Find the most likely sequence of jumps.
 
@@ -125,6 +130,8 @@ def most_likely_jumps(
         float64 (m,), what it costs to take a candidate for none.
     limit
         States kept per candidate.
+    hard
+        Whether to forbid impossible durations also where there is no other way.
 
     Returns
     -------
@@ -134,7 +141,7 @@ def most_likely_jumps(
     """
     tables = [_tables(system, index) for system in systems]
     choices, start, score, states, pruned = _programme(tables, directions, rejection, limit)
-    if choices is None:
+    if choices is None and not hard:
         # A jump that was missed makes every sequence impossible under hard laws; then the impossible gets a price.
         choices, start, score, more, pruned = _programme([_softened(t) for t in tables], directions, rejection, limit)
         states += more

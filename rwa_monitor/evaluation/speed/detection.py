@@ -61,10 +61,14 @@ class Window:
         """Normalised friction along the motion, float64 (slots,)."""
         return np.sign(self.speed_rad_s) * self.torque_Nm / self.wheel.torque_unit_Nm
 
+    @property
+    def moving(self) -> BoolArray:
+        """Good slots outside the dead band, bool (slots,)."""
+        return self.good & (np.abs(self.speed_rad_s) >= (self.wheel.window.dead_band_rad_s or 0.0))
+
     def series(self) -> FloatArray:
         """Return what peers search: friction less viscous friction, over the noise; the dead band left out."""
-        moving = self.good & (np.abs(self.speed_rad_s) >= (self.wheel.window.dead_band_rad_s or 0.0))
-        return np.ascontiguousarray((self.z - self.slope * self.x)[moving] / self.noise_std)
+        return np.ascontiguousarray((self.z - self.slope * self.x)[self.moving] / self.noise_std)
 
 
 def detection_laps(window: Window, peers: list[Peer]) -> list[Lap]:
