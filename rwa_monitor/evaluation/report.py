@@ -2,12 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
 
 from rwa_monitor.evaluation.accuracy import TRAINING_SHARE, Accuracy, wilson
-from rwa_monitor.evaluation.benchmark import COMPARED, Benchmark, RecipeResult, detection, false_positives, targets
+from rwa_monitor.evaluation.benchmark import (
+    COMPARED,
+    Benchmark,
+    RecipeResult,
+    Target,
+    detection,
+    false_positives,
+    targets,
+)
 from rwa_monitor.evaluation.campaign import STAGES
 from rwa_monitor.physics.datasets import MILD_SEVERITIES, PAPER_SEVERITIES
 
@@ -47,7 +56,7 @@ def to_markdown(benchmark: Benchmark, command: str) -> str:
     )
     parts = [
         introduction,
-        _target_table(benchmark),
+        "## Targets of `joint`\n\n" + target_table(targets(benchmark)),
         *(_recipe_section(result) for result in benchmark.recipes),
         _time_table(benchmark),
     ]
@@ -66,12 +75,14 @@ def percent(share: float) -> str:
     return f"{100.0 * share:.{digits}f} %"
 
 
-def _with_interval(share: float, windows: float) -> str:
+def with_interval(share: float, windows: float) -> str:
+    """Write a share with its 95 % interval."""
     low, high = wilson(share, windows)
     return f"{percent(share)} ({100 * low:.1f}–{100 * high:.1f})"
 
 
-def _target_table(benchmark: Benchmark) -> str:
+def target_table(wanted: Sequence[Target]) -> str:
+    """Write targets with what was reached."""
     rows = [
         [
             target.name,
@@ -79,9 +90,9 @@ def _target_table(benchmark: Benchmark) -> str:
             f"{target.reached:.4f}",
             "yes" if target.met else "**no**",
         ]
-        for target in targets(benchmark)
+        for target in wanted
     ]
-    return "## Targets of `joint`\n\n" + table(["figure", "wanted", "reached", "met"], rows)
+    return table(["figure", "wanted", "reached", "met"], rows)
 
 
 def _recipe_section(result: RecipeResult) -> str:
@@ -92,7 +103,7 @@ def _recipe_section(result: RecipeResult) -> str:
         parts.append(f"Severities: {severities}.")
     parts += [
         _summary_table(result),
-        *(_matrix(result.accuracy[name], name) for name in ("paper", "joint", "oracle B")),
+        *(matrix_table(result.accuracy[name], name) for name in ("paper", "joint", "oracle B")),
         _jump_table(result),
         _calibration_table(result),
     ]
@@ -103,16 +114,16 @@ def _summary_table(result: RecipeResult) -> str:
     accuracies = [result.accuracy[name] for name in COMPARED]
     rows = []
     for anomaly in accuracies[0].anomalies:
-        windows = _windows(accuracies[0], anomaly, result.windows)
+        windows = windows_with(accuracies[0], anomaly, result.windows)
         rows.append(
             [f"detection of {anomaly}", PAPER_DETECTION.get(anomaly, "not tried")]
-            + [_with_interval(detection(accuracy, anomaly), windows) for accuracy in accuracies]
+            + [with_interval(detection(accuracy, anomaly), windows) for accuracy in accuracies]
         )
     for anomaly in accuracies[0].anomalies:
-        windows = result.windows - _windows(accuracies[0], anomaly, result.windows)
+        windows = result.windows - windows_with(accuracies[0], anomaly, result.windows)
         rows.append(
             [f"false positives of {anomaly}", PAPER_FALSE]
-            + [_with_interval(false_positives(accuracy, anomaly), windows) for accuracy in accuracies]
+            + [with_interval(false_positives(accuracy, anomaly), windows) for accuracy in accuracies]
         )
     if {"fss_1", "fss_2"} <= set(accuracies[0].statuses):
         row, column = accuracies[0].statuses.index("fss_1"), accuracies[0].anomalies.index("fss_2")
@@ -131,13 +142,14 @@ def _summary_table(result: RecipeResult) -> str:
     return table(header, rows)
 
 
-def _windows(accuracy: Accuracy, anomaly: str, total: int) -> float:
+def windows_with(accuracy: Accuracy, anomaly: str, total: int) -> float:
     """Return the number of windows of the data set that have an anomaly."""
     rows = [anomaly in status.split("+") for status in accuracy.statuses]
     return float(accuracy.windows[rows].sum() / accuracy.windows.sum() * total)
 
 
-def _matrix(accuracy: Accuracy, name: str) -> str:
+def matrix_table(accuracy: Accuracy, name: str) -> str:
+    """Write which anomalies are diagnosed in the windows of each status, with the spread over the splits."""
     rows = []
     for i, status in enumerate(accuracy.statuses):
         cells = [

@@ -1,14 +1,14 @@
 """Changepoints only: ours beside other packages that do the same job, and beside a dummy, on the same windows.
 
-The others get the noise's true standard deviation and friction less viscous friction of the true slope, which a monitor
-does not know; ours get the samples.
+The others get what a monitor does not know: the noise's true standard deviation, over the whole of its colour, and
+friction less viscous friction of the true slope. Ours get the samples.
 """
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -25,6 +25,8 @@ from rwa_monitor.physics.datasets import LabelledWindow
 from rwa_monitor.physics.truth import Changepoints
 from rwa_monitor.samples import IntArray
 
+FPOP: Final = "skchange FPOP"
+WARM_UP: Final = 4000  # slots
 DUMMY_EVERY: Final = 3000  # samples: about as often as the windows of recipe `paper` jump
 
 Detector = Callable[[Window], IntArray]
@@ -69,7 +71,7 @@ def compare(windows: Sequence[LabelledWindow], peers: Sequence[Peer]) -> list[De
     peers
         Of other packages, those that are installed.
     """
-    pairs = [(window_of(labelled), labelled.telemetry.truth.changepoints) for labelled in windows]
+    pairs = [(whitened(labelled), labelled.telemetry.truth.changepoints) for labelled in windows]
     return [
         _run("ours, `joint`: candidates", "samples", lambda window: candidates(window, "joint"), pairs),
         _run("ours, `joint`: accepted", "samples, switching laws", accepted, pairs),
@@ -77,6 +79,13 @@ def compare(windows: Sequence[LabelledWindow], peers: Sequence[Peer]) -> list[De
         *(_run(peer.name, "slope, noise", peer_detector(peer), pairs) for peer in peers),
         _run(f"dummy: every {DUMMY_EVERY} samples", "nothing", dummy, pairs),
     ]
+
+
+def whitened(labelled: LabelledWindow) -> Window:
+    """Return a window whose stated noise is that of long means, so that peers raise few false alarms in colour too."""
+    return replace(
+        window_of(labelled), noise_std=labelled.telemetry.truth.long_run_std_Nm / labelled.wheel.torque_unit_Nm
+    )
 
 
 def candidates(window: Window, method: Method) -> IntArray:
@@ -112,7 +121,7 @@ def dummy(window: Window) -> IntArray:
 
 
 def _run(name: str, given: str, detector: Detector, pairs: Sequence[tuple[Window, Changepoints]]) -> Detected:
-    detector(pairs[0][0])  # compiles, and warms the caches
+    detector(_beginning(pairs[0][0]))  # compiles
     visible = found = false = 0
     seconds = []
     for window, truth in pairs:
@@ -122,6 +131,48 @@ def _run(name: str, given: str, detector: Detector, pairs: Sequence[tuple[Window
         jumps, hits, wrong = score(index, truth)
         visible, found, false = visible + jumps, found + hits, false + wrong
     return Detected(name, given, visible, found, false, float(np.median(seconds)), len(pairs))
+
+
+def _beginning(window: Window) -> Window:
+    head = slice(0, WARM_UP)
+    return replace(
+        window, speed_rad_s=window.speed_rad_s[head], torque_Nm=window.torque_Nm[head], good=window.good[head]
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class SecondSource:
+    """What another detector's changepoints would add to our candidates.
+
+    Attributes
+    ----------
+    visible, missed
+        True jumps that can be seen, and those that our candidates miss.
+    recovered
+        Missed ones that the other detector finds.
+    false_ours, false_both
+        False candidates of ours alone, and of both together.
+    """
+
+    visible: int
+    missed: int
+    recovered: int
+    false_ours: int
+    false_both: int
+
+
+def add_second_source(windows: Sequence[LabelledWindow], peer: Peer) -> SecondSource:
+    """Count what a peer's changepoints add to our candidates; those within 5 samples of one of ours are the same."""
+    detect = peer_detector(peer)
+    counts = np.zeros(5, dtype=np.int64)
+    for labelled in windows:
+        window, truth = whitened(labelled), labelled.telemetry.truth.changepoints
+        ours, theirs = candidates(window, "joint"), detect(window)
+        apart = (np.abs(theirs[:, None] - ours[None, :]) > PLACED_WITHIN).all(axis=1)
+        visible, found, false = score(ours, truth)
+        _, both, false_both = score(np.sort(np.concatenate([ours, theirs[apart]])), truth)
+        counts += (visible, visible - found, both - found, false, false_both)
+    return SecondSource(*(int(count) for count in counts))
 
 
 def score(index: IntArray, truth: Changepoints) -> tuple[int, int, int]:
