@@ -67,7 +67,7 @@ class Size:
 
     def quick(self) -> Size:
         """Return a small version, for a look and for tests."""
-        return replace(self, windows=20, splits=3, timed=1, peers=QUICK_PEERS)
+        return replace(self, windows=40, splits=3, timed=1, peers=QUICK_PEERS)
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,7 +184,7 @@ def _installed(wanted: Sequence[Callable[[], Peer]]) -> tuple[list[Peer], tuple[
 
 
 def paper_targets(found: PaperBenchmark) -> list[Target]:
-    """Return what the method `joint` is to reach, beside the paper and the oracle; nothing where windows are too few."""
+    """Return what the method `joint` is to reach beside the paper and the oracle; nothing of too few windows."""
     if found.size.windows < ENOUGH:
         return []
     name = f"samples with an error beyond {PAPER_ERROR}, over those of the oracle"
