@@ -93,6 +93,23 @@ class ConfirmedCandidate:
     confidence: float
 
 
+@dataclass(frozen=True, slots=True)
+class Gathered:
+    """The samples that a window has gathered: all that another accumulator needs to go on alike.
+
+    Attributes
+    ----------
+    x, z
+        float64 (n,), normalised; NaN where not good.
+    turns
+        int64 (blocks,), see `StructureSums.turns`.
+    """
+
+    x: FloatArray
+    z: FloatArray
+    turns: IntArray
+
+
 class WindowAccumulator:
     """Gathers the evidence of one window.
 
@@ -218,6 +235,32 @@ class WindowAccumulator:
         self._structure.turn(self.filled, speed_rad_s, self._good[self.filled : self.filled + count])
         self.filled += count
         return self._advance(self.filled - self.filled % STEP)
+
+    def gathered(self) -> Gathered:
+        """Return the samples so far."""
+        good = self._good[: self.filled]
+        x, z = (np.where(good, values[: self.filled], np.nan) for values in (self._x, self._z))
+        return Gathered(x, z, self._structure.turns(self.filled))
+
+    def resume(self, gathered: Gathered) -> None:
+        """Take the samples that another accumulator had gathered, instead of `append`; what they confirm was told.
+
+        Raises
+        ------
+        ValueError
+            If samples were taken before, or the window cannot hold so many.
+        """
+        count = gathered.x.size
+        if self.filled or count > self.slots or gathered.z.size != count:
+            raise ValueError(f"{count} slots do not fit into a window with {self.filled} of {self.slots}")
+        good = np.isfinite(gathered.x) & np.isfinite(gathered.z)
+        self._x[:count] = np.where(good, gathered.x, 0.0)
+        self._z[:count] = np.where(good, gathered.z, 0.0)
+        self._good[:count] = good
+        self.good = int(good.sum())
+        self._structure.resume(gathered.turns, good)
+        self.filled = count
+        self._advance(count - count % STEP)
 
     def close(self) -> Evidence:
         """End the window, full or not, and return its evidence.

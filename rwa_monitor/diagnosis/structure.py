@@ -88,6 +88,15 @@ class StructureSums:
         """Note the direction of the slots from `first` on: float64 and bool (n,)."""
         _count_signs(first, speed_rad_s, good, self._signs, self._counts)
 
+    def turns(self, filled: int) -> IntArray:
+        """Return, of the blocks that hold the slots [0, filled), the slots forward less those backward; int64."""
+        return self._signs[: -(-filled // BLOCK)].copy()
+
+    def resume(self, turns: IntArray, good: BoolArray) -> None:
+        """Go on from what `turns` returned and the slots that are good so far, bool (n,)."""
+        self._signs[: turns.size] = turns
+        self._counts[: turns.size] = np.bincount(np.arange(good.size) // BLOCK, good, turns.size).astype(np.int64)
+
     def extend(
         self, samples: tuple[FloatArray, FloatArray, BoolArray, BoolArray], start: int, stop: int, certain: float
     ) -> None:

@@ -13,6 +13,7 @@ from typing import Annotated, Final, Literal, Self
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from rwa_monitor.diagnosis.evidence import Gathered
 from rwa_monitor.diagnosis.state import CarriedState
 from rwa_monitor.errors import InputError
 from rwa_monitor.live.friction import Source
@@ -70,7 +71,10 @@ class GridState(_Part):
 
 
 class SlotsState(_Part):
-    """The slots [begin, end) of the ring buffer that are still needed; null in `values` for NaN."""
+    """The slots [begin, end) of the ring buffer that are still needed, and the values of the last of them.
+
+    Null in `values` stands for NaN. Files of before the windows kept their own samples hold the values of all slots.
+    """
 
     begin: int
     end: int
@@ -78,20 +82,32 @@ class SlotsState(_Part):
     values: dict[str, list[float | None]]
 
     @classmethod
-    def of(cls, ring: RingBuffer, begin: int) -> Self:
-        """Keep the slots from `begin` on."""
-        begin = max(begin, ring.begin)
+    def of(cls, ring: RingBuffer, begin: int, values_begin: int) -> Self:
+        """Keep the slots from `begin` on, and the values from `values_begin` on."""
+        begin, values_begin = max(begin, ring.begin), max(values_begin, ring.values_begin)
         slots = np.arange(begin, ring.end, dtype=np.int64)
-        values = {name: _with_null(ring.read(name, begin, ring.end).tolist()) for name in ring.channels}
+        values = {name: _with_null(ring.read(name, values_begin, ring.end).tolist()) for name in ring.channels}
         return cls(begin=begin, end=ring.end, filled=_run_lengths(ring.is_filled(slots)), values=values)
 
+    @property
+    def consistent(self) -> bool:
+        """Whether the numbers fit each other."""
+        lengths = {len(values) for values in self.values.values()}
+        return sum(self.filled) == self.end - self.begin and len(lengths) == 1 and max(lengths) <= sum(self.filled)
+
+    @property
+    def values_begin(self) -> int:
+        """First slot whose values are there."""
+        return self.end - max(len(values) for values in self.values.values())
+
+    def read(self, name: str, start: int, stop: int) -> FloatArray:
+        """Return the values of the slots [start, stop), NaN where empty."""
+        return _with_nan(self.values[name][start - self.values_begin : stop - self.values_begin])
+
     def restore(self, ring: RingBuffer) -> None:
-        """Put the slots into an empty ring buffer."""
+        """Put the slots into a ring buffer."""
         filled = np.repeat(np.arange(len(self.filled)) % 2 == 1, self.filled)
-        slots = self.begin + np.flatnonzero(filled)
-        rows = slots - self.begin
-        ring.clear(self.begin)
-        ring.extend(self.end, slots, {name: _with_nan(values)[rows] for name, values in self.values.items()})
+        ring.restore(self.begin, filled, {name: _with_nan(values) for name, values in self.values.items()})
 
 
 class WaitingSample(_Part):
@@ -163,13 +179,34 @@ class EffectsState(_Part):
     memories: list[list[float] | None]
 
 
+class GatheredState(_Part):
+    """The samples that an open window has gathered; null where not good."""
+
+    x: list[float | None]
+    z: list[float | None]
+    turns: list[int]
+
+    @classmethod
+    def of(cls, gathered: Gathered) -> Self:
+        """Keep what a window's accumulator has gathered."""
+        return cls(x=_with_null(gathered.x.tolist()), z=_with_null(gathered.z.tolist()), turns=gathered.turns.tolist())
+
+    def gathered(self) -> Gathered:
+        """Return what the accumulator goes on with."""
+        return Gathered(_with_nan(self.x), _with_nan(self.z), np.array(self.turns, dtype=np.int64))
+
+
 class WindowsState(_Part):
-    """Where the windows stand: first slots of the open ones, of the next one, and what has been worked off."""
+    """Where the windows stand: first slots of the open ones, of the next one, and what has been worked off.
+
+    `gathered` holds the samples of the open windows; None in files of before it was kept, whose slots hold them.
+    """
 
     done: int
     next_start: int
     last_end: int
     open: list[int]
+    gathered: list[GatheredState] | None = None
 
 
 class Checkpoint(_Part):

@@ -24,6 +24,7 @@ from rwa_monitor.live.checkpoint import (
     ChannelState,
     Checkpoint,
     EffectsState,
+    GatheredState,
     GridState,
     HeldBatch,
     ScreenState,
@@ -171,14 +172,14 @@ class WheelCore:
             source_of(samples, self.wheel)
 
     def _begin_source(self, source: Source) -> None:
-        """Start with empty slots; room for the open windows, a piece before them and the stencil around it."""
+        """Start with empty slots; values of a piece and what is around it: open windows keep their own."""
         self._friction = FrictionSource(self.wheel, source)
         # Friction that is derived is judged when it is known: a motor may do much more than friction does.
         self._screen = Screen(
             speed_limit(self.wheel), float("inf") if self._friction.derived else friction_limit(self.wheel)
         )
-        capacity = self._samples + PIECE_SLOTS + 2 * (self._friction.reach + BLOCK_SLOTS)
-        self._ring = RingBuffer(capacity, self._friction.optional)
+        around = PIECE_SLOTS + LAG_SLOTS + 3 * (self._friction.reach + BLOCK_SLOTS)
+        self._ring = RingBuffer(self._samples + around, self._friction.optional, values_capacity=around)
         self._begin_slots()
 
     def _begin_slots(self) -> None:
@@ -366,6 +367,7 @@ class WheelCore:
         """Return everything the core knows; `resume` makes an equal core of it."""
         sequencer, guard, friction = self._sequencer, self._guard, self._friction
         needed = min([self._done, *(window.start for window in self._open)])
+        around = 2 * friction.reach + BLOCK_SLOTS + LAG_SLOTS
         return Checkpoint(
             source=self._source,
             said_missing=self._said_missing,
@@ -386,7 +388,7 @@ class WheelCore:
             grid=GridState(
                 origin_ns=guard.grid.origin_ns if guard.grid else None, frontier=guard.frontier, last_ns=guard.last_ns
             ),
-            slots=SlotsState.of(self._ring, needed - 2 * friction.reach - BLOCK_SLOTS),
+            slots=SlotsState.of(self._ring, needed - around, self._done - around),
             screen=ScreenState.of(self._screen),
             effects=EffectsState(
                 angle_rad=friction.angle_rad,
@@ -399,6 +401,7 @@ class WheelCore:
                 next_start=self._next_start,
                 last_end=self._last_end,
                 open=[window.start for window in self._open],
+                gathered=[GatheredState.of(window.accumulator.gathered()) for window in self._open],
             ),
         )
 
@@ -439,12 +442,13 @@ class WheelCore:
         slots, effects, windows = checkpoint.slots, checkpoint.effects, checkpoint.windows
         fits = (
             0 <= slots.end - slots.begin <= self._ring.capacity
+            and slots.consistent
             and set(slots.values) == set(self._ring.channels)
             and (checkpoint.waiting is None or set(checkpoint.waiting.values) == set(self._ring.channels))
-            and all(len(values) == sum(slots.filled) == slots.end - slots.begin for values in slots.values.values())
             and len(effects.memories) == len(self._friction.memories)
             and slots.begin <= min([windows.done, *windows.open])
             and windows.done <= slots.end
+            and (windows.gathered is None or len(windows.gathered) == len(windows.open))
         )
         if not fits:
             raise InputError("checkpoint", f"does not fit the wheel {self.wheel.name}")
@@ -460,12 +464,15 @@ class WheelCore:
             self._friction.channel = effects.friction.channel()
         self._friction.memories = [None if m is None else np.array(m, dtype=np.float64) for m in effects.memories]
         self._done, self._next_start, self._last_end = windows.done, windows.next_start, windows.last_end
-        for start in windows.open:
-            window = _OpenWindow(start, WindowAccumulator(self.wheel, self.method))
-            speed = self._ring.read("speed_rad_s", start, self._done)
-            friction = self._ring.read("torque_Nm", start, self._done)
-            window.accumulator.append(speed, friction, np.isfinite(speed) & np.isfinite(friction))
-            self._open.append(window)
+        for place, start in enumerate(windows.open):
+            accumulator = WindowAccumulator(self.wheel, self.method)
+            if windows.gathered is not None:
+                accumulator.resume(windows.gathered[place].gathered())
+            else:
+                speed = slots.read("speed_rad_s", start, self._done)
+                friction = slots.read("torque_Nm", start, self._done)
+                accumulator.append(speed, friction, np.isfinite(speed) & np.isfinite(friction))
+            self._open.append(_OpenWindow(start, accumulator))
 
 
 def _finite_or_nan(values: FloatArray | None, size: int) -> FloatArray:

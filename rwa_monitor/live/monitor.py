@@ -29,7 +29,7 @@ from rwa_monitor.version import SOFTWARE
 IDLE_WAIT_S: Final = 0.1  # how long to wait for a message before looking at the clock again
 TICK_S: Final = 0.05  # between two looks at what is due while messages flow
 STATUS_RECORDED_S: Final = 10.0  # every status is published; one in this time is recorded
-MAX_WHEELS: Final = 1_000  # of one process: 5 MB each with windows of 80,000 slots; `--shard` divides more
+MAX_WHEELS: Final = 4_096  # of one process: 2.7 MB each with windows of 80,000 slots; `--shard` divides more
 
 
 @dataclass(slots=True)

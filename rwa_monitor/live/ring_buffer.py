@@ -1,13 +1,14 @@
 """The last slots of one wheel in arrays of fixed size, allocated once.
 
-Slot k lives at position k mod capacity. A slot that no sample came for is empty; a slot with a bad value (NaN) is
-filled but not good. What was written stays readable until `capacity` later slots have been written.
+Slot k lives at position k modulo the array's size. A slot that no sample came for is empty; a slot with a bad value
+(NaN) is filled but not good. That a slot was filled is known for `capacity` slots; values, of which only the newest are
+worked on, are kept for `values_capacity`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,14 +20,16 @@ OPTIONAL: Final = ("motor_torque_Nm", "bearing_temperature_degC")
 
 
 class RingBuffer:
-    """The last `capacity` slots of a wheel.
+    """The last slots of a wheel.
 
     Parameters
     ----------
     capacity
-        Slots to keep.
+        Slots of which to know whether they were filled.
     optional
         Which of the `OPTIONAL` channels to keep besides speed and torque.
+    values_capacity
+        Slots whose values to keep; as many as `capacity` where None.
 
     Attributes
     ----------
@@ -34,17 +37,23 @@ class RingBuffer:
         The slots held: [begin, end).
     """
 
-    def __init__(self, capacity: int, optional: tuple[str, ...] = ()) -> None:
+    def __init__(self, capacity: int, optional: tuple[str, ...] = (), values_capacity: int | None = None) -> None:
         self.capacity = capacity
+        self.values_capacity = capacity if values_capacity is None else min(values_capacity, capacity)
         self.end = 0
         self._first = 0
         self._filled: NDArray[np.uint8] = np.zeros(capacity, dtype=np.uint8)
-        self._values: dict[str, FloatArray] = {name: np.zeros(capacity) for name in (*REQUIRED, *optional)}
+        self._values: dict[str, FloatArray] = {name: np.zeros(self.values_capacity) for name in (*REQUIRED, *optional)}
 
     @property
     def begin(self) -> int:
         """First slot that is still held."""
         return max(self._first, self.end - self.capacity)
+
+    @property
+    def values_begin(self) -> int:
+        """First slot whose values are still held."""
+        return max(self._first, self.end - self.values_capacity)
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -67,21 +76,46 @@ class RingBuffer:
         Parameters
         ----------
         end
-            New end; at most `capacity` beyond the old one.
+            New end; at most `values_capacity` beyond the old one.
         slots
             int64 (n,), strictly increasing, within the appended range.
         values
             float64 (n,) for every channel.
         """
-        positions = np.arange(self.end, end) % self.capacity
-        self._filled[positions] = 0
-        for array in self._values.values():
-            array[positions] = np.nan
-        positions = slots % self.capacity
-        self._filled[positions] = 1
-        for name, array in self._values.items():
-            array[positions] = values[name]
+        start, count = self.end, end - self.end
+        if slots.size == count:  # none is empty
+            _put(self._filled, start, np.ones(count, dtype=np.uint8))
+            for name, array in self._values.items():
+                _put(array, start, values[name])
+        else:
+            rows = slots - start
+            filled = np.zeros(count, dtype=np.uint8)
+            filled[rows] = 1
+            _put(self._filled, start, filled)
+            for name, array in self._values.items():
+                spread = np.full(count, np.nan)
+                spread[rows] = values[name]
+                _put(array, start, spread)
         self.end = end
+
+    def restore(self, begin: int, filled: BoolArray, values: Mapping[str, FloatArray]) -> None:
+        """Hold the slots [begin, begin + n) and nothing else.
+
+        Parameters
+        ----------
+        begin
+            First slot.
+        filled
+            bool (n,), at most `capacity`: which slots a sample came for.
+        values
+            float64 (m,) for every channel, m ≤ n: values of the last m slots, NaN where empty.
+        """
+        self.clear(begin)
+        self.end = begin + filled.size
+        _put(self._filled, begin, filled.astype(np.uint8))
+        for name, array in self._values.items():
+            last = values[name][-self.values_capacity :]
+            _put(array, self.end - last.size, last)
 
     def is_filled(self, slots: IntArray) -> BoolArray:
         """Return which slots a sample came for, bool (n,); False for slots that are no longer, or not yet, held."""
@@ -92,11 +126,23 @@ class RingBuffer:
         """Return a copy of a channel's slots [start, stop), float64; NaN where empty, not held or not kept."""
         result = np.full(stop - start, np.nan)
         if name in self._values:
-            low, high = max(start, self.begin), min(stop, self.end)
+            low, high = max(start, self.values_begin), min(stop, self.end)
             if low < high:
-                result[low - start : high - start] = self._values[name][np.arange(low, high) % self.capacity]
+                array = self._values[name]
+                at, count = low % array.size, high - low
+                first = min(count, array.size - at)
+                result[low - start : low - start + first] = array[at : at + first]
+                result[low - start + first : high - start] = array[: count - first]
         return result
 
     def overwrite(self, name: str, start: int, values: FloatArray) -> None:
-        """Replace a channel's slots [start, start + n), which must be held."""
-        self._values[name][np.arange(start, start + values.size) % self.capacity] = values
+        """Replace a channel's slots [start, start + n), whose values must be held."""
+        _put(self._values[name], start, values)
+
+
+def _put(array: NDArray[Any], start: int, values: NDArray[Any]) -> None:
+    """Write the values of the slots from `start` on, over the array's end and on from its begin."""
+    at = start % array.size
+    first = min(values.size, array.size - at)
+    array[at : at + first] = values[:first]
+    array[: values.size - first] = values[first:]

@@ -233,7 +233,7 @@ class Screen:
             return 0, []
         speed, torque = ring.read(SPEED, start, stop + 1), ring.read(TORQUE, start, stop + 1)
         turning = speed[:-1] != 0.0  # a tachometer at rest shows zero, and so may the current: that is no fault
-        held = max(start - LAG_SLOTS, ring.begin)  # the first slot that may still be masked
+        held = max(start - LAG_SLOTS, ring.values_begin)  # the first slot that may still be masked
         good = _good(ring, held, stop)
         faults = []
         for name, (kind, since) in (

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 
 from rwa_monitor.errors import InputError
-from rwa_monitor.live.checkpoint import Checkpoint
+from rwa_monitor.live.checkpoint import Checkpoint, SlotsState
 from rwa_monitor.live.core import WheelCore, diagnose_samples
 from rwa_monitor.live.events import ChannelMissing, EpochStarted, SensorFault, WindowDiagnosed
 from rwa_monitor.physics.wheel import Wheel
@@ -114,6 +114,22 @@ def test_a_core_resumed_from_a_checkpoint_gives_the_same_bytes(kind: str, cuts: 
             assert core.checkpoint().to_json() == data
         events += core.feed(part, "p", number)
     assert said([*events, *core.finish()]) == whole(kind)
+
+
+def test_a_checkpoint_of_before_windows_kept_their_samples_is_understood() -> None:
+    of_wheel, samples = case("given")
+    parts = list(pieces(samples, [1_500]))
+    core = WheelCore(of_wheel, model())
+    run_core(core, parts[:1])
+    now = core.checkpoint()
+    # What such a checkpoint held: the values of all slots of the open windows, and no samples of the windows.
+    slots = SlotsState.of(core._ring, now.slots.begin, now.slots.begin)
+    before = now.model_copy(
+        update={"slots": slots, "windows": now.windows.model_copy(update={"gathered": None}), "screen": now.screen}
+    )
+    assert len(slots.values["speed_rad_s"]) > len(now.slots.values["speed_rad_s"])
+    resumed = WheelCore.resume(Checkpoint.from_json(before.to_json(), "test"), of_wheel, model(), method="joint")
+    assert messages(resumed, parts[1:]) == messages(core, parts[1:])
 
 
 def test_a_checkpoint_keeps_the_messages_that_wait() -> None:
