@@ -10,6 +10,7 @@ from rwa_monitor.diagnosis.model import Model
 from rwa_monitor.diagnosis.results import Method
 from rwa_monitor.live.bus import BusOptions
 from rwa_monitor.live.rebuild import Setup
+from rwa_monitor.live.recorder import MAX_FILE_BYTES
 from rwa_monitor.physics.wheel import Wheel, built_in_wheel
 
 
@@ -29,6 +30,8 @@ class RunOptions:
         "joint" or "paper".
     record
         Folder of the recordings, or None to record nothing.
+    max_file_bytes
+        Of one recording; then the next one is begun.
     max_record_bytes
         Of all recordings in the folder; the oldest are deleted to keep it. None keeps all.
     bus
@@ -44,6 +47,7 @@ class RunOptions:
     model: Model | None = None
     method: Method = "joint"
     record: Path | None = None
+    max_file_bytes: int = MAX_FILE_BYTES
     max_record_bytes: int | None = None
     bus: BusOptions = field(default_factory=BusOptions)
     shard: tuple[int, int] = (1, 1)

@@ -76,6 +76,7 @@ def run(
                 settings=options.settings(),
                 predecessor=past.predecessor,
                 wall_ns=clock.wall_ns,
+                max_file_bytes=options.max_file_bytes,
                 max_total_bytes=options.max_record_bytes,
             )
         # In a thread of its own, so that a stop signal is heard while kernels are compiled on a new machine.

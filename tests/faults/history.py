@@ -25,11 +25,13 @@ SHORT_HISTORY: Final = 4  # messages that a publisher keeps where an outage is t
 # What can happen while messages flow, and whether a recovery can get everything afterwards.
 RECOVERABLE: Final = (
     "kill_monitor",
+    "restart_monitor",
     "pause_monitor",
     "kill_router",
     "cut_link",
     "freeze_link",
     "restart_publisher",
+    "rotation",
     "duplicate",
     "reorder",
     "corrupt",
@@ -41,11 +43,28 @@ RECOVERABLE: Final = (
     "bad_data",
     "second_wheel",
 )
-LOSING: Final = ("outage_beyond_history", "publisher_dies_in_outage")
+LOSING: Final = ("outage_beyond_history", "publisher_dies_in_outage", "flipped_recording")
+LOSING_SHARE: Final = 0.16  # of all histories
+# Faults that take something away for a while, one after the other; the others lie in the messages or in the settings.
+TAKING: Final = frozenset(
+    {
+        "kill_monitor",
+        "restart_monitor",
+        "pause_monitor",
+        "kill_router",
+        "cut_link",
+        "freeze_link",
+        "restart_publisher",
+        "disk_full",
+        "disk_fails",
+        *LOSING,
+    }
+)
 NEEDS_ROOT: Final = frozenset({"disk_full"})
 # A second publisher speaks before the first outage: in one, nobody could tell it from a restart.
 QUIET_BEGINNING: Final = 14
 INTRUDING_MESSAGES: Final = 6
+MAX_DELAY_S: Final = 1.6
 LEAST_AFTER: Final = 12  # messages that follow the last fault: enough for a restarted publisher to be believed
 
 
@@ -109,7 +128,7 @@ class History:
     @property
     def loses_recording(self) -> bool:
         """Whether the disk fails, so that the recording may lack something."""
-        return bool(set(self.kinds) & {"disk_full", "disk_fails"})
+        return bool(set(self.kinds) & {"disk_full", "disk_fails", "flipped_recording"})
 
 
 @cache
@@ -134,7 +153,7 @@ def make_history(seed: int, number: int, *, root: bool) -> History:
     names = [name for name in RECOVERABLE if root or name not in NEEDS_ROOT]
     # The first fault goes round, so that each kind comes often enough; up to three more come at random.
     chosen = [names[number % len(names)], *rng.choice(names, size=int(rng.integers(0, 4))).tolist()]
-    if rng.random() < 0.12:
+    if rng.random() < LOSING_SHARE:
         # A publisher that restarts is waited for until all of it has arrived: with these it never has.
         chosen = [str(rng.choice(LOSING)), *(name for name in chosen[:1] if name != "restart_publisher")]
     return _Maker(seed, number, rng, tuple(dict.fromkeys(chosen))).make()
@@ -183,6 +202,8 @@ class _Maker:
             start = int(self.rng.integers(0, len(samples) - 200))
             friction[start : start + 100] = friction[start]  # a sensor that hangs
             friction[self.rng.integers(0, len(samples), 5)] *= 40.0  # spikes
+            flipped = self.rng.integers(0, len(samples), 5)  # any bit but the two that make it no number
+            friction.view(np.int64)[flipped] ^= np.int64(1) << self.rng.integers(0, 62, 5)
             speed[self.rng.integers(0, len(samples), 5)] = 3.0e4  # a wrong unit: beyond the wheel's limits
             samples = replace(samples, speed_rad_s=speed, friction_torque_Nm=friction)
         time_ns = samples.time_ns + 1_700_000_000_000_000_000
@@ -208,22 +229,7 @@ class _Maker:
 
     def _faults(self, messages: int) -> tuple[Fault, ...]:
         """Place the faults of machines and links one after the other."""
-        active = [
-            name
-            for name in self.kinds
-            if name
-            in {
-                "kill_monitor",
-                "pause_monitor",
-                "kill_router",
-                "cut_link",
-                "freeze_link",
-                "restart_publisher",
-                "disk_full",
-                "disk_fails",
-                *LOSING,
-            }
-        ]
+        active = [name for name in self.kinds if name in TAKING]
         if "kill_monitor" in active and self.rng.random() < 0.3:
             active.append("kill_monitor")
         self.rng.shuffle(active)
@@ -235,7 +241,7 @@ class _Maker:
             until = int(self.rng.integers(at + 1, max(at + 2, high)))
             if name == "outage_beyond_history":
                 until = max(until, at + 2 * SHORT_HISTORY)
-            faults.append(Fault(name, at, until, float(self.rng.uniform(0.0, 1.6))))
+            faults.append(Fault(name, at, until, float(self.rng.uniform(0.0, MAX_DELAY_S))))
         return tuple(faults)
 
     def _named(self, puts: list[Put], faults: tuple[Fault, ...]) -> list[Put]:

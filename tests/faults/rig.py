@@ -34,6 +34,7 @@ from zenoh import ext
 from rwa_monitor.cli.signals import stop_on_signals
 from rwa_monitor.live.bus import MAX_HISTORY, BusOptions, open_session
 from rwa_monitor.live.publisher import ReliablePublisher
+from rwa_monitor.live.recorder import MAX_FILE_BYTES
 from rwa_monitor.live.run_options import RunOptions
 from rwa_monitor.live.service import run
 from tests.faults.history import Put, wheel
@@ -184,16 +185,22 @@ class Rig:
         Messages that the publisher keeps.
     small_disk
         Whether the recordings go on a disk of their own, of 80 MiB (needs root).
+    small_files
+        Whether each recording ends as soon as it may, at twice the size that it begins with.
 
     Attributes
     ----------
+    flipped
+        The recording in which a bit was flipped, None while there is none.
     heard
         What the monitor said on the bus, by kind and wheel, in the order in which it was heard.
     """
 
-    def __init__(self, folder: Path, kept: int, *, small_disk: bool) -> None:
+    def __init__(self, folder: Path, kept: int, *, small_disk: bool, small_files: bool) -> None:
         self.folder = folder
+        self.flipped: Path | None = None
         self.kept = kept
+        self.max_file_bytes = 1 if small_files else MAX_FILE_BYTES
         self.recordings = folder / "recordings"
         self.recordings.mkdir()
         self.heard: dict[tuple[str, str], list[bytes]] = defaultdict(list)
@@ -209,6 +216,7 @@ class Rig:
         self.router: BaseProcess | None = None
         self.publisher: BaseProcess | None = None
         self.monitor: BaseProcess | None = None
+        self._said_before = 0  # bytes of talk before the present monitor
         self._publisher_end: Connection | None = None
         self._router_end: Connection | None = None
 
@@ -269,23 +277,27 @@ class Rig:
             wheel=wheel(),
             model=model(),
             record=self.recordings,
+            max_file_bytes=self.max_file_bytes,
             bus=BusOptions(mode="client", connect=(f"tcp/127.0.0.1:{self._link.port}",), config=self._config),
             status_period_s=0.1,
         )
+        self._said_before = self.log.stat().st_size if self.log.exists() else 0
         self.monitor = processes.Process(target=monitor_process, args=(options, self.log))
         self.monitor.start()
 
-    def stop_monitor(self) -> int | None:
-        """Stop it in order; return its exit code."""
+    def stop_monitor(self) -> tuple[int | None, float]:
+        """Stop it in order; return its exit code and how long it took [s]."""
         assert self.monitor is not None
         assert self.monitor.pid is not None
         wait_for(lambda: self.monitor is None or not self.monitor.is_alive() or self._monitoring(), "the monitor")
+        begin_s = time.monotonic()
         os.kill(self.monitor.pid, signal.SIGTERM)
         self.monitor.join(PATIENCE_S)
-        return self.monitor.exitcode
+        return self.monitor.exitcode, time.monotonic() - begin_s
 
     def _monitoring(self) -> bool:
-        return bool(self.heard) or "monitoring" in self.log.read_text()
+        """Tell whether the present monitor has said that it monitors: from then on it heeds signals."""
+        return b"monitoring" in self.log.read_bytes()[self._said_before :]
 
     def put(self, put: Put) -> None:
         assert self._publisher_end is not None
@@ -335,6 +347,15 @@ class Rig:
         wait_for(lambda: any(self.recordings.glob("*.mcap")), "a recording")
         size = max(path.stat().st_size for path in self.recordings.glob("*.mcap"))
         resource.prlimit(self.monitor.pid, resource.RLIMIT_FSIZE, (size, resource.RLIM_INFINITY))
+
+    def flip_bit(self, share: float) -> None:
+        """Flip a bit of the last recording, at this share of its length."""
+        path = max(self.recordings.glob("*.mcap"))
+        data = bytearray(path.read_bytes())
+        bit = int(share * 8 * len(data))
+        data[bit // 8] ^= 1 << bit % 8
+        path.write_bytes(data)
+        self.flipped = path
 
     def mend_disk(self) -> None:
         assert self.monitor is not None

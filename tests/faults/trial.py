@@ -24,7 +24,7 @@ from rwa_monitor.live.replay import replay
 from rwa_monitor.live.sequencer import Counts
 from rwa_monitor.messages import SamplesMessage, dump_json
 from rwa_monitor.samples import Samples
-from tests.faults.history import LOSING, Fault, History, make_history, wheel
+from tests.faults.history import LOSING, MAX_DELAY_S, Fault, History, make_history, wheel
 from tests.faults.rig import Rig, wait_for
 from tests.live.support import diagnoses, model, said
 
@@ -52,6 +52,8 @@ class Outcome:
         Diagnoses that are not those of `diagnose`, or are missing.
     recordings
         Files of the chain.
+    stops_s
+        How long the monitor took to end, each time it was told to.
     """
 
     number: int
@@ -63,6 +65,7 @@ class Outcome:
     windows: int = 0
     wrong: int = 0
     recordings: int = 0
+    stops_s: list[float] = field(default_factory=list)
     took_s: float = 0.0
     talk: str = ""
 
@@ -74,7 +77,8 @@ def run_trial(seed: int, number: int, *, root: bool) -> Outcome:
     begin_s = time.monotonic()
     with tempfile.TemporaryDirectory(prefix="rwa-faults-") as folder:
         try:
-            with Rig(Path(folder), history.kept, small_disk="disk_full" in history.kinds) as rig:
+            disk, files = "disk_full" in history.kinds, "rotation" in history.kinds
+            with Rig(Path(folder), history.kept, small_disk=disk, small_files=files) as rig:
                 try:
                     _happen(history, rig, outcome)
                     _check(history, rig, outcome)
@@ -101,7 +105,7 @@ def _happen(history: History, rig: Rig, outcome: Outcome) -> None:
             if fault.until == place:
                 _end(fault, rig)
             if fault.at == place:
-                _begin(fault, rig, sent)
+                _begin(fault, rig, sent, outcome)
         rig.put(put)
         sent[_wheel_of(put.key)] += put.samples
         if place == 0 and set(history.kinds) & NEEDS_MONITOR:
@@ -120,16 +124,27 @@ def _happen(history: History, rig: Rig, outcome: Outcome) -> None:
         wait_for(lambda name=name, count=count: len(set(rig.heard["diagnosis", name])) >= count, "all diagnoses")
     if history.loses_recording:
         wait_for(lambda: all(rig.status(name)["recording"] for name in expected), "the recording to go on")
-    status = rig.stop_monitor()
+    _stop(rig, outcome)
+
+
+def _stop(rig: Rig, outcome: Outcome) -> None:
+    status, took_s = rig.stop_monitor()
+    outcome.stops_s.append(took_s)
     if status != 0:
         outcome.problems.append(f"the monitor ended with exit code {status}")
 
 
-def _begin(fault: Fault, rig: Rig, sent: Counter[str]) -> None:
+def _begin(fault: Fault, rig: Rig, sent: Counter[str], outcome: Outcome) -> None:
     match fault.name:
         case "kill_monitor":
             Event().wait(fault.delay_s / 8)
             rig.kill(rig.monitor)
+        case "restart_monitor":
+            _stop(rig, outcome)
+        case "flipped_recording":
+            wait_for(lambda: any(rig.recordings.glob("*.mcap")), "a recording")
+            rig.kill(rig.monitor)
+            rig.flip_bit(fault.delay_s / MAX_DELAY_S)
         case "pause_monitor":
             rig.pause_monitor()
         case "kill_router":
@@ -152,10 +167,10 @@ def _begin(fault: Fault, rig: Rig, sent: Counter[str]) -> None:
 
 
 def _end(fault: Fault, rig: Rig) -> None:
-    if fault.name not in {"restart_publisher", "kill_monitor"}:
+    if fault.name not in {"restart_publisher", "kill_monitor", "restart_monitor", "flipped_recording"}:
         Event().wait(fault.delay_s)
     match fault.name:
-        case "kill_monitor":
+        case "kill_monitor" | "restart_monitor" | "flipped_recording":
             rig.start_monitor()
         case "pause_monitor":
             rig.go_on_monitor()
@@ -268,13 +283,19 @@ def _check(history: History, rig: Rig, outcome: Outcome) -> None:
             problems.append("messages refused and messages that cannot be read differ")
     if "second_publisher" in history.kinds and "two live publishers" not in _talk(rig):
         problems.append("two live publishers were not reported")
-    report = replay(rig.recordings)
-    if (
-        report.differences
-        or not report.bytes_equal
-        or (report.unreadable and not history.loses_recording and "kill_monitor" not in history.kinds)
-    ):
-        problems.append(f"the recording does not replay: {report.long()} {report.unreadable}")
+    _check_replay(history, rig, problems)
+
+
+def _check_replay(history: History, rig: Rig, problems: list[str]) -> None:
+    """Check that the chain replays; of a chain with a damaged recording, that each of the others does."""
+    parts: list[Path | list[Path]] = [rig.recordings]
+    if rig.flipped is not None:
+        parts = [path for path in recordings_of(rig.recordings) if path != rig.flipped]
+    for part in parts:
+        report = replay(part)
+        unreadable = report.unreadable and not history.loses_recording and "kill_monitor" not in history.kinds
+        if report.differences or not report.bytes_equal or unreadable:
+            problems.append(f"the recording does not replay: {report.long()} {report.unreadable}")
 
 
 def _talk(rig: Rig) -> str:
