@@ -206,15 +206,17 @@ class WheelCore:
             if not self._said_missing:
                 self._said_missing = True
                 events.append(ChannelMissing(self._source))
-        values = {
-            "speed_rad_s": _finite_or_nan(samples.speed_rad_s, len(samples)),
-            "torque_Nm": _finite_or_nan(torque, len(samples)),
-            "motor_torque_Nm": _finite_or_nan(self._friction.motor_torque(samples), len(samples)),
-            "bearing_temperature_degC": _finite_or_nan(samples.bearing_temperature_degC, len(samples)),
+        channels = {
+            "speed_rad_s": samples.speed_rad_s,
+            "torque_Nm": torque,
+            "motor_torque_Nm": self._friction.motor_torque(samples),
+            "bearing_temperature_degC": samples.bearing_temperature_degC,
         }
-        kept = self._ring.channels
-        rows = Rows(samples.time_ns, {name: array for name, array in values.items() if name in kept})
-        rows = rows[np.flatnonzero(self._guard.reject_beyond_limits(samples))]
+        values = {name: _finite_or_nan(channels[name], len(samples)) for name in self._ring.channels}
+        rows = Rows(samples.time_ns, values)
+        allowed = self._guard.reject_beyond_limits(samples)
+        if not allowed.all():
+            rows = rows[np.flatnonzero(allowed)]
         return events + self._place(rows, passed=message.passed)
 
     def _place(self, rows: Rows, *, passed: bool = False, last: bool = False) -> list[Event]:
@@ -236,7 +238,8 @@ class WheelCore:
                 events += self._end_epoch()
                 self._begin_epoch(piece.epoch)
                 events.append(EpochStarted(piece.epoch.origin_ns, piece.step_ns))
-            events += self._write(piece.slots, rows[piece.rows].values)
+            taken = rows if piece.rows.size == len(rows) else rows[piece.rows]
+            events += self._write(piece.slots, taken.values)
             start = piece.stop
         if strays:
             events.append(StraySamples(len(strays), strays[0]))
@@ -247,8 +250,11 @@ class WheelCore:
         events: list[Event] = []
         while self._ring.end < self._guard.frontier:
             end = min(self._ring.end + PIECE_SLOTS, self._guard.frontier)
-            rows = slice(*np.searchsorted(slots, (self._ring.end, end)))
-            self._ring.extend(end, slots[rows], {name: array[rows] for name, array in values.items()})
+            if slots.size and self._ring.end <= slots[0] and end == self._guard.frontier:  # all at once
+                self._ring.extend(end, slots, values)
+            else:
+                rows = slice(*np.searchsorted(slots, (self._ring.end, end)))
+                self._ring.extend(end, slots[rows], {name: array[rows] for name, array in values.items()})
             events += self._advance()
         return events
 

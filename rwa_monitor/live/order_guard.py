@@ -236,12 +236,12 @@ class OrderGuard:
         ahead = slots > before
         if passed:
             ahead &= slots - before <= self.window_slots
-        behind = slots[~ahead]
-        rows, slots = rows[ahead], slots[ahead]
-
-        taken = is_filled(behind) | np.isin(behind, slots)
-        counts.duplicate += int(taken.sum())
-        counts.late += int(behind.size - taken.sum())
+        if not ahead.all():
+            behind = slots[~ahead]
+            rows, slots = rows[ahead], slots[ahead]
+            taken = is_filled(behind) | np.isin(behind, slots)
+            counts.duplicate += int(taken.sum())
+            counts.late += int(behind.size - taken.sum())
         counts.used += int(good[rows].sum())
         counts.masked += int(rows.size - good[rows].sum())
         counts.queued -= count

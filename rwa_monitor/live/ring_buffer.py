@@ -124,11 +124,15 @@ class RingBuffer:
 
     def read(self, name: str, start: int, stop: int) -> FloatArray:
         """Return a copy of a channel's slots [start, stop), float64; NaN where empty, not held or not kept."""
+        array = self._values.get(name)
+        if array is not None and self.values_begin <= start < stop <= self.end:
+            at = start % array.size
+            if at + stop - start <= array.size:
+                return array[at : at + stop - start].copy()
         result = np.full(stop - start, np.nan)
-        if name in self._values:
+        if array is not None:
             low, high = max(start, self.values_begin), min(stop, self.end)
             if low < high:
-                array = self._values[name]
                 at, count = low % array.size, high - low
                 first = min(count, array.size - at)
                 result[low - start : low - start + first] = array[at : at + first]

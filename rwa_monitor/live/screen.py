@@ -234,7 +234,7 @@ class Screen:
         speed, torque = ring.read(SPEED, start, stop + 1), ring.read(TORQUE, start, stop + 1)
         turning = speed[:-1] != 0.0  # a tachometer at rest shows zero, and so may the current: that is no fault
         held = max(start - LAG_SLOTS, ring.values_begin)  # the first slot that may still be masked
-        good = _good(ring, held, stop)
+        good: BoolArray | None = None  # before anything was masked
         faults = []
         for name, (kind, since) in (
             (SPEED, self.speed.judge(speed, self.speed_limit_rad_s)),
@@ -243,6 +243,7 @@ class Screen:
             wrong = (kind == STANDS_OUT) | ((kind == HANGS) & turning)
             if not wrong.any():
                 continue
+            good = _good(ring, held, stop) if good is None else good
             values = ring.read(name, held, stop)
             values[start - held :][wrong] = np.nan
             for k in np.flatnonzero(wrong & ((kind == STANDS_OUT) | (since > 0))).tolist():
@@ -250,7 +251,7 @@ class Screen:
                 values[first - held : start + k - held] = np.nan
                 faults.append(Fault(name, bool(kind[k] == HANGS), first))
             ring.overwrite(name, held, values)
-        masked = int(good.sum() - _good(ring, held, stop).sum())
+        masked = 0 if good is None else int(good.sum() - _good(ring, held, stop).sum())
         return masked, sorted(faults, key=lambda fault: fault.slot)
 
 
