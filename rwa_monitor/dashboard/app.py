@@ -12,9 +12,9 @@ from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager, suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Annotated, Any, Final
+from typing import Any, Final
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import ValidationError
 from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
 from starlette.exceptions import HTTPException
@@ -31,20 +31,19 @@ from rwa_monitor.dashboard.feed import Client, Hub, frame, pulse
 from rwa_monitor.dashboard.fleet import Fleet, Received
 from rwa_monitor.dashboard.herald import Herald
 from rwa_monitor.dashboard.listener import alarm_entry
-from rwa_monitor.dashboard.openapi import openapi
+from rwa_monitor.dashboard.openapi import MAX_ESTIMATES, MAX_WINDOWS, Acknowledgement, openapi
 from rwa_monitor.dashboard.recordings import list_recordings, replay_json
 from rwa_monitor.dashboard.telemetry import Evidence
+from rwa_monitor.dashboard.trends import trends
 from rwa_monitor.errors import InputError
 from rwa_monitor.history.database import HistoryError
 from rwa_monitor.history.records import AlarmRecord
-from rwa_monitor.history.store import MAX_NAME, MAX_NOTE, History
+from rwa_monitor.history.store import History
 from rwa_monitor.messages import Diagnosis, Discrepancy, dump_json, key_of
 from rwa_monitor.version import SOFTWARE
 
 STATIC: Final = Path(__file__).parent / "static"
 MAX_BODY_BYTES: Final = 16_384
-MAX_WINDOWS: Final = 1_000
-MAX_ESTIMATES: Final = 20_000  # of four parts, 9 windows a day: some 18 months
 MAX_WATCH: Final = 300  # characters of a wheel that a page asks for
 HEADERS: Final = {
     "Content-Security-Policy": "default-src 'self'; frame-ancestors 'none'; base-uri 'none'; form-action 'none'",
@@ -52,15 +51,6 @@ HEADERS: Final = {
     "Referrer-Policy": "no-referrer",
     "Cache-Control": "no-cache",
 }
-
-
-class Acknowledgement(BaseModel):
-    """Who has seen an alarm, and what there is to say of it."""
-
-    model_config = ConfigDict(extra="forbid", strict=True)
-
-    name: Annotated[str, Field(min_length=1, max_length=MAX_NAME)]
-    note: Annotated[str, Field(max_length=MAX_NOTE)] = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,11 +79,12 @@ def create_app(sources: Sources) -> Starlette:
     return Starlette(
         routes=[
             Route("/", lambda _: FileResponse(STATIC / "index.html")),
-            Route("/api/openapi.json", lambda _: JSONResponse(openapi(Acknowledgement))),
+            Route("/api/openapi.json", lambda _: JSONResponse(openapi())),
             Route("/api/fleet", api.fleet),
             Route("/api/wheels/{spacecraft}/{wheel}", api.wheel),
             Route("/api/wheels/{spacecraft}/{wheel}/windows", api.windows),
             Route("/api/wheels/{spacecraft}/{wheel}/estimates", api.estimates),
+            Route("/api/wheels/{spacecraft}/{wheel}/trend", api.trend),
             Route("/api/alarms", api.alarms),
             Route("/api/alarms/{alarm:int}/acknowledge", api.acknowledge, methods=["POST"]),
             Route("/api/recordings", api.recordings),
@@ -190,6 +181,12 @@ class Api:
         """Answer with the latest estimates of one wheel, the oldest first."""
         estimates = self.sources.history.estimates(*_wheel(request), limit=_limit(request, MAX_ESTIMATES))
         return _json(b"[" + b",".join(estimate.to_json() for estimate in estimates) + b"]")
+
+    def trend(self, request: Request) -> Response:
+        """Answer with the trends of one wheel's estimates."""
+        history = self.sources.history
+        found = trends(history.estimates(*_wheel(request), limit=MAX_ESTIMATES), history.policy)
+        return _json(b"[" + b",".join(trend.to_json() for trend in found) + b"]")
 
     def alarms(self, request: Request) -> Response:
         """Answer with all open alarms and the latest closed ones."""

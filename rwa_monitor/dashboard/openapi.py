@@ -1,46 +1,158 @@
-"""The OpenAPI document of the REST interface, with the bus's schemas."""
+"""The OpenAPI document of the REST interface, with the bus's schemas; the feed stands in it as a stream of the same."""
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Annotated, Any, Final
 
-from pydantic import BaseModel
+from pydantic import BaseModel, ConfigDict, Field
 from pydantic.json_schema import models_json_schema
 
+from rwa_monitor.dashboard.telemetry import Evidence
+from rwa_monitor.dashboard.trends import TrendRecord
 from rwa_monitor.history.records import AlarmRecord, EstimateRecord
-from rwa_monitor.messages import Changepoints, Diagnosis, SamplesMessage, Status
+from rwa_monitor.history.store import MAX_NAME, MAX_NOTE
+from rwa_monitor.messages import Changepoints, Diagnosis, Discrepancy, Health, SamplesMessage, Status
 from rwa_monitor.version import RELEASE
 
+MAX_WINDOWS: Final = 1_000
+MAX_ESTIMATES: Final = 20_000  # of four parts, 9 windows a day: some 18 months
 
-def openapi(acknowledgement: type[BaseModel]) -> dict[str, Any]:
+
+class _Shown(BaseModel):
+    """What the API gives or takes beside the bus's messages."""
+
+    model_config = ConfigDict(extra="forbid", strict=True)
+
+
+class Acknowledgement(_Shown):
+    """Who has seen an alarm, and what there is to say of it."""
+
+    name: Annotated[str, Field(min_length=1, max_length=MAX_NAME)]
+    note: Annotated[str, Field(max_length=MAX_NOTE)] = ""
+
+
+class TelemetryState(_Shown):
+    """When a wheel's samples came last [ns, this machine's clock], and how long after that they are stale [s]."""
+
+    wall_ns: int | None
+    stale_after_s: float
+
+
+class CourseState(_Shown):
+    """Since when a wheel's verdict is as it is [ns, the wheel's clock], over how many windows, and where it goes."""
+
+    since_ns: int | None
+    windows: int
+    change: str | None
+
+
+class Beat(_Shown):
+    """The server's clock [ns], and what is wrong with the dashboard itself, in words."""
+
+    wall_ns: int
+    notes: list[str]
+
+
+class PulseOfWheel(_Shown):
+    """What a status comes to for a page that does not look at the wheel."""
+
+    heard_wall_ns: int
+    window_fill: float
+    telemetry: TelemetryState
+
+
+class Software(_Shown):
+    """The name and version of the dashboard."""
+
+    software: str
+
+
+class Entry(_Shown):
+    """One entry of the feed, or of a recording.
+
+    The key says what the message is: as on the bus, rwa/{spacecraft}/{wheel}/{kind}, with the kinds `alarm` and
+    `evidence` beside the bus's own; dashboard/beat, dashboard/pulse (by "{spacecraft}/{wheel}") or dashboard/software.
+    `received_wall_ns` is null for what is from the history. Beside a status stands when samples came last, beside a
+    diagnosis the course of the windows before. `time_ns`, on the wheel's clock, is of recordings only.
+    """
+
+    time_ns: int | None = None
+    key: str
+    received_wall_ns: int | None
+    beside: TelemetryState | CourseState | None
+    message: (
+        Diagnosis | Status | Changepoints | SamplesMessage | Discrepancy | Evidence | AlarmRecord | Beat | Software
+        | dict[str, PulseOfWheel]
+    )  # fmt: skip
+
+
+class WheelNow(_Shown):
+    """One wheel as it is now: samples, thinned; changepoints of the open window; the wGLR; the latest report."""
+
+    samples: SamplesMessage | None
+    changepoints: list[Changepoints]
+    evidence: list[Evidence]
+    discrepancy: Discrepancy | None
+
+
+class RecordingFile(_Shown):
+    """One recording of the folder."""
+
+    name: str
+    size_bytes: int
+    changed_wall_ns: int
+
+
+class Replay(_Shown):
+    """A recording, samples thinned: what could not be read, and entries in the order of the file."""
+
+    problems: list[str]
+    entries: list[Entry]
+
+
+class Refusal(_Shown):
+    """Why there is no answer."""
+
+    error: str
+
+
+SHOWN: Final = (
+    Diagnosis, Status, Changepoints, SamplesMessage, Discrepancy, Health, Evidence, AlarmRecord, EstimateRecord,
+    TrendRecord, Acknowledgement, Entry, Beat, PulseOfWheel, Software, WheelNow, RecordingFile, Replay, Refusal,
+)  # fmt: skip
+
+
+def openapi() -> dict[str, Any]:
     """Return the OpenAPI 3.1 document."""
-    shown = (Diagnosis, Status, Changepoints, SamplesMessage, AlarmRecord, EstimateRecord, acknowledgement)
     _, definitions = models_json_schema(
-        [(model, "validation") for model in shown], ref_template="#/components/schemas/{model}"
+        [(model, "validation") for model in SHOWN], ref_template="#/components/schemas/{model}"
     )
-    wheel = [
-        {"name": name, "in": "path", "required": True, "schema": {"type": "string"}} for name in ("spacecraft", "wheel")
-    ]
-    limit = {"name": "limit", "in": "query", "schema": {"type": "integer", "minimum": 1, "maximum": 1000}}
-    entries = {"type": "array", "items": {"type": "object", "required": ["key", "received_wall_ns", "message"]}}
+    wheel = [_in_path("spacecraft"), _in_path("wheel")]
     path = "/api/wheels/{spacecraft}/{wheel}"
-    name = {"name": "name", "in": "path", "required": True, "schema": {"type": "string"}}
-    alarm = {"name": "alarm", "in": "path", "required": True, "schema": {"type": "integer"}}
-    change = _operation("Acknowledge an alarm", _reference(AlarmRecord), [alarm])
-    change["requestBody"] = {"required": True, "content": {"application/json": {"schema": _reference(acknowledgement)}}}
+    change = _operation("Acknowledge an alarm", _one(AlarmRecord), [_in_path("alarm", "integer")], refused=401)
+    change["requestBody"] = {"required": True, "content": {"application/json": {"schema": _one(Acknowledgement)}}}
     change["security"] = [{"token": []}]
+    feed = _operation("The same messages as they come, as a WebSocket of frames: arrays of entries", _list(Entry))
+    feed["responses"]["101"] = {"description": 'A page may send {"watch": "{spacecraft}/{wheel}"} for close-ups of it'}
+    windows, estimates = _limit(MAX_WINDOWS), _limit(MAX_ESTIMATES)
     return {
         "openapi": "3.1.0",
-        "info": {"title": "rwa-monitor dashboard", "version": RELEASE},
+        "info": {
+            "title": "rwa-monitor dashboard",
+            "version": RELEASE,
+            "description": "Reading needs no token, changing does. Times in ns; `wall` is this machine's clock.",
+        },
         "paths": {
-            "/api/fleet": {"get": _operation("Latest messages of every wheel", entries)},
-            path: {"get": _operation("Samples, thinned, and provisional changepoints", {"type": "object"}, wheel)},
-            f"{path}/windows": {"get": _operation("Diagnoses", _list(Diagnosis), [*wheel, limit])},
-            f"{path}/estimates": {"get": _operation("Estimates", _list(EstimateRecord), [*wheel, limit])},
+            "/api/fleet": {"get": _operation("Latest messages of every wheel, and all open alarms", _list(Entry))},
+            path: {"get": _operation("One wheel as it is now", _one(WheelNow), wheel, refused=404)},
+            f"{path}/windows": {"get": _operation("Diagnoses", _list(Diagnosis), [*wheel, windows])},
+            f"{path}/estimates": {"get": _operation("Estimates", _list(EstimateRecord), [*wheel, estimates])},
+            f"{path}/trend": {"get": _operation("Trends of the estimates", _list(TrendRecord), wheel)},
             "/api/alarms": {"get": _operation("Open alarms and the latest closed ones", _list(AlarmRecord))},
             "/api/alarms/{alarm}/acknowledge": {"post": change},
-            "/api/recordings": {"get": _operation("Recordings", {"type": "array", "items": {"type": "object"}})},
-            "/api/recordings/{name}": {"get": _operation("One recording, thinned", {"type": "object"}, [name])},
+            "/api/recordings": {"get": _operation("Recordings, the latest first", _list(RecordingFile))},
+            "/api/recordings/{name}": {"get": _operation("One recording, thinned", _one(Replay), [_in_path("name")])},
+            "/api/feed": {"get": feed},
         },
         "components": {
             "schemas": definitions.get("$defs", {}),
@@ -49,17 +161,36 @@ def openapi(acknowledgement: type[BaseModel]) -> dict[str, Any]:
     }
 
 
-def _reference(model: type[BaseModel]) -> dict[str, Any]:
+def _in_path(name: str, kind: str = "string") -> dict[str, Any]:
+    return {"name": name, "in": "path", "required": True, "schema": {"type": kind}}
+
+
+def _limit(most: int) -> dict[str, Any]:
+    return {
+        "name": "limit",
+        "in": "query",
+        "schema": {"type": "integer", "minimum": 1, "maximum": most, "default": 200},
+    }
+
+
+def _one(model: type[BaseModel]) -> dict[str, Any]:
     return {"$ref": f"#/components/schemas/{model.__name__}"}
 
 
 def _list(model: type[BaseModel]) -> dict[str, Any]:
-    return {"type": "array", "items": _reference(model)}
+    return {"type": "array", "items": _one(model)}
 
 
-def _operation(summary: str, schema: dict[str, Any], parameters: list[dict[str, Any]] | None = None) -> dict[str, Any]:
+def _operation(
+    summary: str, schema: dict[str, Any], parameters: list[dict[str, Any]] | None = None, refused: int = 422
+) -> dict[str, Any]:
+    refusal = {"application/json": {"schema": _one(Refusal)}}
     return {
         "summary": summary,
         "parameters": parameters or [],
-        "responses": {"200": {"description": summary, "content": {"application/json": {"schema": schema}}}},
+        "responses": {
+            "200": {"description": summary, "content": {"application/json": {"schema": schema}}},
+            str(refused): {"description": "Refused", "content": refusal},
+            "503": {"description": "The history cannot be used just now", "content": refusal},
+        },
     }

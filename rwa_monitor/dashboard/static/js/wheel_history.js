@@ -91,8 +91,14 @@ function limitsOf(records) {
 
 function trendText(trend, unit) {
   if (!trend) return "";
-  if (!trend.present) return `No trend in ${trend.windows} windows (p = ${number(trend.p_value)}).`;
-  const way = trend.slope_per_day > 0 ? "↑ grows" : "↓ falls";
-  const reach = trend.reach_s ? `; reaches ${quantity(trend.limit, unit)} in ${span(trend.reach_s.median)} (95 %: ${span(trend.reach_s.low)} to ${trend.reach_s.high === null ? "never" : span(trend.reach_s.high)})` : "";
-  return `${way} by ${quantity(Math.abs(trend.slope_per_day), unit)} a day ± ${quantity(trend.slope_std_per_day, unit)} (p = ${number(trend.p_value)}, ${trend.windows} windows)${reach}.`;
+  const test = `p = ${number(trend.p_value)}, ${trend.windows} windows`;
+  if (!trend.present) return `→ No trend (${test}).`;
+  const way = trend.slope_per_day > 0 ? "↑ Grows" : "↓ Falls";
+  return `${way} by ${quantity(Math.abs(trend.slope_per_day), unit)} ± ${quantity(trend.slope_std_per_day, unit)} a day (${test})${reachText(trend.reach, unit)}.`;
+}
+
+function reachText(reach, unit) {
+  if (!reach) return "";
+  const time = (s) => (s === null ? "never" : span(s));
+  return `; reaches ${quantity(reach.limit, unit)} (${reach.level}) in ${time(reach.median_s)}, 95 %: ${time(reach.low_s)} to ${time(reach.high_s)}`;
 }

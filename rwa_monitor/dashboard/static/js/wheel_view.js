@@ -26,7 +26,7 @@ export function wheelView(store, name, base) {
   async function backfill() {
     try {
       const path = `/api/wheels/${name}`;
-      const [windows, now, records] = await Promise.all([ask(`${path}/windows?limit=200`), ask(path), ask(`${path}/estimates?limit=20000`)]);
+      const [windows, now, records, trend] = await Promise.all([ask(`${path}/windows?limit=200`), ask(path), ask(`${path}/estimates?limit=20000`), ask(`${path}/trend`)]);
       if (closed) return;
       windows.forEach((one) => store.addDiagnosis(wheel, one));
       if (now.samples && wheel.t.length < now.samples.time_ns.length) {
@@ -37,6 +37,7 @@ export function wheelView(store, name, base) {
       now.evidence.forEach((one) => store.addCurve(wheel, one));
       wheel.discrepancy ??= now.discrepancy;
       past = records;
+      course = Object.fromEntries(trend.map((one) => [one.name, one]));
       drawn = "";
       notice.hidden = true;
       refresh();

@@ -1,0 +1,116 @@
+"""The API: what its OpenAPI document says is what it answers, and what the feed sends."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+import zenoh
+from jsonschema import Draft202012Validator
+from websockets.sync.client import connect
+
+from rwa_monitor.dashboard.server import DashboardOptions, serve
+from rwa_monitor.dashboard.trends import trends
+from rwa_monitor.history.alarms import Policy
+from rwa_monitor.history.store import History
+from rwa_monitor.messages import Changepoints, ProvisionalJump, samples_json
+from tests.dashboard.support import ask, reporting, send_windows, wait_until
+from tests.dashboard.test_recordings import RECORDING
+from tests.dashboard.test_telemetry import with_friction
+from tests.history.support import START_NS, diagnosis, discrepancy
+
+RIGHT = {"Authorization": "Bearer right"}
+pytestmark = pytest.mark.processes
+
+
+def check(document: dict[str, Any], schema: dict[str, Any], content: Any) -> None:
+    """Raise where content does not follow a schema of the document."""
+    Draft202012Validator({**schema, "components": document["components"]}).validate(content)
+
+
+def answer_schema(document: dict[str, Any], path: str, method: str = "get", status: str = "200") -> dict[str, Any]:
+    content = document["paths"][path][method]["responses"][status]["content"]
+    return dict(content["application/json"]["schema"])
+
+
+def test_answers_and_feed_follow_the_document(session: zenoh.Session, tmp_path: Path) -> None:
+    (tmp_path / RECORDING.name).write_bytes(RECORDING.read_bytes())
+    wheel = "/api/wheels/{spacecraft}/{wheel}"
+    with serve(DashboardOptions(0, tmp_path, token="right"), session) as running, reporting(session, "wheel_1"):
+        document = ask(running.address, "api/openapi.json")[1]
+        assert document["openapi"].startswith("3.1")
+        with connect(running.address.replace("http", "ws") + "api/feed", max_size=2**24) as feed:
+            feed.send(json.dumps({"watch": "sat/wheel_1"}))
+            seen: set[str] = set()
+            frames = answer_schema(document, "/api/feed")
+
+            def heard() -> bool:
+                entries = json.loads(feed.recv())
+                check(document, frames, entries)
+                seen.update(entry["key"].rpartition("/")[2] for entry in entries)
+                wanted = {"beat", "pulse", "software", "status", "samples", "diagnosis", "changepoints", "discrepancy"}
+                return wanted | {"alarm", "evidence"} <= seen
+
+            wait_until(lambda: not heard() and "status" in seen, "the status, which only goes to who watches the wheel")
+            session.put("rwa/sat/wheel_1/samples", samples_json(with_friction(4_000), "satellite", 0))
+            wait_until(lambda: not heard() and "evidence" in seen, "the wGLR of the open window")
+            send_windows(session, "wheel_1", failing=True)
+            jump = ProvisionalJump(index=1, time_ns=START_NS, jump_Nm=1e-4, std_Nm=1e-5, confidence=1.0)
+            found = Changepoints(spacecraft="sat", wheel="wheel_1", window_start_ns=START_NS, changepoints=[jump])
+            session.put("rwa/sat/wheel_1/changepoints", found.to_json())
+            session.put("rwa/sat/wheel_1/discrepancy", discrepancy(1).to_json())
+            wait_until(heard, "every kind of entry")
+        paths = {
+            "/api/fleet": "api/fleet",
+            wheel: "api/wheels/sat/wheel_1",
+            f"{wheel}/windows": "api/wheels/sat/wheel_1/windows?limit=2",
+            f"{wheel}/estimates": "api/wheels/sat/wheel_1/estimates",
+            f"{wheel}/trend": "api/wheels/sat/wheel_1/trend",
+            "/api/alarms": "api/alarms",
+            "/api/recordings": "api/recordings",
+            "/api/recordings/{name}": f"api/recordings/{RECORDING.name}",
+        }
+        gets = {path for path, methods in document["paths"].items() if "get" in methods}
+        assert gets == {*paths, "/api/feed"}
+        for path, asked in paths.items():
+            status, content = ask(running.address, asked)
+            assert status == 200, asked
+            assert content or path.endswith("/trend"), asked
+            check(document, answer_schema(document, path), content)
+        path = "/api/alarms/{alarm}/acknowledge"
+        status, content = ask(running.address, "api/alarms/1/acknowledge", headers=RIGHT, body=b'{"name":"Ann"}')
+        assert status == 200
+        check(document, answer_schema(document, path, "post"), content)
+        status, content = ask(running.address, "api/alarms/1/acknowledge", body=b'{"name":"Ann"}')
+        check(document, answer_schema(document, path, "post", "401"), json.loads(content))
+
+
+@pytest.mark.parametrize("limit", ["0", "1001", "-1", "x", "1e3", "9" * 50, "²"])
+def test_a_wrong_limit_is_refused(session: zenoh.Session, limit: str) -> None:
+    from urllib.parse import quote
+
+    with serve(DashboardOptions(0, None), session) as running:
+        assert ask(running.address, f"api/wheels/sat/wheel_1/windows?limit={quote(limit)}")[0] == 422
+
+
+def test_a_growing_estimate_has_a_trend_that_reaches_the_next_limit() -> None:
+    with History(None) as history:
+        for number in range(30):
+            window = diagnosis(number)
+            value = 5.3e-6 + number * 2e-9 + (number % 3 - 1) * 3e-9
+            friction = window.friction.viscous.model_copy(update={"value": value, "std": 5e-9})
+            anomaly = window.anomalies["viscous"].model_copy(update={"estimate": value})
+            parts = window.friction.model_copy(update={"viscous": friction})
+            history.add(window.model_copy(update={"friction": parts, "anomalies": {"viscous": anomaly}}))
+        (found,) = trends(history.estimates("sat", "wheel_1"), Policy())
+    per_day = 2e-9 / 2000 * 86_400
+    assert found.present
+    assert found.slope_per_day == pytest.approx(per_day, abs=3 * found.slope_std_per_day)
+    assert found.reach is not None
+    assert (found.reach.limit, found.reach.level) == (5.5e-6, "watch")
+    # (5.5e-6 - 5.358e-6) / 2e-9 windows of 2,000 s from the last one.
+    assert found.reach.low_s is not None
+    assert found.reach.high_s is not None
+    assert found.reach.low_s < 71 * 2000 < found.reach.high_s
