@@ -7,6 +7,8 @@ from dataclasses import asdict
 
 import click
 
+from rwa_monitor.cli.exit_codes import FAILED
+
 SEED = 20260126  # of the simulated check: the same wishes give the same figures
 
 
@@ -33,28 +35,44 @@ SEED = 20260126  # of the simulated check: the same wishes give the same figures
     help="Possible error of the nominal viscous coefficient, normalised.",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
+@click.pass_context
 def command(
-    missed: float, run_length: float, jump: float, acceleration: float, slope_error: float, as_json: bool
+    ctx: click.Context,
+    missed: float,
+    run_length: float,
+    jump: float,
+    acceleration: float,
+    slope_error: float,
+    as_json: bool,
 ) -> None:
     """Choose the smallest detection window that keeps both wanted rates, and check it by simulation.
 
     In closed form for white noise and a steady acceleration; colour and tails are measured by the monitor itself, which
-    scales its statistic accordingly.
+    scales its statistic accordingly. The check draws rare events where they happen, so that it has figures also for
+    rates that nobody could wait for; exit code 1 where it contradicts a wanted rate.
     """
     import numpy as np
 
     from rwa_monitor.diagnosis.tuning import check, tune
 
     tuning = tune(missed, run_length, jump, acceleration=acceleration, slope_error=slope_error)
-    counted = check(tuning, jump, acceleration, np.random.default_rng(SEED))
+    counted = check(tuning, jump, acceleration, np.random.default_rng(SEED), slope_error=slope_error)
+    kept = counted.keeps(missed, run_length)
     if as_json:
-        click.echo(json.dumps({**asdict(tuning), "check": asdict(counted)}))
-        return
+        click.echo(json.dumps({**asdict(tuning), "check": {**asdict(counted), "kept": kept}}))
+        ctx.exit(0 if kept else FAILED)
+    between, alarms = counted.run_length, counted.alarm_run_length
     click.echo(f"half window w   {tuning.half_width} slots on each side")
     click.echo(f"threshold       {tuning.threshold:.2f} (GLR/σ²)")
     click.echo(f"prior weight    W_b = {tuning.prior_weight:.2g} (normalised, σ = 0.024)")
     click.echo(f"information     λ = {tuning.information:.1f}")
     click.echo(f"predicted       missed {tuning.missed:.3g}, run length {tuning.run_length:.3g} samples")
     click.echo(
-        f"simulated       missed {counted.missed:.3g}, {counted.false_alarms} false alarms in {counted.samples} samples"
+        f"simulated       missed {counted.missed.value:.3g} ({counted.missed.low:.3g} to {counted.missed.high:.3g}), "
+        f"run length {between.value:.3g} ({between.low:.3g} to {between.high:.3g}) samples, "
+        f"{alarms.value:.3g} ({alarms.low:.3g} to {alarms.high:.3g}) between alarms; {counted.trials} windows each"
     )
+    click.echo(
+        f"wanted          {'kept' if kept else 'NOT kept'}: missed {missed:.3g}, run length {run_length:.3g} samples"
+    )
+    ctx.exit(0 if kept else FAILED)

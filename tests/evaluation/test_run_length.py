@@ -23,7 +23,7 @@ def test_one_acceleration_explains_both_of_the_paper_s_figures() -> None:
 
 
 def test_curves_rise_with_window_weight_and_jump() -> None:
-    curves = run_lengths()
+    curves = run_lengths(7)
     for lengths in (*curves.by_weight.values(), *curves.by_jump.values()):
         assert (np.diff(lengths) >= -1e-9 * lengths[1:]).all()
     for acceleration in curves.accelerations:
@@ -35,3 +35,11 @@ def test_curves_rise_with_window_weight_and_jump() -> None:
 def test_the_curves_are_functions_of_weight_over_acceleration_squared() -> None:
     # λ holds S_xz²/(S_xx + W_b), both S of order a²: ten times the acceleration is a hundredth of the weight.
     assert run_length(20, 1e-6, 1e-4) == pytest.approx(run_length(20, 1e-8, 1e-5), rel=1e-9)
+
+
+def test_the_simulation_agrees_with_the_closed_form() -> None:
+    curves = run_lengths(7)
+    fitted = acceleration_of_the_paper()
+    for weight, found in curves.simulated.items():
+        assert found.keeps(1e-3, run_length(20, weight, fitted))
+        assert found.alarm_run_length.value > found.run_length.value

@@ -153,7 +153,7 @@ def run(size: Size, workers: int = 2, progress: Progress = _untracked) -> PaperB
         hard=measure(outcomes, HARD, "paper", wheel, size.seed, size.splits),
         examined=examined,
         bins=sweep(outcomes, "paper", size.seed, size.splits),
-        run_lengths=run_lengths(),
+        run_lengths=run_lengths(size.seed),
         detected={recipe: tuple(compare(windows, peers)) for recipe, windows in compared.items()},
         second_source={recipe: add_second_source(windows, peers[0]) for recipe, windows in compared.items()}
         if peers and peers[0].name == FPOP

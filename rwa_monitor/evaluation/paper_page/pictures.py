@@ -18,7 +18,7 @@ from rwa_monitor.evaluation.paper_page.examine import ERROR_BINS, ERROR_STEP, OR
 from rwa_monitor.evaluation.paper_page.run_length import PAPER_WEIGHTS, RunLengths
 from rwa_monitor.samples import FloatArray
 
-COLOURS: Final = {"paper": "#d55e00", "joint": "#0072b2", ORACLE: "#009e73"}  # Okabe and Ito
+COLOURS: Final = {"paper": "#d55e00", ORACLE: "#009e73", "joint": "#0072b2"}  # Okabe and Ito
 LINES: Final = ("-", "--", ":", "-.")
 WANTED_RUN: Final = 1e6  # samples, the paper's aim for windows of 80,000
 PAPER_SIGMA: Final = 0.024  # of the noise, normalised
@@ -74,8 +74,9 @@ def draw_excess_rmse(found: PaperBenchmark) -> Figure:
     left.set(xlabel="excess RMSE, one dry coefficient", ylabel="windows")
     values = {who: 1e3 * np.array([one.fitted[who].excess_rmse for one in found.examined]) for who in COLOURS}
     edges = np.histogram_bin_edges(np.clip(np.concatenate(list(values.values())), -1.0, 3.0), bins=40)
-    for who, value in values.items():
-        right.hist(np.clip(value, -1.0, 3.0), edges.tolist(), histtype="step", color=COLOURS[who], label=who)
+    for (who, value), line in zip(values.items(), LINES, strict=False):
+        clipped = np.clip(value, -1.0, 3.0)
+        right.hist(clipped, edges.tolist(), histtype="step", color=COLOURS[who], linestyle=line, label=who)
     right.set(xlabel="1000 × excess RMSE with changepoints (3: more)", yscale="log")
     right.legend(fontsize=7)
     return figure

@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 from scipy import optimize, stats
 
-from rwa_monitor.diagnosis.tuning import information
+from rwa_monitor.diagnosis.tuning import Tuning, TuningCheck, check, information
 from rwa_monitor.samples import FloatArray
 
 MISSED: Final = 1e-3  # the paper's missed detection rate
@@ -46,8 +46,33 @@ def run_length(
     At a jump GLR/σ² is non-central χ² with λ of `tuning.information`, elsewhere central; the ARL is one over the
     probability that a sample exceeds the threshold.
     """
-    threshold = stats.ncx2.ppf(missed, 1, information(jump_sigmas, half_width, acceleration, weight))
+    threshold = _threshold(half_width, weight, acceleration, jump_sigmas, missed)
     return float(1.0 / max(stats.chi2.sf(threshold, 1), 1.0 / LONGEST_RUN))
+
+
+def _threshold(half_width: int, weight: float, acceleration: float, jump_sigmas: float, missed: float) -> float:
+    return float(stats.ncx2.ppf(missed, 1, information(jump_sigmas, half_width, acceleration, weight)))
+
+
+def simulate_run_length(weight: float, acceleration: float, seed: int, half_width: int = PAPER_WINDOW) -> TuningCheck:
+    """Measure run length and misses by simulation, for a jump of 3σ and the threshold of `run_length`.
+
+    Parameters
+    ----------
+    weight, acceleration, half_width
+        As for `run_length`; the slope's prior is right.
+    seed
+        Of the noise.
+    """
+    tuning = Tuning(
+        half_width=half_width,
+        threshold=_threshold(half_width, weight, acceleration, JUMP_SIGMAS, MISSED),
+        prior_weight=weight,
+        information=information(JUMP_SIGMAS, half_width, acceleration, weight),
+        missed=MISSED,
+        run_length=run_length(half_width, weight, acceleration),
+    )
+    return check(tuning, JUMP_SIGMAS, acceleration, np.random.default_rng(seed), slope_error=0.0)
 
 
 def acceleration_of_the_paper() -> float:
@@ -75,19 +100,22 @@ class RunLengths:
         (acceleration, W_b) → ARL over w, float64 (n,), for a jump of 3σ.
     by_jump
         Δf/σ → ARL over w, float64 (n,), with W_b = 1e-4 and the acceleration of the paper's figures.
+    simulated
+        W_b → the same by simulation, at w = 20 and the acceleration of the paper's figures.
     """
 
     half_widths: tuple[int, ...]
     accelerations: tuple[float, ...]
     by_weight: dict[tuple[float, float], FloatArray]
     by_jump: dict[float, FloatArray]
+    simulated: dict[float, TuningCheck]
 
 
-def run_lengths() -> RunLengths:
-    """Compute all curves."""
+def run_lengths(seed: int) -> RunLengths:
+    """Compute all curves; `seed` is that of the simulated check."""
     widths = tuple(range(2, 81, 2))
     fitted = acceleration_of_the_paper()
-    accelerations = (0.0, fitted, 10.0 * fitted, 1e3 * fitted)
+    accelerations = (0.0, fitted, 4.0 * fitted, 30.0 * fitted)
     return RunLengths(
         widths,
         accelerations,
@@ -97,4 +125,5 @@ def run_lengths() -> RunLengths:
             for weight in PAPER_WEIGHTS
         },
         {jump: np.array([run_length(w, 1e-4, fitted, jump) for w in widths]) for jump in (1.0, 2.0, 3.0, 5.0)},
+        {weight: simulate_run_length(weight, fitted, seed) for weight in PAPER_WEIGHTS},
     )
