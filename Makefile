@@ -109,6 +109,10 @@ docs: $(VENV)/.installed-dev ## writes the generated pages and pictures of docs/
 model: $(VENV)/.installed-dev ## trains the built-in model anew (about two minutes); the same bytes on the same machine
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m rwa_monitor.evaluation.built_in -o rwa_monitor/diagnosis/built_in_model.json
 
+.PHONY: nulls
+nulls: $(VENV)/.installed-dev ## makes the table that p-values are taken from anew (NULLS_ARGS="--workers 4"; half an hour)
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m rwa_monitor.evaluation.nulls -o rwa_monitor/discrepancy/nulls.json $(NULLS_ARGS)
+
 .PHONY: accuracy
 accuracy: $(VENV)/.installed-dev ## the accuracy benchmark; writes docs/benchmark.md (ACCURACY_ARGS="--windows 1000")
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python benchmarks/accuracy.py $(ACCURACY_ARGS)

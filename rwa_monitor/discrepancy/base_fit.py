@@ -182,6 +182,10 @@ def make_problem(records: Sequence[Record], wheel: Wheel) -> Problem:
     if any(record.friction_is_derived for record in records):
         taps = torque_balance.derivative_taps(wheel.friction.derivative, wheel.sample_period_s)
         problem = replace(problem, derivative_taps=taps)
+    # In a short record the slope alone, as fast as the motion, would pass for coloured noise, and hide every jump.
+    free = np.full(1, np.inf)
+    slope = robust_coefficients(problem, speed[:, None], -free, free)[0]
+    problem = with_noise_of(problem, z - slope * speed)
     problem = _with_noise_of_rest(problem)
     problem = _clip(problem)
     return _with_noise_of_rest(problem)

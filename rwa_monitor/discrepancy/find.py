@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import stats
 
 from rwa_monitor.discrepancy.angle_drift import with_angle_drift
 from rwa_monitor.discrepancy.base_fit import Problem, fit, make_problem, with_noise_of
@@ -15,6 +14,7 @@ from rwa_monitor.discrepancy.gain import HeldOut, held_out, holds_out
 from rwa_monitor.discrepancy.jump_terms import JUMP_TERMS
 from rwa_monitor.discrepancy.mapper import Mapper, in_turn
 from rwa_monitor.discrepancy.noise_effects import noise_effects
+from rwa_monitor.discrepancy.nulls import built_in_nulls
 from rwa_monitor.discrepancy.record import Record, make_record
 from rwa_monitor.discrepancy.result import (
     DiscrepancyResult,
@@ -26,16 +26,15 @@ from rwa_monitor.discrepancy.result import (
 )
 from rwa_monitor.discrepancy.search import Found, Model, Progress, SearchResult, coefficient_covariance, search
 from rwa_monitor.discrepancy.switching_effects import switching_effects
-from rwa_monitor.discrepancy.unexplained import judge_leftover
+from rwa_monitor.discrepancy.unexplained import judge_leftover, wandering
 from rwa_monitor.physics.effects.catalogue import CATALOGUE, MEAN_EFFECTS, mean_effects, to_block
 from rwa_monitor.physics.effects.removal import effect_torque
 from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import Samples
 
-# Number of independent tests that the best of all candidates is worth: an upper bound. On records that hide nothing its
-# median gain is not above 0 (`python -m benchmarks.blind_nulls`), which 200 tests would show.
-EFFECTIVE_TESTS = 200.0
 CALMER = 0.9  # of the long-run variance: from there on a second search with the extended model's noise is worth it
+# All that has columns: mean effects, and effects of jumps that are torques too; some with columns of their own here.
+CANDIDATES = tuple({**MEAN_EFFECTS, **{term.name: term for term in (DelayTerm, *JUMP_TERMS)}}.values())
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,11 +83,9 @@ def find_discrepancy(
         If a recording cannot be used: no friction, too few samples in motion, wrong units.
     """
     records = [without_known_effects(make_record(samples, wheel, name), wheel) for name, samples in recordings]
-    problem = replace(make_problem(records, wheel), each=each)
-    problem = with_angle_drift(problem, fit(problem, np.zeros((problem.size, 0))))
+    problem = replace(prepare(records, wheel), each=each)
     known = {block.name for block in wheel.effect}
-    terms = {**MEAN_EFFECTS, **{term.name: term for term in (DelayTerm, *JUMP_TERMS)}}
-    candidates = [effect for effect in terms.values() if effect.name not in known]
+    candidates = [effect for effect in CANDIDATES if effect.name not in known]
     found = search(problem, candidates, holds_out, progress)
     if found.found:
         # What the effect did to the base model's residual passed for coloured noise; without it the eye is sharper.
@@ -100,10 +97,13 @@ def find_discrepancy(
     found, leftover, complete = judge_leftover(problem, found)
     progress("noise and jumps")
     others = noise_effects(problem, complete, explained=leftover is None)
-    if leftover is None:
+    wanders = wandering(problem, complete)
+    if leftover is None and wanders is None:
         others += switching_effects(problem, complete, wheel)
-    elif any(effect.name == "tachometer_quantisation" for effect in others):
+    if any(effect.name == "tachometer_quantisation" for effect in others):
         leftover = None  # rounding errors follow the acceleration: they are named already
+    if not {effect.name for effect in others} & {"tachometer_quantisation", "cage_instability"}:
+        leftover = leftover or wanders
     progress("gain on held-out blocks")
     scores = tuple(held_out(problem, model) for model in found.ladder)
     mean = tuple(_describe(problem, found.ladder[-1], entry) for entry in found.found)
@@ -113,6 +113,18 @@ def find_discrepancy(
         verdict = "untestable"
     result = DiscrepancyResult(verdict, effects, leftover, found.untestable, _gain(problem, found, scores))
     return Search(wheel, problem, found, scores, result)
+
+
+def prepare(records: Sequence[Record], wheel: Wheel) -> Problem:
+    """Join records to the problem that is searched.
+
+    Raises
+    ------
+    InputError
+        If too few samples are in motion.
+    """
+    problem = make_problem(records, wheel)
+    return with_angle_drift(problem, fit(problem, np.zeros((problem.size, 0))))
 
 
 def without_known_effects(record: Record, wheel: Wheel) -> Record:
@@ -138,16 +150,6 @@ def extended_wheel(search: Search) -> Wheel:
     return search.wheel.model_copy(update={"effect": (*search.wheel.effect, *blocks)})
 
 
-def p_value(gain: float, parameters: int, log_size: float) -> float:
-    """Return the probability that the best of all candidates gains as much on a record without any effect.
-
-    The gain is penalised by log N per parameter; unpenalised it is χ² with as many degrees of freedom, and the best
-    of m independent candidates exceeds it with probability 1 - (1 - p)^m.
-    """
-    single = float(stats.chi2.sf(gain + parameters * log_size, parameters))
-    return float(-np.expm1(EFFECTIVE_TESTS * np.log1p(-min(single, 1 - 1e-16))))
-
-
 def _describe(problem: Problem, model: Model, found: Found) -> FoundEffect:
     index = model.names.index(found.name)
     term = model.terms[index]
@@ -167,7 +169,7 @@ def _describe(problem: Problem, model: Model, found: Found) -> FoundEffect:
         found.equivalent,
         term.effect.separate_by,
         parameters,
-        p_value(found.gain, term.parameters, problem.log_size),
+        built_in_nulls().p_value("mean", found.gain, problem.log_size),
         found.gain,
     )
 

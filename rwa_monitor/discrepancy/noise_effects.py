@@ -10,6 +10,7 @@ import numpy as np
 from scipy import optimize, stats
 
 from rwa_monitor.discrepancy.base_fit import Problem
+from rwa_monitor.discrepancy.nulls import built_in_nulls
 from rwa_monitor.discrepancy.result import FoundEffect, ParameterValue
 from rwa_monitor.discrepancy.search import ACCEPT_GAIN, Model
 from rwa_monitor.physics.effects.base import Channels, Effect
@@ -18,7 +19,6 @@ from rwa_monitor.physics.effects.likelihood import LikelihoodFit
 from rwa_monitor.physics.effects.speed_dependent_noise import spread_factor
 from rwa_monitor.samples import BoolArray, FloatArray
 
-TESTS: Final = 10.0  # noise and switching effects in the catalogue
 OUTLIER_AT: Final = 7.0  # standard deviations
 FEW_OUTLIERS: Final = 12
 QUANTISED: Final = "tachometer_quantisation"
@@ -51,7 +51,8 @@ def noise_effects(problem: Problem, model: Model, *, explained: bool = True) -> 
     measured = views
     if any(_is_quantised(problem, index, view) for index, view in enumerate(views)):
         # Rounding errors are not Gaussian and follow the speed: beside them no other noise can be judged.
-        return accepted({QUANTISED: [CATALOGUE[QUANTISED].fit(v.residual, v.channels, v.good) for v in views]})  # type: ignore[attr-defined]
+        quantised = [_fit_noise(problem, index, view, QUANTISED) for index, view in enumerate(views)]
+        return accepted(problem, {QUANTISED: quantised})
     found: list[FoundEffect] = []
     wall = ACCEPT_GAIN
     left = [name for name in NOISE_EFFECTS if name != QUANTISED and (explained or name != CAGE)]
@@ -64,10 +65,11 @@ def noise_effects(problem: Problem, model: Model, *, explained: bool = True) -> 
         if gains[name] < wall:
             break
         if name == SPEED and CAGE in gains and _comes_in_bursts(measured, fits[name]):
-            found += [replace(effect, equivalent=(SPEED,)) for effect in accepted({CAGE: _as_bursts(fits[name])})]
+            bursts = accepted(problem, {CAGE: _as_bursts(fits[name])})
+            found += [replace(effect, equivalent=(SPEED,)) for effect in bursts]
             left.remove(CAGE)
         else:
-            found += accepted({name: fits[name]})
+            found += accepted(problem, {name: fits[name]})
         wall = max(wall, LATER_SHARE * gains[name])
         views = [_without(view, name, fit) for view, fit in zip(views, fits[name], strict=True)]
         left = [other for other in left if other != name and not (name == CAGE and other == HEAVY)]
@@ -246,6 +248,13 @@ def coloured_beyond_filter(residual: FloatArray, good: BoolArray, taps: FloatArr
     )
 
 
+def largest_noise_gain(problem: Problem, model: Model) -> float:
+    """Return the largest penalised gain of all noise effects on the residual of a model, whether accepted or not."""
+    views = [_view(problem, model, index) for index in range(len(problem.records))]
+    names = [name for name in NOISE_EFFECTS if name != QUANTISED or problem.records[0].friction_is_derived]
+    return max(sum(_fit_noise(problem, i, view, name).penalised_gain for i, view in enumerate(views)) for name in names)
+
+
 def residual_on_slots(
     problem: Problem, model: Model, index: int, keep_jumps: bool = False
 ) -> tuple[FloatArray, BoolArray]:
@@ -268,7 +277,7 @@ def residual_on_slots(
     return residual, good
 
 
-def accepted(fits: dict[str, list[LikelihoodFit]]) -> list[FoundEffect]:
+def accepted(problem: Problem, fits: dict[str, list[LikelihoodFit]]) -> list[FoundEffect]:
     """Return the effects whose gain over all records is worth a name, strongest first."""
     found = []
     for name, of_records in fits.items():
@@ -277,11 +286,11 @@ def accepted(fits: dict[str, list[LikelihoodFit]]) -> list[FoundEffect]:
             continue
         effect = CATALOGUE[name]
         best = max(of_records, key=lambda fit: fit.penalised_gain)
-        found.append(_describe(effect, best, gain))
+        found.append(_describe(effect, best, gain, problem.log_size))
     return sorted(found, key=lambda entry: -entry.delta_deviance)
 
 
-def _describe(effect: type[Effect], fit: LikelihoodFit, gain: float) -> FoundEffect:
+def _describe(effect: type[Effect], fit: LikelihoodFit, gain: float, log_size: float) -> FoundEffect:
     parameters = {
         parameter.name: ParameterValue(
             float(fit.values[parameter.name]),
@@ -290,8 +299,5 @@ def _describe(effect: type[Effect], fit: LikelihoodFit, gain: float) -> FoundEff
         )
         for parameter in effect.parameters
     }
-    deviance = gain + fit.parameters * float(np.log(max(fit.samples, 1)))
-    p_value = float(
-        -np.expm1(TESTS * np.log1p(-min(float(stats.chi2.sf(deviance, max(fit.parameters, 1))), 1 - 1e-16)))
-    )
+    p_value = built_in_nulls().p_value(effect.family, gain, log_size)
     return FoundEffect(effect.name, effect.family, (), effect.separate_by, parameters, p_value, gain)

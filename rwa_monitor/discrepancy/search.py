@@ -22,6 +22,7 @@ from rwa_monitor.discrepancy.base_fit import (
     segment_starts,
     strong_jumps,
 )
+from rwa_monitor.discrepancy.coloured import coloured_gain, is_coloured
 from rwa_monitor.discrepancy.terms import (
     EXPLAINED_AWAY,
     FEW_CHOICES,
@@ -97,14 +98,15 @@ class SearchResult:
         The effects of the last model, strongest first.
     untestable
         Effects that this data cannot test, with what is missing.
-    best_rejected
-        Gain of the best candidate that was not accepted (for the p-value of an adequate model).
+    best_rejected, rejected
+        Gain of the best candidate that was not accepted, and its name; -inf and "" where none came near.
     """
 
     ladder: tuple[Model, ...]
     found: tuple[Found, ...]
     untestable: tuple[tuple[str, str], ...]
     best_rejected: float
+    rejected: str
 
 
 def search(
@@ -136,7 +138,7 @@ def search(
     if begin_with is not None:
         for count in range(1, len(begin_with.terms) + 1):
             ladder.append(refit(problem, begin_with.terms[:count], [begin_with.fit.jumps, ladder[-1].fit.jumps]))
-    best_rejected = 0.0
+    best_rejected, rejected = -np.inf, ""
     while len(ladder[-1].terms) < MAX_EFFECTS:
         current = ladder[-1]
         rivals = extensions(problem, current, testable, progress)
@@ -144,14 +146,23 @@ def search(
             break
         best = rivals[0]
         gain = current.fit.criterion - best.fit.criterion
+        if gain < ACCEPT_GAIN and is_coloured(problem):
+            gains = [coloured_gain(problem, current, rival) for rival in rivals]
+            best, gain = rivals[int(np.argmax(gains))], max(gains)
         if gain < ACCEPT_GAIN or not holds_out(problem, current, best):
-            best_rejected = max(best_rejected, gain)
+            best_rejected, rejected = gain, best.names[-1]
             break
         ladder.append(_swap(problem, best, testable, progress))
     final = _prune(problem, ladder[-1])
     ladder = [*(model for model in ladder if len(model.terms) < len(final.terms)), final]
     found = _found(problem, final, testable, progress)
-    return SearchResult(tuple(ladder), found, tuple(untestable), best_rejected)
+    return SearchResult(tuple(ladder), found, tuple(untestable), best_rejected, rejected)
+
+
+def _worth(problem: Problem, simpler: Model, richer: Model) -> float:
+    """Return by how much the criterion falls from one model to the other, by whichever look sees more."""
+    gain = simpler.fit.criterion - richer.fit.criterion
+    return max(gain, coloured_gain(problem, simpler, richer)) if is_coloured(problem) else gain
 
 
 def sort_out(
@@ -312,10 +323,10 @@ def _prune(problem: Problem, model: Model) -> Model:
     """Leave out effects that later ones have made superfluous."""
     while model.terms:
         reduced = [_without(problem, model, i) for i in range(len(model.terms))]
-        weakest = min(reduced, key=lambda m: m.fit.criterion)
-        if weakest.fit.criterion - model.fit.criterion >= ACCEPT_GAIN:
+        losses = [_worth(problem, simpler, model) for simpler in reduced]
+        if min(losses) >= ACCEPT_GAIN:
             return model
-        model = weakest
+        model = reduced[int(np.argmin(losses))]
     return model
 
 
@@ -325,12 +336,15 @@ def _found(
     """Rank the accepted effects and find what could stand in their place."""
     found = []
     for index, term in enumerate(model.terms):
-        gain = _without(problem, model, index).fit.criterion - model.fit.criterion
+        simpler = _without(problem, model, index)
+        gain = _worth(problem, simpler, model)
+        by_colour = gain > simpler.fit.criterion - model.fit.criterion  # what saw it says what is as good
         rivals = replacements(problem, model, index, effects, progress)
         equivalent = tuple(
             rival.terms[-1].effect.name
             for rival in rivals
-            if rival.fit.criterion - model.fit.criterion < EQUIVALENT_WITHIN
+            if (coloured_gain(problem, rival, model) if by_colour else rival.fit.criterion - model.fit.criterion)
+            < EQUIVALENT_WITHIN
         )
         found.append(Found(term.effect.name, gain, equivalent))
     return tuple(sorted(found, key=lambda entry: -entry.gain))

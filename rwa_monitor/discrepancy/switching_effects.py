@@ -62,15 +62,25 @@ class _Story:
 
 def switching_effects(problem: Problem, model: Model, wheel: Wheel) -> list[FoundEffect]:
     """Return the switching effect that the jumps show best; those as good in its place are its equivalents."""
-    fits: dict[str, list[LikelihoodFit]] = {}
-    for index in range(len(problem.records)):
-        for name, fitted in _fit_record(problem, model, wheel, index).items():
-            fits.setdefault(name, []).append(fitted)
-    found = accepted(fits)
+    found = accepted(problem, _fits(problem, model, wheel))
     if not found:
         return []
     near = found[0].delta_deviance - EQUIVALENT_WITHIN
     return [replace(found[0], equivalent=tuple(effect.name for effect in found[1:] if effect.delta_deviance > near))]
+
+
+def largest_switching_gain(problem: Problem, model: Model, wheel: Wheel) -> float:
+    """Return the largest penalised gain of all switching effects on the jumps of a model, whether accepted or not."""
+    return max(sum(fit.penalised_gain for fit in of) for of in _fits(problem, model, wheel).values())
+
+
+def _fits(problem: Problem, model: Model, wheel: Wheel) -> dict[str, list[LikelihoodFit]]:
+    """Fit each switching effect to each record."""
+    fits: dict[str, list[LikelihoodFit]] = {}
+    for index in range(len(problem.records)):
+        for name, fitted in _fit_record(problem, model, wheel, index).items():
+            fits.setdefault(name, []).append(fitted)
+    return fits
 
 
 def _fit_record(problem: Problem, model: Model, wheel: Wheel, index: int) -> dict[str, LikelihoodFit]:

@@ -13,7 +13,7 @@ from typing import ClassVar, Final
 
 import numpy as np
 
-from rwa_monitor.discrepancy.base_fit import Problem, jump_sets, strong_jumps
+from rwa_monitor.discrepancy.base_fit import Problem, jump_sets, strong_jumps, strong_level
 from rwa_monitor.discrepancy.gain import holds_out
 from rwa_monitor.discrepancy.result import Unexplained
 from rwa_monitor.discrepancy.search import ACCEPT_GAIN, Model, SearchResult, refit
@@ -21,6 +21,10 @@ from rwa_monitor.discrepancy.terms import Term, make_background, make_term
 from rwa_monitor.physics.effects.base import Channels, MeanEffect, Memory, Parameter
 from rwa_monitor.samples import FloatArray, IntArray
 
+FEWEST_STEPS: Final = 6  # of the level: a jump or two too many is chance
+STEPS_TO_JUMPS: Final = 2.0  # so many more small steps than jumps
+LASTING_LAGS: Final = range(64, 129, 4)  # slots: noise of the catalogue has forgotten itself to 4 %
+LASTING_SHARE: Final = 0.2  # of the residual's variance
 KNOTS: Final = 14  # of a free curve: a feature as wide as a tenth of the range is not missed
 MOST_STEPS: Final = 60  # speeds at which a step is tried
 AT_STEP: Final = 8  # slots: a jump so near to a crossing of the step's speed may be that crossing
@@ -189,6 +193,37 @@ def judge_leftover(problem: Problem, found: SearchResult) -> tuple[SearchResult,
         unexplained,
         best,
     )
+
+
+def wandering(problem: Problem, model: Model) -> Unexplained | None:
+    """Return the slow drag that small steps of the level follow, or the noise would have to be: neither is a cause.
+
+    A switching system jumps, it does not creep: steps that are worth many times their price are jumps, and where most
+    are not, the level wanders. And noise forgets: that of the catalogue (autocorrelation up to 0.95 from slot to slot)
+    within some sixty slots. What lasts longer is drag, and no effect says why.
+    """
+    strong = strong_jumps(problem, model.fit).size
+    weak = model.fit.jumps.size - strong
+    creeping = model.fit.level - strong_level(problem, model.fit.level)
+    steps = weak >= FEWEST_STEPS and weak >= STEPS_TO_JUMPS * strong
+    lasting = _lasting_variance(problem, model.fit.residual)
+    persists = lasting > LASTING_SHARE * float(np.var(model.fit.residual))
+    if not steps and not persists:
+        return None
+    size = float(np.sqrt(np.var(creeping) * steps + lasting * persists))
+    return Unexplained("a drag that wanders with time", size)
+
+
+def _lasting_variance(problem: Problem, residual: FloatArray) -> float:
+    """Return the mean autocovariance of a residual over LASTING_LAGS, within records, where it is positive [N² m²]."""
+    products, pairs = 0.0, 0
+    for begin, end in zip(problem.starts[:-1], problem.starts[1:], strict=True):
+        piece = residual[begin:end] - residual[begin:end].mean() if end > begin else residual[begin:end]
+        for lag in LASTING_LAGS:
+            if piece.size > lag:
+                products += float(piece[lag:] @ piece[:-lag])
+                pairs += piece.size - lag
+    return max(products / max(pairs, 1), 0.0)
 
 
 def _free_terms(problem: Problem, model: Model) -> list[Term]:

@@ -1,0 +1,125 @@
+"""p-values from a table of nulls: what the best of all candidates gains on records that lack nothing.
+
+Each family (mean effects with the jump terms, noise effects, switching effects) has the largest gain over all its
+candidates on simulated records without any effect, so that a p-value counts the whole search and not the one test that
+won. `make nulls` makes the table; `evaluation/nulls.py` says of what records.
+
+A gain is a deviance less log N for each parameter. With one log N put back the law of the largest gain hardly changes
+with N; what change there is, is interpolated in log N. As far as the simulated gains go the table is counted. Beyond
+the largest an exponential goes on, with the mean excess of the upper tenth: the law of the largest of many χ² (a Gumbel
+tail; Knijnenburg, Wessels, Reinders, Shmulevich, Bioinformatics 25, 2009, on p-values below one in so many
+permutations). It is trusted for two decades and no further: a p-value is never smaller.
+"""
+
+from __future__ import annotations
+
+import json
+import pkgutil
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from typing import Final
+
+import numpy as np
+
+from rwa_monitor.errors import InputError
+from rwa_monitor.physics.effects.base import Family
+from rwa_monitor.samples import FloatArray
+
+TABLE_FILE: Final = "nulls.json"
+TAIL: Final = 0.1  # share of the nulls from which on the exponential stands in
+BEYOND: Final = 100.0  # times rarer than one of all simulated records: as far as the tail is trusted
+CHI_SQUARE_TAIL: Final = 2.0  # mean excess of a χ² far out: no law of gains falls faster
+FAMILIES: Final = 3  # that are searched one after the other: any may give a false name
+
+
+@dataclass(frozen=True, slots=True)
+class Nulls:
+    """Largest gains of a family on null records of one length.
+
+    Attributes
+    ----------
+    log_size
+        Mean log N of the records.
+    statistics
+        float64 (n,), ascending: largest penalised gain plus log N; below every real one where no candidate was worth a
+        full fit.
+    """
+
+    log_size: float
+    statistics: FloatArray
+
+    @property
+    def floor(self) -> float:
+        """Return the smallest p-value that these records can support."""
+        return 1.0 / (BEYOND * (self.statistics.size + 1))
+
+    @property
+    def scale(self) -> float:
+        """Return the mean of the exponential that the upper tenth of the nulls follows, from its median."""
+        inside = int(self.statistics.size * TAIL)
+        excess = self.statistics[-inside:] - self.statistics[-inside - 1]
+        return max(float(np.median(excess)) / float(np.log(2)), CHI_SQUARE_TAIL)
+
+    def p_value(self, statistic: float) -> float:
+        """Return the share of nulls that reach a statistic, the observed one counted in; extrapolated beyond them."""
+        n = self.statistics.size
+        reached = n - int(np.searchsorted(self.statistics, statistic, side="left"))
+        if reached:
+            return (1 + reached) / (n + 1)
+        beyond = statistic - float(self.statistics[-1])
+        return max(2 / (n + 1) * float(np.exp(-beyond / self.scale)), self.floor)
+
+
+@dataclass(frozen=True, slots=True)
+class NullTable:
+    """Nulls by family, at increasing lengths."""
+
+    families: Mapping[Family, tuple[Nulls, ...]]
+
+    def p_value(self, family: Family, gain: float, log_size: float) -> float:
+        """Return the probability of as large a gain, over all candidates of all families, where nothing is missing.
+
+        Parameters
+        ----------
+        family
+            Of the effect named.
+        gain
+            Deviance less log N for each parameter.
+        log_size
+            log N of the record; beyond the lengths of the table those at its end count.
+        """
+        of_family = self.families[family]
+        sizes = [nulls.log_size for nulls in of_family]
+        logs = [np.log(nulls.p_value(gain + log_size)) for nulls in of_family]
+        single = float(np.exp(np.interp(log_size, sizes, logs)))
+        return float(-np.expm1(FAMILIES * np.log1p(-min(single, 1 - 1e-16))))
+
+    def floor(self, family: Family) -> float:
+        """Return the smallest p-value that the table gives; what is as small is "at most" that."""
+        single = max(nulls.floor for nulls in self.families[family])
+        return float(-np.expm1(FAMILIES * np.log1p(-single)))
+
+
+def table_from(rows: Sequence[Mapping[str, object]]) -> NullTable:
+    """Return the table of rows {family, log_size, statistics}."""
+    families: dict[Family, list[Nulls]] = {}
+    for row in sorted(rows, key=lambda row: float(str(row["log_size"]))):
+        statistics = np.sort(np.asarray(row["statistics"], dtype=np.float64))
+        families.setdefault(row["family"], []).append(Nulls(float(str(row["log_size"])), statistics))  # type: ignore[arg-type]
+    return NullTable({family: tuple(entries) for family, entries in families.items()})
+
+
+@cache
+def built_in_nulls() -> NullTable:
+    """Return the table that ships with the package.
+
+    Raises
+    ------
+    InputError
+        If the file is missing from the installed package.
+    """
+    text = pkgutil.get_data("rwa_monitor.discrepancy", TABLE_FILE)
+    if text is None:
+        raise InputError(TABLE_FILE, "is missing from the installed package")
+    return table_from(json.loads(text)["nulls"])

@@ -1,0 +1,48 @@
+"""What no effect explains: a level that creeps is no switching system, and many true jumps are no creeping."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import signal
+
+from rwa_monitor.discrepancy.find import find_discrepancy
+from rwa_monitor.physics.wheel import Wheel
+from tests.discrepancy.simple import NOISE_NM, WHEEL, record, swing
+
+COUNT = 8000
+# A wheel of which no switching system is known, as one that has just been put on the bench.
+UNKNOWN: Wheel = WHEEL.model_copy(update={"fss": ()})
+
+
+@pytest.mark.parametrize("forgets_after", [150, 600])  # slots
+def test_a_drag_that_wanders_is_not_explained_away_by_noise_or_small_steps(forgets_after: int) -> None:
+    kept = np.exp(-1 / forgets_after)
+    draws = np.random.default_rng(3).normal(size=COUNT)
+    walk = 3 * NOISE_NM * np.sqrt(1 - kept**2) * signal.lfilter([1.0], [1.0, -kept], draws)
+
+    def wandering(speed: np.ndarray, level: np.ndarray) -> np.ndarray:
+        return walk * np.sign(speed)
+
+    samples, _ = record(swing(COUNT), jumps=(), effect=wandering)
+    result = find_discrepancy([("wandering", samples)], UNKNOWN).result
+    assert result.verdict == "inadequate"
+    assert result.unexplained is not None
+    assert "wanders" in result.unexplained.signature
+    assert 0.4 * walk.std() < result.unexplained.size_Nm < 1.1 * walk.std()
+
+
+@pytest.mark.parametrize("autocorrelation", [0.5, 0.95])
+def test_noise_that_forgets_is_no_wandering(autocorrelation: float) -> None:
+    white = np.sqrt(1 - autocorrelation**2) * np.random.default_rng(4).normal(size=COUNT)
+    noise = NOISE_NM * signal.lfilter([1.0], [1.0, -autocorrelation], white)
+    samples, _ = record(swing(COUNT), jumps=(), noise=noise)
+    assert find_discrepancy([("noise", samples)], UNKNOWN).result.unexplained is None
+
+
+def test_many_true_jumps_are_no_wandering() -> None:
+    samples, _ = record(swing(COUNT), jumps=tuple(range(500, 7600, 600)))
+    result = find_discrepancy([("jumps", samples)], UNKNOWN).result
+    assert result.unexplained is None
+    assert result.gain is not None
+    assert result.gain.changepoints_extended == 12
