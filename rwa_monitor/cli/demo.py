@@ -32,6 +32,7 @@ DEFAULT_DURATION_S: Final = 90.0
 MAX_DURATION_S: Final = 3600.0  # an hour simulates half a month of four wheels; it is all made before it begins
 DEFAULT_SEED: Final = 1
 BATCH_SAMPLES: Final = 256
+SEARCH_PATIENCE_S: Final = 120.0  # on a busy machine: how long a search that has begun may still take at the end
 NOTICEABLE_S: Final = 1.0  # what a person notices as waiting
 
 
@@ -99,10 +100,10 @@ def command(duration: float, no_browser: bool, port: int | None, seed: int, reco
         satellite = workers.submit(
             publish, story.telemetry, session, speed=story.speed, batch_samples=BATCH_SAMPLES, stop=ended
         )
-        for worker in (monitor, satellite):
-            worker.add_done_callback(lambda _: stop.set())
+        monitor.add_done_callback(lambda _: stop.set())
+        satellite.add_done_callback(lambda worker: stop.set() if worker.exception() else None)
         try:
-            view.show_until(stop, duration)
+            view.show_until(stop, duration, SEARCH_PATIENCE_S)
         finally:
             ended.set()
         satellite.result()

@@ -103,14 +103,19 @@ class DemoView:
             f"rwa/{spacecraft}/**", lambda sample: self._inbox.put(str(sample.key_expr), sample.payload.to_bytes())
         )
 
-    def show_until(self, done: threading.Event, seconds: float) -> None:
-        """Show what comes until `done` is set or the time is over."""
+    def show_until(self, done: threading.Event, seconds: float, patience_s: float) -> None:
+        """Show what comes until `done` is set or the time is over; a search that has begun gets `patience_s` more."""
         console = Console(highlight=False)
         end = time.monotonic() + seconds
         with self._shown(console) as refresh:
-            while not done.wait(REFRESH_S) and time.monotonic() < end:
+            while not done.wait(REFRESH_S) and time.monotonic() < end + (patience_s if self._searching else 0.0):
                 self.take_messages()
                 refresh()
+
+    @property
+    def _searching(self) -> bool:
+        """Whether the monitor searches for what a wheel's model lacks."""
+        return any(row.searched and row.discrepancy is None for row in self.rows.values())
 
     def close(self) -> None:
         """Stop to listen, and take what still waits."""
