@@ -105,6 +105,10 @@ references: $(VENV)/.installed-dev ## makes the reference recordings in replay/ 
 docs: $(VENV)/.installed-dev ## writes the generated pages and pictures of docs/ anew
 	$(BIN)/python docs/make.py --pictures
 
+.PHONY: site
+site: $(VENV)/.installed-dev ## builds the documents as a web site in build/site
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict
+
 .PHONY: model
 model: $(VENV)/.installed-dev ## trains the built-in model anew (about two minutes); the same bytes on the same machine
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m rwa_monitor.evaluation.built_in -o rwa_monitor/diagnosis/built_in_model.json

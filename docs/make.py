@@ -21,7 +21,7 @@ from matplotlib.figure import Figure
 from pydantic import BaseModel
 
 import rwa_monitor as rwa
-from rwa_monitor.cli import exit_codes
+from rwa_monitor.cli import exit_codes, settings
 from rwa_monitor.cli.main import main as program
 from rwa_monitor.messages import MESSAGES, Message
 from rwa_monitor.physics import durations, scenario, wheel
@@ -119,6 +119,9 @@ def _reference() -> str:
         INTRODUCTION,
         "## Commands\n",
         *_commands(),
+        "### Options from a file and from the environment\n",
+        *inspect.cleandoc(settings.__doc__ or "").split("\n")[2:],
+        "\n`--settings S.toml` or `RWA_MONITOR_SETTINGS` names the file; `rwa-monitor doctor` tells what is set.\n",
         "## Exit codes\n",
         _exit_codes(),
         "## On the bus\n",

@@ -43,6 +43,7 @@ def command(ctx: click.Context, wheel_file: Path | None, model_file: Path | None
         Check("python", _python),
         Check("packages", _packages),
         Check("kernels", _kernels),
+        Check("settings", lambda: _settings(ctx)),
         Check("wheel", lambda: _wheel(wheel_file)),
         Check("model", lambda: _model(model_file, wheel_file)),
     ]
@@ -109,6 +110,23 @@ def _kernels() -> str:
     (window,) = diagnose_samples(telemetry.samples, wheel, None)
     elapsed = time.perf_counter() - began
     return f"{window.diagnosis.slots} simulated slots diagnosed in {elapsed:.1f} s, compiling included"
+
+
+def _settings(ctx: click.Context) -> str:
+    """Say what stands in the settings file and the environment, which is checked already; name what sets nothing."""
+    import json
+    import os
+
+    from rwa_monitor.cli.settings import unknown_variables
+
+    root = ctx.find_root()
+    assert isinstance(root.command, click.Group)
+    unknown = unknown_variables(os.environ, root.command, root)
+    if unknown:
+        raise RwaMonitorError(f"{', '.join(unknown)} set no option; the form is RWA_MONITOR_<COMMAND>_<OPTION>")
+    file = root.params.get("settings")
+    options = json.dumps(root.default_map) if root.default_map else "all options at their defaults"
+    return f"{file or 'no file'}; {options}"
 
 
 def _wheel(wheel_file: Path | None) -> str:

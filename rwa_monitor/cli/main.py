@@ -10,12 +10,14 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any, Final
 
 import click
 
 from rwa_monitor.cli.exit_codes import FAILED, INTERRUPTED, WRONG_USE
 from rwa_monitor.cli.lazy import LazyGroup
+from rwa_monitor.cli.options import FILE
 from rwa_monitor.cli.talk import PROGRAM, say
 from rwa_monitor.errors import InputError, RwaMonitorError
 
@@ -40,6 +42,7 @@ COMMANDS: Final = (
     "dashboard",
     "benchmark",
     "doctor",
+    "completion",
 )
 
 
@@ -90,14 +93,25 @@ class Program(LazyGroup):
     invoke_without_command=True,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
 )
+@click.option(
+    "--settings",
+    type=FILE,
+    envvar="RWA_MONITOR_SETTINGS",
+    metavar="S.toml",
+    help="Options from a file, a table for each command; RWA_MONITOR_<COMMAND>_<OPTION> goes before it.",
+)
 @click.version_option(package_name="rwa-monitor", prog_name=PROGRAM, message="%(prog)s %(version)s")
 @click.pass_context
-def main(ctx: click.Context) -> None:
+def main(ctx: click.Context, settings: Path | None) -> None:
     """Watch reaction wheels through their friction.
 
     Splits a wheel's friction into its physical parts, says which part is anomalous and why, and says when its own
-    model of the wheel is wrong. `rwa-monitor demo` shows all of it on simulated wheels.
+    model of the wheel is wrong. The command demo shows all of it on simulated wheels.
     """
     if ctx.invoked_subcommand is None:
         click.echo(ctx.get_help(), err=True)
         ctx.exit(WRONG_USE)
+    if settings is not None or any(name.startswith("RWA_MONITOR_") for name in os.environ):
+        from rwa_monitor.cli.settings import read_settings
+
+        ctx.default_map = read_settings(settings, os.environ, main, ctx)

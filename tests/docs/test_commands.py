@@ -6,6 +6,7 @@ import re
 import shlex
 import subprocess
 import sys
+from dataclasses import dataclass
 from pathlib import Path
 
 import click
@@ -15,18 +16,34 @@ from rwa_monitor.cli.main import main as program
 
 ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
-BLOCK = re.compile(r"(<!-- run -->\n)?```sh\n(.*?)```", re.DOTALL)
+BLOCK = re.compile(r"(?:<!-- (?P<mark>[^>]*) -->\n)?```(?P<language>\w+)\n(?P<text>.*?)```", re.DOTALL)
 INLINE = re.compile(r"`(rwa-monitor [a-z][^`]*)`")
 GENERATED = {"reference.md"}
 
 
-def _lines(page: Path, *, marked: bool) -> list[str]:
-    """Return the command lines of this program in a page's blocks, all or only those marked to be run."""
-    found = []
-    for mark, block in BLOCK.findall(page.read_text(encoding="utf-8")):
-        if mark or not marked:
-            found += [line.split("  #")[0] for line in block.splitlines() if line.startswith("rwa-monitor ")]
-    return found
+@dataclass(frozen=True)
+class Block:
+    """A block of code on a page: `mark` is "run", "file NAME" or empty."""
+
+    mark: str
+    language: str
+    text: str
+
+    @property
+    def lines(self) -> list[str]:
+        """The command lines of this program."""
+        if self.language != "sh":
+            return []
+        return [line.split("  #")[0] for line in self.text.splitlines() if line.startswith("rwa-monitor ")]
+
+
+def _blocks(page: Path) -> list[Block]:
+    found = BLOCK.finditer(page.read_text(encoding="utf-8"))
+    return [Block(block["mark"] or "", block["language"], block["text"]) for block in found]
+
+
+def _lines(page: Path) -> list[str]:
+    return [line for block in _blocks(page) for line in block.lines]
 
 
 def _inline(page: Path) -> list[str]:
@@ -47,7 +64,7 @@ def _parse(words: list[str]) -> None:
 
 @pytest.mark.parametrize(
     ("page", "line"),
-    [(page.name, line) for page in PAGES for line in _lines(page, marked=False)],
+    [(page.name, line) for page in PAGES for line in _lines(page)],
 )
 def test_every_command_line_exists(page: str, line: str) -> None:
     try:
@@ -68,20 +85,41 @@ def test_a_command_line_that_does_not_exist_is_noticed() -> None:
             _parse(words)
 
 
+# What a page must have said when all its blocks have run.
+SAID = {
+    "README.md": ("ANOMALOUS  Friction of switching system fss_2", "16: 12 fss_1, 4 fss_2"),
+    "tutorial.md": ("NOMINAL  All friction is nominal", "The simulation lacks stribeck"),
+    "python.md": ("anomalous Viscous friction is", "stribeck "),
+}
+
+
+def test_every_page_with_code_to_run_is_run() -> None:
+    runs = {page.name for page in PAGES for block in _blocks(page) if block.mark == "run" or block.language == "python"}
+    assert runs == set(SAID)
+
+
 @pytest.mark.slow
-def test_marked_command_lines_work_in_their_order(tmp_path: Path) -> None:
+@pytest.mark.parametrize("name", SAID)
+def test_the_code_of_a_page_works_in_its_order(name: str, tmp_path: Path) -> None:
     (tmp_path / "docs").symlink_to(ROOT / "docs")
     (tmp_path / "replay").symlink_to(ROOT / "replay")
-    lines = _lines(ROOT / "README.md", marked=True)
-    assert len(lines) >= 4
     said = ""
-    for line in lines:
-        command = [sys.executable, "-m", "rwa_monitor.cli", *shlex.split(line)[1:]]
-        done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=240, check=False)
-        assert done.returncode == 0, f"{line}: {done.stderr}"
-        said += done.stdout
-    assert "ANOMALOUS  Friction of switching system fss_2" in said
-    assert "16: 12 fss_1, 4 fss_2" in said
+    for block in _blocks(next(page for page in PAGES if page.name == name)):
+        if block.mark.startswith("file "):
+            (tmp_path / block.mark.removeprefix("file ")).write_text(block.text, encoding="utf-8")
+            continue
+        commands = [["-c", block.text]] if block.language == "python" else []
+        if block.mark == "run":
+            commands = [["-m", "rwa_monitor.cli", *shlex.split(line)[1:]] for line in block.lines]
+            assert commands, block.text
+        for command in commands:
+            done = subprocess.run(
+                [sys.executable, *command], cwd=tmp_path, capture_output=True, text=True, timeout=240, check=False
+            )
+            assert done.returncode == 0, f"{' '.join(command)}: {done.stderr}"
+            said += done.stdout
+    for words in SAID[name]:
+        assert words in said
 
 
 def test_every_test_that_a_promise_names_exists() -> None:

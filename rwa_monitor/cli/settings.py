@@ -1,0 +1,125 @@
+"""Options from a file and from the environment, with the names they have on the command line.
+
+```toml
+[run]
+record = "/var/lib/rwa-monitor"
+connect = ["tls/router:7447"]
+
+[simulate.publish]
+speed = 300.0
+```
+
+The same from the environment: `RWA_MONITOR_RUN_RECORD`, `RWA_MONITOR_SIMULATE_PUBLISH_SPEED`. The command line goes
+before the environment, the environment before the file, and the file before the default.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, Final
+
+import click
+
+from rwa_monitor.errors import InputError
+from rwa_monitor.formats.files import display_name, read_checked_text
+from rwa_monitor.physics.toml import parse_toml
+
+MAX_BYTES: Final = 1_000_000  # of a settings file
+PREFIX: Final = "RWA_MONITOR_"  # of the variables
+NOT_AN_OPTION: Final = frozenset({"RWA_MONITOR_SETTINGS"})  # says which file
+
+Settings = dict[str, Any]  # by command, then by parameter, as click takes its default map
+
+
+def read_settings(
+    path: Path | None, environment: Mapping[str, str], program: click.Group, ctx: click.Context
+) -> Settings:
+    """Return what the file and, before it, the environment say.
+
+    Variables that set no option are left alone, since other programs make some that begin like ours; `doctor` names
+    them.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read, or names a command or an option that does not exist; or if an option cannot have the
+        value that it is given.
+    """
+    settings: Settings = {}
+    if path is not None:
+        source = display_name(path)
+        tables = parse_toml(read_checked_text(path, MAX_BYTES), source, MAX_BYTES, "a settings file")
+        settings = _of_tables(tables, program, ctx, source, "")
+    for variable, parents, command, option in _variables(environment, program, ctx):
+        text = environment[variable]
+        value = text.split() if option.multiple else text
+        _check(option, value, ctx, "environment", variable)
+        table = settings
+        for name in (*parents, command):
+            table = table.setdefault(name, {})
+        table[str(option.name)] = value
+    return settings
+
+
+def unknown_variables(environment: Mapping[str, str], program: click.Group, ctx: click.Context) -> list[str]:
+    """Return the variables that begin like ours and set no option, in alphabetical order."""
+    known = {variable for variable, *_ in _variables(environment, program, ctx)} | NOT_AN_OPTION
+    return sorted(name for name in environment if name.startswith(PREFIX) and name not in known)
+
+
+def _of_tables(tables: dict[str, Any], group: click.Group, ctx: click.Context, source: str, place: str) -> Settings:
+    """Check the tables of a file, and return them by the names of parameters."""
+    found: Settings = {}
+    for name, table in tables.items():
+        here = f"{place}{name}"
+        command = group.get_command(ctx, name)
+        if command is None:
+            raise InputError(source, f"no command has this name; there are {', '.join(group.list_commands(ctx))}", here)
+        if not isinstance(table, dict):
+            raise InputError(source, f"is no table of options, such as [{here}]", here)
+        if isinstance(command, click.Group):
+            found[name] = _of_tables(table, command, ctx, source, f"{here}.")
+            continue
+        options = dict(_options(command))
+        found[name] = {}
+        for key, value in table.items():
+            option = options.get(key)
+            if option is None:
+                names = ", ".join(sorted(options))
+                raise InputError(source, f"no option has this name; there are {names}", f"{here}.{key}")
+            _check(option, value, ctx, source, f"{here}.{key}")
+            found[name][str(option.name)] = value
+    return found
+
+
+def _check(option: click.Option, value: Any, ctx: click.Context, source: str, place: str) -> None:
+    try:
+        option.type_cast_value(ctx, value)
+    except click.BadParameter as error:
+        raise InputError(source, error.message, place) from error
+
+
+def _options(command: click.Command) -> Iterator[tuple[str, click.Option]]:
+    """Yield the options of a command by their names without the dashes before them."""
+    for option in command.params:
+        if isinstance(option, click.Option):
+            yield from ((name.removeprefix("--"), option) for name in option.opts if name.startswith("--"))
+
+
+def _variables(
+    environment: Mapping[str, str], group: click.Group, ctx: click.Context, parents: tuple[str, ...] = ()
+) -> Iterator[tuple[str, tuple[str, ...], str, click.Option]]:
+    """Yield each variable that sets an option: its name, the groups above the command, the command, the option."""
+    for name in group.list_commands(ctx):
+        prefix = PREFIX + "_".join((*parents, name, "")).upper()
+        if not any(variable.startswith(prefix) for variable in environment):
+            continue
+        command = group.get_command(ctx, name)
+        if isinstance(command, click.Group):
+            yield from _variables(environment, command, ctx, (*parents, name))
+        elif command is not None:
+            for key, option in _options(command):
+                variable = prefix + key.replace("-", "_").upper()
+                if variable in environment:
+                    yield variable, parents, name, option

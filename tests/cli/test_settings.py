@@ -1,0 +1,115 @@
+"""Options from file, environment and command line: one precedence, and no mistyped name that says nothing."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+import pytest
+from click.testing import CliRunner
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rwa_monitor.cli.main import main
+from tests.cli.conftest import run
+
+
+def tuned(monkeypatch: pytest.MonkeyPatch, *words: str, **environment: str) -> str:
+    """Return what `tune` prints; it has numbers as options and needs no file."""
+    for name, value in environment.items():
+        monkeypatch.setenv(name, value)
+    result = CliRunner().invoke(main, list(words))
+    assert result.exit_code == 0, result.stderr
+    return result.stdout
+
+
+@pytest.fixture
+def settings(tmp_path: Path) -> Path:
+    file = tmp_path / "settings.toml"
+    file.write_text("[tune]\nmissed = 0.002\nrun-length = 2e6\njump = 9.0\n")
+    return file
+
+
+def test_the_command_line_goes_before_the_environment_before_the_file(
+    settings: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def plain(jump: str) -> str:
+        return tuned(monkeypatch, "tune", "--missed", "0.002", "--run-length", "2e6", "--jump", jump)
+
+    nine, eight, seven = plain("9"), plain("8"), plain("7")
+    assert len({nine, eight, seven}) == 3
+    assert tuned(monkeypatch, "--settings", str(settings), "tune") == nine
+    monkeypatch.setenv("RWA_MONITOR_SETTINGS", str(settings))
+    assert tuned(monkeypatch, "tune") == nine
+    assert tuned(monkeypatch, "tune", RWA_MONITOR_TUNE_JUMP="8") == eight
+    assert tuned(monkeypatch, "tune", "--jump", "7") == seven
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("[diagnoze]\n", "diagnoze: no command has this name; there are demo, run,"),
+        ("[run]\nrecrod = 'x'\n", "run.recrod: no option has this name; there are "),
+        ("[run]\nrecord-limit = 'much'\n", "run.record-limit: 'much' is not a valid float"),
+        ("[simulate.publish]\nspeed = -1.0\n", "simulate.publish.speed: -1.0 is not in the range"),
+        ("run = 3\n", "run: is no table of options, such as [run]"),
+        ("[run\n", "is no valid TOML"),
+    ],
+)
+def test_a_wrong_file_is_one_line_that_names_the_place(tmp_path: Path, text: str, words: str) -> None:
+    file = tmp_path / "settings.toml"
+    file.write_text(text)
+    result = run("--settings", file, "doctor")
+    assert (result.exit_code, result.stdout) == (2, "")
+    assert str(file) in result.stderr
+    assert words in result.stderr
+    assert len(result.stderr.splitlines()) == 1
+
+
+def test_a_wrong_value_in_the_environment_is_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("RWA_MONITOR_TUNE_JUMP", "large")
+    result = run("tune")
+    assert (result.exit_code, result.stdout) == (2, "")
+    assert "environment: RWA_MONITOR_TUNE_JUMP: 'large' is not a valid float" in result.stderr
+
+
+def test_doctor_names_what_is_set_and_what_sets_nothing(settings: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("RWA_MONITOR_RUN_CONNECT", "tcp/a:1 tcp/b:2")
+    told = run("--settings", settings, "doctor")
+    assert told.exit_code == 0, told.stdout
+    assert '"connect": ["tcp/a:1", "tcp/b:2"]' in told.stdout
+    assert '"jump": 9.0' in told.stdout
+    monkeypatch.setenv("RWA_MONITOR_RUN_CONECT", "tcp/a:1")
+    told = run("doctor")
+    assert told.exit_code == 1
+    assert "FAILED  settings: RWA_MONITOR_RUN_CONECT set no option" in told.stdout
+
+
+NAMES = st.text(st.characters(codec="utf-8", exclude_characters="\0="), min_size=1)
+
+
+@given(st.dictionaries(NAMES, st.text(), max_size=5))
+def test_variables_of_other_programs_set_nothing(environment: dict[str, str]) -> None:
+    from rwa_monitor.cli.settings import read_settings
+
+    assert read_settings(None, environment, main, click.Context(main)) == {}
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_the_completion_of_each_shell_is_printed(shell: str) -> None:
+    result = run("completion", shell)
+    assert result.exit_code == 0, result.stderr
+    assert "_RWA_MONITOR_COMPLETE" in result.stdout
+
+
+def test_bash_completes_commands_and_options(monkeypatch: pytest.MonkeyPatch) -> None:
+    def completed(words: str, number: int) -> set[str]:
+        environment: dict[str, Any] = {
+            "_RWA_MONITOR_COMPLETE": "bash_complete", "COMP_WORDS": words, "COMP_CWORD": str(number)
+        }  # fmt: skip
+        result = CliRunner().invoke(main, [], env=environment, prog_name="rwa-monitor", standalone_mode=True)
+        return {line.partition(",")[2] for line in result.stdout.splitlines()}
+
+    assert {"diagnose", "discrepancy"} <= completed("rwa-monitor di", 1)
+    assert completed("rwa-monitor diagnose --met", 2) == {"--method"}
