@@ -45,6 +45,8 @@ _SECURE: Final[tuple[tuple[str, Any], ...]] = (
     ("listen/endpoints", []),
     ("scouting/multicast/enabled", False),
     ("scouting/gossip/enabled", False),
+    # Whoever was away for a moment is back within a second, not within four: a publisher's history has an end.
+    ("connect/retry", {"period_init_ms": 200, "period_max_ms": 1_000, "period_increase_factor": 2.0}),
     ("transport/link/rx/max_message_size", 2 * MAX_MESSAGE_BYTES),
     # A subscriber that is stuck may hold us up for one second [µs], not for five.
     ("transport/link/tx/queue/congestion_control/block/wait_before_close", 1_000_000),
