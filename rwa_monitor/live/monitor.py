@@ -8,7 +8,7 @@ from __future__ import annotations
 import time
 import zlib
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Final, Protocol
 
 import zenoh
@@ -17,7 +17,7 @@ from rwa_monitor.errors import InputError
 from rwa_monitor.live.backfill import Arrival
 from rwa_monitor.live.bus import Inbox
 from rwa_monitor.live.core import WheelCore
-from rwa_monitor.live.events import Event, WindowDiagnosed
+from rwa_monitor.live.events import Event, SensorFault, WindowDiagnosed
 from rwa_monitor.live.outputs import Output, health_output, outputs_of, trouble_in
 from rwa_monitor.live.past import Past
 from rwa_monitor.live.recorder import Recorder
@@ -45,6 +45,7 @@ class _Served:
     health: Output | None = None
     windows: int = 0
     diagnosis_s: float | None = None
+    told: set[tuple[str, bool]] = field(default_factory=set)  # sensor faults of this window
     status_due_s: float = 0.0
     status_recorded_s: float = float("-inf")
 
@@ -191,9 +192,14 @@ class Monitor:
         events = list(events)
         for event in events:
             trouble = trouble_in(event)
-            if trouble is not None:
-                served.last_error = trouble
-                self.say(f"{spacecraft}/{wheel}: {trouble}")
+            if trouble is None:
+                continue
+            served.last_error = trouble
+            if isinstance(event, SensorFault):  # a broken sensor may give thousands in a window
+                if (event.channel, event.hangs) in served.told:
+                    continue
+                served.told.add((event.channel, event.hangs))
+            self.say(f"{spacecraft}/{wheel}: {trouble}")
         outputs = outputs_of(events, spacecraft, wheel)
         closed = any(isinstance(event, WindowDiagnosed) for event in events)
         if self.recorder is not None:
@@ -204,6 +210,7 @@ class Monitor:
         for output in outputs:
             self._publish(output)
         if closed:
+            served.told.clear()
             served.windows += sum(isinstance(event, WindowDiagnosed) for event in events)
             self._status((spacecraft, wheel), served, record=True)
         for event in events:

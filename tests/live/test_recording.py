@@ -285,6 +285,17 @@ def test_files_follow_each_other_with_name_and_hash(tmp_path: Path) -> None:
     assert sum(len(read_recording(path).messages) for path in files) == 100
 
 
+def test_a_recording_ends_when_it_is_old_and_the_next_one_goes_on(tmp_path: Path) -> None:
+    writing = recorder(tmp_path)
+    writing.begin({}, now_s=5.0)
+    for hour in range(60):
+        writing.input(TOPICS[0], "rwa.Samples", b"%d" % hour, hour)
+        writing.tend(5.0 + 3_600.0 * hour, dict)
+    writing.close(5.0 + 3_600.0 * 60)
+    held = [[int(message.data) for message in read_recording(path).messages] for path in recordings_of(tmp_path)]
+    assert held == [list(range(26)), list(range(26, 51)), list(range(51, 60))]
+
+
 def test_the_oldest_files_are_deleted_to_keep_a_limit(tmp_path: Path) -> None:
     limit = 3_000_000
     writing = Recorder(

@@ -9,6 +9,7 @@ import subprocess
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from threading import Event, Thread
 from typing import Any
@@ -129,6 +130,22 @@ def test_bad_messages_are_counted_recorded_and_change_nothing(tmp_path: Path) ->
     refused = [message.data for message in read_recording(path).messages if message.topic == f"{KEY}/refused"]
     assert sorted(refused) == sorted(BAD[number % len(BAD)] for number in range(21))
     assert replay(tmp_path).bytes_equal
+
+
+def test_a_sensor_that_jumps_again_and_again_is_told_once_a_window() -> None:
+    samples = telemetry(2 * WINDOW + 100)
+    assert samples.friction_torque_Nm is not None
+    friction = samples.friction_torque_Nm.copy()
+    friction[40::20] *= 40.0
+    with open_session(BusOptions()) as session:
+        listener = Listener(session)
+        with monitor(session, options()) as talk:
+            publish({KEY: replace(samples, friction_torque_Nm=friction)}, session, speed=math.inf, linger_s=0.0)
+            wait_for(lambda: len(listener.kind("diagnosis")) == 2, "two diagnoses")
+            wait_for(lambda: listener.status()["samples_masked"] > 2 * WINDOW // 20 - 10, "the masked samples")
+            assert "stands out" in listener.status()["last_error"]
+    assert adds_up(listener.status())
+    assert 2 <= sum("stands out" in line for line in talk) <= 3
 
 
 def test_a_wheel_that_cannot_be_served_is_told_in_its_status() -> None:
