@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from pydantic import ValidationError
+
 from typing import Final
 
 MAX_PART: Final = 500  # characters of what an error says of its place, and of its reason
@@ -29,6 +34,24 @@ class InputError(RwaMonitorError):
         self.place = _shortened(place)
         self.reason = _shortened(reason)
         super().__init__(_one_line(": ".join(part for part in (source, self.place, self.reason) if part)))
+
+    @classmethod
+    def of_validation(cls, source: str, error: ValidationError, place: str = "", what: str = "") -> InputError:
+        """Return the first thing that a pydantic model found wrong, with the field it is in.
+
+        Parameters
+        ----------
+        source
+            What was read.
+        error
+            What pydantic raised.
+        place
+            Where no field is to blame but the whole.
+        what
+            Words before the reason, such as "is no model: ".
+        """
+        first = error.errors(include_url=False, include_context=False)[0]
+        return cls(source, f"{what}{first['msg']}", ".".join(str(part) for part in first["loc"]) or place)
 
     def __reduce__(self) -> tuple[type[InputError], tuple[str, str, str]]:
         """Keep all three parts when the error crosses a process border."""

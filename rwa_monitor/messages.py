@@ -73,8 +73,7 @@ class Message(BaseModel):
         try:
             return cls.model_validate_json(payload)
         except ValidationError as error:
-            first = error.errors(include_url=False, include_context=False)[0]
-            raise InputError(source, first["msg"], ".".join(str(part) for part in first["loc"])) from error
+            raise InputError.of_validation(source, error) from error
 
     def to_json(self) -> bytes:
         """Write the message; the same values always give the same bytes."""

@@ -255,9 +255,7 @@ class Model(_Part):
         try:
             return cls.model_validate_json(text)
         except ValidationError as error:
-            first = error.errors(include_url=False)[0]
-            place = ".".join(str(part) for part in first["loc"])
-            raise InputError(source, f"is no model: {first['msg']}", place) from error
+            raise InputError.of_validation(source, error, what="is no model: ") from error
 
     def canonical(self) -> str:
         """Return the canonical JSON: the model's meaning, independent of the file's layout."""

@@ -168,8 +168,7 @@ class CarriedState(_Part):
         try:
             return cls.model_validate_json(text)
         except ValidationError as error:
-            first = error.errors(include_url=False)[0]
-            raise InputError(source, first["msg"], ".".join(str(part) for part in first["loc"])) from error
+            raise InputError.of_validation(source, error) from error
 
     def sha256(self) -> str:
         """Return the hash of the canonical JSON."""

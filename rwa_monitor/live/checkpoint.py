@@ -238,8 +238,7 @@ class Checkpoint(_Part):
         try:
             return cls.model_validate_json(data)
         except ValidationError as error:
-            first = error.errors(include_url=False, include_context=False)[0]
-            raise InputError(source, first["msg"], ".".join(str(part) for part in first["loc"])) from error
+            raise InputError.of_validation(source, error) from error
 
 
 def _with_null(values: list[float]) -> list[float | None]:

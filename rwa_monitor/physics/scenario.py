@@ -178,8 +178,7 @@ class Scenario(_Part):
         try:
             return cls.model_validate({**head, **tables})
         except ValidationError as error:
-            first = error.errors(include_url=False)[0]
-            raise InputError(source, first["msg"], ".".join(str(part) for part in first["loc"])) from error
+            raise InputError.of_validation(source, error) from error
 
     def to_tables(self) -> dict[str, Any]:
         """Return the scenario as the tables of its file, without what is unset."""

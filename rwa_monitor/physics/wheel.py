@@ -233,9 +233,7 @@ class Wheel(_Part):
         try:
             return cls.model_validate({**head, **rest})
         except ValidationError as error:
-            first = error.errors(include_url=False)[0]
-            place = ".".join(str(part) for part in first["loc"]) or "wheel"
-            raise InputError(source, first["msg"], place) from error
+            raise InputError.of_validation(source, error, place="wheel") from error
 
     def to_tables(self) -> dict[str, Any]:
         """Return the wheel as the tables of a wheel.toml, without what is unset."""
