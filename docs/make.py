@@ -23,6 +23,8 @@ from pydantic import BaseModel
 import rwa_monitor as rwa
 from rwa_monitor.cli import exit_codes, settings
 from rwa_monitor.cli.main import main as program
+from rwa_monitor.diagnosis.changepoints import threshold_for
+from rwa_monitor.diagnosis.wglr import wglr
 from rwa_monitor.messages import MESSAGES, Message
 from rwa_monitor.physics import durations, scenario, wheel
 from rwa_monitor.physics.effects.base import Effect
@@ -108,6 +110,57 @@ def draw_overview(file: Path) -> None:
     (diagnosis,) = rwa.diagnose(samples)
     figure = rwa.plot.window(samples, diagnosis)
     figure.savefig(file, dpi=90, metadata={"Software": None}, pil_kwargs={"optimize": True})
+
+
+# ---- the pictures of the theory --------------------------------------------------------------------------------------
+
+
+def draw_scales(file: Path) -> None:
+    """Draw two jumps that make a short sojourn and a small one, and the statistic at three scales."""
+    std, slots = 0.024, 600  # the paper's noise, of the nominal dry torque
+    level = np.zeros(slots)
+    level[150:162] = 10 * std
+    level[400:] = 1.5 * std
+    speed = np.linspace(0.3, 0.5, slots)  # a slow manoeuvre, of the nominal speed
+    friction = level + speed + std * np.random.default_rng(7).standard_normal(slots)
+    figure = Figure(figsize=(8.0, 4.2), layout="constrained")
+    above, below = figure.subplots(2, 1, sharex=True)
+    above.plot(friction - speed, ".", ms=2.5, color="0.5")
+    above.plot(level, color="C0", lw=1.0)
+    above.set_ylabel("friction less viscous [dry]")
+    for scale, colour in ((4, "C1"), (16, "C2"), (128, "C3")):
+        statistic, _ = wglr(speed, friction, np.ones(slots, dtype=np.bool_), scale, 1e-4, 1.0)
+        below.plot(statistic / std**2, lw=1.0, color=colour, label=f"half-width {scale}")
+    below.axhline(
+        threshold_for(1e-3, slots),
+        color="0.3",
+        lw=0.8,
+        ls="--",
+        label="one false alarm in 1,000 windows of this length",
+    )
+    below.set_yscale("log")
+    below.set_ylim(1.0, 2e3)
+    below.set_xlabel("slot")
+    below.set_ylabel("GLR")
+    below.legend(fontsize=7, loc="upper right", ncols=2)
+    figure.savefig(file, dpi=80, metadata={"Software": None}, pil_kwargs={"optimize": True})
+
+
+def draw_slope(file: Path) -> None:
+    """Draw how well one interval tells the viscous coefficient, by how far the speed ranges in it."""
+    std, samples = 0.024, 5000  # an interval between jumps of the paper's examples
+    span = np.geomspace(1e-4, 1.0, 200)
+    figure = Figure(figsize=(8.0, 2.6), layout="constrained")
+    axis = figure.subplots()
+    for weight, colour in ((0.0, "C0"), (1e-4, "C1"), (0.1, "C2")):
+        spread = std / np.sqrt(samples * span**2 / 12.0 + weight)
+        words = "the data alone" if weight == 0.0 else f"with the prior W_b = {weight:g}"
+        axis.loglog(span, spread, color=colour, lw=1.2, label=words)
+    axis.axhline(0.04, color="0.3", lw=0.8, ls="--", label="half the width of the built-in nominal range")
+    axis.set_xlabel("range of the speed in the interval, of the nominal speed")
+    axis.set_ylabel("std of f_v / nominal")
+    axis.legend(fontsize=7)
+    figure.savefig(file, dpi=80, metadata={"Software": None}, pil_kwargs={"optimize": True})
 
 
 # ---- reference -------------------------------------------------------------------------------------------------------
@@ -328,7 +381,11 @@ def _cell(text: str) -> str:
 
 def pictures() -> dict[str, Callable[[Path], None]]:
     """Return all pictures: path below docs/ and what draws it."""
-    found: dict[str, Callable[[Path], None]] = {"pictures/window.png": draw_overview}
+    found: dict[str, Callable[[Path], None]] = {
+        "pictures/window.png": draw_overview,
+        "pictures/scales.png": draw_scales,
+        "pictures/slope.png": draw_slope,
+    }
     for name, effect in CATALOGUE.items():
         found[f"effects/pictures/{name}.png"] = lambda file, effect=effect: draw_effect(effect, file)
     return found
