@@ -4,17 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Final
 
-import numpy as np
-
-from rwa_monitor.diagnosis.trend import MAX_WINDOWS, MIN_WINDOWS, find_trend
+from rwa_monitor.diagnosis.trend import MAX_WINDOWS, MIN_WINDOWS
 from rwa_monitor.history.alarms import Policy
 from rwa_monitor.history.records import EstimateRecord
+from rwa_monitor.live.trends import SECONDS_PER_DAY, coefficient_trend
 from rwa_monitor.messages import Message, Number
-from rwa_monitor.samples import NANOSECONDS_PER_SECOND
-
-SECONDS_PER_DAY: Final = 86_400.0
 
 
 class ReachRecord(Message):
@@ -60,11 +55,10 @@ def trends(estimates: Sequence[EstimateRecord], policy: Policy) -> list[TrendRec
 
 
 def _trend(own: Sequence[EstimateRecord], policy: Policy) -> TrendRecord | None:
-    middle_s = [0.5 * (one.window_start_ns + one.window_end_ns) / NANOSECONDS_PER_SECOND for one in own]
-    value, std = ([getattr(one, what) for one in own] for what in ("value", "std"))
-    trend = find_trend(np.array(middle_s), np.array(value, dtype=np.float64), np.array(std, dtype=np.float64))
-    if trend is None:
+    course = coefficient_trend(own[-1].name, own)
+    if course is None:
         return None
+    trend, now_s = course.trend, course.trend.lines.now_s
     above = [(limit, level) for limit, level in _limits(own, policy) if limit > trend.value]
     reach = trend.reach(above[0][0]) if above else None
     return TrendRecord(
@@ -80,9 +74,9 @@ def _trend(own: Sequence[EstimateRecord], policy: Policy) -> TrendRecord | None:
         else ReachRecord(
             limit=reach.limit,
             level=above[0][1],
-            median_s=_after(reach.time_s, middle_s[-1]),
-            low_s=_after(reach.low_s, middle_s[-1]),
-            high_s=_after(reach.high_s, middle_s[-1]),
+            median_s=_after(reach.time_s, now_s),
+            low_s=_after(reach.low_s, now_s),
+            high_s=_after(reach.high_s, now_s),
         ),
     )
 
