@@ -121,6 +121,14 @@ nulls: $(VENV)/.installed-dev ## makes the table that p-values are taken from an
 accuracy: $(VENV)/.installed-dev ## the accuracy benchmark; writes docs/benchmark.md (ACCURACY_ARGS="--windows 1000")
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python benchmarks/accuracy.py $(ACCURACY_ARGS)
 
+.PHONY: load
+load: $(VENV)/.installed-dev ## the page under load: 1,000 wheels, 50 clients, a browser (LOAD_ARGS="--seconds 60"); docs/dashboard.md
+	PYTHONPATH=. $(BIN)/python benchmarks/dashboard_load.py $(LOAD_ARGS)
+
+.PHONY: screenshots
+screenshots: $(VENV)/.installed-dev ## remakes docs/screenshots from a running demo (two minutes)
+	$(BIN)/python -m tools.screenshots
+
 .PHONY: blind
 blind: $(VENV)/.installed-dev ## the blind suite: hides effects, requires finding them; writes docs/blind.md (BLIND_ARGS=...)
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.blind.suite $(BLIND_ARGS)

@@ -72,6 +72,7 @@ class Figures:
     feed_megabytes_per_s: float
     server_cpu: float
     server_megabytes: float
+    machine_lag_p99: float
 
     def missed(self) -> list[str]:
         """Return the targets that were missed, in words."""
@@ -88,8 +89,8 @@ class Figures:
 # ---- the monitors ----------------------------------------------------------------------------------------------------
 
 
-def play_monitors(endpoint: str, wheels: int, diagnoses_per_s: float) -> None:
-    """Send a status of each wheel every second, evenly spread, and some diagnoses, until killed."""
+def play_monitors(endpoint: str, wheels: int, rate: float, diagnoses_per_s: float) -> None:
+    """Send statuses of each wheel, so many a second, evenly spread, and some diagnoses, until killed."""
     template = Status(
         spacecraft="sat", wheel="", samples_received=0, samples_used=0, samples_masked=0, samples_late=0,
         samples_duplicate=0, samples_rejected=0, samples_queued=0, slots_missed=0, messages_rejected=0,
@@ -106,7 +107,7 @@ def play_monitors(endpoint: str, wheels: int, diagnoses_per_s: float) -> None:
         begin, sent, told = time.monotonic(), 0, 0
         print("playing", flush=True)
         while True:
-            due = int((time.monotonic() - begin) * wheels)
+            due = int((time.monotonic() - begin) * wheels * rate)
             for k in range(sent, due):
                 wheel = names[k % wheels]
                 now = template.model_copy(
@@ -133,6 +134,7 @@ async def look(address: str, clients: int, seconds: float) -> dict[str, Any]:
     size = 0
     ages: list[float] = []
     answers: list[tuple[int, float]] = []
+    lags: list[float] = []
     begin = time.monotonic()
     end = begin + SETTLE_S + seconds
 
@@ -163,8 +165,16 @@ async def look(address: str, clients: int, seconds: float) -> dict[str, Any]:
             k += 1
             await asyncio.sleep(1.0)
 
+    def nap() -> None:
+        """How long a thread that has nothing to do but sleep for 5 ms oversleeps: what the machine costs, not we."""
+        while time.monotonic() < end:
+            asleep = time.perf_counter()
+            time.sleep(0.005)
+            lags.append((time.perf_counter() - asleep) * 1e3 - 5.0)
+
     async with httpx.AsyncClient(limits=httpx.Limits(max_connections=clients), timeout=30.0) as client:
-        await asyncio.gather(*(follow(n) for n in range(clients)), *(ask(n, client) for n in range(clients)))
+        napping = asyncio.to_thread(nap)
+        await asyncio.gather(napping, *(follow(n) for n in range(clients)), *(ask(n, client) for n in range(clients)))
     return {
         "answers": len(answers),
         "answer_p50": float(np.percentile([ms for _, ms in answers], 50)),
@@ -173,6 +183,7 @@ async def look(address: str, clients: int, seconds: float) -> dict[str, Any]:
             path: float(np.percentile([ms for k, ms in answers if k == n] or [np.nan], 99))
             for n, path in enumerate(PATHS)
         },
+        "machine_lag_p99": float(np.percentile(lags, 99)),
         "feed_frames_per_s": min(frames) / seconds,
         "feed_age_p99": float(np.percentile(ages, 99)),
         "feed_megabytes_per_s": size / seconds / 1e6,
@@ -220,7 +231,7 @@ def program(*command: str) -> Iterator[subprocess.Popen[str]]:
         process.communicate()
 
 
-def measure(wheels: int, clients: int, seconds: float, diagnoses_per_s: float) -> Figures:
+def measure(wheels: int, clients: int, seconds: float, diagnoses_per_s: float, rate: float = 1.0) -> Figures:
     """Run everything once."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
@@ -235,7 +246,15 @@ def measure(wheels: int, clients: int, seconds: float, diagnoses_per_s: float) -
         line = next(line for line in server.stderr if "the page is at" in line)
         address = line.split("the page is at ")[1].split("#")[0].strip()
         with program(
-            __file__, "--play", endpoint, "--wheels", str(wheels), "--diagnoses", str(diagnoses_per_s)
+            __file__,
+            "--play",
+            endpoint,
+            "--wheels",
+            str(wheels),
+            "--rate",
+            str(rate),
+            "--diagnoses",
+            str(diagnoses_per_s),
         ) as monitors:
             assert monitors.stdout is not None
             assert monitors.stdout.readline()
@@ -254,7 +273,7 @@ def measure(wheels: int, clients: int, seconds: float, diagnoses_per_s: float) -
             browser, (clients_found, used) = browse(address, during)
             memory = process.memory_info().rss / 1e6
     return Figures(
-        wheels=wheels, clients=clients, seconds=seconds, statuses_per_s=float(wheels), diagnoses_per_s=diagnoses_per_s,
+        wheels=wheels, clients=clients, seconds=seconds, statuses_per_s=wheels * rate, diagnoses_per_s=diagnoses_per_s,
         server_cpu=used, server_megabytes=memory, **browser, **clients_found,
     )  # fmt: skip
 
@@ -264,17 +283,18 @@ def main() -> int:
     parser.add_argument("--wheels", type=int, default=1_000)
     parser.add_argument("--clients", type=int, default=50)
     parser.add_argument("--seconds", type=float, default=20.0)
+    parser.add_argument("--rate", type=float, default=1.0, help="statuses of each wheel a second; a monitor sends one")
     parser.add_argument("--diagnoses", type=float, default=20.0, help="a second, of all wheels together")
     parser.add_argument("--json", type=Path, help="file for the figures")
     parser.add_argument("--play", help=argparse.SUPPRESS)
     parser.add_argument("--look", help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.play:
-        play_monitors(options.play, options.wheels, options.diagnoses)
+        play_monitors(options.play, options.wheels, options.rate, options.diagnoses)
     elif options.look:
         print(json.dumps(asyncio.run(look(options.look, options.clients, options.seconds))))
     else:
-        figures = measure(options.wheels, options.clients, options.seconds, options.diagnoses)
+        figures = measure(options.wheels, options.clients, options.seconds, options.diagnoses, options.rate)
         print(json.dumps(asdict(figures), indent=2))
         if options.json:
             options.json.write_text(json.dumps(asdict(figures), indent=2) + "\n")

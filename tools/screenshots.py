@@ -15,6 +15,7 @@ from rwa_monitor.cli.demo_story import FAILING
 
 CHROMIUM = "/usr/bin/chromium"
 FOLDER = Path("docs/screenshots")
+REPORT_ROUNDS = 20  # of four seconds
 ALARM_MS = 120_000  # the wheel fails some 25 s into the demo; a slow machine compiles first
 
 
@@ -22,7 +23,7 @@ def main() -> None:
     FOLDER.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory() as record:
         demo = subprocess.Popen(
-            [sys.executable, "-m", "rwa_monitor.cli", "demo", "--no-browser", "--duration", "90", "--port", "0",
+            [sys.executable, "-m", "rwa_monitor.cli", "demo", "--no-browser", "--duration", "150", "--port", "0",
              "--record", record],
             stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
         )  # fmt: skip
@@ -48,6 +49,7 @@ def _shoot(page: Page, address: str) -> None:
     page.wait_for_timeout(9_000)  # one more window, so that there is something to see
     page.screenshot(path=FOLDER / "fleet.png")
     failing.click()
+    expect(page.get_by_text("Evidence of a jump")).to_be_visible()
     page.wait_for_timeout(2_000)
     page.screenshot(path=FOLDER / "wheel.png", full_page=True)
     page.emulate_media(color_scheme="dark")
@@ -58,6 +60,23 @@ def _shoot(page: Page, address: str) -> None:
     page.get_by_role("link", name="Fleet", exact=True).click()
     page.wait_for_timeout(1_000)
     page.screenshot(path=FOLDER / "fleet_phone.png")
+    page.emulate_media(color_scheme="light")
+    page.set_viewport_size({"width": 1280, "height": 800})
+    _shoot_report(page)
+
+
+def _shoot_report(page: Page) -> None:
+    """Take the discrepancy report of the wheel that hides an effect, once the monitor has found it."""
+    wheels = [link.get_attribute("href") for link in page.locator(".wheel").all()]
+    report = page.locator("section", has=page.get_by_role("heading", name="Discrepancy report"))
+    for _ in range(REPORT_ROUNDS):
+        for href in wheels:
+            page.goto(page.url.split("#")[0] + str(href))
+            page.wait_for_timeout(1_000)
+            if report.is_visible():
+                report.screenshot(path=FOLDER / "discrepancy.png")
+                return
+    raise SystemExit("no wheel had a discrepancy report before the end of the demo")
 
 
 if __name__ == "__main__":

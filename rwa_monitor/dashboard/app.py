@@ -33,7 +33,6 @@ from rwa_monitor.dashboard.herald import Herald
 from rwa_monitor.dashboard.listener import alarm_entry
 from rwa_monitor.dashboard.openapi import MAX_ESTIMATES, MAX_WINDOWS, Acknowledgement, openapi
 from rwa_monitor.dashboard.recordings import list_recordings, replay_json
-from rwa_monitor.dashboard.telemetry import Evidence
 from rwa_monitor.dashboard.trends import trends
 from rwa_monitor.errors import InputError
 from rwa_monitor.history.database import HistoryError
@@ -165,7 +164,7 @@ class Api:
         assert wheel is not None  # it is known, as asked above
         with self.sources.fleet.lock:
             samples, jumps = wheel.trace.message(), [entry.payload for entry in wheel.provisional]
-            curves = [wheel.latest[Evidence.kind].payload] if Evidence.kind in wheel.latest else []
+            curves = [*wheel.curves]
             so_far = wheel.open_window.evidence_so_far(wheel.diagnosis, self.sources.fleet.constants)
             found = wheel.latest.get(Discrepancy.kind)
         curves += [so_far.to_json()] if so_far else []
@@ -191,7 +190,7 @@ class Api:
     def alarms(self, request: Request) -> Response:
         """Answer with all open alarms and the latest closed ones."""
         del request
-        return _json(b"[" + b",".join(alarm.to_json() for alarm in self.sources.history.alarms()) + b"]")
+        return _json(b"[" + b",".join(a.model_dump_json().encode() for a in self.sources.history.alarms()) + b"]")
 
     async def acknowledge(self, request: Request) -> Response:
         """Acknowledge an alarm; needs the token."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass, field, replace
 from threading import Lock
 from typing import Final
@@ -15,6 +16,7 @@ from rwa_monitor.physics.wheel import built_in_wheel
 from rwa_monitor.samples import Samples
 
 MAX_WHEELS: Final = 5_000
+SHOWN_WINDOWS: Final = 2  # closed ones, that a picture spans beside the open one
 MAX_PROVISIONAL: Final = 200  # changepoints of a running window that are kept
 MAX_OPEN_SAMPLES: Final = 8_000_000  # of all open windows: 128 MB, 100 wheels with windows of 80,000 slots
 
@@ -57,6 +59,7 @@ class Wheel:
     rhythm: Rhythm = field(default_factory=Rhythm)
     course: Course = field(default_factory=Course)
     diagnosis: Diagnosis | None = None
+    curves: deque[bytes] = field(default_factory=lambda: deque(maxlen=SHOWN_WINDOWS))
     curve_due_ns: int = 0
 
 
@@ -140,8 +143,8 @@ class Fleet:
         if curve is None:
             return None
         key = key_of(Evidence, window.spacecraft, window.wheel)
-        wheel.latest[Evidence.kind] = Received(key, curve.to_json(), received.wall_ns)
-        return wheel.latest[Evidence.kind]
+        wheel.curves.append(curve.to_json())
+        return Received(key, wheel.curves[-1], received.wall_ns)
 
     def take_samples(self, wheel: Wheel, samples: Samples, wall_ns: int, *, watched: bool) -> Samples:
         """Bring samples into the picture; returns those that are picked for it.

@@ -164,7 +164,9 @@ class Listener:
         if known is None:
             self.refused += 1
             return
-        shown, curve = self.fleet.take(known, message, Received(key, message.to_json(), time.time_ns()))
+        shown, curve = self.fleet.take(
+            known, message, Received(key, message.model_dump_json().encode(), time.time_ns())
+        )
         self.hub.post(shown)
         if curve is not None and self.hub.watched(f"{spacecraft}/{wheel}"):
             self.hub.post(curve)

@@ -7,7 +7,7 @@ import sqlite3
 from pathlib import Path
 
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rwa_monitor.errors import InputError
@@ -94,6 +94,7 @@ def test_retention_keeps_estimates_longer_than_diagnoses_and_old_ones_coarsely(t
         assert history.estimates("sat", "wheel_1") == kept
 
 
+@settings(max_examples=30)
 @given(st.lists(st.integers(0, 14), max_size=40))
 def test_importing_in_any_order_and_again_and_again_makes_no_doubles(order: list[int]) -> None:
     with History(None) as history:

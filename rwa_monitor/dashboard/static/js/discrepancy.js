@@ -3,7 +3,10 @@ import { h } from "./dom.js";
 import { number, quantity, wheelTime } from "./format.js";
 
 const VERDICT = { adequate: "✓ the friction model fits", inadequate: "▲ the friction model lacks something", untestable: "? this data cannot tell" };
+const UNIT_SUFFIX = /_(Nm|Nm_s_rad|rad_s2?|s|degC|A|V|kg_m2|per_.*)$/; // said again by the value's unit
 const words = (name) => name.replaceAll("_", " ");
+const title = (parameter) => words(parameter.replace(UNIT_SUFFIX, ""));
+const value = (one) => (one.unit === "-" || one.unit === "" ? number(one.value) : quantity(one.value, one.unit));
 
 export function discrepancyReport(found) {
   const lines = [h("p", { class: found.verdict === "inadequate" ? "inconclusive" : "soft" }, h("b", {}, VERDICT[found.verdict])),
@@ -13,8 +16,8 @@ export function discrepancyReport(found) {
       h("thead", {}, h("tr", {}, ["effect", "parameters", "p-value", "cannot be told from", "what would tell"].map((text) => h("th", { scope: "col" }, text)))),
       h("tbody", {}, found.effects.map((one) => h("tr", {},
         h("th", { scope: "row" }, words(one.name)),
-        h("td", {}, Object.entries(one.parameters).map(([name, value]) => h("div", {}, `${words(name)} ${quantity(value.value, value.unit)}${value.std === null ? "" : ` ± ${quantity(value.std, value.unit)}`}`))),
-        h("td", {}, number(one.p_value)),
+        h("td", {}, Object.entries(one.parameters).map(([name, found]) => h("div", {}, `${title(name)} ${value(found)}${found.std === null ? "" : ` ± ${value({ ...found, value: found.std })}`}`))),
+        h("td", { class: "figure" }, number(one.p_value)),
         h("td", {}, one.equivalent.map(words).join(", ") || "–"),
         h("td", {}, one.separate_by || "–")))))));
   }

@@ -46,8 +46,9 @@ export function estimateTrends() {
   const place = h("div", { class: "two" });
   let lines = [];
 
-  function refresh(records, trends) {
-    const names = [...new Set(records.map((one) => one.name))];
+  /** `parts` say the order. */
+  function refresh(records, trends, parts) {
+    const names = parts.filter((part) => records.some((one) => one.name === part));
     if (lines.map(({ name }) => name).join() !== names.join()) make(names, records);
     for (const { name, one, trend } of lines) {
       const own = records.filter((record) => record.name === name);

@@ -62,7 +62,7 @@ export function wheelView(store, name, base) {
     if (diagnosis) {
       drawTable(diagnosis);
       split.refresh(systems);
-      trends.refresh(records(), course);
+      trends.refresh(records(), course, Object.keys(diagnosis.anomalies));
     }
   }
 
