@@ -20,6 +20,8 @@ from rwa_monitor.messages import Diagnosis
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND
 
 SECONDS_PER_DAY: Final = 86_400.0
+SECONDS_PER_HOUR: Final = 3_600.0
+SHORT_S: Final = 2.0 * SECONDS_PER_DAY  # below, a time is said in hours
 DRAWN: Final = 60  # points of the line in plain content
 SMALLEST_P: Final = 1e-9  # below, a p-value is only said to be smaller: it rests on Gaussian tails
 
@@ -120,11 +122,12 @@ class CoefficientTrend:
         limit, now = quantity(self.limit, self.unit), self.trend.lines.now_s
         if self.reach.time_s == now:
             return f" and is beyond its limit of {limit}"
+        name, unit_s = ("days", SECONDS_PER_DAY) if self.reach.time_s - now >= SHORT_S else ("hours", SECONDS_PER_HOUR)
         low, median, high = (
-            f"{(t - now) / SECONDS_PER_DAY:.2g}" if np.isfinite(t) else "never"
+            f"{(t - now) / unit_s:.2g}" if np.isfinite(t) else "never"
             for t in (self.reach.low_s, self.reach.time_s, self.reach.high_s)
         )
-        return f" and reaches its limit of {limit} in {median} days (95 %: {low} to {high})"
+        return f" and reaches its limit of {limit} in {median} {name} (95 %: {low} to {high})"
 
     def document(self) -> dict[str, Any]:
         """Return the trend as plain content for JSON; times in ns on the wheel's clock, None for never."""

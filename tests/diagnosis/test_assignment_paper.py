@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from rwa_monitor.diagnosis.paper_assignment import LOG_IMPOSSIBLE, assign_as_paper, split_as_paper
-from rwa_monitor.diagnosis.results import REJECTED
+from rwa_monitor.diagnosis.results import REJECTED, UNATTRIBUTED
 from rwa_monitor.physics.wheel import built_in_wheel
 from tests.diagnosis.assignment_windows import candidates_at, evidence_of, window
 
@@ -42,9 +42,13 @@ def test_an_infeasible_window_pays_the_price():
     slots = np.array([40_000, 40_300, 40_600])
     for k in slots:
         z[k:] += 0.5
-    assignment, _ = assign_as_paper(evidence_of(x, z, candidates_at(x, z, slots, 0.024, 1.0), 0.024), WHEEL)
+    evidence = evidence_of(x, z, candidates_at(x, z, slots, 0.024, 1.0), 0.024)
+    assignment, _ = assign_as_paper(evidence, WHEEL)
     assert assignment.log_score < LOG_IMPOSSIBLE
     assert (assignment.direction[assignment.system >= 0] == 1).all()
+    printed, levels = assign_as_paper(evidence, WHEEL, hard=True)
+    assert (printed.system == UNATTRIBUTED).all()
+    assert levels.index.tolist() == slots.tolist()
 
 
 def test_algorithm_1_takes_the_minimum_for_rest():

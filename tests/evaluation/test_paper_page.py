@@ -39,7 +39,19 @@ def examined(windows: list[LabelledWindow]) -> list[Examined]:
 def page(tmp_path_factory: pytest.TempPathFactory) -> tuple[Result, Path]:
     """Run the small version once."""
     file = tmp_path_factory.mktemp("page") / "paper.md"
-    arguments = ["benchmark", "paper", "--quick", "--workers", "0", "--seed", str(SEED), "--page", str(file)]
+    arguments = [
+        "benchmark",
+        "paper",
+        "--quick",
+        "--windows",
+        "30",
+        "--workers",
+        "0",
+        "--seed",
+        str(SEED),
+        "--page",
+        str(file),
+    ]
     return CliRunner().invoke(main, arguments, catch_exceptions=False), file
 
 
