@@ -122,6 +122,8 @@ class CoefficientTrend:
         limit, now = quantity(self.limit, self.unit), self.trend.lines.now_s
         if self.reach.time_s == now:
             return f" and is beyond its limit of {limit}"
+        if not np.isfinite(self.reach.time_s):
+            return f" and is far from its limit of {limit}"
         name, unit_s = ("days", SECONDS_PER_DAY) if self.reach.time_s - now >= SHORT_S else ("hours", SECONDS_PER_HOUR)
         low, median, high = (
             f"{(t - now) / unit_s:.2g}" if np.isfinite(t) else "never"

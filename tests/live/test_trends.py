@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import dataclass, replace
 
 import pytest
@@ -110,3 +111,31 @@ def test_diagnoses_in_any_order_give_the_same(fleet: list[Course]) -> None:
     assert forth.keys() == back.keys()
     assert [t.document() for t in forth.values()] == [t.document() for t in back.values()]
     assert rwa.wheel_trends([]) == {}
+
+
+HOUR_NS = 3_600_000_000_000
+
+
+def growing(step: float) -> list[FrictionEstimate]:
+    """Return twelve windows of an hour in which a coefficient grows by `step` a window."""
+    return [
+        FrictionEstimate(k * HOUR_NS, (k + 1) * HOUR_NS, 1e-3 + k * step, 1e-6, 0.9e-3, 2e-3, "N m") for k in range(12)
+    ]
+
+
+@pytest.mark.parametrize(
+    ("step", "limit", "end"),
+    [
+        (1e-5, None, r"reaches its limit of 2 mN m in 3\.\d days \(95 %: 3\.\d to (3|4)(\.\d)?\)\."),
+        (1e-5, 1.2e-3, r"reaches its limit of 1\.2 mN m in (8\.\d|9)(\.\d)? hours \(95 %: \d\S* to \d\S*\)\."),
+        (1e-5, 1.05e-3, r"is beyond its limit of 1\.05 mN m\."),
+        (1e-5, 1e9, r"is far from its limit of 1e\+09 N m\."),
+        (-1e-5, None, r"is beyond its limit of 0\.9 mN m\."),
+    ],
+)
+def test_the_sentence_names_the_limit_and_its_time(step: float, limit: float | None, end: str) -> None:
+    trend = coefficient_trend("dry", growing(step), limit)
+    assert trend is not None
+    course = "grows" if step > 0 else "falls"
+    told = rf"Base dry friction {course} by 0\.24\d mN m a day \(± \S+ µN m, p < 1e-09\) and {end}"
+    assert re.fullmatch(told, trend.sentence()), trend.sentence()

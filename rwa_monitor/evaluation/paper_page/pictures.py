@@ -66,8 +66,8 @@ def draw_run_lengths(curves: RunLengths) -> Figure:
 
 
 def draw_excess_rmse(found: PaperBenchmark) -> Figure:
-    """Draw the histograms of the excess RMSE, naive and with changepoints."""
-    figure, (left, right) = _sheet()
+    """Draw the histograms of the excess RMSE, naive and with changepoints, and one over the other."""
+    figure, (left, right, both) = _sheet(11.0, 3)
     naive = [one.naive_excess_rmse for one in found.examined]
     left.hist(naive, bins=30, color="0.6")
     left.axvline(float(np.mean(naive)), color="black")
@@ -79,6 +79,10 @@ def draw_excess_rmse(found: PaperBenchmark) -> Figure:
         right.hist(clipped, edges.tolist(), histtype="step", color=COLOURS[who], linestyle=line, label=who)
     right.set(xlabel="1000 × excess RMSE with changepoints (3: more)", yscale="log")
     right.legend(fontsize=7)
+    for who, marker in (("paper", "."), ("joint", "+")):
+        both.plot(naive, np.clip(values[who], -1.0, 3.0), marker, ms=4, ls="", color=COLOURS[who], label=who)
+    both.set(xlabel="excess RMSE, one dry coefficient", ylabel="1000 × with changepoints")
+    both.legend(fontsize=7)
     return figure
 
 
