@@ -114,8 +114,13 @@ model: $(VENV)/.installed-dev ## trains the built-in model anew (about two minut
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m rwa_monitor.evaluation.built_in -o rwa_monitor/diagnosis/built_in_model.json
 
 .PHONY: nulls
-nulls: $(VENV)/.installed-dev ## makes the table that p-values are taken from anew (NULLS_ARGS="--workers 4"; half an hour)
+nulls: $(VENV)/.installed-dev ## makes the table that p-values are taken from anew (NULLS_ARGS="--workers 4"; ten minutes)
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m rwa_monitor.evaluation.nulls -o rwa_monitor/discrepancy/nulls.json $(NULLS_ARGS)
+
+# The tables are not part of the project; docs/measured.md says where they come from.
+.PHONY: measured
+measured: $(VENV)/.installed-dev ## judges measured friction (MEASURED=DIR); writes docs/measured.md
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m rwa_monitor.evaluation.measured "$(MEASURED)" -o docs/measured.md
 
 .PHONY: accuracy
 accuracy: $(VENV)/.installed-dev ## the accuracy benchmark; writes docs/benchmark.md (ACCURACY_ARGS="--windows 1000")

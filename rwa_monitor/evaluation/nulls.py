@@ -31,8 +31,8 @@ from rwa_monitor.physics.telemetry import simulate
 from rwa_monitor.physics.wheel import Wheel, built_in_wheel
 
 SEED: Final = 20_261_121
-LENGTHS: Final = (1_500, 6_000, 24_000)  # samples
-RECORDS: Final = 20  # for each length, motion and noise
+LENGTHS: Final = (1_500, 6_000)  # samples
+RECORDS: Final = 12  # for each length, motion and noise
 MOTIONS: Final[tuple[ProfileKind, ...]] = ("one_direction", "crossings", "rich")
 NOISES: Final = {
     "white": FrictionNoise(),
