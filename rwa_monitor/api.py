@@ -33,7 +33,8 @@ from rwa_monitor.formats.files import display_name
 from rwa_monitor.formats.scenario_file import read_scenario
 from rwa_monitor.formats.wheel_file import read_wheel as read_wheel_file
 from rwa_monitor.live.core import WheelCore
-from rwa_monitor.live.events import Event, WindowDiagnosed
+from rwa_monitor.live.events import Event, SensorFault, WindowDiagnosed
+from rwa_monitor.live.outputs import trouble_in
 from rwa_monitor.live.telemetry_files import joined, only_wheel, read_telemetry
 from rwa_monitor.live.trends import CoefficientTrend, wheel_trends
 from rwa_monitor.messages import Diagnosis, diagnosis_message
@@ -181,6 +182,7 @@ class Monitor:
         self.spacecraft = spacecraft
         self.name = name or self.wheel.name
         self.source = source
+        self._troubles: dict[tuple[str | bool, ...], str] = {}
         self._core = WheelCore(self.wheel, model or built_in_model(), method=method, carried=carried)
 
     def feed(self, samples: Samples, publisher: str = "", batch: int | None = None) -> list[Diagnosis]:
@@ -214,7 +216,16 @@ class Monitor:
         """What became of every sample: received = used + masked + late + duplicate + rejected + queued."""
         return asdict(self._core.counts)
 
+    @property
+    def troubles(self) -> list[str]:
+        """What an operator should hear of the samples so far, in words: the first of each kind."""
+        return list(self._troubles.values())
+
     def _said(self, events: Sequence[Event]) -> list[Diagnosis]:
+        for event in events:
+            if (trouble := trouble_in(event)) is not None:
+                sensor = (event.channel, event.hangs) if isinstance(event, SensorFault) else ()
+                self._troubles.setdefault((type(event).__name__, *sensor), trouble)
         return [
             diagnosis_message(
                 event.diagnosis,

@@ -7,7 +7,7 @@ import json
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Final
 
 from rwa_monitor.api import Monitor
 from rwa_monitor.diagnosis.features import Features
@@ -29,6 +29,14 @@ from rwa_monitor.physics.wheel import Wheel, built_in_wheel
 from rwa_monitor.version import SOFTWARE
 
 CarriedStates = dict[tuple[str, str], CarriedState]  # by spacecraft and wheel
+# What is said of samples that no window used, by name of `sequencer.Counts`.
+NOT_USED: Final = {
+    "masked": "were masked",
+    "rejected": "rejected",
+    "late": "late",
+    "duplicate": "double",
+    "slots_missed": "slots had none",
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +80,7 @@ class DiagnosedFile:
 
     diagnoses: list[Diagnosis]
     problems: tuple[str, ...]
-    notes: tuple[str, ...]
+    notes: list[str]
     carried: CarriedStates
 
 
@@ -99,14 +107,14 @@ class Diagnose(Task):
 
     def __call__(self, file: Path) -> Done:
         found = self.diagnose(file)
-        return Done([diagnosis_row(diagnosis) for diagnosis in found.diagnoses], found.problems, found.notes)
+        return Done([diagnosis_row(diagnosis) for diagnosis in found.diagnoses], found.problems, tuple(found.notes))
 
     def diagnose(self, file: Path, carried: CarriedStates | None = None) -> DiagnosedFile:
         """Diagnose a file's windows; its wheels start with their `carried` state where there is one."""
         content = read_telemetry(file)
         wheel = self.wheel or content.wheel or built_in_wheel()
         model = self.model or content.model or built_in_model()
-        notes = (*content.notes, *(f"{wheel.name}: {note}" for note in wheel.missing()))
+        notes = [*content.notes, *(f"{wheel.name}: {note}" for note in wheel.missing())]
         found = DiagnosedFile([], tuple(content.problems), notes, {})
         for telemetry in content.telemetry:
             self._diagnose_wheel(telemetry, wheel, model, carried or {}, found)
@@ -133,6 +141,10 @@ class Diagnose(Task):
             raise InputError(telemetry.source, f"{error.source}: {error.reason}", error.place) from error
         found.diagnoses.extend(monitor.finish())
         found.carried[key] = monitor.carried
+        found.notes.extend(f"{telemetry.source}: {trouble}" for trouble in monitor.troubles)
+        lost = [f"{monitor.counts[name]} {words}" for name, words in NOT_USED.items() if monitor.counts[name]]
+        if lost:
+            found.notes.append(f"{telemetry.source}: of {monitor.counts['received']} samples {', '.join(lost)}")
 
 
 @dataclass(frozen=True, slots=True)

@@ -57,6 +57,24 @@ def test_it_finds_what_the_scenario_did(files: Path) -> None:
         assert diagnosis["friction"]["base_dry"]["value"] == pytest.approx(base, abs=0.2 * (base - 1.6e-3))
 
 
+def test_what_was_not_used_is_said(files: Path, tmp_path: Path) -> None:
+    header, *rows = (files / "given.csv").read_text().splitlines()
+    column = header.split(",").index("friction_torque_Nm")
+    cells = [row.split(",") for row in rows]
+    for row in range(600, 660):  # the sensor hangs
+        cells[row][column] = cells[600][column]
+    cells[900][column] = "nan"
+    del cells[1_000:1_003]
+    table = tmp_path / "broken.csv"
+    table.write_text("\n".join([header, *(",".join(row) for row in cells)]) + "\n")
+    result = run("diagnose", table, "--wheel", files / "wheel.toml", "--json")
+    assert result.exit_code == 0
+    assert f"{table}: friction_torque_Nm repeats one value, as a sensor that hangs" in result.stderr
+    assert f"{table}: of {len(cells)} samples 60 were masked, 3 slots had none" in result.stderr
+    assert "".join(result.stderr.split()).count("masked") == 2
+    assert min(d["coverage"] for d in lines(result.stdout)) < 1.0
+
+
 def test_csv_and_parquet_give_the_same_bytes(files: Path) -> None:
     from_csv, from_parquet = (
         lines(run("diagnose", files / name, "--wheel", files / "wheel.toml", "--json").stdout)
