@@ -35,7 +35,9 @@ from rwa_monitor.discrepancy.terms import (
     profile,
     profile_robustly,
 )
+from rwa_monitor.discrepancy.thresholds import best_threshold
 from rwa_monitor.physics.effects.base import MeanEffect
+from rwa_monitor.physics.effects.speed_dead_zone import SpeedDeadZone
 from rwa_monitor.samples import FloatArray, IntArray
 
 ACCEPT_GAIN: Final = 25.0  # effects.md: no false name in 24 null records at this threshold
@@ -43,6 +45,7 @@ EQUIVALENT_WITHIN: Final = 10.0  # effects.md, step 6
 MAX_EFFECTS: Final = 4
 SCREEN_MARGIN: Final = 40.0  # a candidate whose upper bound is this much worse than nothing is not re-segmented
 REFINEMENTS: Final = 4  # rounds of shapes and jumps in turn
+SETTLING: Final = 8  # rounds where a column follows the level
 WORTH_REFINING: Final = 1.0  # of the criterion
 MAX_REFITS: Final = 9  # candidates, best bound first, that are re-segmented in one step
 
@@ -210,13 +213,21 @@ def extensions(
     strong = make_background(problem, current.terms, strong_jumps(problem, current.fit))
 
     def screen(effect: type[MeanEffect]) -> Model:
-        # Three starts: the jumps as they are, which may have swallowed the effect; only those that nothing smooth
-        # makes; none at all.
+        # Several starts: the jumps as they are, which may have swallowed the effect; only those that nothing smooth
+        # makes; none at all; those away from a threshold.
         tries = [(profile(effect, backgrounds, current.fit.level)[0], starts)]
         if effect.shape_parameters() or depends_on_level(effect):
             tries.append((profile(effect, [strong], strong.level)[0], [strong.jump_set]))
         if effect.shape_parameters() and not depends_on_level(effect):
             tries.append((profile_robustly(effect, robust, current.fit.level), []))
+        if effect is SpeedDeadZone:
+
+            def dead_below(speed: float) -> Term:
+                return make_term(problem, SpeedDeadZone, {"dead_zone_rad_s": speed}, None)
+
+            at_jumps = best_threshold(problem, current.terms, current.fit, dead_below)
+            if at_jumps is not None:
+                tries.append((at_jumps[0], [at_jumps[1]]))
         models = [Model((*current.terms, term), _fit(problem, (*current.terms, term), jumps)) for term, jumps in tries]
         return min(models, key=lambda model: model.fit.criterion)
 
@@ -238,7 +249,8 @@ def refit(problem: Problem, terms: Sequence[Term], starts: Sequence[IntArray]) -
     Without `starts`, from the robust start, to which jumps are outliers.
     """
     best = Model(tuple(terms), _fit(problem, tuple(terms), starts))
-    for _ in range(REFINEMENTS):
+    follows = any(depends_on_level(term.effect) for term in terms)
+    for _ in range(SETTLING if follows else REFINEMENTS):
         refined = list(best.terms)
         for i, term in enumerate(refined):
             if term.shape:
@@ -249,9 +261,10 @@ def refit(problem: Problem, terms: Sequence[Term], starts: Sequence[IntArray]) -
                 refined[i] = make_term(problem, term.effect, term.shape, best.fit.level)
         again = Model(tuple(refined), _fit(problem, tuple(refined), [best.fit.jumps]))
         improvement = best.fit.criterion - again.fit.criterion
-        if improvement > 0:
+        # A column that follows a level other than the model's own explains jumps by itself: what has settled counts.
+        if improvement > 0 or follows:
             best = again
-        if improvement < WORTH_REFINING:
+        if (abs(improvement) if follows else improvement) < WORTH_REFINING:
             break
     return best
 

@@ -17,18 +17,16 @@ from rwa_monitor.discrepancy.base_fit import Problem, jump_sets, strong_jumps, s
 from rwa_monitor.discrepancy.gain import holds_out
 from rwa_monitor.discrepancy.result import Unexplained
 from rwa_monitor.discrepancy.search import ACCEPT_GAIN, Model, SearchResult, refit
-from rwa_monitor.discrepancy.terms import Term, make_background, make_term
+from rwa_monitor.discrepancy.terms import Term, make_term
+from rwa_monitor.discrepancy.thresholds import best_threshold
 from rwa_monitor.physics.effects.base import Channels, MeanEffect, Memory, Parameter
-from rwa_monitor.samples import FloatArray, IntArray
+from rwa_monitor.samples import FloatArray
 
 FEWEST_STEPS: Final = 6  # of the level: a jump or two too many is chance
 STEPS_TO_JUMPS: Final = 2.0  # so many more small steps than jumps
 LASTING_LAGS: Final = range(64, 129, 4)  # slots: noise of the catalogue has forgotten itself to 4 %
 LASTING_SHARE: Final = 0.2  # of the residual's variance
 KNOTS: Final = 14  # of a free curve: a feature as wide as a tenth of the range is not missed
-MOST_STEPS: Final = 60  # speeds at which a step is tried
-AT_STEP: Final = 8  # slots: a jump so near to a crossing of the step's speed may be that crossing
-FEWEST_CROSSED: Final = 3  # jumps at one speed that are no coincidence
 
 
 class _FreeCurve(MeanEffect):
@@ -168,7 +166,9 @@ def judge_leftover(problem: Problem, found: SearchResult) -> tuple[SearchResult,
     """
     model = found.ladder[-1]
     rivals = problem.each(lambda term: _with(problem, model, term), _free_terms(problem, model))
-    step = _best_step(problem, model)
+    step = best_threshold(
+        problem, model.terms, model.fit, lambda speed: make_term(problem, _Step, {"speed_rad_s": speed}, None)
+    )
     if step is not None:
         rivals.append(refit(problem, (*model.terms, step[0]), [step[1]]))
     if not rivals:
@@ -253,26 +253,6 @@ def _best_frequency(problem: Problem, model: Model, *, flips: bool) -> float | N
     spectrum[frequency < 3.0 / (values.size * record.channels.sample_period_s)] = 0.0
     at = int(np.argmax(spectrum))
     return float(frequency[at]) if spectrum[at] > 0 else None
-
-
-def _best_step(problem: Problem, model: Model) -> tuple[Term, IntArray] | None:
-    """Return the step at a speed that makes the most of the jumps superfluous, and the jumps that are left.
-
-    A step is crossed within a slot, so that each crossing is a jump: its speed is one at which the level jumps.
-    """
-    jumps = model.fit.jumps[:: max(model.fit.jumps.size // MOST_STEPS, 1)]
-    best: tuple[float, Term, IntArray] | None = None
-    for speed in 0.5 * (problem.speed[jumps - 1] + problem.speed[jumps]):
-        term = make_term(problem, _Step, {"speed_rad_s": float(speed)}, None)
-        crossed = np.flatnonzero(np.diff(problem.speed > speed)) + 1
-        near = np.abs(model.fit.jumps[:, None] - crossed[None, :]).min(axis=1, initial=problem.size) <= AT_STEP
-        left = model.fit.jumps[~near]
-        if np.count_nonzero(near) < FEWEST_CROSSED:
-            continue
-        criterion = make_background(problem, model.terms, left).criterion_with(term)
-        if best is None or criterion < best[0]:
-            best = criterion, term, left
-    return best[1:] if best else None
 
 
 def _with(problem: Problem, model: Model, term: Term) -> Model:

@@ -11,15 +11,17 @@ from typing import Any
 import numpy as np
 
 from rwa_monitor.discrepancy.base_fit import Problem, fit
+from rwa_monitor.discrepancy.delay_term import DelayTerm
 from rwa_monitor.discrepancy.find import Search, find_discrepancy
 from rwa_monitor.discrepancy.gain import held_out
-from rwa_monitor.discrepancy.search import Model
-from rwa_monitor.discrepancy.terms import Term
+from rwa_monitor.discrepancy.jump_terms import JUMP_TERMS
+from rwa_monitor.discrepancy.search import Model, middle_shape, refit
+from rwa_monitor.discrepancy.terms import Term, make_term
 from rwa_monitor.formats.csv_table import write_csv
 from rwa_monitor.formats.table import read_table
 from rwa_monitor.formats.wheel_file import read_wheel, write_wheel
 from rwa_monitor.physics.effects.base import MeanEffect
-from rwa_monitor.physics.effects.catalogue import CATALOGUE
+from rwa_monitor.physics.effects.catalogue import CATALOGUE, MEAN_EFFECTS
 from rwa_monitor.physics.effects.noise_base import NoiseEffect
 from rwa_monitor.physics.effects.switching_base import Jumps, SwitchingEffect, SwitchingEvidence
 from tests.blind.equivalence import accepted
@@ -27,6 +29,7 @@ from tests.blind.generator import NOISE_EFFECTS, SWITCHING_EFFECTS, Case, Hidden
 
 ACCEPTANCE = 25.0  # effects.md, "How to find them", 5
 TWICE_ACCEPTANCE = 2 * ACCEPTANCE
+SEARCHED = {**MEAN_EFFECTS, **{term.name: term for term in (DelayTerm, *JUMP_TERMS)}}
 
 
 @dataclass(frozen=True)
@@ -43,7 +46,10 @@ class Outcome:
     jumps_base: int
     jumps_extended: int
     jumps_true: int
-    gain_share: float | None
+    jumps_oracle: int | None  # that the same segmentation finds once the true torque is fitted
+    gain: float  # held out, in nats over the record
+    gain_torque: float | None  # the same of an oracle who knows the torque and its jumps, and fits its size
+    gain_form: float | None  # of one who knows name, shape and jumps, and sees the record's own channels
     seconds: float
 
     def to_json(self) -> dict[str, Any]:
@@ -59,6 +65,16 @@ class Outcome:
         """The effects named, strongest first, without noise that is there beside the hidden effect."""
         hidden = set(self.case.effects)
         return [e for e in self.effects if e["name"] in hidden or e["name"] not in self.background]
+
+    @property
+    def share_torque(self) -> float | None:
+        """Return the held-out gain as a share of that of the oracle who knows the torque."""
+        return _share(self.gain, self.gain_torque)
+
+    @property
+    def share_form(self) -> float | None:
+        """Return the held-out gain as a share of that of the oracle who knows the form."""
+        return _share(self.gain, self.gain_form)
 
     @property
     def testable(self) -> bool:
@@ -92,6 +108,11 @@ class Outcome:
         return [e["name"] for e in self.named if not right & {e["name"], *e["equivalent"]}]
 
 
+def _share(gain: float, oracle: float | None) -> float | None:
+    """Return a share; None where held-out data hardly show what an oracle gains."""
+    return gain / oracle if oracle is not None and oracle > ACCEPTANCE else None
+
+
 def run_trial(case: Case, folder: Path) -> Outcome:
     """Run one trial in a folder of its own."""
     samples, wheel, hidden = generate(case)
@@ -103,6 +124,8 @@ def run_trial(case: Case, folder: Path) -> Outcome:
     table.unlink()
     wheel_file.unlink()
     gain = answer["gain"]
+    scores = search.scores
+    oracles = held_out_oracles(search, hidden)
     return Outcome(
         case=case,
         shapes=hidden.shapes,
@@ -114,7 +137,10 @@ def run_trial(case: Case, folder: Path) -> Outcome:
         jumps_base=gain["changepoints_base"],
         jumps_extended=gain["changepoints_extended"],
         jumps_true=hidden.visible_jumps,
-        gain_share=gain_share(search, hidden),
+        jumps_oracle=oracles[0].fit.jumps.size if oracles else None,
+        gain=(scores[-1].log_score - scores[0].log_score) * search.problem.size,
+        gain_torque=_held_out_gain(search, oracles[0]) if oracles else None,
+        gain_form=_held_out_gain(search, oracles[1]) if oracles else None,
         seconds=seconds,
     )
 
@@ -185,18 +211,34 @@ class _TrueForm(MeanEffect):
     parameters = ()
 
 
-def gain_share(search: Search, hidden: Hidden) -> float | None:
-    """Return the held-out gain of the extended model as a share of the gain of the true form, fitted."""
+def held_out_oracles(search: Search, hidden: Hidden) -> tuple[Model, Model] | None:
+    """Return the fits of an oracle who knows the torque, and of one who knows its form; None without a torque.
+
+    The first knows each hidden torque but for its size, sensor noise left out: no search can reach it where an effect
+    hangs on a noisy channel. The second fits the catalogue's form, begun at the true shape, to the record's channels.
+    Both begin at the true jumps.
+    """
     if not hidden.torque:
         return None
-    problem = search.problem
+    problem, jumps = search.problem, _true_jumps(search.problem, hidden)
     columns = np.stack([t[problem.slot] * problem.sign for t in hidden.torque.values()], axis=1)
     free = np.full(columns.shape[1], np.inf)
-    term = Term(_TrueForm, {}, columns, -free, free)
-    oracle = Model((term,), fit(problem, columns, start=_true_jumps(problem, hidden)))
-    base, extended = search.scores[0].log_score, search.scores[-1].log_score
-    whole = held_out(problem, oracle).log_score - base
-    return float((extended - base) / whole) if whole * problem.size > ACCEPTANCE else None
+    torque = Model((Term(_TrueForm, {}, columns, -free, free),), fit(problem, columns, start=jumps))
+    if not set(hidden.torque) <= SEARCHED.keys():
+        return torque, torque
+    level = hidden.level[problem.slot]
+    terms = [make_term(problem, SEARCHED[name], _true_shape(problem, name, hidden), level) for name in hidden.torque]
+    return torque, refit(problem, terms, jumps)
+
+
+def _true_shape(problem: Problem, name: str, hidden: Hidden) -> dict[str, float]:
+    """Return the shape with which an effect was drawn, and a middle one where the generator has no such parameter."""
+    return {key: hidden.shapes[name].get(key, value) for key, value in middle_shape(problem, SEARCHED[name]).items()}
+
+
+def _held_out_gain(search: Search, oracle: Model) -> float:
+    problem = search.problem
+    return float((held_out(problem, oracle).log_score - search.scores[0].log_score) * problem.size)
 
 
 def _true_jumps(problem: Problem, hidden: Hidden) -> Sequence[np.ndarray[Any, np.dtype[np.int64]]]:

@@ -37,7 +37,7 @@ class Presliding(MeanEffect):
     )
     parameters = (
         Parameter("strength_Nm", "N m", 0.0, np.inf, 1.6e-3, linear=True),
-        Parameter("breakaway_angle_rad", "rad", 1e-6, 1.0, 2.0e-2),
+        Parameter("breakaway_angle_rad", "rad", 1e-6, 10.0, 2.0e-2),
     )
 
     @classmethod
