@@ -192,8 +192,9 @@ def search(problem: Problem, *, paths: int, margin: float, budget: int) -> Searc
     above = bounds(problem)
     quick = _run(problem, above, -np.inf, min(QUICK_BUDGET, budget), 1)
     full = _run(problem, above, quick.paths[0].score - margin - ROUNDING, budget, paths)
-    best = full.paths[0].score
-    close = tuple(path for path in full.paths if path.score >= best - margin)
+    # Where values are wild, and scores differ by millions, the full search may drop every path within its budget.
+    found = full.paths or quick.paths
+    close = tuple(path for path in found if path.score >= found[0].score - margin)
     return SearchResult(close, quick.states + full.states, full.pruned)
 
 
@@ -283,7 +284,7 @@ def _run(problem: Problem, above: Bounds, cutoff: float, budget: int, paths: int
             taken[k] = action[node]
             node = int(parent[node])
         found.append(Path(float(score[at]), _start_of(int(action[node]), problem.configurations), taken))
-    return SearchResult(tuple(found), int(states), bool(lost > found[0].score))
+    return SearchResult(tuple(found), int(states), not found or bool(lost > found[0].score))
 
 
 def _start_of(number: int, configurations: IntArray) -> tuple[int, ...]:

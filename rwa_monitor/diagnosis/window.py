@@ -329,11 +329,14 @@ def _changepoints(assignment: Assignment, wheel: Wheel) -> tuple[Changepoint, ..
     names |= {s: system.name for s, system in enumerate(wheel.fss)}
     torque = wheel.torque_unit_Nm
     order = np.argsort(assignment.index, kind="stable")
+    # Of two jumps with no usable sample between them only the sum is known: either may be all of it.
+    open_ended = ~np.isfinite(assignment.jump_std)
+    std = np.where(open_ended, np.abs(assignment.jump[open_ended]).sum(), assignment.jump_std)
     return tuple(
         Changepoint(
             index=int(assignment.index[j]),
             jump_Nm=float(assignment.jump[j]) * torque,
-            std_Nm=float(assignment.jump_std[j]) * torque,
+            std_Nm=float(std[j]) * torque,
             fss=names[int(assignment.system[j])],
             confidence=float(assignment.confidence[j]),
         )

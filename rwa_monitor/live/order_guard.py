@@ -21,6 +21,8 @@ from rwa_monitor.slots import SlotGrid
 # Times that the slot arithmetic holds in 64 bits for any two of them: 1954 to 2096, if the clock counts from 1970.
 MIN_TIME_NS: Final = -500_000_000_000_000_000
 MAX_TIME_NS: Final = 4_000_000_000_000_000_000
+# In SI units: no wheel, with limits of its own or without, has more. Sums of squares stay far from overflow.
+MAX_MAGNITUDE: Final = 1e6
 # Slots written to the ring buffer, and samples looked at, in one go.
 PIECE_SLOTS: Final = 4_096
 # Where the next sample with another time is looked for first.
@@ -136,9 +138,12 @@ class OrderGuard:
             (samples.speed_rad_s, self.limits.max_speed_rad_s),
             (samples.motor_current_A, self.limits.max_current_A),
             (samples.motor_torque_Nm, self.max_motor_torque_Nm),
+            (samples.friction_torque_Nm, None),
+            (samples.motor_voltage_V, None),
+            (samples.bearing_temperature_degC, None),
         ):
-            if values is not None and limit is not None:
-                wrong |= np.isfinite(values) & (np.abs(values) > limit)
+            if values is not None:
+                wrong |= np.isfinite(values) & (np.abs(values) > (MAX_MAGNITUDE if limit is None else limit))
         count = int(wrong.sum())
         self.counts.rejected += count
         self.counts.queued -= count

@@ -1,0 +1,320 @@
+"""What is fuzzed: every reader of bytes from outside, each behind one function that takes bytes.
+
+A target may refuse its input with a `RwaMonitorError` of one printable line, and do nothing else: no other exception,
+no endless work. What it accepts must hold together: it is written and read again, or used as the program would.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import tempfile
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Final
+
+import numpy as np
+
+from rwa_monitor.dashboard.fleet import Fleet, Received
+from rwa_monitor.dashboard.recordings import replay_json
+from rwa_monitor.diagnosis.model import built_in_model, models_for
+from rwa_monitor.errors import RwaMonitorError
+from rwa_monitor.formats.labels import read_labels, write_labels
+from rwa_monitor.formats.model_file import read_model
+from rwa_monitor.formats.scenario_file import read_scenario
+from rwa_monitor.formats.table import read_table, table_writer
+from rwa_monitor.formats.wheel_file import read_wheel
+from rwa_monitor.history.store import History
+from rwa_monitor.live.bus import BusOptions, session_config
+from rwa_monitor.live.core import WheelCore
+from rwa_monitor.live.outputs import outputs_of
+from rwa_monitor.live.recorder import RecordingWriter
+from rwa_monitor.live.recording import read_recording
+from rwa_monitor.live.recover import recover
+from rwa_monitor.live.replay import replay
+from rwa_monitor.live.telemetry_files import read_telemetry
+from rwa_monitor.messages import (
+    MESSAGES,
+    Changepoints,
+    Diagnosis,
+    Discrepancy,
+    SamplesMessage,
+    Status,
+    dump_json,
+    health_message,
+    key_of,
+    samples_json,
+    split_key,
+)
+from rwa_monitor.physics.scenario import Scenario
+from rwa_monitor.physics.wheel import Wheel
+from rwa_monitor.samples import Samples
+from tests.live.support import telemetry, wheel
+
+KEY: Final = "rwa/sat/wheel_1/samples"
+WINDOW: Final = 64
+ROWS: Final = 200
+
+
+@dataclass(frozen=True)
+class Target:
+    """A reader of bytes.
+
+    Attributes
+    ----------
+    read
+        Takes bytes; raises RwaMonitorError to refuse them.
+    seeds
+        What it accepts, or nearly so, to begin with.
+    """
+
+    read: Callable[[bytes], None]
+    seeds: Callable[[], Sequence[bytes]]
+
+
+def run(target: Target, data: bytes) -> bool:
+    """Let a target read bytes; True if it took them, False if it refused them in one line."""
+    try:
+        target.read(data)
+    except RwaMonitorError as error:
+        line = str(error)
+        assert line.isprintable(), line
+        assert len(line) < 5_000, line
+        return False
+    return True
+
+
+@cache
+def scratch() -> Path:
+    """Return a folder in memory, where there is one."""
+    memory = Path("/dev/shm")
+    return Path(tempfile.mkdtemp(prefix="rwa-fuzz-", dir=memory if os.access(memory, os.W_OK) else None))
+
+
+def kept(name: str, data: bytes) -> Path:
+    path = scratch() / name
+    path.write_bytes(data)
+    return path
+
+
+# ---- messages of the bus ---------------------------------------------------------------------------------------------
+
+
+@cache
+def small_wheel() -> Wheel:
+    return wheel(WINDOW)
+
+
+def small_samples() -> Samples:
+    return telemetry(ROWS)
+
+
+@cache
+def said() -> tuple[tuple[str, bytes], ...]:
+    """Return what a monitor says about the samples, as (schema, payload)."""
+    core = WheelCore(small_wheel(), built_in_model())
+    outputs = outputs_of([*core.feed(small_samples(), "p", 0), *core.finish()], "sat", "wheel_1")
+    return tuple((output.schema, output.payload) for output in outputs)
+
+
+def read_message(data: bytes) -> None:
+    """Read as each kind of message; samples go through a monitor, a diagnosis and a status to the page."""
+    kind, payload = MESSAGES[data[0] % len(MESSAGES) if data else 0], data[1:]
+    message = kind.parse(payload, KEY)
+    if isinstance(message, SamplesMessage):
+        core = WheelCore(small_wheel(), built_in_model())
+        samples = message.samples()
+        core.check(samples)
+        events = [*core.feed(samples, message.publisher, message.batch), *core.feed(samples, message.publisher, None)]
+        for output in outputs_of([*events, *core.finish()], "sat", "wheel_1"):
+            json.loads(output.payload)
+        counts = core.counts
+        taken = counts.used + counts.masked + counts.late + counts.duplicate + counts.rejected + counts.queued
+        assert counts.received == taken == 2 * len(samples)
+    else:
+        assert kind.parse(message.to_json(), KEY).to_json() == message.to_json()
+        show(message)
+
+
+@cache
+def history() -> History:
+    return History(None)
+
+
+def show(message: object) -> None:
+    """Bring a message onto the page, as the dashboard's listener does."""
+    if not isinstance(message, (Diagnosis, Changepoints, Status, Discrepancy)):
+        return
+    split_key(key_of(type(message), message.spacecraft, message.wheel))
+    fleet = Fleet()
+    known = fleet.begin(message.spacecraft, message.wheel, [])
+    assert known is not None
+    fleet.take(known, message, Received(KEY, message.to_json(), 0))
+    if isinstance(message, Diagnosis):
+        health_message(message).to_json()
+        history().add(message)
+
+
+def message_seeds() -> list[bytes]:
+    names = [message.schema_name() for message in MESSAGES]
+    status = dict.fromkeys(Status.model_fields, 0) | {"spacecraft": "sat", "wheel": "w", "last_error": None}
+    status |= {"recording": None, "software": "s", "model_sha256": "", "publisher": "p", "now_wall_ns": 1}
+    own = [("rwa.Samples", samples_json(small_samples()[:20], "p", 0)), ("rwa.Status", dump_json(status))]
+    found = [schema_payload for schema_payload in (*said(), *own) if schema_payload[0] in names]
+    return [bytes([names.index(schema)]) + payload for schema, payload in found]
+
+
+# ---- files -----------------------------------------------------------------------------------------------------------
+
+
+def read_any_table(suffix: str) -> Callable[[bytes], None]:
+    def read(data: bytes) -> None:
+        samples = read_table(kept(f"table{suffix}", data)).samples
+        again = scratch() / f"again{suffix}"
+        table_writer(again)(samples, again)
+        for (name, one), (_, two) in zip(samples.channels(), read_table(again).samples.channels(), strict=True):
+            assert np.array_equal(one, two, equal_nan=True), name
+
+    return read
+
+
+def table_seeds(suffix: str) -> Callable[[], list[bytes]]:
+    def seeds() -> list[bytes]:
+        samples = small_samples()[:20]
+        table_writer(scratch() / f"seed{suffix}")(samples, scratch() / f"seed{suffix}")
+        found = [(scratch() / f"seed{suffix}").read_bytes()]
+        if suffix == ".csv":
+            found += [
+                b"time_s,speed_rad_s,friction_torque_Nm\r\n0.125,1e3,\r\n1.5e0,nan,-0.1\r\n2,inf,1\r\n",
+                b'\xef\xbb\xbftime_ns,"speed_rad_s",motor_current_A,x\n1,2,3,"a,b"\n+5,-2.5E-3,.5,\n',
+            ]
+        return found
+
+    return seeds
+
+
+def read_a_wheel(data: bytes) -> None:
+    read = read_wheel(kept("wheel.toml", data))
+    assert Wheel.from_toml(read.to_toml(), "again") == read
+    models_for(read, built_in_model())
+    if read.window.samples <= 10_000:  # what a window of ten million slots takes is the owner's business
+        core = WheelCore(read, built_in_model())
+        core.feed(small_samples()[:40])
+        core.finish()
+
+
+def read_a_scenario(data: bytes) -> None:
+    read = read_scenario(kept("scenario.toml", data))
+    assert Scenario.from_toml(read.to_toml(), "again") == read
+
+
+def read_a_model(data: bytes) -> None:
+    read = read_model(kept("model.json", data))
+    assert read.from_json(read.to_json(), "again").sha256() == read.sha256()
+    models_for(small_wheel(), read)
+
+
+def read_some_labels(data: bytes) -> None:
+    for entry in read_labels(kept("labels.csv", data)):
+        assert entry.path.parent == scratch()
+
+
+def label_seeds() -> list[bytes]:
+    kept("table.csv", b"")
+    write_labels(["file", "dry", "viscous", "fss_1"], [["table.csv", "0", "1", "0"]], scratch() / "labels.csv")
+    return [(scratch() / "labels.csv").read_bytes(), b'file,dry,viscous\n"table.csv",1,0\n\n']
+
+
+def read_a_configuration(data: bytes) -> None:
+    session_config(BusOptions(config=kept("zenoh.json5", data)))
+
+
+def configuration_seeds() -> list[bytes]:
+    docker = Path(__file__).parents[2] / "docker"
+    return [(docker / name).read_bytes() for name in ("router.json5", "client.json5")]
+
+
+# ---- recordings ------------------------------------------------------------------------------------------------------
+
+
+def read_bytes_of_a_recording(data: bytes) -> None:
+    """Read, recover, and read what was recovered: it must hold the same, and be whole."""
+    path, out = kept("recording.mcap", data), scratch() / "recovered.mcap"
+    out.unlink(missing_ok=True)
+    recording = read_recording(path)
+    recover(path, out)
+    again = read_recording(out)
+    assert again.finished
+    assert not again.problems
+    assert [m.data for m in again.messages] == [m.data for m in recording.messages]
+
+
+@cache
+def parts() -> tuple[tuple[str, str, bytes], ...]:
+    """Return the parts of a small recording: attachments ("", name, content), messages (topic, schema, payload)."""
+    samples = small_samples()
+    core = WheelCore(small_wheel(), built_in_model())
+    core.feed(samples[:100], "p", 0)
+    found = [
+        ("", "wheel.toml", small_wheel().to_toml().encode()),
+        ("", "model.json", built_in_model().to_json().encode()),
+        ("", "settings.json", dump_json({"method": "joint", "predecessor": None, "inherited": {}})),
+        ("", "checkpoint/sat/wheel_1.json", core.checkpoint().to_json()),
+    ]
+    for number, start in enumerate((100, 150), start=1):
+        piece = samples[start : start + 50]
+        found.append((KEY, SamplesMessage.schema_name(), samples_json(piece, "p", number)))
+        said_of_it = outputs_of(core.feed(piece, "p", number), "sat", "wheel_1")
+        found += [(output.key, output.schema, output.payload) for output in said_of_it]
+    return tuple(found)
+
+
+def with_part(place: int, content: bytes) -> Path:
+    """Write the small recording with another content of one part, and every checksum right."""
+    path = scratch() / "rwa-000001.mcap"
+    (scratch() / "rwa-000001.mcap.part").unlink(missing_ok=True)
+    changed = [(*part[:2], content if at == place else part[2]) for at, part in enumerate(parts())]
+    writer = RecordingWriter(path, {name: data for topic, name, data in changed if not topic}, lambda: 0)
+    for topic, schema, payload in changed:
+        if topic:
+            writer.write(topic, schema, payload, 0)
+    writer.close()
+    return path
+
+
+def read_a_part(data: bytes) -> None:
+    """Put bytes in the place of one part of a recording, and use the recording in all ways."""
+    path = with_part(data[0] % len(parts()) if data else 0, data[1:])
+    uses: tuple[Callable[[], object], ...] = (
+        lambda: replay(path),
+        lambda: read_telemetry(path),
+        lambda: json.loads(replay_json(scratch(), path.name)),
+    )
+    refused: RwaMonitorError | None = None
+    for use in uses:
+        try:
+            use()
+        except RwaMonitorError as error:
+            refused = error
+    if refused is not None:
+        raise refused
+
+
+TARGETS: Final[dict[str, Target]] = {
+    "messages": Target(read_message, message_seeds),
+    "csv": Target(read_any_table(".csv"), table_seeds(".csv")),
+    "parquet": Target(read_any_table(".parquet"), table_seeds(".parquet")),
+    "wheel": Target(
+        read_a_wheel, lambda: [small_wheel().to_toml().encode(), wheel(WINDOW, 16, True).to_toml().encode()]
+    ),
+    "scenario": Target(
+        read_a_scenario, lambda: [(Path(__file__).parents[2] / "docker" / "scenario.toml").read_bytes()]
+    ),
+    "model": Target(read_a_model, lambda: [built_in_model().to_json().encode()]),
+    "labels": Target(read_some_labels, label_seeds),
+    "configuration": Target(read_a_configuration, configuration_seeds),
+    "mcap": Target(read_bytes_of_a_recording, lambda: [with_part(-1, b"").read_bytes()]),
+    "replay": Target(read_a_part, lambda: [bytes([at]) + part[2] for at, part in enumerate(parts())]),
+}
