@@ -164,6 +164,15 @@ audit: $(VENV)/.installed-dev ## asks for known vulnerabilities of the locked pa
 	$(AUDIT_VENV)/bin/cyclonedx-py requirements requirements.txt --pyproject pyproject.toml --output-reproducible -o build/sbom.json
 	$(AUDIT_VENV)/bin/pip-audit --disable-pip --require-hashes --strict -r requirements.txt
 
+# atheris is a fuzzer guided by what an input reaches, in an environment of its own; it sees the packages of the other.
+FUZZ_VENV := .fuzz-venv
+.PHONY: fuzz
+fuzz: $(VENV)/.installed-dev ## fuzzes every reader of outside bytes, 10 minutes each; writes docs/fuzzing.md (FUZZ_ARGS="--seconds 60")
+	@test -x $(FUZZ_VENV)/bin/python || "$$(tools/find_python.sh)" -m venv $(FUZZ_VENV)
+	$(FUZZ_VENV)/bin/python -m pip install --quiet atheris==3.0.0
+	OPENBLAS_NUM_THREADS=1 PYTHONPATH=.:$$($(BIN)/python -c 'import sysconfig; print(sysconfig.get_path("purelib"))') \
+	  nice -n 15 $(FUZZ_VENV)/bin/python -m tests.fuzz.campaign --page docs/fuzzing.md $(FUZZ_ARGS)
+
 # Basilisk is an outside wheel simulator, 600 MB, in an environment of its own.
 OUTSIDE_VENV := .outside-venv
 .PHONY: outside
@@ -197,5 +206,5 @@ lock: ## writes requirements.txt and requirements-dev.txt anew from pyproject.to
 
 .PHONY: clean
 clean: ## removes the environment and everything generated; recordings stay
-	rm -rf $(VENV) $(UV_VENV) $(OUTSIDE_VENV) $(AUDIT_VENV) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis .benchmarks
+	rm -rf $(VENV) $(UV_VENV) $(OUTSIDE_VENV) $(FUZZ_VENV) $(AUDIT_VENV) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis .benchmarks
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +

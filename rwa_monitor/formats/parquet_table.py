@@ -24,6 +24,7 @@ FIRST_ROW: Final = 1  # as a person counts: a Parquet table has no header row
 MAX_PARQUET_BYTES: Final = 2_000_000_000
 MAX_UNPACKED_BYTES: Final = 4_000_000_000  # of all columns; 20 million rows of 7 channels are 1.3 GB
 MAX_ROW_GROUPS: Final = 100_000
+BATCH_ROWS: Final = 100_000
 MAX_FOOTER_ENTRIES: Final = 1_000_000  # of a list in the footer, and characters of a text in it
 
 # A column; pyarrow has no types of its own.
@@ -51,7 +52,7 @@ def read_parquet(path: Path) -> SampleTable:
             layout = lay_out(file.schema_arrow.names, source)
             ((time_name, _),) = layout.time.items()
             _check_footer(file, (time_name, *layout.channels), source)
-            table = file.read([time_name, *layout.channels])
+            table = _read_columns(file, [time_name, *layout.channels], source)
     except (pa.ArrowException, EOFError, UnicodeDecodeError) as error:
         raise InputError(source, f"is no readable Parquet file: {first_line(error)}") from error
     except OSError as error:  # Arrow reports damaged pages so, with a text and without a code
@@ -78,6 +79,19 @@ def _check_footer(file: Any, columns: Sequence[str], source: str) -> None:
     unpacked = sum(metadata.row_group(at).total_byte_size for at in range(metadata.num_row_groups))
     if unpacked > MAX_UNPACKED_BYTES:
         raise InputError(source, f"unpacks to {unpacked:,} bytes; the limit is {MAX_UNPACKED_BYTES:,}")
+
+
+def _read_columns(file: Any, names: list[str], source: str) -> Any:
+    """Return columns as a table, in pieces: a row group may claim to hold more rows than memory, and the footer few."""
+    promised, batches, rows = file.metadata.num_rows, [], 0
+    for batch in file.iter_batches(batch_size=BATCH_ROWS, columns=names):
+        rows += len(batch)
+        if rows > promised:
+            break
+        batches.append(batch)
+    if rows != promised:
+        raise InputError(source, f"holds {'more' if rows > promised else 'fewer'} rows than its footer says")
+    return pa.Table.from_batches(batches)
 
 
 def _is_number(kind: Any) -> bool:

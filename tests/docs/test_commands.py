@@ -122,12 +122,20 @@ def test_the_code_of_a_page_works_in_its_order(name: str, tmp_path: Path) -> Non
         assert words in said
 
 
-def test_every_test_that_a_promise_names_exists() -> None:
-    text = (ROOT / "docs" / "promises.md").read_text(encoding="utf-8")
+@pytest.mark.parametrize("page", ["promises.md", "threats.md"])
+def test_every_test_that_a_table_names_exists(page: str) -> None:
+    text = (ROOT / "docs" / page).read_text(encoding="utf-8")
     named = re.findall(r"`(tests/[\w/]+\.py)::(\w+)`", text)
     assert named
     for file, test in named:
         assert f"def {test}(" in (ROOT / file).read_text(encoding="utf-8"), f"{file}::{test}"
+
+
+def test_every_threat_has_a_test() -> None:
+    tables = (ROOT / "docs" / "threats.md").read_text(encoding="utf-8").split("## What is not covered")[0]
+    rows = [line for line in tables.splitlines() if line.startswith("| ") and not line.startswith("| threat ")]
+    assert len(rows) > 30
+    assert [row for row in rows if "`tests/" not in row.rsplit(" | ", 1)[1]] == []
 
 
 def test_every_command_that_a_promise_names_exists() -> None:

@@ -21,6 +21,7 @@ from rwa_monitor.live.sequencer import (
     PublisherChanged,
     PublisherConflict,
 )
+from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import Samples
 from tests.live.support import WINDOW, said, telemetry, wheel
 
@@ -71,6 +72,21 @@ def test_samples_beyond_the_wheels_limits_are_rejected_and_leave_no_trace() -> N
     core.feed(samples_at([2, 3], speed=651.0))
     core.feed(samples_at([2, 3]))
     assert (core.counts.used, core.counts.rejected, core.counts.slots_missed) == (4, 2, 0)
+
+
+def test_values_that_no_wheel_has_are_rejected_also_without_limits() -> None:
+    tables = wheel().to_tables()
+    del tables["limits"]
+    unlimited = Wheel.from_tables(tables, "test wheel")
+    samples = telemetry(3 * WINDOW)
+    wild = samples[:]
+    assert wild.friction_torque_Nm is not None
+    wild.friction_torque_Nm[[5, 100, 101, 2_000]] = (1e182, -1e7, 1.001e6, 1e300)
+    wild.speed_rad_s[700] = -1e200
+    core, clean = WheelCore(unlimited, None), WheelCore(unlimited, None)
+    events = core.feed(wild)
+    assert core.counts.rejected == 5
+    assert said(events) == said(clean.feed(samples[np.setdiff1d(np.arange(len(samples)), [5, 100, 101, 700, 2_000])]))
 
 
 @pytest.mark.parametrize("step", [WINDOW + 1, -WINDOW - 1, 50 * WINDOW, -3 * WINDOW])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -248,3 +249,10 @@ def test_reading_files_runs_nothing_in_them_and_talks_to_nobody(tmp_path: Path) 
     assert done.returncode == 0, done.stderr
     assert done.stdout.count('"verdict"') >= 2
     assert (tmp_path / "out.mcap").exists()
+
+
+def test_the_page_shows_text_only_as_text() -> None:
+    scripts = [path for path in (PACKAGE / "dashboard" / "static").rglob("*.js") if "vendor" not in path.parts]
+    assert scripts
+    makes_html = re.compile(r"innerHTML|outerHTML|insertAdjacentHTML|document\.write|\beval\b|new Function|javascript:")
+    assert [path.name for path in scripts if makes_html.search(path.read_text(encoding="utf-8"))] == []

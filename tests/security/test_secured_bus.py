@@ -191,6 +191,21 @@ def test_strangers_get_no_connection(issued_by_us: Path, tmp_path: Path) -> None
     assert set(bus.heard) == {(SAMPLES, b"last")}
 
 
+def test_a_connection_ends_when_its_certificate_does(issued_by_us: Path, tmp_path: Path) -> None:
+    end = datetime.now(UTC) + timedelta(seconds=4)
+    short = issued(issued_by_us / "authority", tmp_path / "short", "simulated.wheel_1", not_after=end)
+    with secured(issued_by_us, tmp_path) as bus, open_session(leaf(short, bus.port, tmp_path)) as session:
+        session.put(SAMPLES, b"in time", congestion_control=zenoh.CongestionControl.BLOCK)
+        wait_for(lambda: len(bus.heard) >= 2, "what was sent in time")
+        wait_for(lambda: not list(session.info.routers_zid()), "the end of the connection")
+        assert datetime.now(UTC) >= end - timedelta(seconds=1)
+        session.put(SAMPLES, b"too late")
+        with bus.join("simulated.wheel_1") as right:
+            send(right, SAMPLES, b"last")
+            wait_for(lambda: len([payload for _, payload in bus.heard if payload == b"last"]) >= 2, "the right wheel")
+    assert {payload for _, payload in bus.heard} == {b"in time", b"last"}
+
+
 @pytest.mark.parametrize("impostor", ["a wheel", "another authority"])
 def test_nobody_else_can_pose_as_the_router(impostor: str, issued_by_us: Path, tmp_path: Path) -> None:
     own = issued_by_us / "simulated.wheel_1" if impostor == "a wheel" else certificates(tmp_path / "foreign") / "router"
