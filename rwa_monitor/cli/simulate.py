@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from rwa_monitor.live.bus import BusOptions
     from rwa_monitor.physics.datasets import LabelledWindow
 
-DEFAULT_KEY: Final = "rwa/simulated/wheel_1/samples"
+DEFAULT_KEY: Final = "rwa/simulated/wheel_{n}/samples"
 
 scenario_option = click.option(
     "--scenario",
@@ -107,7 +107,12 @@ def dataset(recipe: str, count: int, seed: int, output: Path, suffix: str) -> No
 @wheel_option
 @seed_option
 @speed_option
-@click.option("--key", default=DEFAULT_KEY, show_default=True, metavar="KEY", help="The wheel's samples on the bus.")
+@click.option(
+    "--key", default=DEFAULT_KEY, show_default=True, metavar="KEY", help="The samples on the bus; {n} counts wheels."
+)
+@click.option(
+    "--count", type=click.IntRange(1, 4096), default=1, show_default=True, metavar="N", help="So many wheels at once."
+)
 @click.option(
     "--batch", type=click.IntRange(1, 100_000), default=256, show_default=True, help="Samples of one message."
 )
@@ -126,6 +131,7 @@ def publish(
     seed: int,
     speed: float,
     key: str,
+    count: int,
     batch: int,
     linger: float,
     bus: BusOptions,
@@ -133,17 +139,24 @@ def publish(
     """Publish one recording on the bus in the pace of its own time, as a satellite's computer would.
 
     Ends when the scenario does, or on SIGINT or SIGTERM. The same scenario, wheel and seed give the samples of
-    `simulate recording`.
+    `simulate recording`; with --count the second wheel has the next seed, and so on.
     """
     from rwa_monitor.cli.signals import stop_on_signals
     from rwa_monitor.live.bus import open_session
     from rwa_monitor.live.publisher import publish as publish_samples
 
     warn_if_alone(bus)
-    samples = _simulate(scenario_file, wheel_file, seed, "published").telemetry.samples
+    if count > 1 and "{n}" not in key:
+        raise click.BadParameter("with --count, KEY needs {n} where the number of the wheel stands", param_hint="--key")
+    keys = [key.replace("{n}", str(number)) for number in range(1, count + 1)]
+    telemetry = {
+        key: _simulate(scenario_file, wheel_file, seed + number, "published").telemetry.samples
+        for number, key in enumerate(keys)
+    }
     with stop_on_signals() as stop, open_session(bus) as session:
-        sent = publish_samples({key: samples}, session, speed=speed, batch_samples=batch, linger_s=linger, stop=stop)
-    say(f"{sent} of {len(samples)} samples published on {key}")
+        sent = publish_samples(telemetry, session, speed=speed, batch_samples=batch, linger_s=linger, stop=stop)
+    total = sum(len(samples) for samples in telemetry.values())
+    say(f"{sent} of {total} samples published on {keys[0]}{f' … {keys[-1]}' if count > 1 else ''}")
 
 
 def _simulate(scenario_file: Path | None, wheel_file: Path | None, seed: int, name: str) -> LabelledWindow:
