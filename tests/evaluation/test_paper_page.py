@@ -39,25 +39,13 @@ def examined(windows: list[LabelledWindow]) -> list[Examined]:
 def page(tmp_path_factory: pytest.TempPathFactory) -> tuple[Result, Path]:
     """Run the small version once."""
     file = tmp_path_factory.mktemp("page") / "paper.md"
-    arguments = [
-        "benchmark",
-        "paper",
-        "--quick",
-        "--windows",
-        "30",
-        "--workers",
-        "0",
-        "--seed",
-        str(SEED),
-        "--page",
-        str(file),
-    ]
+    arguments = ["benchmark", "paper", "--quick", "--workers", "0", "--seed", str(SEED), "--page", str(file)]
     return CliRunner().invoke(main, arguments, catch_exceptions=False), file
 
 
 def test_the_command_writes_every_table_and_figure(page: tuple[Result, Path]) -> None:
     result, file = page
-    assert result.exit_code == 0
+    assert result.exit_code == 0, result.stderr
     text = file.read_text(encoding="utf-8")
     assert result.stdout == text
     for heading in (
