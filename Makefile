@@ -142,6 +142,22 @@ blind: $(VENV)/.installed-dev ## the blind suite: hides effects, requires findin
 faults: $(VENV)/.installed-dev ## the fault campaign on real processes; writes docs/faults.md (FAULTS_ARGS="--histories 300 --jobs 2")
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.faults.campaign --seed 31 -o docs/faults.md $(FAULTS_ARGS)
 
+.PHONY: speed
+speed: $(VENV)/.installed-dev ## the speed benchmark; writes docs/speed.json and docs/speed.md (SPEED_ARGS="--windows 100")
+	$(BIN)/rwa-monitor benchmark speed --json docs/speed.json --page docs/speed.md $(SPEED_ARGS)
+
+.PHONY: profile
+profile: $(VENV)/.installed-dev ## where the time of the live path goes; writes docs/profile.md
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.profile_live -o docs/profile.md $(PROFILE_ARGS)
+
+.PHONY: onboard
+onboard: $(VENV)/.installed-dev ## the core alone on one core with little memory; writes docs/onboard.json and docs/onboard.md
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.onboard --json docs/onboard.json -o docs/onboard.md $(ONBOARD_ARGS)
+
+.PHONY: scale
+scale: $(VENV)/.installed-dev ## satellites by the thousand, worked out from docs/speed.json; writes docs/scale.md
+	$(BIN)/python -m benchmarks.scale -o docs/scale.md
+
 .PHONY: soak
 soak: $(VENV)/.installed-dev ## ten minutes at 100,000 samples a second; writes docs/soak.md (SOAK_ARGS="--seconds 60")
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python benchmarks/soak.py -o docs/soak.md $(SOAK_ARGS)

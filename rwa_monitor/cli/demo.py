@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Final
 
 import click
 
+from rwa_monitor.cli.first_use import tell_of_compiling
 from rwa_monitor.cli.options import FILE, bus_options, not_nan
 from rwa_monitor.cli.talk import say
 
@@ -81,6 +82,7 @@ def command(duration: float, no_browser: bool, port: int | None, seed: int, reco
     from rwa_monitor.live.run_options import RunOptions
     from rwa_monitor.live.service import run
 
+    tell_of_compiling()
     # A new satellite each time: what the folder holds of the last one is not carried over to this one's healthy wheels.
     spacecraft = time.strftime("demo-%Y%m%dT%H%M%S", time.gmtime())
     story = tell(spacecraft, duration, start_ns=time.time_ns(), seed=seed)

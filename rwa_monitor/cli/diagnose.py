@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Final, Literal
 import click
 
 from rwa_monitor.cli.exit_codes import UNREADABLE, WRONG_USE
+from rwa_monitor.cli.first_use import tell_of_compiling
 from rwa_monitor.cli.options import FILE, FleetOptions, fleet_options, method_option, model_option, wheel_option
 from rwa_monitor.cli.talk import say
 from rwa_monitor.errors import InputError
@@ -57,6 +58,7 @@ def command(
     from rwa_monitor.formats.model_file import read_model
     from rwa_monitor.formats.wheel_file import read_wheel
 
+    tell_of_compiling()
     if carry and fleet.asked_for:
         raise click.UsageError(
             "--carry takes one file after the other, --results, --scheduler and --workers many at once"

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import click
 
 from rwa_monitor.cli.exit_codes import UNREADABLE
+from rwa_monitor.cli.first_use import tell_of_compiling
 from rwa_monitor.cli.options import FILE, FleetOptions, fleet_options, wheel_option
 from rwa_monitor.cli.talk import say
 
@@ -72,6 +73,8 @@ def command(
     from rwa_monitor.discrepancy.report import plan, sentence
     from rwa_monitor.formats.wheel_file import read_wheel
     from rwa_monitor.physics.wheel import built_in_wheel
+
+    tell_of_compiling()
     from rwa_monitor.threads import on_threads
 
     wheel = read_wheel(wheel_file) if wheel_file else None

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from rwa_monitor.cli.exit_codes import UNREADABLE
+from rwa_monitor.cli.first_use import tell_of_compiling
 from rwa_monitor.cli.options import FILE, FleetOptions, fleet_options
 from rwa_monitor.cli.talk import say
 
@@ -51,6 +52,7 @@ def command(
     from rwa_monitor.formats.files import write_text
     from rwa_monitor.formats.wheel_file import read_wheel
 
+    tell_of_compiling()
     start = read_wheel(wheel_file) if wheel_file else None
     if each:
         ctx.exit(_each(files, output, start, not no_systems, fleet))

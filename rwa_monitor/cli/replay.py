@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from rwa_monitor.cli.exit_codes import FAILED, UNREADABLE
+from rwa_monitor.cli.first_use import tell_of_compiling
 from rwa_monitor.cli.options import FILE, bus_options, speed_option, warn_if_alone
 from rwa_monitor.cli.progress import counting
 from rwa_monitor.cli.talk import say
@@ -44,6 +45,7 @@ def command(
     """
     from rwa_monitor.live.replay import replay
 
+    tell_of_compiling()
     if publish and (verify or exact):
         raise click.UsageError("--publish only sends; it cannot be combined with --verify or --exact")
     paths = recordings[0] if len(recordings) == 1 else recordings

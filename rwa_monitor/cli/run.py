@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Literal
 
 import click
 
+from rwa_monitor.cli.first_use import tell_of_compiling
 from rwa_monitor.cli.options import FILE, bus_options, method_option, model_option, warn_if_alone, wheel_option
 from rwa_monitor.cli.talk import say
 
@@ -64,6 +65,7 @@ def command(
     from rwa_monitor.live.service import run
     from rwa_monitor.live.supervisor import Supervisor
 
+    tell_of_compiling()
     wheel = read_wheel(wheel_file)
     for note in wheel.missing():
         say(f"{wheel.name}: {note}")

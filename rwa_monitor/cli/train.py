@@ -7,6 +7,7 @@ from pathlib import Path
 
 import click
 
+from rwa_monitor.cli.first_use import tell_of_compiling
 from rwa_monitor.cli.options import FILE, scheduler_option, workers_option
 from rwa_monitor.cli.progress import track
 from rwa_monitor.cli.talk import say
@@ -34,6 +35,7 @@ def command(labels_file: Path, wheel_file: Path, output: Path, scheduler: str | 
     from rwa_monitor.formats.model_file import write_model
     from rwa_monitor.formats.wheel_file import read_wheel
 
+    tell_of_compiling()
     wheel = read_wheel(wheel_file)
     files = read_labels(labels_file)
     reader = ReadFeatures(wheel)

@@ -1,0 +1,265 @@
+"""The core alone on a small computer: disk, start, memory, share of one core; `make onboard` writes docs/onboard.md.
+
+The package is built and installed into a fresh environment without extras: no web, no database, no Dask. There it
+serves the four wheels of a satellite, pinned to one core (`taskset`) and with its data limited (RLIMIT_DATA: what the
+process may write to), while this process publishes 8 samples a second of each wheel over TCP.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import resource
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from threading import Event
+
+import numpy as np
+
+from rwa_monitor.evaluation.report import table
+from rwa_monitor.evaluation.speed.live import samples_of
+from rwa_monitor.evaluation.speed.machine import describe_machine
+from rwa_monitor.evaluation.speed.windows import window_of
+from rwa_monitor.live.bus import BusOptions, open_session
+from rwa_monitor.live.publisher import SamplesPublisher
+from rwa_monitor.physics.datasets import generate
+
+WHEELS = 4
+RATE_HZ = 8
+FAST_BATCH = 256
+WINDOW = 80_000
+LIMITS_MB = (384, 512, 768, 1_024, 1_536)
+
+
+@dataclass
+class Measured:
+    """What was measured; seconds, megabytes, shares of a core."""
+
+    disk_MB: float
+    largest: dict[str, float]
+    help_s: float
+    first_start_s: float
+    start_s: float
+    limit_MB: int
+    share_of_core: float
+    resident_MB: float
+    resident_full_MB: float
+    threads: int
+    fast_samples_s: float
+
+
+class Service:
+    """`rwa-monitor run` of the fresh environment, pinned to one core and limited."""
+
+    def __init__(self, environment: Path, folder: Path, limit_MB: int, cache: Path) -> None:
+        with socket.socket() as probe:
+            probe.bind(("127.0.0.1", 0))
+            self.endpoint = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+        command = [str(environment / "bin/rwa-monitor"), "run", "-l", self.endpoint, "--record", str(folder)]
+        if shutil.which("taskset"):
+            command = ["taskset", "-c", str(max(os.sched_getaffinity(0))), *command]
+        self.log = folder.with_suffix(".log")
+        limit = limit_MB * 10**6
+        begin_s = time.monotonic()
+        with self.log.open("w") as log:
+            self.process = subprocess.Popen(
+                command,
+                stderr=log,
+                env={"PATH": os.environ["PATH"], "NUMBA_CACHE_DIR": str(cache)},
+                preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_DATA, (limit, limit)),  # noqa: PLW1509
+            )
+        self.session = None
+        while "monitoring" not in self.log.read_text():
+            if self.process.poll() is not None:
+                raise MemoryError(self.log.read_text()[-500:])
+            Event().wait(0.02)
+        self.start_s = time.monotonic() - begin_s
+
+    def status(self) -> dict[str, str]:
+        """Return the fields of the process's status."""
+        lines = Path(f"/proc/{self.process.pid}/status").read_text().splitlines()
+        return {name: value.strip() for name, _, value in (line.partition(":") for line in lines)}
+
+    def resident_MB(self) -> float:
+        """Return the resident memory."""
+        return int(self.status()["VmRSS"].split()[0]) * 1024 / 1e6
+
+    def cpu_s(self) -> float:
+        """Return the processor time so far."""
+        fields = Path(f"/proc/{self.process.pid}/stat").read_text().rsplit(")", 1)[1].split()
+        return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+    def stop(self) -> None:
+        """Stop it."""
+        self.process.send_signal(signal.SIGTERM)
+        self.process.wait(60.0)
+
+
+def publish(service: Service, first: int, batches: int, batch: int, pause_s: float) -> int:
+    """Publish batches of all wheels; returns the slot after the last. Waits until the monitor has taken them all."""
+    window = window_of(next(iter(generate("paper", 1, 1))))
+    taken: dict[str, int] = {}
+    with open_session(BusOptions(mode="client", connect=(service.endpoint,))) as session:
+        session.declare_subscriber(
+            "rwa/onboard/*/status",
+            lambda sample: taken.update({str(sample.key_expr): json.loads(sample.payload.to_bytes())["samples_used"]}),
+        )
+        publishers = [SamplesPublisher(session, f"rwa/onboard/wheel_{n + 1}/samples") for n in range(WHEELS)]
+        begin = time.monotonic()
+        for number in range(batches):
+            if pause_s:
+                Event().wait(max(0.0, begin + number * pause_s - time.monotonic()))
+            for publisher in publishers:
+                publisher.put(samples_of(window, first + number * batch, batch))
+        due = time.monotonic() + 300.0
+        while sum(taken.values()) < WHEELS * (first + batches * batch) and time.monotonic() < due:
+            if service.process.poll() is not None:
+                raise MemoryError(service.log.read_text()[-500:])
+            Event().wait(0.05)
+        for publisher in publishers:
+            publisher.close()
+    return first + batches * batch
+
+
+def measure(seconds: float) -> Measured:
+    """Measure everything."""
+    with tempfile.TemporaryDirectory(prefix="rwa-onboard-") as name:
+        folder = Path(name)
+        environment = install(folder)
+        packages = next((environment / "lib").iterdir()) / "site-packages"
+        sizes = {path.name: _size_MB(path) for path in packages.iterdir() if not path.name.startswith(("pip", "setup"))}
+        help_s = min(_seconds([str(environment / "bin/rwa-monitor"), "--help"]) for _ in range(5))
+        cache = folder / "cache"
+        warm_up = [str(environment / "bin/python"), "-m", "rwa_monitor.live.warm_up"]
+        first_start_s = _seconds(warm_up, NUMBA_CACHE_DIR=str(cache))
+        start_s = _seconds(warm_up, NUMBA_CACHE_DIR=str(cache))
+        limit_MB, fast, full = _least_limit(environment, folder, cache)
+        service = Service(environment, folder / "slow", limit_MB, cache)
+        try:
+            slot = publish(service, 0, 4, RATE_HZ, 1.0)  # the compiled code is loaded, the first status is out
+            begin_s, cpu_s = time.monotonic(), service.cpu_s()
+            publish(service, slot, int(seconds), RATE_HZ, 1.0)
+            share = (service.cpu_s() - cpu_s) / (time.monotonic() - begin_s)
+            resident, threads = service.resident_MB(), int(service.status()["Threads"])
+        finally:
+            service.stop()
+    largest = dict(sorted(sizes.items(), key=lambda item: -item[1])[:8])
+    return Measured(
+        sum(sizes.values()), largest, help_s, first_start_s, start_s, limit_MB, share, resident, full, threads, fast
+    )
+
+
+def install(folder: Path) -> Path:
+    """Build the package and install it, without extras, into a fresh environment."""
+    root = Path(__file__).parents[1]
+    build = [sys.executable, "-m", "build", "--wheel", "--no-isolation", "-o", str(folder), str(root)]
+    subprocess.run(build, check=True, capture_output=True)
+    environment = folder / "environment"
+    subprocess.run([sys.executable, "-m", "venv", str(environment)], check=True, capture_output=True)
+    (package,) = folder.glob("*.whl")
+    install_it = [str(environment / "bin/pip"), "install", "--quiet", str(package)]
+    subprocess.run(install_it, check=True, capture_output=True)
+    return environment
+
+
+def _least_limit(environment: Path, folder: Path, cache: Path) -> tuple[int, float, float]:
+    """Return the least limit with which all wheels fill and diagnose a window, the rate, and the memory then."""
+    for limit_MB in LIMITS_MB:
+        try:
+            service = Service(environment, folder / f"limit_{limit_MB}", limit_MB, cache)
+            try:
+                slot = publish(service, 0, 1, FAST_BATCH, 0.0)
+                begin_s = time.monotonic()
+                end = publish(service, slot, WINDOW // FAST_BATCH + 1, FAST_BATCH, 0.0)
+                rate = WHEELS * (end - slot) / (time.monotonic() - begin_s)
+                return limit_MB, rate, service.resident_MB()
+            finally:
+                service.stop()
+        except MemoryError as error:
+            print(f"{limit_MB} MB are not enough: {str(error).strip().splitlines()[-1:]}", file=sys.stderr)
+    raise MemoryError(f"{LIMITS_MB[-1]} MB are not enough")
+
+
+def _seconds(command: list[str], **environment: str) -> float:
+    """Return the processor time of a command: on a machine with nothing else to do, the time it takes."""
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    subprocess.run(command, check=True, stdout=subprocess.DEVNULL, env={"PATH": os.environ["PATH"], **environment})
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+
+
+def _size_MB(path: Path) -> float:
+    files = path.rglob("*") if path.is_dir() else [path]
+    return float(np.sum([file.lstat().st_blocks * 512 for file in files if file.is_file()])) / 1e6
+
+
+def page(measured: Measured, seconds: float) -> str:
+    """Write docs/onboard.md."""
+    machine = ", ".join(f"{name} {value}" for name, value in describe_machine().items())
+    rows = [
+        ["disk, without extras", f"{measured.disk_MB:.0f} MB"],
+        ["`rwa-monitor --help`, processor time", f"{measured.help_s:.2f} s"],
+        [
+            "start with its kernels compiled before, two short windows diagnosed, processor time",
+            f"{measured.start_s:.1f} s",
+        ],
+        ["the same the very first time, which compiles the kernels", f"{measured.first_start_s:.0f} s"],
+        [
+            f"share of one core, {WHEELS} wheels at {RATE_HZ} Hz, a message a second each",
+            f"{measured.share_of_core:.1%}",
+        ],
+        ["resident memory, windows begun", f"{measured.resident_MB:.0f} MB"],
+        ["resident memory after a window of 80,000 slots of each wheel", f"{measured.resident_full_MB:.0f} MB"],
+        ["least limit of data with which that worked, of those tried", f"{measured.limit_MB} MB"],
+        ["threads", f"{measured.threads}"],
+        [f"samples a second, as fast as they come ({FAST_BATCH} in a message)", f"{measured.fast_samples_s:,.0f}"],
+    ]
+    tried, slow = ", ".join(str(limit) for limit in LIMITS_MB), 10.0 * measured.share_of_core
+    largest = [[f"`{name}`", f"{size:.0f} MB"] for name, size in measured.largest.items()]
+    return f"""# The core alone, on a small computer
+
+Made by `make onboard` ({seconds:.0f} s at {RATE_HZ} Hz) on: {machine}.
+
+The package is installed without extras into a fresh environment; `rwa-monitor run` with a recording is pinned to one
+core and limited in the data that it may write to, and serves {WHEELS} wheels over TCP. Limits tried: {tried} MB.
+A slower core takes more of itself in proportion: one of a tenth of this one's speed would be busy for {slow:.1%} of its
+time.
+
+{table(["what", "figure"], rows)}
+
+## What the disk holds
+
+{table(["package", "size"], largest)}
+
+The compiler (`llvmlite`, `numba`) is the largest part. An image can be built with the kernels compiled in (run
+`python -m rwa_monitor.live.warm_up` while it is built, as the container does); the compiler's package is still needed
+to load them. Matplotlib, PyArrow and scikit-learn serve pictures, Parquet and training, and nothing on board.
+"""
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--seconds", type=float, default=60.0, help="how long at 8 Hz")
+    parser.add_argument("-o", "--output", type=Path)
+    parser.add_argument("--json", type=Path)
+    arguments = parser.parse_args()
+    measured = measure(arguments.seconds)
+    text = page(measured, arguments.seconds)
+    print(text)
+    if arguments.output:
+        arguments.output.write_text(text)
+    if arguments.json:
+        arguments.json.write_text(json.dumps(asdict(measured), indent=1) + "\n")
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,217 @@
+"""Where the time of the live path goes, from a message's bytes to the recording: `make profile`, docs/profile.md.
+
+Messages of 256 samples go through the monitor as in `rwa-monitor run`, in one thread, without a bus between. Times of
+stages are taken around their functions, and cost the stages little; the list of functions is cProfile's, which makes
+calls of Python look dearer than they are.
+"""
+
+from __future__ import annotations
+
+import argparse
+import cProfile
+import pstats
+import tempfile
+import time
+from collections.abc import Callable
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+from unittest.mock import patch
+
+from rwa_monitor.diagnosis.evidence import WindowAccumulator
+from rwa_monitor.diagnosis.model import built_in_model
+from rwa_monitor.evaluation.report import table
+from rwa_monitor.evaluation.speed.detection import Window
+from rwa_monitor.evaluation.speed.live import BATCH, samples_of
+from rwa_monitor.evaluation.speed.machine import describe_machine
+from rwa_monitor.evaluation.speed.windows import window_of
+from rwa_monitor.live import core as live_core
+from rwa_monitor.live.bus import Inbox
+from rwa_monitor.live.friction import FrictionSource
+from rwa_monitor.live.monitor import Clock, Monitor
+from rwa_monitor.live.order_guard import OrderGuard
+from rwa_monitor.live.recorder import Recorder
+from rwa_monitor.live.ring_buffer import RingBuffer
+from rwa_monitor.live.run_options import RunOptions
+from rwa_monitor.live.screen import Screen
+from rwa_monitor.live.sequencer import Sequencer
+from rwa_monitor.messages import SamplesMessage, samples_json
+from rwa_monitor.physics.datasets import generate
+from rwa_monitor.physics.wheel import built_in_wheel
+
+KEY = "rwa/profile/wheel_1/samples"
+# What runs within what is told by the stack of stages: each gets only its own time.
+STAGES: dict[str, tuple[Any, str]] = {
+    "read the message: JSON, pydantic": (SamplesMessage, "parse"),
+    "lists to arrays": (SamplesMessage, "samples"),
+    "record the message: MCAP, zstd": (Recorder, "input"),
+    "sequencer": (Sequencer, "put"),
+    "order guard": (OrderGuard, "next_piece"),
+    "ring buffer": (RingBuffer, "extend"),
+    "screen for broken sensors": (Screen, "run"),
+    "friction": (FrictionSource, "friction"),
+    "detection: stage 1": (WindowAccumulator, "append"),
+    "close: stage 1's end": (WindowAccumulator, "close"),
+    "diagnosis: stages 2 to 4": (live_core, "diagnose_window"),
+    "record what is said": (Recorder, "output"),
+    "bring to the disk": (Recorder, "sync"),
+    "flush, rotate, status by the clock": (Monitor, "tick"),
+    "the core around them": (live_core.WheelCore, "feed"),
+    "the monitor around it": (Monitor, "receive"),
+}
+
+
+class SilentBus:
+    """A bus that nobody listens to."""
+
+    def __init__(self) -> None:
+        self.inbox = Inbox()
+        self.missed: dict[str, int] = {}
+
+    def take(self) -> None:
+        """Return nothing."""
+
+    def waiting(self) -> int:
+        """Return 0."""
+        return 0
+
+    def publish(self, *_message: object) -> None:
+        """Do nothing."""
+
+    def answer(self, *_question: object) -> None:
+        """Do nothing."""
+
+
+class Stopwatch:
+    """Own time of each stage: that of its function, less that of stages inside."""
+
+    def __init__(self) -> None:
+        self.seconds = dict.fromkeys(STAGES, 0.0)
+        self._inside = [0.0]
+
+    def around(self, stage: str, function: Callable[..., Any]) -> Callable[..., Any]:
+        """Return the function, timed."""
+
+        def timed(*arguments: Any, **words: Any) -> Any:
+            self._inside.append(0.0)
+            begin = time.thread_time()
+            try:
+                return function(*arguments, **words)
+            finally:
+                spent = time.thread_time() - begin
+                self.seconds[stage] += spent - self._inside.pop()
+                self._inside[-1] += spent
+
+        return timed
+
+
+def monitor_in(folder: Path) -> Monitor:
+    """Return a monitor that records in a folder."""
+    options = RunOptions(model=built_in_model())
+    recorder = Recorder(
+        folder,
+        wheel_toml=options.wheel.to_toml(),
+        model_json=built_in_model().to_json(),
+        settings=options.settings(),
+        predecessor=None,
+        wall_ns=time.time_ns,
+    )
+    recorder.begin({}, time.monotonic())
+    return Monitor(options, SilentBus(), recorder, lambda _: None, Clock())
+
+
+def run(messages: list[bytes]) -> None:
+    """Serve all messages."""
+    with tempfile.TemporaryDirectory() as folder:
+        monitor = monitor_in(Path(folder))
+        for payload in messages:
+            monitor.receive(KEY, payload)
+            monitor.tick()
+        monitor.close()
+
+
+def stages(messages: list[bytes]) -> dict[str, float]:
+    """Return the own time of each stage [s]."""
+    watch = Stopwatch()
+    with ExitStack() as stack:
+        for stage, (owner, name) in STAGES.items():
+            if stage == "read the message: JSON, pydantic":
+                timed = watch.around(stage, SamplesMessage.parse)
+                stack.enter_context(patch.object(owner, name, staticmethod(timed)))
+            else:
+                stack.enter_context(patch.object(owner, name, watch.around(stage, getattr(owner, name))))
+        run(messages)
+    return watch.seconds
+
+
+def functions(messages: list[bytes], count: int) -> list[list[str]]:
+    """Return the functions with the most own time: name, calls, share."""
+    profile = cProfile.Profile()
+    profile.runcall(run, messages)
+    found = pstats.Stats(profile)
+    total = found.total_tt  # type: ignore[attr-defined]
+    rows = sorted(found.stats.items(), key=lambda item: -item[1][2])[:count]  # type: ignore[attr-defined]
+    return [
+        [f"`{Path(file).name.removesuffix('.py')}.{name}`" if line else f"`{name}`", f"{calls}", f"{own / total:.1%}"]
+        for (file, line, name), (_, calls, own, _, _) in rows
+    ]
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--windows", type=int, default=3, help="windows of 80,000 samples")
+    parser.add_argument("--seed", type=int, default=8_129)
+    parser.add_argument("-o", "--output", type=Path)
+    arguments = parser.parse_args()
+    labelled = window_of(next(iter(generate("paper", 1, arguments.seed))))
+    window = Window(
+        built_in_wheel(),
+        labelled.speed_rad_s,
+        labelled.torque_Nm,
+        labelled.good,
+        labelled.noise_std,
+        labelled.slope,
+    )
+    count = arguments.windows * window.speed_rad_s.size // BATCH + 1
+    messages = [samples_json(samples_of(window, n * BATCH, BATCH), "profile", n) for n in range(count)]
+    run(messages[: window.speed_rad_s.size // BATCH + 1])  # compiles, and fills the caches
+    seconds = stages(messages)
+    text = page(seconds, count, functions(messages, 20), arguments)
+    print(text)
+    if arguments.output:
+        arguments.output.write_text(text)
+    return 0
+
+
+def page(seconds: dict[str, float], count: int, found: list[list[str]], arguments: argparse.Namespace) -> str:
+    total = sum(seconds.values())
+    rows = [
+        [stage, f"{1e6 * own / count:.1f}", f"{1e9 * own / count / BATCH:.0f}", f"{own / total:.1%}"]
+        for stage, own in sorted(seconds.items(), key=lambda item: -item[1])
+    ]
+    machine = ", ".join(f"{name} {value}" for name, value in describe_machine().items())
+    most = [stage for stage, _ in sorted(seconds.items(), key=lambda item: -item[1])[:3]]
+    at_8_hz = total / count / BATCH * 8.0
+    return f"""# Where the time of the live path goes
+
+Made by `make profile` ({arguments.windows} windows, seed {arguments.seed}) on: {machine}.
+
+{count} messages of {BATCH} samples through the monitor, from their bytes to the recording:
+{1e6 * total / count:.0f} µs of processor time a message, {1e9 * total / count / BATCH:.0f} ns a sample,
+{count * BATCH / total:,.0f} samples a second on one core. A wheel at 8 Hz takes {at_8_hz:.1e} of the core in such
+messages. Most of it goes to: {"; ".join(most)}.
+
+{table(["stage", "µs a message", "ns a sample", "share"], rows)}
+
+A window that closes costs its stages once in {80_000 // BATCH} messages; the table spreads it over them.
+
+## Functions
+
+Own time by cProfile, which makes calls of Python look dearer than they are; a compiled kernel counts as one function.
+
+{table(["function", "calls", "share"], found)}
+"""
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

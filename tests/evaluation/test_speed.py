@@ -1,0 +1,166 @@
+"""The speed benchmark: its peers do the same work, its ratios hold with generous slack, its results can be kept."""
+
+from __future__ import annotations
+
+import json
+import math
+
+import numba
+import numpy as np
+import pytest
+
+from rwa_monitor.cli import first_use
+from rwa_monitor.diagnosis.model import built_in_model
+from rwa_monitor.diagnosis.wglr import wglr
+from rwa_monitor.evaluation.speed import benchmark, detection, live, peers, plain_paper
+from rwa_monitor.evaluation.speed.detection import Window
+from rwa_monitor.evaluation.speed.race import Runner, laps
+from rwa_monitor.evaluation.speed.report import SpeedReport, Target, to_markdown
+from rwa_monitor.evaluation.speed.windows import hard_window, time_hard_window, time_windows, window_of
+from rwa_monitor.physics.datasets import generate
+from rwa_monitor.physics.wheel import built_in_wheel
+
+# A ratio may be so many times its target before a test fails: processor times of short runs on a shared machine.
+SLACK = 5.0
+SEED = 8_129
+
+
+@pytest.fixture(scope="module")
+def window() -> Window:
+    return window_of(next(iter(generate("paper", 1, SEED))))
+
+
+# ---- the same work ---------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("scale", [2, 50, 128])
+def test_the_compiled_kernel_agrees_with_plain_numpy(window: Window, scale: int) -> None:
+    x, z = window.x, window.z
+    statistic, _ = wglr(x, z, window.good, scale, 1e-4, 1.0)
+    plain = plain_paper.wglr(x, z, scale, 1e-4, 1.0)
+    # Sums over the whole window lose digits that sums over a chunk keep: some 80,000 · eps of a window's Σz².
+    np.testing.assert_allclose(statistic[scale : x.size - scale + 1], plain, rtol=1e-6, atol=1e-7)
+
+
+def test_the_plain_method_finds_what_the_truth_holds() -> None:
+    right = total = 0
+    for labelled in generate("paper", 5, SEED):
+        window, truth = window_of(labelled), labelled.telemetry.truth
+        found = plain_paper.diagnose(
+            window.speed_rad_s, window.torque_Nm, window.wheel, built_in_model(), window.noise_std
+        )
+        assert found.viscous == pytest.approx(window.slope, rel=0.05)
+        jumps = np.unique(truth.changepoints.index[truth.changepoints.visible])
+        right += sum(int(np.abs(found.changepoints - jump).min() <= 5) for jump in jumps)
+        total += jumps.size
+    assert right / total > 0.9  # facts.md: 95–98 %
+
+
+def test_the_fastest_peer_finds_what_the_truth_holds() -> None:
+    pytest.importorskip("skchange")
+    labelled = next(iter(generate("paper", 1, SEED)))
+    truth = labelled.telemetry.truth.changepoints
+    found = np.asarray(peers.skchange_fpop().search(window_of(labelled).series()))
+    jumps = np.unique(truth.index[truth.visible])
+    assert np.mean([np.abs(found - jump).min() <= 5 for jump in jumps]) > 0.95
+
+
+def test_a_missing_peer_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(name: str) -> object:
+        raise ImportError(name)
+
+    monkeypatch.setattr(peers, "import_module", refuse)
+    told: list[str] = []
+    assert peers.installed(told.append) == []
+    assert "skchange is not installed (pip install skchange); it is left out" in told
+    assert len(told) == len(peers.PEERS)
+
+
+# ---- ratios ----------------------------------------------------------------------------------------------------------
+
+
+def test_kernels_beside_plain_numpy_and_the_limit(window: Window) -> None:
+    x, z, out = window.x, window.z, np.empty((5, window.x.size))
+    found = laps(
+        [
+            Runner("limit", "limit", lambda: detection.five_sums(x, z, out)),
+            Runner("one", "ours", lambda: wglr(x, z, window.good, 50, 1e-4, 1.0)),
+            Runner("seven", "ours", detection.seven_scales(window)),
+            Runner("plain", "peer", lambda: plain_paper.wglr(x, z)),
+        ],
+        rounds=5,
+    )
+    least = {lap.name: lap.least_s for lap in found}
+    assert least["seven"] <= SLACK * least["plain"]
+    assert least["one"] <= SLACK * 6.0 * least["limit"]
+
+
+def test_whole_windows_beside_the_kernel_and_the_plain_method() -> None:
+    times = time_windows(generate("paper", 6, SEED), built_in_model(), None, repeats=2)
+    allowed = 0.25 * np.median(times.kernel) + 0.003
+    assert np.median(times.close) <= SLACK * allowed
+    assert np.isfinite(times.plain).sum() == 2  # every fifth
+    assert np.nanmean(times.plain) >= np.mean(times.whole) / SLACK
+
+
+def test_the_incremental_step_beside_the_same_at_once(window: Window) -> None:
+    of_built_in = Window(
+        built_in_wheel(), window.speed_rad_s, window.torque_Nm, window.good, window.noise_std, window.slope
+    )
+    least = {lap.name: lap.least_s for lap in live.step_laps(of_built_in, built_in_model())}
+    assert least[live.STEP_BATCH] <= SLACK * 2.0 * least[live.STEP_AT_ONCE]
+    cost = live.cost_by_length(of_built_in, built_in_model(), (20_000, 200_000))
+    assert cost[200_000] <= SLACK * cost[20_000]
+
+
+def test_a_window_of_many_alike_jumps_is_bounded_and_says_that_it_pruned() -> None:
+    wheel = built_in_wheel()
+    one, two = hard_window(wheel, np.random.default_rng(1)), hard_window(wheel, np.random.default_rng(1))
+    np.testing.assert_array_equal(one.torque_Nm, two.torque_Nm)
+    hard = time_hard_window(wheel, built_in_model(), SEED, repeats=1)
+    assert (hard.candidates, hard.systems, hard.pruned) == (pytest.approx(200, abs=10), 3, True)
+    assert hard.states < 2_000 * 5 * hard.candidates  # budget of a candidate, rounds of the search
+
+
+# ---- what is kept ----------------------------------------------------------------------------------------------------
+
+
+def test_help_imports_nothing_heavy() -> None:
+    assert benchmark.imported_at_help() == []
+
+
+def test_a_report_can_be_kept_and_shown_again(window: Window) -> None:
+    section = benchmark.detection_section(
+        laps(
+            [
+                Runner(detection.LIMIT, "limit", lambda: None),
+                Runner(detection.OURS_ONE, "ours", lambda: None),
+                Runner(detection.OURS_SEVEN, "ours", lambda: None),
+                Runner(detection.PLAIN, "peer", lambda: None),
+            ],
+            rounds=2,
+        )
+    )
+    report = SpeedReport({"processor": "none"}, {"windows": 1, "seed": 2}, (section,), ("river is not installed",))
+    again = SpeedReport.from_json(json.loads(json.dumps(report.to_json())))
+    assert to_markdown(again) == to_markdown(report)
+    assert [target.name for target in again.targets] == [target.name for target in report.targets]
+
+
+def test_what_could_not_be_measured_is_neither_met_nor_missed() -> None:
+    target = Target("memory", math.nan, 3.0, least=False, absolute="cannot be read here")
+    assert target.met is None
+    assert Target("ratio", 2.0, 1.0, least=True, absolute="").met
+    assert not Target("ratio", 2.0, 1.0, least=False, absolute="").met
+
+
+def test_compiling_is_told_once(capsys: pytest.CaptureFixture[str]) -> None:
+    first_use.tell_of_compiling()
+
+    @numba.njit
+    def new(x: float) -> float:
+        return x + 1.0
+
+    new(1.0)
+    new(1)
+    assert capsys.readouterr().err.count(first_use.MESSAGE) == 1
