@@ -27,6 +27,12 @@ if TYPE_CHECKING:
     metavar="DIR",
     help="Folder of the recordings; the history is kept there too.",
 )
+@click.option(
+    "--history",
+    envvar="RWA_MONITOR_HISTORY",
+    metavar="URL",
+    help="postgresql://USER:PASSWORD@HOST/NAME.  [default: a SQLite file in DIR]",
+)
 @click.option("--token", envvar="RWA_MONITOR_TOKEN", metavar="T", help="Needed for changes.  [default: a random one]")
 @click.option(
     "--wheel",
@@ -37,14 +43,20 @@ if TYPE_CHECKING:
 @click.option("--no-browser", is_flag=True, help="Open no browser.")
 @bus_options
 def command(
-    port: int | None, record: Path, token: str | None, wheel: Path | None, no_browser: bool, bus: BusOptions
+    port: int | None,
+    record: Path,
+    history: str | None,
+    token: str | None,
+    wheel: Path | None,
+    no_browser: bool,
+    bus: BusOptions,
 ) -> None:
     """Serve the health page of all wheels on the bus, with what the recordings in DIR hold.
 
     The page can be read by everybody on this machine; the address printed holds the token that changes need.
     """
     try:
-        from rwa_monitor.dashboard.server import HISTORY_NAME, DashboardOptions, serve
+        from rwa_monitor.dashboard.server import DashboardOptions, serve
     except ImportError as error:
         raise click.ClickException(f"{error.name} is missing: pip install 'rwa-monitor[dashboard]'") from error
     from rwa_monitor.cli.signals import stop_on_signals
@@ -56,12 +68,12 @@ def command(
 
     warn_if_alone(bus)
     options = DashboardOptions(
-        port, record, token=token, wheel=read_wheel(wheel) if wheel else None, connect=endpoints(bus)
+        port, record, token=token, wheel=read_wheel(wheel) if wheel else None, connect=endpoints(bus), history=history
     )
     if record.is_dir() and any(record.glob("*.mcap")):
-        with History(record / HISTORY_NAME) as history:
+        with History(options.history_place) as kept:
             try:
-                imported = import_recordings(history, record)
+                imported = import_recordings(kept, record)
             except InputError as error:
                 say(f"{error}; it is left out")
             else:

@@ -12,9 +12,9 @@ from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager, suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
-from pydantic import ValidationError
+from pydantic import BaseModel, ValidationError
 from starlette.applications import Starlette
 from starlette.concurrency import run_in_threadpool
 from starlette.exceptions import HTTPException
@@ -31,7 +31,7 @@ from rwa_monitor.dashboard.feed import Client, Hub, frame, pulse
 from rwa_monitor.dashboard.fleet import Fleet, Received
 from rwa_monitor.dashboard.herald import Herald
 from rwa_monitor.dashboard.listener import alarm_entry
-from rwa_monitor.dashboard.openapi import MAX_ESTIMATES, MAX_WINDOWS, Acknowledgement, openapi
+from rwa_monitor.dashboard.openapi import MAX_ESTIMATES, MAX_WINDOWS, Acknowledgement, Shelving, openapi
 from rwa_monitor.dashboard.recordings import list_recordings, replay_json
 from rwa_monitor.dashboard.trends import trends
 from rwa_monitor.errors import InputError
@@ -44,6 +44,7 @@ from rwa_monitor.version import SOFTWARE
 STATIC: Final = Path(__file__).parent / "static"
 MAX_BODY_BYTES: Final = 16_384
 MAX_WATCH: Final = 300  # characters of a wheel that a page asks for
+Wanted = TypeVar("Wanted", bound=BaseModel)
 HEADERS: Final = {
     "Content-Security-Policy": "default-src 'self'; frame-ancestors 'none'; base-uri 'none'; form-action 'none'",
     "X-Content-Type-Options": "nosniff",
@@ -86,6 +87,7 @@ def create_app(sources: Sources) -> Starlette:
             Route("/api/wheels/{spacecraft}/{wheel}/trend", api.trend),
             Route("/api/alarms", api.alarms),
             Route("/api/alarms/{alarm:int}/acknowledge", api.acknowledge, methods=["POST"]),
+            Route("/api/alarms/{alarm:int}/shelve", api.shelve, methods=["POST"]),
             Route("/api/recordings", api.recordings),
             Route("/api/recordings/{name}", api.recording),
             WebSocketRoute("/api/feed", api.feed),
@@ -194,6 +196,18 @@ class Api:
 
     async def acknowledge(self, request: Request) -> Response:
         """Acknowledge an alarm; needs the token."""
+        who = await self._allowed(request, Acknowledgement)
+        history, number = self.sources.history, request.path_params["alarm"]
+        return await self._change(lambda: history.acknowledge(number, who.name, who.note))
+
+    async def shelve(self, request: Request) -> Response:
+        """Shelve an alarm for a while; needs the token."""
+        who = await self._allowed(request, Shelving)
+        history, number = self.sources.history, request.path_params["alarm"]
+        return await self._change(lambda: history.shelve(number, who.name, who.seconds, who.note))
+
+    async def _allowed(self, request: Request, wanted: type[Wanted]) -> Wanted:
+        """Return what a request wants changed; refuses it without the token, or where it is not understood."""
         given = request.headers.get("authorization", "")
         if not secrets.compare_digest(given.encode(), f"Bearer {self.sources.token}".encode()):
             raise HTTPException(401, "the token is missing or wrong; it is printed where the dashboard was started")
@@ -203,21 +217,24 @@ class Api:
             if len(body) > MAX_BODY_BYTES:
                 raise HTTPException(413, f"more than {MAX_BODY_BYTES} bytes")
         try:
-            who = Acknowledgement.model_validate_json(body)
+            return wanted.model_validate_json(body)
         except ValidationError as error:
             first = error.errors(include_url=False)[0]
             raise HTTPException(422, f"{'.'.join(map(str, first['loc']))}: {first['msg']}") from error
-        alarm = await run_in_threadpool(self._acknowledge, request.path_params["alarm"], who)
-        return _json(alarm.to_json())
 
-    def _acknowledge(self, number: int, who: Acknowledgement) -> AlarmRecord:
-        history = self.sources.history
-        alarm = history.acknowledge(number, who.name, who.note)
-        self.sources.hub.post(alarm_entry(alarm))
-        latest = history.windows(alarm.spacecraft, alarm.wheel, 1)
-        if latest:
-            self.sources.herald.tell(latest[0], history.open_alarms(alarm.spacecraft, alarm.wheel))
-        return alarm
+    async def _change(self, work: Callable[[], AlarmRecord]) -> Response:
+        """Change an alarm, and tell pages and bus of it."""
+
+        def change() -> AlarmRecord:
+            history, alarm = self.sources.history, work()
+            self.sources.hub.post(alarm_entry(alarm))
+            latest = history.windows(alarm.spacecraft, alarm.wheel, 1)
+            if latest:
+                self.sources.herald.tell(latest[0], history.open_alarms(alarm.spacecraft, alarm.wheel))
+            return alarm
+
+        alarm = await run_in_threadpool(change)
+        return _json(alarm.to_json())
 
     def recordings(self, request: Request) -> Response:
         """Answer with the recordings there are."""

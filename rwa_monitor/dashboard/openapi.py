@@ -10,7 +10,7 @@ from pydantic.json_schema import models_json_schema
 from rwa_monitor.dashboard.telemetry import Evidence
 from rwa_monitor.dashboard.trends import TrendRecord
 from rwa_monitor.history.records import AlarmRecord, EstimateRecord
-from rwa_monitor.history.store import MAX_NAME, MAX_NOTE
+from rwa_monitor.history.store import MAX_NAME, MAX_NOTE, MAX_SHELVED_S
 from rwa_monitor.messages import Changepoints, Diagnosis, Discrepancy, Health, SamplesMessage, Status
 from rwa_monitor.version import RELEASE
 
@@ -29,6 +29,14 @@ class Acknowledgement(_Shown):
 
     name: Annotated[str, Field(min_length=1, max_length=MAX_NAME)]
     note: Annotated[str, Field(max_length=MAX_NOTE)] = ""
+
+
+class Shelving(_Shown):
+    """Who sets an alarm aside, for how long, and why; 0 s brings it back."""
+
+    name: Annotated[str, Field(min_length=1, max_length=MAX_NAME)]
+    note: Annotated[str, Field(max_length=MAX_NOTE)] = ""
+    seconds: Annotated[float, Field(ge=0, le=MAX_SHELVED_S)]
 
 
 class TelemetryState(_Shown):
@@ -118,7 +126,8 @@ class Refusal(_Shown):
 
 SHOWN: Final = (
     Diagnosis, Status, Changepoints, SamplesMessage, Discrepancy, Health, Evidence, AlarmRecord, EstimateRecord,
-    TrendRecord, Acknowledgement, Entry, Beat, PulseOfWheel, Software, WheelNow, RecordingFile, Replay, Refusal,
+    TrendRecord, Acknowledgement, Shelving, Entry, Beat, PulseOfWheel, Software, WheelNow, RecordingFile, Replay,
+    Refusal,
 )  # fmt: skip
 
 
@@ -129,9 +138,6 @@ def openapi() -> dict[str, Any]:
     )
     wheel = [_in_path("spacecraft"), _in_path("wheel")]
     path = "/api/wheels/{spacecraft}/{wheel}"
-    change = _operation("Acknowledge an alarm", _one(AlarmRecord), [_in_path("alarm", "integer")], refused=401)
-    change["requestBody"] = {"required": True, "content": {"application/json": {"schema": _one(Acknowledgement)}}}
-    change["security"] = [{"token": []}]
     feed = _operation("The same messages as they come, as a WebSocket of frames: arrays of entries", _list(Entry))
     feed["responses"]["101"] = {"description": 'A page may send {"watch": "{spacecraft}/{wheel}"} for close-ups of it'}
     windows, estimates = _limit(MAX_WINDOWS), _limit(MAX_ESTIMATES)
@@ -149,7 +155,8 @@ def openapi() -> dict[str, Any]:
             f"{path}/estimates": {"get": _operation("Estimates", _list(EstimateRecord), [*wheel, estimates])},
             f"{path}/trend": {"get": _operation("Trends of the estimates", _list(TrendRecord), wheel)},
             "/api/alarms": {"get": _operation("Open alarms and the latest closed ones", _list(AlarmRecord))},
-            "/api/alarms/{alarm}/acknowledge": {"post": change},
+            "/api/alarms/{alarm}/acknowledge": {"post": _change("Acknowledge an alarm", Acknowledgement)},
+            "/api/alarms/{alarm}/shelve": {"post": _change("Shelve an alarm for a while", Shelving)},
             "/api/recordings": {"get": _operation("Recordings, the latest first", _list(RecordingFile))},
             "/api/recordings/{name}": {"get": _operation("One recording, thinned", _one(Replay), [_in_path("name")])},
             "/api/feed": {"get": feed},
@@ -159,6 +166,13 @@ def openapi() -> dict[str, Any]:
             "securitySchemes": {"token": {"type": "http", "scheme": "bearer"}},
         },
     }
+
+
+def _change(summary: str, body: type[BaseModel]) -> dict[str, Any]:
+    change = _operation(summary, _one(AlarmRecord), [_in_path("alarm", "integer")], refused=401)
+    change["requestBody"] = {"required": True, "content": {"application/json": {"schema": _one(body)}}}
+    change["security"] = [{"token": []}]
+    return change
 
 
 def _in_path(name: str, kind: str = "string") -> dict[str, Any]:

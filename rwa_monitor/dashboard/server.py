@@ -41,7 +41,7 @@ class DashboardOptions:
     port
         On loopback; 0 for any that is free; None for the usual one, or any where that is taken.
     record
-        Folder of the recordings; the history lies in it too. None: a history in memory.
+        Folder of the recordings. None: there are none.
     listen_to
         Key expression on the bus.
     wheel
@@ -49,6 +49,8 @@ class DashboardOptions:
         folder, the built-in wheel's where there is none.
     connect
         Endpoints that the session was told to connect to: the page says so when none of them can be reached.
+    history
+        URL of a PostgreSQL database for the history; None: a file in the folder, in memory without one.
     token
         For changes; None makes a random one.
     """
@@ -59,6 +61,12 @@ class DashboardOptions:
     token: str | None = None
     wheel: Wheel | None = None
     connect: tuple[str, ...] = ()
+    history: str | None = None
+
+    @property
+    def history_place(self) -> Path | str | None:
+        """Where the history is kept."""
+        return self.history or (self.record / HISTORY_NAME if self.record else None)
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,7 +91,7 @@ def serve(options: DashboardOptions, session: zenoh.Session, say: Callable[[str]
     """
     token = options.token or secrets.token_urlsafe(16)
     with ExitStack() as stack:
-        history = stack.enter_context(History(options.record / HISTORY_NAME if options.record else None))
+        history = stack.enter_context(History(options.history_place))
         fleet, hub = Fleet(options.wheel or latest_wheel(options.record)), Hub()
         listening = stack.enter_context(_socket(options.port))
         herald = stack.enter_context(Herald(session))

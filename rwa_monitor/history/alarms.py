@@ -52,6 +52,8 @@ class EventKind(StrEnum):
     RELAPSED = "relapsed"
     ACKNOWLEDGED = "acknowledged"
     CLEARED = "cleared"
+    SHELVED = "shelved"  # set aside for a while by a person; the state machine goes on as if it was not
+    UNSHELVED = "unshelved"
 
 
 @dataclass(frozen=True, slots=True)
@@ -227,5 +229,5 @@ def _enter(alarm: Alarm, event: AlarmEvent) -> Alarm:
             return replace(alarm, phase=Phase.ACKNOWLEDGED, acknowledged_level=max(alarm.peak, event.level))
         case EventKind.CLEARED:
             return Alarm(recent=alarm.recent)
-        case EventKind.EASED:
+        case EventKind.EASED | EventKind.SHELVED | EventKind.UNSHELVED:
             return alarm

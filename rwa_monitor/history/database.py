@@ -1,6 +1,7 @@
 """The database under the history: opens it, gives sessions, and keeps what was written when its file is taken away.
 
-SQLite without set-up: one file, write-ahead log, so that readers and the one writer do not wait for each other.
+SQLite without set-up: one file, write-ahead log, so that readers and the one writer do not wait for each other. Or
+PostgreSQL by URL, for several dashboards and for years of a large fleet.
 """
 
 from __future__ import annotations
@@ -13,13 +14,13 @@ from threading import Condition
 from typing import Any, Final
 from urllib.parse import quote
 
-from sqlalchemy import Engine, create_engine, event
-from sqlalchemy.exc import SQLAlchemyError
+from sqlalchemy import URL, Engine, create_engine, event, make_url
+from sqlalchemy.exc import ArgumentError, SQLAlchemyError
 from sqlalchemy.orm import Session
 from sqlalchemy.pool import StaticPool
 
 from rwa_monitor.errors import InputError, RwaMonitorError
-from rwa_monitor.history.tables import Table
+from rwa_monitor.history.schema import bring_up_to_date
 
 BUSY_TIMEOUT_S: Final = 5.0
 LOGS: Final = ("-wal", "-shm")  # SQLite's write-ahead log and its index, beside the file
@@ -38,22 +39,24 @@ class Database:
 
     Parameters
     ----------
-    path
-        SQLite file, made where it is missing; None keeps everything in memory.
+    place
+        SQLite file, made where it is missing; or the URL of a PostgreSQL database, which must exist
+        (postgresql://USER:PASSWORD@HOST/NAME); None keeps everything in memory.
 
     Raises
     ------
     InputError
-        If the file is no database or cannot be opened.
+        If the file is no database or cannot be opened, the URL is none, or there is no database.
     """
 
-    def __init__(self, path: Path | None) -> None:
-        self.path = path
+    def __init__(self, place: Path | str | None) -> None:
+        self.path = path = place if isinstance(place, Path) else None
+        self._url = _url(place)
         self._gate = Condition()
         self._sessions = 0  # that are open: the file is put back while there is none
         if path is not None:
             _make(path)
-        self._engine = _open_engine(path)
+        self._engine = _open_engine(self._url)
         self._keeper: Any = None
         self._files = self._hold()
 
@@ -87,11 +90,11 @@ class Database:
         HistoryError
             If that cannot be done now.
         """
-        if self.path is None or _identity(self.path) == self._files[0]:
+        if self.path is None or self._is_in_place(self.path):
             return
         with self._gate:
             self._gate.wait_for(lambda: not self._sessions, BUSY_TIMEOUT_S)
-            if _identity(self.path) == self._files[0]:
+            if self._is_in_place(self.path):
                 return
             try:
                 if self._sessions:
@@ -99,6 +102,10 @@ class Database:
                 self._reopen(self.path)
             except (OSError, sqlite3.Error, InputError) as error:
                 raise HistoryError(self._say(f"is gone, and cannot be put back: {_reason(error)}")) from error
+
+    def _is_in_place(self, path: Path) -> bool:
+        there = _identity(path)
+        return there is not None and there == self._files[0]
 
     def _reopen(self, path: Path) -> None:
         copy = path.with_name(f"{path.name}.new")
@@ -115,7 +122,7 @@ class Database:
                 log.unlink(missing_ok=True)
         if gone:
             copy.replace(path)
-        opened = _open_engine(path)
+        opened = _open_engine(self._url)
         self.close()  # only now: the old file, nameless, holds everything until there is a new one
         self._engine = opened
         self._files = self._hold()
@@ -128,7 +135,7 @@ class Database:
         return tuple(_identity(self.path.with_name(self.path.name + suffix)) for suffix in ("", *LOGS))
 
     def _say(self, text: str) -> str:
-        return f"the history ({self.path or 'in memory'}) {text}"
+        return f"the history ({self.path or self._url.render_as_string()}) {text}"
 
 
 def _identity(path: Path) -> tuple[int, int] | None:
@@ -148,23 +155,49 @@ def _make(path: Path) -> None:
         raise InputError(str(path), f"cannot be used as a history: {error.strerror}") from error
 
 
-def _open_engine(path: Path | None) -> Engine:
-    """Open the database and make its tables where they are missing."""
+def _url(place: Path | str | None) -> URL:
+    """Return the URL of a place; its password is shown to nobody."""
+    if place is None:
+        return make_url("sqlite://")
+    if isinstance(place, Path):
+        # No connection makes a file: an empty one in the place of one that was removed would pass for one put there.
+        return make_url(f"sqlite:///file:{quote(str(place.absolute()))}?mode=rw&uri=true")
     try:
-        if path is None:
-            engine = create_engine("sqlite://", poolclass=StaticPool, connect_args={"check_same_thread": False})
-        else:
-            # A connection is used by one thread at a time, as the pool sees to; the keeper by whoever puts it back.
-            # None makes a file: an empty one in the place of one that was removed would be taken for one put there.
-            connect_args = {"timeout": BUSY_TIMEOUT_S, "check_same_thread": False}
-            engine = create_engine(
-                f"sqlite:///file:{quote(str(path.absolute()))}?mode=rw&uri=true", connect_args=connect_args
-            )
+        url = make_url(place)
+    except ArgumentError as error:
+        raise InputError("history", "is no URL of a database, such as postgresql://USER:PASSWORD@HOST/NAME") from error
+    if url.get_backend_name() != "postgresql":
+        raise InputError("history", f"{url.get_backend_name()} is not supported; postgresql is, and a SQLite file")
+    return url.set(drivername="postgresql+psycopg")
+
+
+def _open_engine(url: URL) -> Engine:
+    """Open the database and bring its tables up to date."""
+    try:
+        engine = _engine(url)
+    except ModuleNotFoundError as error:
+        raise InputError(url.render_as_string(), f"cannot be used as a history: {error.name} is missing") from error
+    if engine.dialect.name == "sqlite":
         event.listen(engine, "connect", _set_up_connection)
-        Table.metadata.create_all(engine)
+    try:
+        bring_up_to_date(engine)
     except SQLAlchemyError as error:
-        raise InputError(str(path), f"cannot be used as a history: {_reason(error)}") from error
+        engine.dispose()
+        raise InputError(url.render_as_string(), f"cannot be used as a history: {_reason(error)}") from error
+    except InputError:
+        engine.dispose()
+        raise
     return engine
+
+
+def _engine(url: URL) -> Engine:
+    if url.get_backend_name() == "postgresql":
+        # A connection that the server has closed meanwhile is replaced by a new one.
+        return create_engine(url, pool_pre_ping=True, connect_args={"connect_timeout": int(BUSY_TIMEOUT_S)})
+    if url.database is None:
+        return create_engine(url, poolclass=StaticPool, connect_args={"check_same_thread": False})
+    # A connection is used by one thread at a time, as the pool sees to; the keeper by whoever puts it back.
+    return create_engine(url, connect_args={"timeout": BUSY_TIMEOUT_S, "check_same_thread": False})
 
 
 def _set_up_connection(connection: Any, record: object) -> None:

@@ -10,7 +10,9 @@ from rwa_monitor.messages import Message, Number
 
 LevelWord = Literal["normal", "watch", "warning", "distress", "critical"]
 PhaseWord = Literal["quiet", "active", "acknowledged", "returned"]
-EventWord = Literal["raised", "escalated", "eased", "returned", "relapsed", "acknowledged", "cleared"]
+EventWord = Literal[
+    "raised", "escalated", "eased", "returned", "relapsed", "acknowledged", "cleared", "shelved", "unshelved"
+]
 
 
 class AlarmLine(Message):
@@ -25,7 +27,10 @@ class AlarmLine(Message):
 
 
 class AlarmRecord(Message):
-    """One alarm from its rise to its end; `closed_ns` is null while it is open."""
+    """One alarm from its rise to its end; `closed_ns` is null while it is open.
+
+    Until `shelved_until_wall_ns`, on this machine's clock, somebody has set it aside.
+    """
 
     id: int
     spacecraft: str
@@ -38,6 +43,7 @@ class AlarmRecord(Message):
     raised_ns: int
     changed_ns: int
     closed_ns: int | None
+    shelved_until_wall_ns: int | None
     trail: list[AlarmLine]
 
 

@@ -40,9 +40,12 @@ from rwa_monitor.history.tables import (
     EstimateRow,
 )
 from rwa_monitor.messages import Diagnosis, Discrepancy
+from rwa_monitor.samples import NANOSECONDS_PER_SECOND
 
 MAX_NAME: Final = 100  # characters of a person's name
 MAX_NOTE: Final = 2_000
+MAX_SHELVED_S: Final = 7 * 86_400.0
+MAX_ID: Final = 2**63 - 1  # that a database can hold
 CHANGED: Final = "changed"  # alarms that a session has changed
 
 
@@ -51,8 +54,8 @@ class History:
 
     Parameters
     ----------
-    path
-        SQLite file, made where it is missing; None keeps everything in memory.
+    place
+        SQLite file, made where it is missing; URL of a PostgreSQL database; None keeps everything in memory.
     policy
         When windows make an alarm.
     retention
@@ -63,12 +66,12 @@ class History:
     Raises
     ------
     InputError
-        If the file is no database or cannot be opened.
+        If the database cannot be opened.
     """
 
     def __init__(
         self,
-        path: Path | None,
+        place: Path | str | None,
         policy: Policy | None = None,
         retention: Retention | None = None,
         wall_ns: Callable[[], int] = time.time_ns,
@@ -76,7 +79,7 @@ class History:
         self.policy = policy or Policy()
         self.retention = retention or Retention()
         self._wall_ns = wall_ns
-        self._database = Database(path)
+        self._database = Database(place)
 
     def __enter__(self) -> Self:
         return self
@@ -184,6 +187,9 @@ class History:
             assert row is not None  # every other event is of an alarm that was raised
             if happened.kind in {EventKind.ESCALATED, EventKind.RELAPSED}:
                 row.reason = _reason(diagnosis, name)
+                if row.shelved_until_wall_ns is not None:
+                    row.shelved_until_wall_ns = None
+                    self._tell(session, row, AlarmEvent(EventKind.UNSHELVED, happened.level, happened.time_ns))
             self._tell(session, row, happened)
         if row is not None:
             _write(row, state, after, observation.time_ns)
@@ -201,6 +207,7 @@ class History:
             raised_ns=happened.time_ns,
             changed_ns=happened.time_ns,
             closed_ns=None,
+            shelved_until_wall_ns=None,
         )
         session.add(row)
         session.flush()
@@ -231,14 +238,9 @@ class History:
         HistoryError
             If the database cannot be written; nothing is acknowledged then.
         """
-        person, note = person.strip(), note.strip()
-        if not person or len(person) > MAX_NAME or len(note) > MAX_NOTE:
-            raise InputError("name", f"is needed, of at most {MAX_NAME} characters, and a note of at most {MAX_NOTE}")
+        person, note = _signed(person, note)
         with self._database.session() as session:
-            row = session.get(AlarmRow, alarm_id)
-            state = session.scalar(select(AlarmStateRow).filter_by(alarm_id=alarm_id))
-            if row is None or state is None:
-                raise InputError(f"alarm {alarm_id}", "is not open")
+            row, state = self._open_alarm(session, alarm_id)
             after, events = acknowledge(_alarm(state, row), state.last_window_ns)
             if not events:
                 raise InputError(f"alarm {alarm_id}", "is acknowledged already")
@@ -248,6 +250,35 @@ class History:
             _write(row, state, after, state.last_window_ns)
             session.flush()
             return _records(session, [row])[0]
+
+    def shelve(self, alarm_id: int, person: str, seconds: float, note: str = "") -> AlarmRecord:
+        """Set an open alarm aside for a while; 0 s brings it back. It comes back by itself when it gets worse.
+
+        Raises
+        ------
+        InputError
+            If there is no such alarm, the name is missing or too long, or the time too long.
+        HistoryError
+            If the database cannot be written; nothing is shelved then.
+        """
+        person, note = _signed(person, note)
+        if not 0 <= seconds <= MAX_SHELVED_S:
+            raise InputError("seconds", f"must be from 0 to {MAX_SHELVED_S}")
+        with self._database.session() as session:
+            row, state = self._open_alarm(session, alarm_id)
+            kind = EventKind.SHELVED if seconds else EventKind.UNSHELVED
+            until_ns = self._wall_ns() + int(seconds * NANOSECONDS_PER_SECOND)
+            row.shelved_until_wall_ns = until_ns if seconds else None
+            self._tell(session, row, AlarmEvent(kind, Level(row.level), state.last_window_ns), person, note)
+            session.flush()
+            return _records(session, [row])[0]
+
+    def _open_alarm(self, session: Session, alarm_id: int) -> tuple[AlarmRow, AlarmStateRow]:
+        row = session.get(AlarmRow, alarm_id) if alarm_id <= MAX_ID else None
+        state = session.scalar(select(AlarmStateRow).filter_by(alarm_id=alarm_id)) if row else None
+        if row is None or state is None:
+            raise InputError(f"alarm {alarm_id}", "is not open")
+        return row, state
 
     def prune(self) -> int:
         """Remove what is older than the policy says; returns the number of diagnoses removed."""
@@ -327,6 +358,14 @@ class History:
             return _records(session, [row for query in (open_ones, ended) for row in session.scalars(query)])
 
 
+def _signed(person: str, note: str) -> tuple[str, str]:
+    """Return who does something, and what there is to say of it, as they are kept."""
+    person, note = person.strip(), note.strip()
+    if not person or len(person) > MAX_NAME or len(note) > MAX_NOTE:
+        raise InputError("name", f"is needed, of at most {MAX_NAME} characters, and a note of at most {MAX_NOTE}")
+    return person, note
+
+
 def _alarm(state: AlarmStateRow, row: AlarmRow | None) -> Alarm:
     """Return an alarm as the state machine sees it."""
     recent = tuple(Level(int(digit)) for digit in state.recent)
@@ -374,7 +413,8 @@ def _records(session: Session, rows: Sequence[AlarmRow]) -> list[AlarmRecord]:
 
 
 _SAME_IN_RECORD: Final = (
-    "id", "spacecraft", "wheel", "name", "phase", "reason", "raised_ns", "changed_ns", "closed_ns"
+    "id", "spacecraft", "wheel", "name", "phase", "reason", "raised_ns", "changed_ns", "closed_ns",
+    "shelved_until_wall_ns",
 )  # fmt: skip
 
 

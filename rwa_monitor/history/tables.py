@@ -97,6 +97,7 @@ class AlarmRow(Table):
     raised_ns: Mapped[int]
     changed_ns: Mapped[int]
     closed_ns: Mapped[int | None]
+    shelved_until_wall_ns: Mapped[int | None]
 
 
 class AlarmEventRow(Table):

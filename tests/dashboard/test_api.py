@@ -83,6 +83,14 @@ def test_answers_and_feed_follow_the_document(session: zenoh.Session, tmp_path: 
         status, content = ask(running.address, "api/alarms/1/acknowledge", headers=RIGHT, body=b'{"name":"Ann"}')
         assert status == 200
         check(document, answer_schema(document, path, "post"), content)
+        shelve, asked = "/api/alarms/{alarm}/shelve", b'{"name":"Ann","seconds":60}'
+        status, content = ask(running.address, "api/alarms/1/shelve", headers=RIGHT, body=asked)
+        assert status == 200
+        check(document, answer_schema(document, shelve, "post"), content)
+        assert ask(running.address, "api/alarms/1/shelve", body=asked)[0] == 401
+        assert ask(running.address, "api/alarms/1/shelve", headers=RIGHT, body=b'{"name":"Ann"}')[0] == 422
+        posts = {path for path, methods in document["paths"].items() if "post" in methods}
+        assert posts == {path, shelve}
         status, content = ask(running.address, "api/alarms/1/acknowledge", body=b'{"name":"Ann"}')
         check(document, answer_schema(document, path, "post", "401"), json.loads(content))
 

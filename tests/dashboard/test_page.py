@@ -232,6 +232,26 @@ def test_all_can_be_done_by_keyboard(chromium: Any, session: zenoh.Session, tmp_
 
 
 @pytest.mark.browser
+def test_an_alarm_is_shelved_and_brought_back(chromium: Any, session: zenoh.Session, tmp_path: Path) -> None:
+    with failing_fleet(session, tmp_path) as running:
+        page, complaints = new_page(chromium)
+        page.goto(running.address_with_token)
+        expect(page.locator("#alarm-count")).to_have_text("(1)")
+        page.keyboard.press("a")
+        page.get_by_label("Your name").fill("Ann")
+        page.get_by_role("combobox", name="Shelve for").select_option("8 h")
+        page.get_by_role("button", name="Shelve for").click()
+        expect(page.get_by_text("Shelved by Ann until")).to_be_visible()
+        expect(page.locator("#alarm-count")).to_have_text("")
+        page.get_by_label("Your name").fill("Ben")
+        page.get_by_role("button", name="Bring back").click()
+        expect(page.locator("#alarm-count")).to_have_text("(1)")
+        expect(page.get_by_text("Audit trail (3)")).to_be_visible()
+        assert complaints == []
+        page.close()
+
+
+@pytest.mark.browser
 def test_empty_and_loading_states_are_drawn(chromium: Any, session: zenoh.Session, tmp_path: Path) -> None:
     with serve(DashboardOptions(0, tmp_path), session) as running:
         page, _ = new_page(chromium)

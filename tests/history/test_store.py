@@ -17,9 +17,9 @@ from rwa_monitor.history.store import History
 from tests.history.support import WINDOW_NS, diagnosis, discrepancy
 
 
-def test_a_window_taken_in_again_makes_no_double_and_no_alarm(tmp_path: Path) -> None:
+def test_a_window_taken_in_again_makes_no_double_and_no_alarm(place: Path | str) -> None:
     windows = [diagnosis(0), diagnosis(1, severity=1.0), diagnosis(2, severity=1.0)]
-    with History(tmp_path / "h.sqlite3") as history:
+    with History(place) as history:
         assert history.add_all(windows) == 3
         before = history.alarms()
         assert history.add_all(windows) == 0
@@ -29,14 +29,13 @@ def test_a_window_taken_in_again_makes_no_double_and_no_alarm(tmp_path: Path) ->
         assert len(history.estimates("sat", "wheel_1")) == 3
 
 
-def test_what_was_acknowledged_is_kept_and_clears_when_normal(tmp_path: Path) -> None:
-    path = tmp_path / "h.sqlite3"
-    with History(path) as history:
+def test_what_was_acknowledged_is_kept_and_clears_when_normal(place: Path | str) -> None:
+    with History(place) as history:
         history.add_all([diagnosis(n, severity=1.0) for n in range(2)])
         history.acknowledge(1, "Ann", "lubricant ordered")
         with pytest.raises(InputError, match="acknowledged already"):
             history.acknowledge(1, "Ben")
-    with History(path) as history:
+    with History(place) as history:
         (alarm,) = history.alarms()
         assert (alarm.phase, alarm.trail[-1].person, alarm.trail[-1].note) == (
             "acknowledged",
@@ -69,11 +68,11 @@ def test_no_database_is_refused_in_one_line(tmp_path: Path) -> None:
         History(tmp_path / "h.sqlite3")
 
 
-def test_retention_keeps_estimates_longer_than_diagnoses_and_old_ones_coarsely(tmp_path: Path) -> None:
+def test_retention_keeps_estimates_longer_than_diagnoses_and_old_ones_coarsely(place: Path | str) -> None:
     a_window = WINDOW_NS / DAY_NS
     policy = Retention(diagnoses_days=2.5 * a_window, fine_days=10.5 * a_window, estimates_days=100.5 * a_window)
     windows = [diagnosis(n, severity=4.0 if n in {5, 100} else None) for n in range(150)]
-    with History(tmp_path / "h.sqlite3", retention=policy) as history:
+    with History(place, retention=policy) as history:
         for window in windows:
             history.add(window)
         assert history.prune() == 147
@@ -153,8 +152,8 @@ def test_a_database_put_in_its_place_is_used_from_then_on(tmp_path: Path) -> Non
         assert history.windows("sat", "wheel_1") == [diagnosis(7), diagnosis(8)]
 
 
-def test_taking_a_window_tells_which_alarms_it_changed(tmp_path: Path) -> None:
-    with History(tmp_path / "h.sqlite3") as history:
+def test_taking_a_window_tells_which_alarms_it_changed(place: Path | str) -> None:
+    with History(place) as history:
         phases = [[(alarm.name, alarm.phase) for alarm in history.take([diagnosis(n, severity=1.0)])] for n in range(3)]
         assert phases == [[], [("viscous", "active")], []]
         history.acknowledge(1, "Ann")
@@ -164,9 +163,29 @@ def test_taking_a_window_tells_which_alarms_it_changed(tmp_path: Path) -> None:
         assert history.open_alarms("sat", "wheel_1") == []
 
 
-def test_the_latest_discrepancy_report_of_a_wheel_is_kept(tmp_path: Path) -> None:
-    with History(tmp_path / "h.sqlite3") as history:
+def test_the_latest_discrepancy_report_of_a_wheel_is_kept(place: Path | str) -> None:
+    with History(place) as history:
         assert history.discrepancy("sat", "wheel_1") is None
         assert history.add_discrepancy(discrepancy(2))
         assert not history.add_discrepancy(discrepancy(1))
         assert history.discrepancy("sat", "wheel_1") == discrepancy(2).to_json()
+
+
+def test_an_alarm_is_shelved_for_a_while_and_comes_back_when_it_gets_worse(place: Path | str) -> None:
+    with History(place, wall_ns=lambda: 1_000) as history:
+        history.add_all([diagnosis(n, severity=0.6) for n in range(2)])
+        alarm = history.shelve(1, "Ann", 2.0, "known")
+        assert alarm.shelved_until_wall_ns == 1_000 + 2_000_000_000
+        history.add(diagnosis(2, severity=0.6))
+        assert history.alarms()[0].shelved_until_wall_ns is not None
+        assert history.shelve(1, "Ann", 0.0).shelved_until_wall_ns is None
+        history.shelve(1, "Ben", 2.0)
+        history.add_all([diagnosis(n, severity=4.0) for n in range(3, 5)])
+        (alarm,) = history.alarms()
+        assert (alarm.level, alarm.shelved_until_wall_ns) == ("critical", None)
+        deeds = [(line.event, line.person) for line in alarm.trail]
+        assert deeds[:4] == [("raised", ""), ("shelved", "Ann"), ("unshelved", "Ann"), ("shelved", "Ben")]
+        assert sorted(deeds[4:]) == [("escalated", ""), ("unshelved", "")]
+        for wrong in ((1, "", 1.0), (2, "Ann", 1.0), (2**70, "Ann", 1.0), (1, "Ann", 1e9), (1, "Ann", float("nan"))):
+            with pytest.raises(InputError):
+                history.shelve(*wrong)

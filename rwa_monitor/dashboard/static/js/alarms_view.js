@@ -6,61 +6,77 @@ import { setToken, token } from "./token.js";
 const MARK = { watch: "○ watch", warning: "◐ warning", distress: "● distress", critical: "⬤ critical", normal: "✓ normal again" };
 const LEVELS = ["normal", "watch", "warning", "distress", "critical"];
 
-/** All alarms: open ones first, the worst first; acknowledge with name and note. */
+const HOURS = [1, 8, 24, 168];
+
+/** Whether somebody has set an alarm aside, for now. */
+export const shelved = (alarm, now) => alarm.closed_ns === null && (alarm.shelved_until_wall_ns ?? 0) / 1e6 > now;
+
+/** All alarms: open ones first, the worst first, then shelved ones, then closed ones. */
 export function alarmsView(store) {
   const list = h("div", {});
   let drawn = "";
 
   function refresh() {
-    const all = [...store.alarms.values()].sort((a, b) => (a.closed_ns === null ? 0 : 1) - (b.closed_ns === null ? 0 : 1) || LEVELS.indexOf(b.level) - LEVELS.indexOf(a.level) || b.id - a.id);
+    const group = (alarm) => (alarm.closed_ns !== null ? 2 : shelved(alarm, store.now) ? 1 : 0);
+    const all = [...store.alarms.values()].map((alarm) => ({ alarm, group: group(alarm) }));
+    all.sort((a, b) => a.group - b.group || LEVELS.indexOf(b.alarm.level) - LEVELS.indexOf(a.alarm.level) || b.alarm.id - a.alarm.id);
     const now = JSON.stringify(all);
     if (now === drawn) return;
     if (drawn && list.contains(document.activeElement) && document.activeElement.tagName === "INPUT") return; // somebody is writing
     drawn = now;
-    list.replaceChildren(...all.map((alarm) => card(alarm)));
+    list.replaceChildren(...all.map(({ alarm, group }) => card(alarm, group)));
     if (!all.length) list.replaceChildren(h("p", { class: "empty" }, "No alarm so far."));
   }
 
-  function card(alarm) {
-    const open = alarm.closed_ns === null;
-    const needs = open && alarm.phase !== "acknowledged";
+  function card(alarm, group) {
+    const open = group < 2;
+    const sign = !open ? "✓ cleared" : `${group === 1 ? "⏸ shelved · " : ""}${MARK[alarm.level]}`;
     return h("section", { class: "card", "aria-label": `Alarm ${alarm.name} of ${alarm.wheel}` },
-      h("h2", { class: open && alarm.level !== "normal" ? "anomalous" : "soft" }, `${open ? MARK[alarm.level] : "✓ cleared"} · ${alarm.spacecraft} / ${alarm.wheel} · ${alarm.name}`),
+      h("h2", { class: group === 0 && alarm.level !== "normal" ? "anomalous" : "soft" }, `${sign} · ${alarm.spacecraft} / ${alarm.wheel} · ${alarm.name}`),
       h("p", {}, alarm.reason),
-      h("p", { class: "soft" }, `Worst so far: ${alarm.peak}. Raised with the window to ${wheelTime(alarm.raised_ns)}. ${phase(alarm)}`),
+      h("p", { class: "soft" }, `Worst so far: ${alarm.peak}. Raised with the window to ${wheelTime(alarm.raised_ns)}. ${phase(alarm)}${group === 1 ? ` Shelved by ${lastOf(alarm, "shelved").person} until ${utc(alarm.shelved_until_wall_ns)}, or until it gets worse.` : ""}`),
       h("a", { href: `#/wheel/${alarm.spacecraft}/${alarm.wheel}` }, "Show the wheel"),
-      needs ? form(alarm) : null,
+      open ? form(alarm, group) : null,
       h("details", {}, h("summary", {}, `Audit trail (${alarm.trail.length})`), h("ul", {}, alarm.trail.map((line) => h("li", {}, `${utc(line.wall_ns)}: ${line.event}, ${line.level}${line.person ? ` by ${line.person}` : ""}${line.note ? `: “${line.note}”` : ""}`)))));
   }
 
-  function form(alarm) {
+  function form(alarm, group) {
     const name = h("input", { name: "name", placeholder: "your name", "aria-label": "Your name", required: true, maxlength: 100 });
     const note = h("input", { name: "note", placeholder: "note (optional)", "aria-label": "Note", maxlength: 2000 });
     const secret = h("input", { name: "token", type: "password", autocomplete: "off", placeholder: "token", "aria-label": "Token", hidden: true });
+    const hours = h("select", { "aria-label": "Shelve for" }, HOURS.map((n) => h("option", { value: n }, n < 48 ? `${n} h` : `${n / 24} d`)));
     const problem = h("span", { role: "alert", class: "anomalous" });
-    return h("form", { onsubmit: async (event) => {
-      event.preventDefault();
+
+    async function change(what, done, extra) {
       try {
         if (!secret.hidden) setToken(secret.value);
-        const content = await ask(`/api/alarms/${alarm.id}/acknowledge`, { method: "POST", headers: { Authorization: `Bearer ${token()}`, "Content-Type": "application/json" }, body: JSON.stringify({ name: name.value, note: note.value }) });
+        const content = await ask(`/api/alarms/${alarm.id}/${what}`, { method: "POST", headers: { Authorization: `Bearer ${token()}`, "Content-Type": "application/json" }, body: JSON.stringify({ name: name.value, note: note.value, ...extra }) });
         store.alarms.set(content.id, content);
         name.blur();
+        note.blur();
         refresh();
       } catch (error) {
         if (error.status === 401) secret.hidden = false; // whoever has it can write it here
-        problem.textContent = `Not acknowledged: ${error.message}`;
+        problem.textContent = `Not ${done}: ${error.message}`;
       }
-    } }, name, note, secret, h("button", {}, "Acknowledge"), problem);
+    }
+
+    const setAside = (seconds) => name.reportValidity() && change("shelve", seconds ? "shelved" : "brought back", { seconds });
+    return h("form", { onsubmit: (event) => { event.preventDefault(); if (alarm.phase !== "acknowledged") change("acknowledge", "acknowledged", {}); } }, name, note, secret,
+      alarm.phase === "acknowledged" ? null : h("button", {}, "Acknowledge"),
+      group === 1 ? h("button", { type: "button", onclick: () => setAside(0) }, "Bring back") : [h("button", { type: "button", onclick: () => setAside(3600 * Number(hours.value)) }, "Shelve for"), hours],
+      problem);
   }
 
   refresh();
   return { element: h("div", {}, h("h1", {}, "Alarms"), list), refresh };
 }
 
+const lastOf = (alarm, event) => alarm.trail.findLast((line) => line.event === event);
+
 function phase(alarm) {
   if (alarm.closed_ns !== null) return "Normal again and acknowledged.";
-  const seen = alarm.trail.findLast((line) => line.event === "acknowledged");
-  if (alarm.phase === "acknowledged") return `Acknowledged by ${seen.person} at ${utc(seen.wall_ns)}; clears when normal again.`;
+  if (alarm.phase === "acknowledged") return `Acknowledged by ${lastOf(alarm, "acknowledged").person} at ${utc(lastOf(alarm, "acknowledged").wall_ns)}; clears when normal again.`;
   if (alarm.phase === "returned") return "Normal again; clears when acknowledged.";
   return "Not acknowledged.";
 }

@@ -1,4 +1,4 @@
-import { alarmsView } from "./alarms_view.js";
+import { alarmsView, shelved } from "./alarms_view.js";
 import { Feed } from "./feed.js";
 import { fleetView } from "./fleet_view.js";
 import { age, utc } from "./format.js";
@@ -51,7 +51,7 @@ function redraw() {
   const trouble = feed.connected ? feed.notes.join(" ") : `Disconnected from the dashboard's server. What you see is the last known state, ${age(Date.now() - feed.since)}. Trying again…`;
   element("banner").hidden = !trouble;
   if (element("banner").textContent !== trouble) element("banner").textContent = trouble;
-  const waiting = store.openAlarms().filter((alarm) => alarm.phase !== "acknowledged").length;
+  const waiting = store.openAlarms().filter((alarm) => alarm.phase !== "acknowledged" && !shelved(alarm, store.now)).length;
   element("alarm-count").textContent = waiting ? `(${waiting})` : "";
   document.title = `${waiting ? `(${waiting}) ` : ""}rwa-monitor`;
   view?.refresh();
