@@ -1,0 +1,82 @@
+"""What made the jumps: one system more, other laws of duration, a clock that follows the speed, or what is known."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from rwa_monitor.discrepancy.base_fit import fit, make_problem
+from rwa_monitor.discrepancy.record import make_record
+from rwa_monitor.discrepancy.search import Model
+from rwa_monitor.discrepancy.switching_effects import switching_effects
+from rwa_monitor.physics.durations import Geometric, Uniform
+from rwa_monitor.physics.switching import simulate_system
+from rwa_monitor.physics.wheel import FrictionRange, SwitchingSystem, Wheel
+from rwa_monitor.samples import FloatArray, Samples
+from tests.discrepancy.simple import DRY_NM, NOISE_NM, PERIOD_S, VISCOUS, WHEEL
+
+COUNT = 16_000
+HURRY = 0.1  # of the built-in wheel's durations: some 30 jumps of the known systems
+
+
+def with_durations(scale: float) -> Wheel:
+    systems = []
+    for system in WHEEL.fss:
+        laws = [law for law in system.durations if isinstance(law, Uniform)]
+        assert len(laws) == len(system.durations)
+        shorter = tuple(Uniform(low=max(int(law.low * scale), 1), high=max(int(law.high * scale), 2)) for law in laws)
+        systems.append(system.model_copy(update={"durations": shorter}))
+    return WHEEL.model_copy(update={"fss": tuple(systems)})
+
+
+KNOWN = with_durations(HURRY)
+EXTRA = SwitchingSystem(
+    name="extra",
+    durations=(Geometric(mean_slots=700.0), Geometric(mean_slots=300.0)),
+    friction=(FrictionRange(low=0.0, high=0.0), FrictionRange(low=0.7, high=0.9)),
+)
+
+
+def level_of(systems: tuple[SwitchingSystem, ...], clock: np.ndarray, seed: int) -> FloatArray:
+    rng = np.random.default_rng(seed)
+    friction = [simulate_system(system, int(clock[-1]) + 1, rng).friction[clock] for system in systems]
+    return np.asarray(DRY_NM * (1.0 + np.sum(friction, axis=0)))
+
+
+def named(level: FloatArray, speed: FloatArray, seed: int) -> list[str]:
+    rng = np.random.default_rng(seed + 100)
+    friction = level + VISCOUS * speed + NOISE_NM * rng.normal(size=COUNT)
+    time_ns = (np.arange(COUNT) * round(PERIOD_S * 1e9)).astype(np.int64)
+    samples = Samples(time_ns=time_ns, speed_rad_s=speed, friction_torque_Nm=friction)
+    problem = make_problem([make_record(samples, KNOWN, "jumps")], KNOWN)
+    model = Model((), fit(problem, np.zeros((problem.size, 0))))
+    return [effect.name for effect in switching_effects(problem, model, KNOWN)]
+
+
+def some_speed(seed: int) -> FloatArray:
+    return 180.0 + 100.0 * np.sin(2 * np.pi * np.arange(COUNT) / 5_000 + seed)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_known_systems_are_no_discrepancy(seed: int) -> None:
+    assert named(level_of(KNOWN.fss, np.arange(COUNT), seed), some_speed(seed), seed) == []
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_one_system_more_is_told_from_other_laws(seed: int) -> None:
+    level = level_of((*KNOWN.fss, EXTRA), np.arange(COUNT), seed)
+    assert named(level, some_speed(seed), seed) == ["extra_switching_system"]
+
+
+@pytest.mark.parametrize(("seed", "factor"), [(1, 0.4), (2, 2.5)])
+def test_other_laws_are_told_from_one_system_more(seed: int, factor: float) -> None:
+    level = level_of(with_durations(factor * HURRY).fss, np.arange(COUNT), seed)
+    assert named(level, some_speed(seed), seed) == ["wrong_duration_law"]
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_jumps_that_the_speed_triggers_are_told_from_other_laws(seed: int) -> None:
+    speed = some_speed(seed)
+    rate = np.exp(0.02 * (speed - speed.max()))  # four e-folds from the lowest to the highest speed
+    clock = np.floor(np.cumsum(rate / rate.mean())).astype(np.int64)
+    assert named(level_of(KNOWN.fss, clock, seed), speed, seed) == ["speed_triggered_jumps"]
