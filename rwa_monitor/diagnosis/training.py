@@ -30,6 +30,7 @@ MIN_WINDOWS: Final = 2  # of each class, below which an anomaly is not learned
 MIN_SOFT: Final = 0.05
 MIN_SOFT_SYSTEM: Final = 0.02  # the same for a system's friction, whose band has a width of its own
 STRAYS: Final = (0.002, 0.2)  # share of strays: the least assumed, the most accepted
+SHARP_STD: Final = 0.1  # of the distance between nominal and anomalous: measured well enough to fit a band
 STRAY_FENCE: Final = 2.5  # quartile distances beyond the quartiles: four standard deviations of a Gaussian
 # Where no anomaly was seen in training, other values are spread on this share of the nominal middle.
 REACH_UNSEEN: Final = 0.3
@@ -161,31 +162,61 @@ def fit_levels(value: FloatArray, std: FloatArray, anomalous: BoolArray, min_sof
     median = float(np.median(ill)) if ill.size >= MIN_WINDOWS else None
     reach = REACH_UNSEEN * abs(middle) if median is None else abs(median - middle)
     reach = max(reach, 1e-3)
-    nominal, stray = _fit_band(healthy, std[~anomalous], min_soft * reach)
-    band = None if median is None else _fit_band(ill, std[anomalous], min_soft * reach)[0]
+    nominal, stray = _fit_band(healthy, std[~anomalous], min_soft * reach, reach)
+    band = None if median is None else _fit_band(ill, std[anomalous], min_soft * reach, reach)[0]
     return Levels(nominal=nominal, anomalous=band, stray=stray, reach=reach, median=median)
 
 
-def _fit_band(value: FloatArray, std: FloatArray, min_soft: float) -> tuple[Band, float]:
-    """Fit a band and the share of strays, in closed form.
+def _fit_band(value: FloatArray, std: FloatArray, min_soft: float, reach: float) -> tuple[Band, float]:
+    """Fit a band and the share of strays.
 
-    Two bands are tried, the range from the least to the largest value and a mean with scatter; the likelier one is
-    taken. Values far outside the quartiles are strays and fit neither.
+    Two bands are tried, a range and a mean with scatter, each in a mixture with strays; the likelier one is taken.
+    Values that are uncertain because the window leaves open what they are (errata 10), not by noise, tell nothing of a
+    band's shape: the less certain half is left out as far as it is not sharp.
     """
+    sharp = std <= max(SHARP_STD * reach, float(np.median(std)))
+    value, std = value[sharp], std[sharp]
+    stray = 0.5 / reach / (1.0 + np.abs(value - np.median(value)) / reach) ** 2
+
+    def log_likelihood(band: Band, share: float) -> float:
+        return float(np.log((1.0 - share) * band.density(value, std) + share * stray).sum())
+
+    fits = (_range_among_strays(value, stray, min_soft), _scatter_among_strays(value, std, min_soft))
+    return max(fits, key=lambda fit: log_likelihood(*fit))
+
+
+def _range_among_strays(value: FloatArray, stray: FloatArray, min_soft: float) -> tuple[Band, float]:
+    """Fit a range: how many of the lowest and of the highest values are strays, the likelihood says.
+
+    With `i` and `j` values left out, n - i - j lie in the range, with density (1 - share)/width, and the others are
+    strays, with density share·stray.
+    """
+    order = np.argsort(value)
+    sorted_value, log_stray = value[order], np.log(stray[order])
+    most = int(STRAYS[1] * value.size)
+    i, j = (grid.ravel() for grid in np.meshgrid(np.arange(most + 1), np.arange(most + 1), indexing="ij"))
+    allowed = i + j <= most
+    i, j = i[allowed], j[allowed]
+    low, high = sorted_value[i], sorted_value[value.size - 1 - j]
+    inside = value.size - i - j
+    share = np.clip((i + j) / value.size, *STRAYS)
+    # The true ends of a range lie beyond the outermost of n values, by about width/n.
+    beyond = (high - low) / (inside + 1)
+    width = np.maximum(high - low + 2.0 * beyond, min_soft)
+    out = np.concatenate([[0.0], np.cumsum(log_stray)])[i] + np.concatenate([[0.0], np.cumsum(log_stray[::-1])])[j]
+    best = int(np.argmax(inside * np.log((1.0 - share) / width) + (i + j) * np.log(share) + out))
+    band = Band(low=float(low[best] - beyond[best]), high=float(high[best] + beyond[best]), soft=min_soft)
+    return band, float(share[best])
+
+
+def _scatter_among_strays(value: FloatArray, std: FloatArray, min_soft: float) -> tuple[Band, float]:
+    """Fit mean and scatter of the values that do not lie far outside the quartiles; the others are strays."""
     lower, upper = np.quantile(value, [0.25, 0.75])
     fence = max(STRAY_FENCE * float(upper - lower), 4.0 * min_soft)
     kept = (value >= lower - fence) & (value <= upper + fence)
-    stray = float(np.clip((~kept).mean(), *STRAYS))
-    value, std = value[kept], std[kept]
-    low, high, mean = float(value.min()), float(value.max()), float(value.mean())
-    # The true ends of a range lie beyond the outermost of n values, by about width/n.
-    beyond = (high - low) / (value.size + 1)
-    scatter = np.sqrt(max(float(value.var()) - float(np.mean(std**2)), min_soft**2))
-    bands = (
-        Band(low=low - beyond, high=high + beyond, soft=min_soft),
-        Band(low=mean, high=mean, soft=float(scatter)),
-    )
-    return max(bands, key=lambda band: float(np.log(band.density(value, std)).sum())), stray
+    mean = float(value[kept].mean())
+    scatter = np.sqrt(max(float(value[kept].var()) - float(np.mean(std[kept] ** 2)), min_soft**2))
+    return Band(low=mean, high=mean, soft=float(scatter)), float(np.clip((~kept).mean(), *STRAYS))
 
 
 # ---- the paper's classifier ------------------------------------------------------------------------------------------
