@@ -18,9 +18,19 @@ import numpy as np
 from rwa_monitor.diagnosis import segments
 from rwa_monitor.diagnosis.assignment_search import NO_SYSTEM, REJECT, Path, Problem, Sizes, search, step_of
 from rwa_monitor.diagnosis.estimation import estimate, jump_std
-from rwa_monitor.diagnosis.friction_model import Posterior, Priors, Story, priors_of, solve
+from rwa_monitor.diagnosis.friction_model import Posterior, Priors, priors_of, solve
 from rwa_monitor.diagnosis.laws import Onset, law_tables, onsets
-from rwa_monitor.diagnosis.results import REJECTED, UNATTRIBUTED, Assignment, Candidates, Estimate, Evidence, Moments
+from rwa_monitor.diagnosis.results import (
+    REJECTED,
+    UNATTRIBUTED,
+    Assignment,
+    Candidates,
+    Estimate,
+    Evidence,
+    Moments,
+    Rival,
+    Story,
+)
 from rwa_monitor.diagnosis.state import CarriedState
 from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
@@ -298,8 +308,26 @@ def _result(
         log_score=best.score,
         states=states,
         pruned=pruned,
+        rivals=_rivals(ranked, index),
     )
     return assignment, levels
+
+
+def _rivals(ranked: list[_Ranked], index: IntArray) -> tuple[Rival, ...]:
+    """Return the likeliest story of each sequence of configurations, with the weight of all that share it."""
+    alike: dict[tuple[bytes, ...], list[_Ranked]] = {}
+    for one in ranked:
+        same = (*(q.tobytes() for q in one.story.configurations), one.story.unattributed.tobytes())
+        alike.setdefault(same, []).append(one)
+    return tuple(
+        Rival(
+            story=best.story,
+            index=index[best.system[:, 0] != REJECTED],
+            log_laws=float(np.logaddexp.reduce([one.score for one in (best, *others)])) - best.posterior.log_evidence,
+            log_score=best.score,
+        )
+        for best, *others in alike.values()
+    )
 
 
 def _confidence(ranked: list[_Ranked], index: IntArray) -> FloatArray:

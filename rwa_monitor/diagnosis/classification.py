@@ -22,9 +22,11 @@ from typing import Final
 import numpy as np
 from scipy import special
 
-from rwa_monitor.diagnosis.features import Features, histogram
+from rwa_monitor.diagnosis.features import Features, FeaturesOfStory, histogram
 from rwa_monitor.diagnosis.likelihood import (
     CHANGE_PER_WINDOW,
+    Shift,
+    density_of_carried,
     integrate_shift,
     stray_probabilities,
     system_evidence,
@@ -32,10 +34,11 @@ from rwa_monitor.diagnosis.likelihood import (
 )
 from rwa_monitor.diagnosis.model import AnomalyModel, LinearSvm, Model
 from rwa_monitor.diagnosis.state import CarriedState
-from rwa_monitor.samples import BoolArray, FloatArray
+from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 
 # A value tells nothing when its standard deviation exceeds this share of the distance between nominal and anomalous.
 TELLING_STD: Final = 0.4
+SMALLEST_STD: Final = 1e-6  # normalised, of the base: keeps the density finite where there is no noise
 UNKNOWN: Final = 0.5  # probability of an anomaly about which nothing is known
 UNLIKE_SHARE: Final = 0.9  # from this probability that a value is a stray, it is called unlike anything learned
 
@@ -77,17 +80,24 @@ class Judgement:
         The features with the shift that was found most plausible; the given ones where nothing was ambiguous.
     to_carry
         For each anomaly the probability that the next window starts from.
+    configurations
+        For each system int64 (sojourns,): the likeliest configurations by all that was learned, given who jumped when.
     """
 
     anomalies: tuple[Judged, ...]
     features: Features
     to_carry: dict[str, float]
+    configurations: tuple[IntArray, ...]
+
+
+def _as_told(features: Features) -> tuple[IntArray, ...]:
+    return tuple(system.configuration for system in features.systems)
 
 
 def unjudged(features: Features, names: Sequence[str]) -> Judgement:
     """Return the judgement where nothing is known: neither active nor not."""
     judged = tuple(Judged(name, UNKNOWN, active=False, telling=False, unlike=False) for name in names)
-    return Judgement(judged, features, {})
+    return Judgement(judged, features, {}, _as_told(features))
 
 
 # ---- the paper -------------------------------------------------------------------------------------------------------
@@ -138,7 +148,8 @@ def classify_as_paper(features: Features, models: Sequence[AnomalyModel | None],
         # Active is what the paper says, the sign of the decision; the calibrated probability must not contradict it.
         probability = max(probability, 0.5) if decision > 0 else min(probability, 0.5)
         judged.append(Judged(name, probability, active=decision > 0, telling=True, unlike=False))
-    return Judgement(tuple(judged), features, {entry.name: entry.probability for entry in judged})
+    to_carry = {entry.name: entry.probability for entry in judged}
+    return Judgement(tuple(judged), features, to_carry, _as_told(features))
 
 
 # ---- the joint classifier --------------------------------------------------------------------------------------------
@@ -170,21 +181,20 @@ def classify(
         Share of the window's slots that no earlier window had; what is carried on counts the evidence by it, so that
         overlapping windows do not count it twice.
     """
-    # Systems that never rest are judged together with the base dry friction, all others alone.
-    unrested = [
-        (s, learned)
-        for s, (system, learned) in enumerate(zip(features.systems, models[2:], strict=True))
-        if not system.rests and learned is not None and learned.knows_friction
-    ]
     combinations = np.array(list(itertools.product((False, True), repeat=len(names))))
-    log_likelihood = np.zeros(len(combinations))
-    for a, rows in enumerate(_evidence_alone(features, models, dry_too=not unrested)):
-        log_likelihood += np.where(combinations[:, a], rows[1], rows[0])
-    shift = integrate_shift(features, models[0], unrested, carried.base_dry) if unrested else None
-    if shift is not None:
-        log_likelihood += shift.log_likelihood[shift.number(combinations)]
+    told = features.by_story or (FeaturesOfStory(0.0, features, same_jumps=True),)
+    log_likelihood = np.stack(
+        [one.log_weight + _log_likelihood(one.features, models, combinations, carried)[0] for one in told]
+    )
     log_prior = _log_prior(combinations, models, names, model, carried)
-    prior, posterior = special.softmax(log_prior), special.softmax(log_prior + log_likelihood)
+    prior = special.softmax(log_prior)
+    by_story = special.softmax(log_prior + log_likelihood)
+    posterior = by_story.sum(axis=0)
+    likeliest = max(
+        (s for s, one in enumerate(told) if one.same_jumps), key=lambda s: float(by_story[s].sum()), default=None
+    )
+    configurations = _as_told(features) if likeliest is None else _as_told(told[likeliest].features)
+    shift = None if features.base_known else _log_likelihood(features, models, combinations, carried)[1]
     if shift is not None:
         features = shift.apply(features, posterior, shift.number(combinations))
 
@@ -196,7 +206,29 @@ def classify(
         judged.append(Judged(name, probability, active=probability > 0.5, telling=telling, unlike=unlike))
         gained = new_share * (_logit(probability) - _logit(before))
         to_carry[name] = float(special.expit(_logit(before) + gained))
-    return Judgement(tuple(judged), features, to_carry)
+    return Judgement(tuple(judged), features, to_carry, configurations)
+
+
+def _log_likelihood(
+    features: Features, models: Sequence[AnomalyModel | None], combinations: BoolArray, carried: CarriedState
+) -> tuple[FloatArray, Shift | None]:
+    """Return the log likelihood of each combination, float64 (combinations,), and the shift integrated for it."""
+    # Systems that never rest are judged together with the base dry friction, all others alone.
+    unrested = [
+        (s, learned)
+        for s, (system, learned) in enumerate(zip(features.systems, models[2:], strict=True))
+        if not system.rests and learned is not None and learned.knows_friction
+    ]
+    log_likelihood = np.zeros(len(combinations))
+    for a, rows in enumerate(_evidence_alone(features, models, dry_too=not unrested)):
+        log_likelihood += np.where(combinations[:, a], rows[1], rows[0])
+    if not unrested:
+        std = features.base_dry_std if math.isfinite(features.base_dry_std) else 0.0
+        base = np.array([features.base_dry])
+        told = density_of_carried(carried.base_dry, base, max(std, SMALLEST_STD), abs(features.base_dry))
+        return log_likelihood + float(np.log(told[0])), None
+    shift = integrate_shift(features, models[0], unrested, carried.base_dry)
+    return log_likelihood + shift.log_likelihood[shift.number(combinations)], shift
 
 
 def _evidence_alone(features: Features, models: Sequence[AnomalyModel | None], *, dry_too: bool) -> list[FloatArray]:

@@ -15,15 +15,27 @@ from typing import Final
 
 import numpy as np
 
-from rwa_monitor.diagnosis.friction_model import Posterior, Story, priors_of, solve
+from rwa_monitor.diagnosis.friction_model import Posterior, Priors, measure, priors_of, solve
 from rwa_monitor.diagnosis.laws import log_probability, onsets
-from rwa_monitor.diagnosis.results import REJECTED, UNATTRIBUTED, Assignment, Components, Estimate, Evidence
+from rwa_monitor.diagnosis.results import (
+    REJECTED,
+    UNATTRIBUTED,
+    Assignment,
+    Components,
+    Estimate,
+    Evidence,
+    Reading,
+    Rival,
+    Story,
+)
 from rwa_monitor.diagnosis.segments import effective_variance, level_scatter
 from rwa_monitor.diagnosis.state import CarriedState
 from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import FloatArray, IntArray
 
 MOST_SHIFTS: Final = 16  # stories weighed beside each other
+MOST_READINGS: Final = 8  # stories that are handed on
+LEAST_SCORE: Final = -8.0  # log-likelihood under broad friction laws: the learned ones make up for less than that
 MOST_AGAINST: Final = 30.0  # log-likelihood: beyond, an alternative is certain, and exp stays finite
 CERTAIN: Final = 0.05  # probability up to which a system that never rests is none
 
@@ -59,7 +71,8 @@ def split(
     told = onsets(wheel.fss, carried)
 
     views: list[_View] = []
-    for shifted in _shifts(story, wheel):
+    stories = _shifts(story, wheel)
+    for shifted in stories:
         laws = sum(
             log_probability(system, shifted.configurations[s], shifted.starts[s], evidence.slots, told[s])
             for s, system in enumerate(wheel.fss)
@@ -80,6 +93,11 @@ def split(
             for s in range(len(wheel.fss))
         ),
         base_ambiguous=float(weights @ np.array([not view.rests for view in views])) > CERTAIN,
+        readings=_readings(
+            _rivals(assignment, jumps, stories, [view.score for view in views], [view.laws for view in views]),
+            evidence,
+            priors,
+        ),
     )
 
 
@@ -88,6 +106,7 @@ class _View:
     """What one story says: its log-likelihood, the parts of friction, and whether all systems rest at some time."""
 
     score: float
+    laws: float
     base: float
     base_std: float
     viscous: float
@@ -119,6 +138,7 @@ def _view(story: Story, posterior: Posterior, borders: IntArray, samples: FloatA
         weights[first_free + j] = float(samples[borders[:-1] >= slot].sum()) / total
     return _View(
         score=laws + posterior.log_evidence,
+        laws=laws,
         base=float(weights @ posterior.mean),
         base_std=float(np.sqrt(np.maximum(weights @ posterior.covariance @ weights, 0.0))),
         viscous=float(posterior.mean[-1]),
@@ -130,6 +150,49 @@ def _view(story: Story, posterior: Posterior, borders: IntArray, samples: FloatA
             for configurations, starts in zip(story.configurations, story.starts, strict=True)
         ),
     )
+
+
+def _rivals(
+    assignment: Assignment, index: IntArray, stories: list[Story], scores: list[float], laws: list[float]
+) -> list[Rival]:
+    """Return the stories worth weighing: those of the assignment, and the one told with systems shifted throughout.
+
+    Parameters
+    ----------
+    assignment, index
+        The assignment and the slots of its jumps.
+    stories, scores, laws
+        The story told and its shifted versions, their log-likelihoods and the duration laws' part of these.
+    """
+    told = assignment.rivals[0] if assignment.rivals else Rival(stories[0], index, laws[0], scores[0])
+    found = {_configurations(rival.story): rival for rival in assignment.rivals}
+    for story, score, law in zip(stories, scores, laws, strict=True):
+        shifted = Rival(story, index, told.log_laws + law - laws[0], told.log_score + score - scores[0])
+        found.setdefault(_configurations(story), shifted)
+    likely = [rival for rival in found.values() if rival.log_score >= told.log_score + LEAST_SCORE]
+    return sorted(likely, key=lambda rival: -rival.log_score)[:MOST_READINGS]
+
+
+def _configurations(story: Story) -> tuple[bytes, ...]:
+    return (*(q.tobytes() for q in story.configurations), story.unattributed.tobytes())
+
+
+def _readings(rivals: list[Rival], evidence: Evidence, priors: Priors) -> tuple[Reading, ...]:
+    """Return what the samples say if each of the stories is true; nothing where there is only one.
+
+    A configuration 0 with friction of its own is never told from the base, and the stories do not compare.
+    """
+    if len(rivals) < 2 or not all(of_system[0].fixed_at_zero for of_system in priors.laws):
+        return ()
+    variance = effective_variance(evidence.noise)
+    readings = []
+    for rival in rivals:
+        borders = np.concatenate([[0], rival.index, [evidence.slots]]).astype(np.int64)
+        segments = evidence.sums.between(borders[:-1], borders[1:])
+        posterior = measure(rival.story, borders, segments, priors, variance, level_scatter(variance))
+        view = _view(rival.story, posterior, borders, segments.n, rival.log_laws)
+        readings.append(Reading(rival.story, view.score, view.base, view.base_std, view.friction, view.friction_std))
+    return tuple(readings)
 
 
 def _spread(weights: FloatArray, values: FloatArray, stds: FloatArray) -> FloatArray:

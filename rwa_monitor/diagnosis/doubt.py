@@ -82,6 +82,9 @@ class Doubt:
             systems=tuple(
                 replace(system, friction_std=np.hypot(system.friction_std, self.systems)) for system in features.systems
             ),
+            by_story=tuple(
+                replace(one, features=self.widen_features(one.features, nominal_viscous)) for one in features.by_story
+            ),
         )
 
 

@@ -7,11 +7,11 @@ the window (q = 0), its friction is known only up to a shift that is missing fro
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from rwa_monitor.diagnosis.results import Assignment, Components
+from rwa_monitor.diagnosis.results import Assignment, Components, Reading
 from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import FloatArray, IntArray
 
@@ -68,6 +68,8 @@ class Features:
         Viscous friction, by the nominal viscous friction (where the wheel has one).
     systems
         One entry per switching system, in the wheel's order.
+    by_story
+        The same by all stories that the samples do not rule out, where there is more than one.
     """
 
     base_dry: float
@@ -75,6 +77,7 @@ class Features:
     viscous: float
     viscous_std: float
     systems: tuple[SystemFeatures, ...]
+    by_story: tuple[FeaturesOfStory, ...] = ()
 
     @property
     def base_known(self) -> bool:
@@ -82,16 +85,53 @@ class Features:
         return all(system.rests for system in self.systems)
 
 
+@dataclass(frozen=True, slots=True)
+class FeaturesOfStory:
+    """The features if one story of who jumped when is true.
+
+    Attributes
+    ----------
+    log_weight
+        See `results.Reading`.
+    features
+        With standard deviations of the measurement alone.
+    same_jumps
+        Whether every jump is made by the system that the assignment says; only configurations may differ.
+    """
+
+    log_weight: float
+    features: Features
+    same_jumps: bool
+
+
 def features_of(components: Components, assignment: Assignment, wheel: Wheel) -> Features:
     """Return the features of a window from the results of stage 3."""
     nominal_viscous = normalised_nominal_viscous(wheel)
-    return Features(
+    jump_std = _jump_std(assignment, len(wheel.fss))
+    features = Features(
         base_dry=components.base_dry,
         base_dry_std=components.base_dry_std,
         viscous=components.viscous / nominal_viscous,
         viscous_std=components.viscous_std / nominal_viscous,
-        systems=tuple(_system(components, assignment, s, system.name) for s, system in enumerate(wheel.fss)),
+        systems=_systems(components, assignment.configurations, jump_std, wheel),
     )
+    by_story = tuple(
+        FeaturesOfStory(
+            reading.log_weight,
+            replace(
+                features,
+                base_dry=reading.base_dry,
+                base_dry_std=reading.base_dry_std,
+                systems=_systems(reading, reading.story.configurations, jump_std, wheel),
+            ),
+            same_jumps=all(
+                np.array_equal(mine, others)
+                for mine, others in zip(reading.story.starts, assignment.starts, strict=True)
+            ),
+        )
+        for reading in components.readings
+    )
+    return replace(features, by_story=by_story)
 
 
 def normalised_nominal_viscous(wheel: Wheel) -> float:
@@ -101,15 +141,23 @@ def normalised_nominal_viscous(wheel: Wheel) -> float:
     return wheel.nominal.viscous_Nm_s_rad * wheel.speed_unit_rad_s / wheel.torque_unit_Nm
 
 
-def _system(components: Components, assignment: Assignment, s: int, name: str) -> SystemFeatures:
-    configuration = assignment.configurations[s]
-    std = components.fss_friction_std[s]
-    rests = bool((configuration == 0).any())
-    if not rests:
-        # What stage 3 gives here includes the shift that all sojourns share; the differences come from the jumps.
-        jump_std = assignment.jump_std[assignment.system == s]
-        std = np.full(configuration.size, float(jump_std.mean()) if jump_std.size else 0.0)
-    return SystemFeatures(name, configuration, components.fss_friction[s], std, rests)
+def _jump_std(assignment: Assignment, systems: int) -> FloatArray:
+    """Return the mean standard deviation of each system's jumps, float64 (systems,); 0 for one without jumps."""
+    own = [assignment.jump_std[assignment.system == s] for s in range(systems)]
+    return np.array([float(std.mean()) if std.size else 0.0 for std in own])
+
+
+def _systems(
+    parts: Components | Reading, configurations: tuple[IntArray, ...], jump_std: FloatArray, wheel: Wheel
+) -> tuple[SystemFeatures, ...]:
+    found = []
+    for s, (system, configuration) in enumerate(zip(wheel.fss, configurations, strict=True)):
+        rests = bool((configuration == 0).any())
+        # What stage 3 gives of a system that never rests includes the shift that all sojourns share; the differences
+        # come from the jumps.
+        std = parts.fss_friction_std[s] if rests else np.full(configuration.size, jump_std[s])
+        found.append(SystemFeatures(system.name, configuration, parts.fss_friction[s], std, rests))
+    return tuple(found)
 
 
 def histogram(values: FloatArray, low: float, high: float, bins: int) -> FloatArray:

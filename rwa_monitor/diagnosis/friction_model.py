@@ -21,7 +21,7 @@ import numpy as np
 from numba import njit
 
 from rwa_monitor.diagnosis.estimation import SlopePrior, nominal_viscous
-from rwa_monitor.diagnosis.results import Moments
+from rwa_monitor.diagnosis.results import Moments, Story
 from rwa_monitor.diagnosis.state import CarriedState
 from rwa_monitor.physics.wheel import SwitchingSystem, Wheel
 from rwa_monitor.samples import FloatArray, IntArray
@@ -33,6 +33,7 @@ UNKNOWN_SPREAD: Final = 1.0  # relative, where no friction law is known at all
 MIN_LEARNED: Final = 3.0  # sojourns from which what earlier windows showed replaces the wheel's ranges
 UNATTRIBUTED_SPREAD: Final = 0.5  # prior std of a jump that no system made, over the unit of friction
 MOST_ANOMALIES: Final = 2  # at once, among base and systems
+FLAT_STD: Final = 30.0  # normalised: a prior so wide says nothing, and the sums keep their digits
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,23 +99,6 @@ class Priors:
         first = sum(case.probability * (1 + case.mean) for case in cases) / total
         second = sum(case.probability * ((1 + case.mean) ** 2 + case.std**2) for case in cases) / total
         return law.mid * first, second * (law.mid**2 + law.scatter**2) - (law.mid * first) ** 2
-
-
-@dataclass(frozen=True, slots=True)
-class Story:
-    """Who jumped when: all that the friction model needs of an assignment.
-
-    Attributes
-    ----------
-    configurations, starts
-        For each system: int64 (sojourns,), configuration and first slot of each sojourn; the first starts at 0.
-    unattributed
-        int64, slots of the jumps that no system made.
-    """
-
-    configurations: tuple[IntArray, ...]
-    starts: tuple[IntArray, ...]
-    unattributed: IntArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -310,6 +294,37 @@ def _condition_cases(
                     covariance[1 + i, 1 + j] += (spread * laws[1, i]) * (spread * laws[1, j])
         log_evidence[c], means[c], covariances[c] = _condition(levels, moments, mean, covariance, variance, scatter)
     return log_evidence, means, covariances
+
+
+def measure(
+    story: Story, borders: IntArray, segments: Moments, priors: Priors, variance: float, scatter: float
+) -> Posterior:
+    """Solve the linear model of one story without friction laws: what the samples alone say of base and sojourns.
+
+    The log evidence is then that of the samples with base and friction integrated out over flat priors of density 1,
+    so that stories with different numbers of them compare once their friction is weighed by its laws. Where systems
+    never rest, friction can move from the base to each of them without a trace in the samples; of these directions it
+    is the evidence per unit of the systems' friction, and the means are one point of many.
+
+    Parameters
+    ----------
+    story, borders, segments, priors, variance, scatter
+        See `solve`; of the priors, those of the slope and of unattributed jumps count.
+    """
+    design = _design(story, borders, priors)
+    moments = np.stack([segments.n, segments.x, segments.z, segments.xx, segments.xz, segments.zz])
+    free = 1 + design.owner.size
+    mean, std = np.zeros(design.levels.shape[1] + 1), np.full(design.levels.shape[1] + 1, priors.unattributed_std)
+    mean[0], mean[1:free], std[:free] = priors.base[0].mean, design.mid, FLAT_STD
+    mean[-1], std[-1] = priors.slope.mean, priors.slope.std
+    log_evidence, mean, covariance = _condition(design.levels, moments, mean, np.diag(std**2), variance, scatter)
+    # The sojourns of the systems that never rest: along such a direction all of them rise and the base falls.
+    moving = [float(column.size) for column in design.column if column.size and (column >= 0).all()]
+    lost = np.linalg.slogdet(np.ones((len(moving), len(moving))) + np.diag(moving))[1]
+    log_evidence += (free - len(moving)) * np.log(FLAT_STD * np.sqrt(2.0 * np.pi)) + 0.5 * lost
+    return Posterior(
+        float(log_evidence), mean, np.sqrt(np.maximum(np.diag(covariance), 0.0)), covariance, design.column
+    )
 
 
 @njit(cache=True)

@@ -189,7 +189,7 @@ def integrate_shift(
     of_base = np.ones((2, SHIFT_STEPS))
     if dry is not None and dry.levels[0] is not None:
         of_base = np.exp(log_densities(dry.levels[0], base, np.full(SHIFT_STEPS, step)))
-    of_base = of_base * _density_of_carried(carried_base, base, step)
+    of_base = of_base * density_of_carried(carried_base, base, step, total)
 
     count = 2 ** (len(unrested) + 1)
     log_likelihood, mean, variance = np.full(count, -np.inf), np.full(count, features.base_dry), np.zeros(count)
@@ -200,7 +200,7 @@ def integrate_shift(
         weight = together * of_base[bits[0]]
         mass = float(weight.sum())
         if mass > 0:
-            log_likelihood[number] = math.log(mass) + log_scale
+            log_likelihood[number] = math.log(mass) + len(unrested) * math.log(step) + log_scale
             mean[number] = float(weight @ base) / mass
             variance[number] = float(weight @ (base - mean[number]) ** 2) / mass
     return Shift(log_likelihood, mean, variance, tuple(s for s, _ in unrested))
@@ -221,13 +221,13 @@ def _scaled(log_values: FloatArray) -> tuple[FloatArray, FloatArray]:
     return np.exp(log_values - top[:, None]), top
 
 
-def _density_of_carried(carried: Tracked | None, base: FloatArray, step: float) -> FloatArray:
-    """Return what earlier windows say about the base, float64 as `base`; 1 everywhere without any.
+def density_of_carried(carried: Tracked | None, base: FloatArray, std: float, span: float) -> FloatArray:
+    """Return what earlier windows say about a base measured with `std`, float64 as `base`; 1 without any.
 
-    The base may also have jumped since: then it is anywhere.
+    The base may also have jumped since: then it is anywhere in `span`.
     """
     if carried is None:
         return np.ones(base.size)
-    std = math.hypot(carried.drifted().std, step)
+    std = math.hypot(carried.drifted().std, std)
     stayed = np.exp(-0.5 * ((base - carried.mean) / std) ** 2) / (std * math.sqrt(2.0 * math.pi))
-    return np.asarray((1.0 - CHANGE_PER_WINDOW) * stayed + CHANGE_PER_WINDOW / max(float(np.ptp(base)), step))
+    return np.asarray((1.0 - CHANGE_PER_WINDOW) * stayed + CHANGE_PER_WINDOW / max(span, std))

@@ -154,6 +154,46 @@ class Estimate:
 
 
 @dataclass(frozen=True, slots=True)
+class Story:
+    """Who jumped when: all that the friction model needs of an assignment.
+
+    Attributes
+    ----------
+    configurations, starts
+        For each system: int64 (sojourns,), configuration and first slot of each sojourn; the first starts at 0.
+    unattributed
+        int64, slots of the jumps that no system made.
+    """
+
+    configurations: tuple[IntArray, ...]
+    starts: tuple[IntArray, ...]
+    unattributed: IntArray
+
+
+@dataclass(frozen=True, slots=True)
+class Rival:
+    """A story that the samples do not rule out beside the one that is told.
+
+    Attributes
+    ----------
+    story
+        Who jumped when.
+    index
+        int64, slots of all its jumps, without repeats.
+    log_laws
+        Log-probability of the story by durations, transitions and rare events, together with all stories in which the
+        systems go through the same configurations.
+    log_score
+        Its log-likelihood under broad friction laws, on the scale of `Assignment.log_score`.
+    """
+
+    story: Story
+    index: IntArray
+    log_laws: float
+    log_score: float
+
+
+@dataclass(frozen=True, slots=True)
 class Assignment:
     """Stage 3: which switching system made which jump.
 
@@ -174,6 +214,8 @@ class Assignment:
         Log-likelihood of the best path, up to a constant.
     states, pruned
         Work done: states expanded, and whether the state budget cut the search.
+    rivals
+        Stories that the samples do not rule out, the one that is told first.
     """
 
     index: IntArray
@@ -187,6 +229,29 @@ class Assignment:
     log_score: float
     states: int
     pruned: bool
+    rivals: tuple[Rival, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """What the samples say of friction if one story is true, friction laws left aside; normalised.
+
+    Attributes
+    ----------
+    story
+        Who jumped when.
+    log_weight
+        Log-probability of story and samples, base and friction of the sojourns integrated out over flat priors.
+    base_dry, base_dry_std, fss_friction, fss_friction_std
+        As in `Components`. Where a system never rests, one split of many between it and the base.
+    """
+
+    story: Story
+    log_weight: float
+    base_dry: float
+    base_dry_std: float
+    fss_friction: tuple[FloatArray, ...]
+    fss_friction_std: tuple[FloatArray, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -204,6 +269,8 @@ class Components:
     base_ambiguous
         True where a system never visits q = 0 in the window, so that base and system are told apart by friction
         laws or earlier windows only (errata 10).
+    readings
+        The same by all stories that the samples do not rule out, where there is more than one.
     """
 
     base_dry: float
@@ -213,6 +280,7 @@ class Components:
     fss_friction: tuple[FloatArray, ...]
     fss_friction_std: tuple[FloatArray, ...]
     base_ambiguous: bool
+    readings: tuple[Reading, ...] = ()
 
 
 def no_candidates() -> Candidates:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Final
 
 import numpy as np
@@ -46,6 +46,7 @@ from rwa_monitor.diagnosis.window_diagnosis import (
     WindowDiagnosis,
 )
 from rwa_monitor.physics.wheel import Wheel
+from rwa_monitor.samples import IntArray
 
 MIN_COVERAGE: Final = 0.5  # share of the slots that must be used; below, the window says little about what it missed
 MIN_USED: Final = 16  # samples below which nothing is estimated at all
@@ -127,6 +128,11 @@ def diagnose_window(
         return _too_few(case, models), carried
     stages = _run_stages(case)
     judgement = _judge(case, models, stages)
+    if _differ(judgement.configurations, stages.assignment.configurations):
+        # What was learned makes another reading of the same jumps likelier than the wheel's broad laws do.
+        told = replace(stages.assignment, configurations=judgement.configurations)
+        stages = _run_stages(case, (told, stages.estimate))
+        judgement = _judge(case, models, stages)
     diagnosis = _diagnosis(case, models, stages, judgement)
     state = next_state(
         carried,
@@ -141,13 +147,18 @@ def diagnose_window(
     return diagnosis, state
 
 
-def _run_stages(case: _Case) -> _Stages:
+def _differ(first: Sequence[IntArray], second: Sequence[IntArray]) -> bool:
+    return not all(np.array_equal(one, other) for one, other in zip(first, second, strict=True))
+
+
+def _run_stages(case: _Case, given: tuple[Assignment, Estimate] | None = None) -> _Stages:
+    """Run the stages after detection; with an assignment `given`, those after the assignment."""
     evidence, wheel = case.evidence, case.wheel
     if case.method == "paper":
         assignment, estimate = assign_as_paper(evidence, wheel)
         components = split_as_paper(assignment, estimate, evidence, wheel)
     else:
-        assignment, estimate = assign(evidence, wheel, case.carried)
+        assignment, estimate = given or assign(evidence, wheel, case.carried)
         components = split(assignment, estimate, evidence, wheel, case.carried)
     features = features_of(components, assignment, wheel)
     fits = adequacy.check(evidence, estimate, assignment, wheel.fss)

@@ -7,8 +7,8 @@ import pytest
 
 from rwa_monitor.diagnosis.assignment import assign
 from rwa_monitor.diagnosis.components import split
-from rwa_monitor.diagnosis.friction_model import Story, priors_of, solve
-from rwa_monitor.diagnosis.results import Components
+from rwa_monitor.diagnosis.friction_model import priors_of, solve
+from rwa_monitor.diagnosis.results import Components, Story
 from rwa_monitor.diagnosis.state import CarriedState, FrictionMemory, SystemState, Tracked
 from rwa_monitor.physics.wheel import built_in_wheel
 from tests.diagnosis.assignment_windows import CumulativeSums, Window, window
