@@ -237,10 +237,10 @@ def test_two_hundred_candidates_and_three_systems(capsys):
     rng = np.random.default_rng(9)
     problem = random_problem(rng, (SHORT, LONG, FREE), 200)
     search(random_problem(rng, (SHORT, LONG, FREE), 3), paths=2, margin=1.0, budget=100)  # compiles
-    begin = time.perf_counter()
+    begin = time.process_time()
     result = search(problem, paths=16, margin=14.0, budget=4000)
-    took = time.perf_counter() - begin
+    took = time.process_time() - begin
     with capsys.disabled():
         print(f"\n  200 candidates, 3 systems: {took:.2f} s, {result.states} entries, pruned: {result.pruned}", end="")
     assert result.paths[0].actions.size == 200
-    assert took < 5.0  # a second is the aim; a busy machine gets five
+    assert took < 5.0  # of processor time; a second is the aim

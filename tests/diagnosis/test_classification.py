@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rwa_monitor.diagnosis.classification import Judgement, classify, classify_as_paper
-from rwa_monitor.diagnosis.features import Features, SystemFeatures
+from rwa_monitor.diagnosis.features import Features, FeaturesOfStory, SystemFeatures
 from rwa_monitor.diagnosis.likelihood import log_densities
 from rwa_monitor.diagnosis.model import built_in_model, models_for
 from rwa_monitor.diagnosis.state import CarriedState, Tracked
@@ -159,6 +159,31 @@ def test_overlapping_windows_do_not_count_their_evidence_twice() -> None:
     assert carried[0.0] == pytest.approx(model.rate, abs=0.02)
     low, high = sorted((carried[0.0], carried[1.0]))
     assert low < carried[0.5] < high
+
+
+@pytest.mark.parametrize("against", [0.0, -2.0, 2.0])
+def test_stories_count_by_what_was_learned_of_friction(against: float) -> None:
+    """One story has healthy friction throughout, the other a base that no anomaly has: the samples cannot decide."""
+    healthy = features()
+    shifted = features(dry=1.48, factor_2=0.8)
+    told = replace(
+        shifted,
+        by_story=(
+            FeaturesOfStory(0.0, shifted, same_jumps=True),
+            FeaturesOfStory(against, healthy, same_jumps=True),
+        ),
+    )
+    assert judged(shifted)["dry"] > 0.9
+    assert judged(told)["dry"] < 0.1
+    judgement = classify(told, MODELS, NAMES, MODEL, EMPTY)
+    assert [q.tolist() for q in judgement.configurations] == [s.configuration.tolist() for s in healthy.systems]
+
+
+@pytest.mark.parametrize("weight", [-3.0, 0.0, 3.0])
+def test_stories_that_say_the_same_change_nothing(weight: float) -> None:
+    for seen in (features(), features(rests=False), features(factor_2=1.4)):
+        one = FeaturesOfStory(weight, seen, same_jumps=True)
+        assert judged(replace(seen, by_story=(one, one))) == pytest.approx(judged(seen), abs=1e-9)
 
 
 def test_unlike_anything_learned_is_said() -> None:

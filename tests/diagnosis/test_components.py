@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from rwa_monitor.diagnosis.assignment import assign
 from rwa_monitor.diagnosis.components import split
-from rwa_monitor.diagnosis.friction_model import priors_of, solve
+from rwa_monitor.diagnosis.estimation import SlopePrior
+from rwa_monitor.diagnosis.friction_model import measure, priors_of, solve
 from rwa_monitor.diagnosis.results import Components, Story
 from rwa_monitor.diagnosis.state import CarriedState, FrictionMemory, SystemState, Tracked
 from rwa_monitor.physics.wheel import built_in_wheel
@@ -122,3 +125,36 @@ def test_evidence_is_that_of_the_whole_gaussian():
         closed, direct = densities(story, np.array(borders))
         differences.append(closed - direct)
     assert np.ptp(differences) < 1e-6
+
+
+def test_what_the_samples_say_alone_is_the_integral_over_flat_priors():
+    """Base and friction integrated on a grid, the likelihood of the segment means taken directly."""
+    rng = np.random.default_rng(46)
+    slots, std = 60, 0.3
+    x, z = rng.uniform(0.3, 1.0, slots), rng.normal(1.5, 0.5, slots)
+    priors = replace(priors_of(WHEEL, None, 1.0, 0.5), slope=SlopePrior(0.0, 1e-9))
+    rest, grid = np.zeros(1, dtype=np.int64), np.linspace(-4.0, 6.0, 401)
+    none = np.zeros(0, dtype=np.int64)
+    step = grid[1] - grid[0]
+
+    def log_integral(levels: np.ndarray, borders: np.ndarray) -> float:
+        """Levels of the segments, float64 (segments, ...), on a grid of the unknowns of step `step`."""
+        log_likelihood = np.zeros(levels.shape[1:])
+        for level, a, b in zip(levels, borders[:-1], borders[1:], strict=True):
+            log_likelihood -= 0.5 * ((z[a:b, None] - level.ravel()) ** 2).sum(axis=0).reshape(level.shape) / std**2
+        return float(np.logaddexp.reduce(log_likelihood, axis=None) + log_likelihood.ndim * np.log(step))
+
+    def log_measured(configurations: tuple[int, ...], starts: tuple[int, ...], borders: np.ndarray) -> float:
+        story = Story((rest, np.array(configurations)), (rest, np.array(starts)), none)
+        segments = CumulativeSums(x, z).between(borders[:-1], borders[1:])
+        return measure(story, borders, segments, priors, std**2, 1e-12).log_evidence
+
+    base, first = np.meshgrid(grid, grid, indexing="ij")
+    borders = np.array([0, 20, 60])
+    # Up from rest: base and one sojourn. Always awake: two levels, and the shift between base and system left open.
+    entered = log_measured((0, 1), (0, 20), borders) - log_integral(np.stack([base, base + first]), borders)
+    awake = log_measured((1, 2), (0, 20), borders) - log_integral(np.stack([base, first]), borders)
+    back = np.array([0, 20, 40, 60])
+    returned = log_measured((0, 1, 0), (0, 20, 40), back) - log_integral(np.stack([base, base + first, base]), back)
+    assert entered == pytest.approx(awake, abs=0.01)
+    assert entered == pytest.approx(returned, abs=0.01)

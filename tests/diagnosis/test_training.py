@@ -78,6 +78,27 @@ def test_strays_do_not_widen_a_band() -> None:
     assert levels.anomalous is None
 
 
+@pytest.mark.parametrize("seed", range(5))
+def test_strays_beside_a_range_do_not_widen_it(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    value = np.concatenate([rng.uniform(0.4, 0.6, 300), rng.uniform(0.62, 0.72, 4), rng.uniform(0.3, 0.38, 3)])
+    # Values that the window leaves open are known to be so: they say nothing of where the range ends.
+    vague = np.concatenate([np.full(307, 1e-3), np.full(40, 0.2)])
+    value = np.concatenate([value, rng.uniform(0.0, 1.0, 40)])
+    labels = np.zeros(value.size, dtype=bool)
+    ill = 1.4 * rng.uniform(0.4, 0.6, 300)
+    levels = fit_levels(
+        np.concatenate([value, ill]),
+        np.concatenate([vague, np.full(300, 1e-3)]),
+        np.append(labels, np.ones(300)) > 0,
+        0.02,
+    )
+    assert levels is not None
+    # The outermost of 300 values lies within 0.2·7/300 of the end with a probability of e^-7.
+    assert (levels.nominal.low, levels.nominal.high) == pytest.approx((0.4, 0.6), abs=0.005)
+    assert levels.stray == pytest.approx(7 / 307, abs=2 / 307)
+
+
 def test_what_was_not_shown_is_not_learned() -> None:
     healthy = [window for window in labelled() if not any(window.labels.values())]
     model = train(healthy, WHEEL, "source", "command")
