@@ -314,7 +314,7 @@ def _diagnosis(
             )
             for system, starts in zip(features.systems, stages.assignment.starts, strict=True)
         ),
-        changepoints=_changepoints(stages.assignment, wheel),
+        changepoints=changepoints_of(stages.assignment, wheel),
         fit=Fit(
             _scaled(stages.estimate.rmse, torque),
             _scaled(stages.estimate.excess_rmse, torque),
@@ -335,7 +335,8 @@ def _diagnosis(
     )
 
 
-def _changepoints(assignment: Assignment, wheel: Wheel) -> tuple[Changepoint, ...]:
+def changepoints_of(assignment: Assignment, wheel: Wheel) -> tuple[Changepoint, ...]:
+    """Return all candidates of an assignment in SI units, sorted by slot."""
     names = {REJECTED: "rejected", UNATTRIBUTED: "unattributed"}
     names |= {s: system.name for s, system in enumerate(wheel.fss)}
     torque = wheel.torque_unit_Nm

@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 from scipy import special, stats
 
-from rwa_monitor.diagnosis.classification import classify, classify_as_paper
+from rwa_monitor.diagnosis.classification import classify, classify_as_paper, conclusive
 from rwa_monitor.diagnosis.model import Model, models_for
 from rwa_monitor.diagnosis.results import Method
 from rwa_monitor.diagnosis.state import CarriedState
@@ -24,6 +24,7 @@ from rwa_monitor.samples import BoolArray, FloatArray
 
 TRAINING_SHARE: Final = 0.2
 SPLITS: Final = 30
+COVERAGES: Final = (1.0, 0.995, 0.99, 0.98, 0.95, 0.9)  # shares of the windows, the surest first
 CALIBRATION_BINS: Final = 10
 
 
@@ -58,8 +59,11 @@ class Accuracy:
         float64 (splits, statuses, anomalies): share of windows with the status in which the anomaly is diagnosed.
     windows
         Validation windows of each status in one split, float64 (statuses,), on average.
-    undecided
-        float64 (splits,), share of validation windows with a probability in the undecided range.
+    inconclusive
+        float64 (splits,), share of validation windows with that verdict.
+    risk
+        float64 (coverages,): share of windows with a wrong anomaly among the surest COVERAGES of all; a window is as
+        sure as its least sure anomaly.
     calibration
         By anomaly.
     """
@@ -68,7 +72,8 @@ class Accuracy:
     anomalies: tuple[str, ...]
     matrix: FloatArray
     windows: FloatArray
-    undecided: FloatArray
+    inconclusive: FloatArray
+    risk: FloatArray
     calibration: dict[str, Calibration]
 
     def interval(self, status: int, anomaly: int) -> tuple[float, float]:
@@ -87,7 +92,14 @@ def wilson(rate: float, total: float) -> tuple[float, float]:
 
 
 def judge(outcomes: Sequence[Outcome], features: str, method: Method, model: Model, wheel: Wheel) -> FloatArray:
-    """Return the probabilities, float64 (windows, anomalies); above 0.5 the anomaly is diagnosed.
+    """Return the probabilities, float64 (windows, anomalies); see `judge_windows`."""
+    return judge_windows(outcomes, features, method, model, wheel)[0]
+
+
+def judge_windows(
+    outcomes: Sequence[Outcome], features: str, method: Method, model: Model, wheel: Wheel
+) -> tuple[FloatArray, BoolArray]:
+    """Return probabilities, float64 (windows, anomalies), and whether the verdict is inconclusive, bool (windows,).
 
     Parameters
     ----------
@@ -101,17 +113,19 @@ def judge(outcomes: Sequence[Outcome], features: str, method: Method, model: Mod
         The model, and a wheel with the systems that it was trained for.
     """
     models, names, empty = models_for(wheel, model), wheel.anomalies, CarriedState.empty()
-    rows = []
+    rows, open_ones = [], []
     for outcome in outcomes:
         seen = outcome.features[features]
         if method == "paper":
             judgement = classify_as_paper(seen, models, names)
             # The paper's answer is the sign of the decision, whatever the calibration says.
             rows.append([_on_side(entry.probability, active=entry.active) for entry in judgement.anomalies])
+            open_ones.append(False)
         else:
             judgement = classify(seen, models, names, model, empty)
             rows.append([entry.probability for entry in judgement.anomalies])
-    return np.array(rows)
+            open_ones.append(not conclusive(judgement.anomalies, *model.undecided))
+    return np.array(rows), np.array(open_ones, dtype=np.bool_)
 
 
 def _on_side(probability: float, *, active: bool) -> float:
@@ -143,17 +157,18 @@ def measure(
     row_of = np.array([statuses.index(outcome.status) for outcome in outcomes])
     rng = np.random.default_rng(seed)
     size = round(TRAINING_SHARE * len(outcomes))
-    matrices, undecided, windows = [], [], np.zeros(len(statuses))
+    matrices, inconclusive, windows = [], [], np.zeros(len(statuses))
     probabilities, truths = [], []
     for _ in range(splits):
         order = rng.permutation(len(outcomes))
         training, validation = order[:size], order[size:]
         model = train([outcomes[i].labelled(features, features) for i in training], wheel, "split", "benchmark")
-        probability = judge([outcomes[i] for i in validation], features, method, model, wheel)
+        probability, is_open = judge_windows([outcomes[i] for i in validation], features, method, model, wheel)
         rows = row_of[validation]
-        matrices.append(_shares(probability > 0.5, rows, len(statuses)))
-        low, high = model.undecided
-        undecided.append(float(((probability > low) & (probability < high)).any(axis=1).mean()))
+        # What is undecided counts as not diagnosed; the paper's method always decides.
+        least = model.undecided[1] if method == "joint" else np.nextafter(0.5, 1.0)
+        matrices.append(_shares(probability >= least, rows, len(statuses)))
+        inconclusive.append(float(is_open.mean()))
         windows += np.bincount(rows, minlength=len(statuses)) / splits
         probabilities.append(probability)
         truths.append(labels[validation])
@@ -163,7 +178,8 @@ def measure(
         names,
         np.stack(matrices),
         windows,
-        np.array(undecided),
+        np.array(inconclusive),
+        _risk(everything, truth),
         {name: calibrate(everything[:, a], truth[:, a]) for a, name in enumerate(names)},
     )
 
@@ -175,6 +191,13 @@ def _shares(diagnosed: BoolArray, rows: FloatArray, statuses: int) -> FloatArray
         if (rows == row).any():
             shares[row] = diagnosed[rows == row].mean(axis=0)
     return shares
+
+
+def _risk(probability: FloatArray, truth: BoolArray) -> FloatArray:
+    """Return the share of windows with an error among the surest, float64 (coverages,)."""
+    doubt = np.minimum(probability, 1.0 - probability).max(axis=1)
+    wrong = ((probability > 0.5) != truth).any(axis=1)[np.argsort(doubt, kind="stable")]
+    return np.array([float(wrong[: max(round(coverage * wrong.size), 1)].mean()) for coverage in COVERAGES])
 
 
 def calibrate(probability: FloatArray, truth: BoolArray) -> Calibration:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice
 from typing import Final
@@ -12,14 +12,16 @@ import numpy as np
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.diagnosis.results import Method
 from rwa_monitor.evaluation.accuracy import SPLITS, Accuracy, measure
-from rwa_monitor.evaluation.campaign import StageTimes, outcomes, time_stages
+from rwa_monitor.evaluation.campaign import StageTimes, in_processes, outcomes, time_stages
+from rwa_monitor.evaluation.carried import JudgedWindows, StoryName, judge_story
+from rwa_monitor.evaluation.learned_laws import LawsResult, compare_laws
 from rwa_monitor.evaluation.outcome import JumpScore, Outcome
 from rwa_monitor.physics.datasets import generate
-from rwa_monitor.physics.wheel import built_in_wheel
+from rwa_monitor.physics.wheel import Wheel
 
-RECIPES: Final = ("paper", "mild")
-WINDOWS: Final = 300
-SEED: Final = 8_128
+RECIPES: Final = ("paper", "mild", "hard", "derived")
+WINDOWS: Final = 1250  # of which the protocol's 80 %, a thousand, are judged in each split
+SEED: Final = 61_803
 TIMED_WINDOWS: Final = 20
 # What is compared: the features and the classifier on them.
 COMPARED: Final[dict[str, tuple[str, Method]]] = {
@@ -28,6 +30,14 @@ COMPARED: Final[dict[str, tuple[str, Method]]] = {
     "oracle B": ("oracle B", "joint"),
     "oracle A": ("oracle A", "joint"),
 }
+# The paper's method is tried where its statistics hold; elsewhere it takes a second for a window and says nothing new.
+PAPERS_RECIPES: Final = ("paper", "mild")
+STORY_WHEELS: Final[dict[StoryName, int]] = {
+    "lasting": 100,
+    "sudden": 200,
+    "growing": 42,
+}  # wheels of each story of `carried`
+LAWS_WHEELS: Final = 100
 
 Progress = Callable[[Iterable[Outcome], int, str], Iterable[Outcome]]
 
@@ -43,7 +53,7 @@ class RecipeResult:
     accuracy
         By the names of `COMPARED`.
     jumps
-        By method, summed over all windows.
+        By method and of oracle C, summed over all windows.
     rejected
         By method: for each window the number of rejected candidates.
     """
@@ -59,10 +69,24 @@ class RecipeResult:
 
 @dataclass(frozen=True, slots=True)
 class Benchmark:
-    """All results: one entry per recipe, and the time of each stage by method."""
+    """All results.
+
+    Attributes
+    ----------
+    recipes
+        One entry per recipe.
+    times
+        Of each stage, by method.
+    carried
+        By story of `carried`; empty where it was not asked for.
+    laws
+        With identified laws; None where it was not asked for.
+    """
 
     recipes: tuple[RecipeResult, ...]
     times: tuple[StageTimes, ...]
+    carried: dict[StoryName, JudgedWindows]
+    laws: LawsResult | None
 
     def recipe(self, name: str) -> RecipeResult:
         """Return the result of one recipe; KeyError without it."""
@@ -84,6 +108,8 @@ def run(
     workers: int = 2,
     splits: int = SPLITS,
     progress: Progress = _untracked,
+    stories: Mapping[StoryName, int] | None = None,
+    laws_wheels: int = 0,
 ) -> Benchmark:
     """Run the benchmark.
 
@@ -92,37 +118,58 @@ def run(
     recipes, windows, seed
         Data sets, windows of each, seed of each.
     workers
-        Processes that evaluate windows; the accuracy does not depend on it, the times are taken in this one.
+        Processes; the accuracy does not depend on their number, the times are taken in this one.
     splits
         Random splits of the paper's protocol.
     progress
         Called with the outcomes as they come, their number and a description; passes them on.
+    stories
+        Wheels of each story of `carried`.
+    laws_wheels
+        Wheels that are identified; 0 leaves that out.
     """
     results = []
     for recipe in recipes:
-        found = list(progress(outcomes(recipe, windows, seed, workers), windows, f"recipe {recipe}"))
-        results.append(summarise(recipe, found, seed, splits))
+        methods: tuple[Method, ...] = ("joint", "paper") if recipe in PAPERS_RECIPES else ("joint",)
+        found = list(progress(outcomes(recipe, windows, seed, workers, methods), windows, f"recipe {recipe}"))
+        results.append(summarise(recipe, found, seed, splits, workers))
+    told = {story: judge_story(story, wheels, seed, workers) for story, wheels in (stories or {}).items()}
+    laws = compare_laws(laws_wheels, seed, workers) if laws_wheels else None
     timed = list(islice(generate(recipes[0], TIMED_WINDOWS, seed), TIMED_WINDOWS))
     model = built_in_model()
-    return Benchmark(tuple(results), (time_stages(timed, model, "paper"), time_stages(timed, model, "joint")))
+    times = (time_stages(timed, model, "paper"), time_stages(timed, model, "joint"))
+    return Benchmark(tuple(results), times, told, laws)
 
 
-def summarise(recipe: str, found: Sequence[Outcome], seed: int, splits: int) -> RecipeResult:
+@dataclass(frozen=True, slots=True)
+class _Comparison:
+    """One of `COMPARED` on the windows of a recipe."""
+
+    outcomes: Sequence[Outcome]
+    features: str
+    method: Method
+    wheel: Wheel
+    seed: int
+    splits: int
+
+    def run(self) -> Accuracy:
+        return measure(self.outcomes, self.features, self.method, self.wheel, self.seed, self.splits)
+
+
+def summarise(recipe: str, found: Sequence[Outcome], seed: int, splits: int, workers: int = 0) -> RecipeResult:
     """Return the result of one recipe from the outcomes of its windows."""
     # All wheels of a recipe have the same systems; their names are all that is needed here.
-    wheel = built_in_wheel()
-    if tuple(found[0].labels) != wheel.anomalies:
-        wheel = next(iter(generate(recipe, 1, seed))).wheel
+    wheel = next(iter(generate(recipe, 1, seed))).wheel
+    compared = {name: pair for name, pair in COMPARED.items() if pair[0] in found[0].features}
+    tasks = [_Comparison(found, features, method, wheel, seed, splits) for features, method in compared.values()]
     return RecipeResult(
         recipe=recipe,
         windows=len(found),
         seed=seed,
         splits=splits,
-        accuracy={
-            name: measure(found, features, method, wheel, seed, splits) for name, (features, method) in COMPARED.items()
-        },
-        jumps={method: sum((one.jumps[method] for one in found), JumpScore()) for method in ("paper", "joint")},
-        rejected={method: tuple(one.jumps[method].rejected for one in found) for method in ("paper", "joint")},
+        accuracy=dict(zip(compared, in_processes(_Comparison.run, tasks, workers), strict=True)),
+        jumps={name: sum((one.jumps[name] for one in found), JumpScore()) for name in found[0].jumps},
+        rejected={name: tuple(one.jumps[name].rejected for one in found) for name in found[0].jumps},
     )
 
 
@@ -145,25 +192,96 @@ class Target:
 
 
 def targets(benchmark: Benchmark) -> list[Target]:
-    """Return the project's targets for the recipes that were run, with what was reached."""
+    """Return the project's targets for what was run, with what was reached."""
     found = []
     for result in benchmark.recipes:
-        joint, oracle = result.accuracy["joint"], result.accuracy["oracle B"]
-        jumps = result.jumps["joint"]
-        name = result.recipe
-        found.append(
-            Target(f"{name}: visible jumps right in place and system", 0.995, jumps.attributed / jumps.visible, True)
-        )
-        found.append(Target(f"{name}: false changepoints per window", 0.05, jumps.false / result.windows, False))
-        for anomaly in joint.anomalies:
-            detected, best = detection(joint, anomaly), detection(oracle, anomaly)
-            alarmed, least = false_positives(joint, anomaly), false_positives(oracle, anomaly)
-            wanted = 0.985 if name == "paper" else best - 0.01
-            allowed = 0.005 if name == "paper" else least + 0.005
-            found.append(Target(f"{name}: detection of {anomaly}", wanted, detected, True))
-            found.append(Target(f"{name}: false positives of {anomaly}", allowed, alarmed, False))
-        found.append(Target(f"{name}: undecided windows", 0.02, float(joint.undecided.mean()), False))
+        if result.recipe == "derived":
+            found += _targets_of_derived(result, benchmark)
+            continue
+        found += _targets_of_jumps(result)
+        found += _targets_of_anomalies(result)
+        if result.recipe != "paper":
+            found += _targets_of_calibration(result)
+    for story in ("lasting",):
+        if story in benchmark.carried:
+            judged = benchmark.carried[story]
+            for anomaly, reached in zip(judged.anomalies, judged.rates(judged.carried)[0], strict=True):
+                found.append(Target(f"mild after ten windows: detection of {anomaly}", 0.99, float(reached), True))
+    if benchmark.laws:
+        found += _targets_of_laws(benchmark.laws)
     return found
+
+
+def _targets_of_jumps(result: RecipeResult) -> list[Target]:
+    name, jumps = result.recipe, result.jumps["joint"]
+    best = result.jumps["oracle C"]
+    hard = name == "hard"
+    wanted = best.attributed / best.visible - 0.01 if hard else 0.995
+    return [
+        Target(f"{name}: visible jumps right in place and system", wanted, jumps.attributed / jumps.visible, True),
+        Target(f"{name}: false changepoints per window", 0.5 if hard else 0.05, jumps.false / result.windows, False),
+    ]
+
+
+def _targets_of_anomalies(result: RecipeResult) -> list[Target]:
+    name, joint, oracle = result.recipe, result.accuracy["joint"], result.accuracy["oracle B"]
+    below, above = (0.02, 0.02) if name == "hard" else (0.01, 0.005)
+    found = []
+    for anomaly in joint.anomalies:
+        wanted = 0.985 if name == "paper" else detection(oracle, anomaly) - below
+        allowed = 0.005 if name == "paper" else false_positives(oracle, anomaly) + above
+        found.append(Target(f"{name}: detection of {anomaly}", wanted, detection(joint, anomaly), True))
+        found.append(Target(f"{name}: false positives of {anomaly}", allowed, false_positives(joint, anomaly), False))
+    if name != "hard":
+        found.append(Target(f"{name}: fss_1 seen as fss_2", 0.01, confusion(joint), False))
+    most = 0.10 if name == "hard" else 0.02
+    found.append(Target(f"{name}: inconclusive windows", most, float(joint.inconclusive.mean()), False))
+    return found
+
+
+def _targets_of_calibration(result: RecipeResult) -> list[Target]:
+    found = []
+    for anomaly, entry in result.accuracy["joint"].calibration.items():
+        name = f"{result.recipe}: {anomaly}"
+        found += [
+            Target(f"{name}, log score (base rate)", entry.log_score_base, entry.log_score, False),
+            Target(f"{name}, Brier score (base rate)", entry.brier_base, entry.brier, False),
+            Target(f"{name}, expected calibration error", 0.03, entry.expected_error, False),
+        ]
+    return found
+
+
+def _targets_of_derived(result: RecipeResult, benchmark: Benchmark) -> list[Target]:
+    """Compare with `mild` on the same seed: its windows are the same, with friction given."""
+    given = [one for one in benchmark.recipes if one.recipe == "mild"]
+    joint = result.accuracy["joint"]
+    return [
+        Target(
+            f"derived: detection of {anomaly} (less than 2 points below friction given)",
+            detection(one.accuracy["joint"], anomaly) - 0.02,
+            detection(joint, anomaly),
+            True,
+        )
+        for one in given
+        for anomaly in joint.anomalies
+    ]
+
+
+def _targets_of_laws(laws: LawsResult) -> list[Target]:
+    found = []
+    for a, anomaly in enumerate(laws.anomalies):
+        there = laws.truth[:, a]
+        known, learned = (float(seen[there, a].mean()) for seen in (laws.with_true, laws.with_identified))
+        found.append(Target(f"identified laws: detection of {anomaly}", known - 0.005, learned, True))
+        known, learned = (float(seen[~there, a].mean()) for seen in (laws.with_true, laws.with_identified))
+        found.append(Target(f"identified laws: false positives of {anomaly}", known + 0.005, learned, False))
+    return found
+
+
+def confusion(accuracy: Accuracy) -> float:
+    """Return the share of windows with an anomaly of fss_1 alone in which fss_2 is diagnosed."""
+    row, column = accuracy.statuses.index("fss_1"), accuracy.anomalies.index("fss_2")
+    return float(np.nanmean(accuracy.matrix[:, row, column]))
 
 
 def detection(accuracy: Accuracy, anomaly: str) -> float:
@@ -171,14 +289,26 @@ def detection(accuracy: Accuracy, anomaly: str) -> float:
     return _rate(accuracy, anomaly, present=True)
 
 
-def false_positives(accuracy: Accuracy, anomaly: str) -> float:
-    """Return the share of windows without the anomaly in which it is diagnosed."""
-    return _rate(accuracy, anomaly, present=False)
+def false_positives(accuracy: Accuracy, anomaly: str, *, nominal: bool | None = None) -> float:
+    """Return the share of windows without the anomaly in which it is diagnosed.
+
+    Parameters
+    ----------
+    accuracy, anomaly
+        What was measured, and of which anomaly.
+    nominal
+        Only windows without any anomaly (True), only those with another one (False), or all.
+    """
+    return _rate(accuracy, anomaly, present=False, which=nominal)
 
 
-def _rate(accuracy: Accuracy, anomaly: str, *, present: bool) -> float:
+def _rate(accuracy: Accuracy, anomaly: str, *, present: bool, which: bool | None = None) -> float:
     a = accuracy.anomalies.index(anomaly)
     rows = [i for i, status in enumerate(accuracy.statuses) if (anomaly in status.split("+")) == present]
+    if which is not None:
+        rows = [i for i in rows if (accuracy.statuses[i] == "nominal") == which]
+    # A rare combination may be in no split's validation windows.
+    rows = [i for i in rows if np.isfinite(accuracy.matrix[:, i, a]).any()]
     shares = np.nanmean(accuracy.matrix[:, rows, a], axis=0)
     weights = accuracy.windows[rows]
     return float(np.average(shares, weights=weights))

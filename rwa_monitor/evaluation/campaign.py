@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import multiprocessing
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import chain, islice
+from typing import TypeVar
 
 import numpy as np
 
@@ -20,29 +22,60 @@ from rwa_monitor.diagnosis.results import Method
 from rwa_monitor.diagnosis.state import CarriedState
 from rwa_monitor.evaluation.oracle import on_slots
 from rwa_monitor.evaluation.outcome import Outcome, evaluate
-from rwa_monitor.physics.datasets import LabelledWindow, Recipe, generate
+from rwa_monitor.physics.datasets import RECIPES, LabelledWindow, wheel_windows
 from rwa_monitor.samples import FloatArray
 
 STAGES = ("changepoints", "assignment", "classification")
 
 
-def outcomes(recipe: str | Recipe, count: int, seed: int, workers: int) -> Iterator[Outcome]:
-    """Generate labelled windows and run each through both methods and the oracles, in order.
+Given = TypeVar("Given")
+Found = TypeVar("Found")
+
+
+@dataclass(frozen=True, slots=True)
+class _Task:
+    """The windows of one wheel; each process simulates its own, which are large."""
+
+    recipe: str
+    number: int
+    seed: int
+    count: int
+    methods: tuple[Method, ...]
+
+    def run(self) -> list[Outcome]:
+        windows = islice(wheel_windows(self.recipe, self.number, self.seed), self.count)
+        return [evaluate(window, self.methods) for window in windows]
+
+
+def outcomes(
+    recipe: str, count: int, seed: int, workers: int, methods: tuple[Method, ...] = ("joint", "paper")
+) -> Iterator[Outcome]:
+    """Generate labelled windows and run each through the methods and the oracles, in order.
 
     Parameters
     ----------
     recipe, count, seed
         See `datasets.generate`.
     workers
-        Processes that evaluate; 0 works in this one. The result does not depend on it.
+        Processes that simulate and evaluate; 0 works in this one. The result does not depend on it.
+    methods
+        See `evaluate`.
     """
-    windows = generate(recipe, count, seed)
+    life = RECIPES[recipe].windows
+    tasks = [
+        _Task(recipe, number, seed, min(life, count - number * life), methods) for number in range(-(-count // life))
+    ]
+    yield from chain.from_iterable(in_processes(_Task.run, tasks, workers))
+
+
+def in_processes(work: Callable[[Given], Found], tasks: Sequence[Given], workers: int) -> Iterator[Found]:
+    """Do the work on all tasks in `workers` processes, in order; 0 works in this one."""
     if workers == 0:
-        yield from map(evaluate, windows)
+        yield from map(work, tasks)
         return
     # Started afresh, not forked: a fork would copy whatever threads and sessions the caller has.
     with multiprocessing.get_context("spawn").Pool(workers) as pool:
-        yield from pool.imap(evaluate, windows, chunksize=1)
+        yield from pool.imap(work, tasks, chunksize=1)
 
 
 @dataclass(frozen=True, slots=True)

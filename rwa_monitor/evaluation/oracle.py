@@ -2,6 +2,9 @@
 
 Oracle A knows the true components and configurations. Oracle B knows when each system jumped, and estimates the rest
 from the samples: friction, and where a system shows fewer configurations than it has, which of them these are.
+
+Oracle C is one of changepoints: it is told that there is a jump, and the noise; where exactly, and which system made
+it, it has to find out. No search that knows laws, noise and slope can place and assign more.
 """
 
 from __future__ import annotations
@@ -10,16 +13,23 @@ from dataclasses import replace
 
 import numpy as np
 
+from rwa_monitor.diagnosis.assignment import assign
+from rwa_monitor.diagnosis.changepoints import refine_in_colour
 from rwa_monitor.diagnosis.components import split
 from rwa_monitor.diagnosis.estimation import estimate
 from rwa_monitor.diagnosis.evidence import WindowAccumulator
 from rwa_monitor.diagnosis.features import Features, SystemFeatures, features_of
-from rwa_monitor.diagnosis.results import Assignment
+from rwa_monitor.diagnosis.results import Assignment, Candidates, NoiseEstimate
+from rwa_monitor.diagnosis.running_sums import RunningSums
 from rwa_monitor.diagnosis.state import CarriedState
+from rwa_monitor.diagnosis.window import changepoints_of
+from rwa_monitor.diagnosis.window_diagnosis import Changepoint
 from rwa_monitor.physics.datasets import LabelledWindow
 from rwa_monitor.physics.telemetry import Truth
 from rwa_monitor.physics.torque_balance import derive_friction
 from rwa_monitor.samples import FloatArray, IntArray
+
+ORACLE_SCALE = 8  # slots: the assignment moves a candidate by half of this at most
 
 
 def true_sojourns(truth: Truth, s: int, name: str) -> tuple[IntArray, IntArray]:
@@ -90,6 +100,45 @@ def features_with_true_jumps(window: LabelledWindow) -> Features:
         assignment = replace(assignment, configurations=components.readings[0].story.configurations)
         components = split(assignment, estimated, evidence, wheel, CarriedState.empty())
     return features_of(components, assignment, wheel)
+
+
+def jumps_of_ideal_search(window: LabelledWindow) -> tuple[Changepoint, ...]:
+    """Return the changepoints of oracle C: the true jumps, each where the samples show it best, assigned by the laws.
+
+    The likelihood of a place is that of AR(1) noise whose coefficient is known.
+    """
+    truth, wheel = window.telemetry.truth, window.wheel
+    speed, torque = on_slots(window)
+    accumulator = WindowAccumulator(wheel, "joint", speed.size)
+    accumulator.append(speed, torque, np.isfinite(speed) & np.isfinite(torque))
+    evidence = accumulator.close()
+    unit = wheel.torque_unit_Nm
+    colour = (window.scenario.noise.ar_coefficient or 0.0) if window.scenario.noise.law == "ar1" else 0.0
+    lags = np.arange(evidence.noise.autocovariance.size)
+    noise = NoiseEstimate(
+        std=truth.noise_std_Nm / unit,
+        autocovariance=(truth.noise_std_Nm / unit) ** 2 * np.where(lags > 0, colour**lags, 1.0),
+        long_run_factor=(truth.long_run_std_Nm / truth.noise_std_Nm) ** 2,
+    )
+    places, size = np.unique(truth.changepoints.index), evidence.slots
+    borders = np.concatenate([[0], places, [size]])
+    sums, slope = evidence.sums, float(np.mean(truth.viscous_Nm_s_rad)) * wheel.speed_unit_rad_s / unit
+    assert isinstance(sums, RunningSums)
+    found = []
+    for low, place, high in zip(borders[:-2], places, borders[2:], strict=True):
+        reach = int(max(min(place - low, high - place) // 2, 1))
+        at, _ = refine_in_colour(int(place), int(low), int(high), reach, slope, colour, sums.arrays)
+        found.append(int(at))
+    index = np.unique(np.array(found, dtype=np.int64))
+    borders = np.concatenate([[0], index, [size]])
+    moments = evidence.sums.between(borders[:-1], borders[1:])
+    with np.errstate(invalid="ignore", divide="ignore"):
+        jump = np.diff((moments.z - slope * moments.x) / moments.n)
+        each = noise.std**2 * noise.long_run_factor / moments.n
+    statistic = np.nan_to_num(jump**2 / (each[:-1] + each[1:]))
+    candidates = Candidates(index, np.full(index.size, ORACLE_SCALE), statistic, jump)
+    assignment, _ = assign(replace(evidence, candidates=candidates, noise=noise), wheel)
+    return changepoints_of(assignment, wheel)
 
 
 def on_slots(window: LabelledWindow) -> tuple[FloatArray, FloatArray]:

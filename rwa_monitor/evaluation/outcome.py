@@ -12,12 +12,12 @@ from rwa_monitor.diagnosis.results import Method
 from rwa_monitor.diagnosis.training import LabelledFeatures
 from rwa_monitor.diagnosis.window_diagnosis import Changepoint, WindowDiagnosis
 from rwa_monitor.errors import InputError
-from rwa_monitor.evaluation.oracle import features_of_truth, features_with_true_jumps
+from rwa_monitor.evaluation.oracle import features_of_truth, features_with_true_jumps, jumps_of_ideal_search
 from rwa_monitor.live.core import diagnose_samples
 from rwa_monitor.physics.datasets import LabelledWindow
 from rwa_monitor.physics.telemetry import Changepoints
 from rwa_monitor.physics.wheel import Wheel
-from rwa_monitor.samples import Samples
+from rwa_monitor.samples import BoolArray, IntArray, Samples
 
 # A jump is found where a changepoint is reported within this many samples (the project's issue 2).
 PLACED_WITHIN = 5
@@ -37,6 +37,8 @@ class JumpScore:
         Reported changepoints with no true jump within 5 samples.
     rejected
         Candidates that the assignment rejected.
+    hidden
+        Visible jumps that no sample places: they happen in a stretch without used samples, more than 5 before its end.
     """
 
     visible: int = 0
@@ -44,6 +46,7 @@ class JumpScore:
     attributed: int = 0
     false: int = 0
     rejected: int = 0
+    hidden: int = 0
 
     def __add__(self, other: JumpScore) -> JumpScore:
         """Sum two scores."""
@@ -53,6 +56,7 @@ class JumpScore:
             self.attributed + other.attributed,
             self.false + other.false,
             self.rejected + other.rejected,
+            self.hidden + other.hidden,
         )
 
 
@@ -69,7 +73,7 @@ class Outcome:
     features
         By method (joint, paper) and oracle ("oracle A" knows the components, "oracle B" the jumps).
     jumps
-        By method.
+        By method, and of "oracle C".
     coverage
         Share of good slots.
     """
@@ -85,8 +89,15 @@ class Outcome:
         return LabelledFeatures(self.features[joint], self.features[paper], self.labels)
 
 
-def evaluate(window: LabelledWindow) -> Outcome:
-    """Run one labelled window through both methods and the oracles.
+def evaluate(window: LabelledWindow, methods: tuple[Method, ...] = ("joint", "paper")) -> Outcome:
+    """Run one labelled window through the methods and the oracles.
+
+    Parameters
+    ----------
+    window
+        The window.
+    methods
+        Which methods; the paper's takes seconds for windows with many candidates.
 
     Raises
     ------
@@ -97,12 +108,13 @@ def evaluate(window: LabelledWindow) -> Outcome:
         "oracle A": features_of_truth(window),
         "oracle B": features_with_true_jumps(window),
     }
-    jumps = {}
+    truth, wheel = window.telemetry.truth, window.wheel
+    jumps = {"oracle C": score_jumps(jumps_of_ideal_search(window), truth.changepoints, wheel, truth.used)}
     coverage = 1.0
-    for method in ("joint", "paper"):
-        diagnosis = only_window(window.telemetry.samples, window.wheel, method, window.name)
+    for method in methods:
+        diagnosis = only_window(window.telemetry.samples, wheel, method, window.name)
         features[method] = diagnosis.features
-        jumps[method] = score_jumps(diagnosis.changepoints, window.telemetry.truth.changepoints, window.wheel)
+        jumps[method] = score_jumps(diagnosis.changepoints, truth.changepoints, wheel, truth.used)
         coverage = diagnosis.coverage
     return Outcome(window.status, window.labels, features, jumps, coverage)
 
@@ -121,8 +133,20 @@ def only_window(samples: Samples, wheel: Wheel, method: Method, source: str) -> 
     return windows[0].diagnosis
 
 
-def score_jumps(found: tuple[Changepoint, ...], truth: Changepoints, wheel: Wheel) -> JumpScore:
-    """Compare reported changepoints with the true jumps; each counts once, the nearest first."""
+def score_jumps(
+    found: tuple[Changepoint, ...], truth: Changepoints, wheel: Wheel, used: BoolArray | None = None
+) -> JumpScore:
+    """Compare reported changepoints with the true jumps; each counts once, the nearest first.
+
+    Parameters
+    ----------
+    found, truth
+        Reported and true.
+    wheel
+        Its wheel.
+    used
+        bool (slots,), the slots that hold a usable sample; None counts no jump as hidden.
+    """
     names = [system.name for system in wheel.fss]
     accepted = [changepoint for changepoint in found if changepoint.fss != "rejected"]
     index = np.array([changepoint.index for changepoint in accepted], dtype=np.int64)
@@ -146,4 +170,14 @@ def score_jumps(found: tuple[Changepoint, ...], truth: Changepoints, wheel: Whee
         attributed=attributed,
         false=false,
         rejected=len(found) - len(accepted),
+        hidden=0 if used is None else int(_hidden(truth.index[truth.visible], used).sum()),
     )
+
+
+def _hidden(index: IntArray, used: BoolArray) -> BoolArray:
+    """Return which jumps lie more than `PLACED_WITHIN` slots before the next used sample.
+
+    All slots from the last used sample to the next one fit the samples equally well; the next one is what is reported.
+    """
+    slots = np.flatnonzero(used)
+    return np.asarray(np.append(slots, used.size)[np.searchsorted(slots, index)] - index > PLACED_WITHIN)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from itertools import islice
 from typing import Any, Final
 
 import numpy as np
@@ -147,14 +148,33 @@ def generate(
             "recipe", f"count {count}, seed {seed}, windows {life}: none may be negative, windows not zero"
         )
     for number in range(-(-count // life)):
-        rng = np.random.default_rng([seed, number])
-        wheel = recipe.wheel(rng).model_copy(update={"name": f"{recipe.name}_{number:05d}"})
-        scenario = recipe.scenario(wheel, number, life, rng)
-        if friction_given is not None:
-            scenario = scenario.model_copy(update={"friction_given": friction_given})
-        record = simulate(scenario, wheel, rng)
-        for window in range(min(life, count - number * life)):
-            yield _window(wheel, scenario, record, window, life)
+        yield from islice(
+            wheel_windows(recipe, number, seed, windows=life, friction_given=friction_given), count - number * life
+        )
+
+
+def wheel_windows(
+    recipe: str | Recipe, number: int, seed: int, *, windows: int | None = None, friction_given: bool | None = None
+) -> Iterator[LabelledWindow]:
+    """Generate the windows in the life of the `number`-th wheel of a dataset; see `generate`."""
+    recipe = RECIPES[recipe] if isinstance(recipe, str) else recipe
+    life = recipe.windows if windows is None else windows
+    wheel, scenario, record = wheel_record(recipe, number, seed, windows=life, friction_given=friction_given)
+    for window in range(life):
+        yield _window(wheel, scenario, record, window, life)
+
+
+def wheel_record(
+    recipe: str | Recipe, number: int, seed: int, *, windows: int | None = None, friction_given: bool | None = None
+) -> tuple[Wheel, Scenario, Telemetry]:
+    """Simulate the life of the `number`-th wheel of a dataset in one record; see `generate`."""
+    recipe = RECIPES[recipe] if isinstance(recipe, str) else recipe
+    rng = np.random.default_rng([seed, number])
+    wheel = recipe.wheel(rng).model_copy(update={"name": f"{recipe.name}_{number:05d}"})
+    scenario = recipe.scenario(wheel, number, recipe.windows if windows is None else windows, rng)
+    if friction_given is not None:
+        scenario = scenario.model_copy(update={"friction_given": friction_given})
+    return wheel, scenario, simulate(scenario, wheel, rng)
 
 
 def _window(wheel: Wheel, scenario: Scenario, record: Telemetry, window: int, life: int) -> LabelledWindow:
