@@ -1,4 +1,4 @@
-"""The paper's protocol: train on 20 % of the windows, judge the other 80 %, for 30 random splits.
+"""The paper's protocol: train on 20 % of the windows, judge the other 80 %, for some random splits (the paper: 30).
 
 From each split comes the matrix of the paper's results: of the windows with a status (row), the share in which each
 anomaly is diagnosed (column). Calibration is judged on all validation windows of all splits.
