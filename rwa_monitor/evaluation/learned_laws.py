@@ -23,7 +23,7 @@ from rwa_monitor.physics.wheel import FrictionRange, Wheel
 from rwa_monitor.samples import BoolArray, Samples
 
 RECORDINGS: Final = 8  # healthy windows that a wheel is identified from
-WINDOWS: Final = 10  # windows of each wheel that are diagnosed: each status twice
+WINDOWS: Final = 25  # windows of each wheel that are diagnosed: each status five times
 
 
 @dataclass(frozen=True, slots=True)
