@@ -15,8 +15,16 @@ from pathlib import Path
 for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(variable, "1")
 
-from rwa_monitor.evaluation.accuracy import SPLITS  # noqa: E402
-from rwa_monitor.evaluation.benchmark import LAWS_WHEELS, RECIPES, SEED, STORY_WHEELS, WINDOWS, run, targets  # noqa: E402
+from rwa_monitor.evaluation.benchmark import (  # noqa: E402
+    LAWS_WHEELS,
+    RECIPES,
+    SEED,
+    SPLITS,
+    STORY_WHEELS,
+    WINDOWS,
+    run,
+    targets,
+)
 from rwa_monitor.evaluation.report import to_markdown  # noqa: E402
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "benchmark.md"

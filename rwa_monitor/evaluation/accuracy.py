@@ -1,4 +1,4 @@
-"""The paper's protocol: train on 20 % of the windows, judge the other 80 %, for some random splits (the paper: 30).
+"""The paper's protocol: train on 20 % of the windows, judge the other 80 %, for 30 random splits.
 
 From each split comes the matrix of the paper's results: of the windows with a status (row), the share in which each
 anomaly is diagnosed (column). Calibration is judged on all validation windows of all splits.
@@ -23,7 +23,7 @@ from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import BoolArray, FloatArray
 
 TRAINING_SHARE: Final = 0.2
-SPLITS: Final = 5  # of a thousand windows each; the paper has 30 of fewer
+SPLITS: Final = 30
 COVERAGES: Final = (1.0, 0.995, 0.99, 0.98, 0.95, 0.9)  # shares of the windows, the surest first
 CALIBRATION_BINS: Final = 10
 
