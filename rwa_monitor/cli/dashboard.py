@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     metavar="URL",
     help="postgresql://USER:PASSWORD@HOST/NAME.  [default: a SQLite file in DIR]",
 )
+@click.option("--webhook", metavar="URL", help="Each change of an alarm is posted there, as JSON.")
 @click.option("--token", envvar="RWA_MONITOR_TOKEN", metavar="T", help="Needed for changes.  [default: a random one]")
 @click.option(
     "--wheel",
@@ -46,6 +47,7 @@ def command(
     port: int | None,
     record: Path,
     history: str | None,
+    webhook: str | None,
     token: str | None,
     wheel: Path | None,
     no_browser: bool,
@@ -68,7 +70,13 @@ def command(
 
     warn_if_alone(bus)
     options = DashboardOptions(
-        port, record, token=token, wheel=read_wheel(wheel) if wheel else None, connect=endpoints(bus), history=history
+        port,
+        record,
+        token=token,
+        wheel=read_wheel(wheel) if wheel else None,
+        connect=endpoints(bus),
+        history=history,
+        webhook=webhook,
     )
     if record.is_dir() and any(record.glob("*.mcap")):
         with History(options.history_place) as kept:

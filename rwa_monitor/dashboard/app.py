@@ -31,9 +31,11 @@ from rwa_monitor.dashboard.feed import Client, Hub, frame, pulse
 from rwa_monitor.dashboard.fleet import Fleet, Received
 from rwa_monitor.dashboard.herald import Herald
 from rwa_monitor.dashboard.listener import alarm_entry
+from rwa_monitor.dashboard.metrics import CONTENT_TYPE, metrics
 from rwa_monitor.dashboard.openapi import MAX_ESTIMATES, MAX_WINDOWS, Acknowledgement, Shelving, openapi
 from rwa_monitor.dashboard.recordings import list_recordings, replay_json
 from rwa_monitor.dashboard.trends import trends
+from rwa_monitor.dashboard.webhook import Webhook
 from rwa_monitor.errors import InputError
 from rwa_monitor.history.database import HistoryError
 from rwa_monitor.history.records import AlarmRecord
@@ -55,12 +57,13 @@ HEADERS: Final = {
 
 @dataclass(frozen=True, slots=True)
 class Sources:
-    """What the application shows: fleet, history, feed, folder of recordings or None. And its voice, and its token."""
+    """What the application shows: fleet, history, feed, folder of recordings or None. And its voices, and its token."""
 
     fleet: Fleet
     history: History
     hub: Hub
     herald: Herald
+    webhook: Webhook
     recordings: Path | None
     token: str
 
@@ -90,6 +93,7 @@ def create_app(sources: Sources) -> Starlette:
             Route("/api/alarms/{alarm:int}/shelve", api.shelve, methods=["POST"]),
             Route("/api/recordings", api.recordings),
             Route("/api/recordings/{name}", api.recording),
+            Route("/metrics", api.metrics),
             WebSocketRoute("/api/feed", api.feed),
             Mount("/static", StaticFiles(directory=STATIC)),
         ],
@@ -228,6 +232,7 @@ class Api:
         def change() -> AlarmRecord:
             history, alarm = self.sources.history, work()
             self.sources.hub.post(alarm_entry(alarm))
+            self.sources.webhook.tell(alarm)
             latest = history.windows(alarm.spacecraft, alarm.wheel, 1)
             if latest:
                 self.sources.herald.tell(latest[0], history.open_alarms(alarm.spacecraft, alarm.wheel))
@@ -235,6 +240,13 @@ class Api:
 
         alarm = await run_in_threadpool(change)
         return _json(alarm.to_json())
+
+    def metrics(self, request: Request) -> Response:
+        """Answer with all metrics, for Prometheus."""
+        del request
+        sources = self.sources
+        text = metrics(sources.fleet, sources.history.alarms(closed=0), len(sources.hub.clients))
+        return Response(text, media_type=CONTENT_TYPE)
 
     def recordings(self, request: Request) -> Response:
         """Answer with the recordings there are."""

@@ -59,6 +59,7 @@ class Wheel:
     rhythm: Rhythm = field(default_factory=Rhythm)
     course: Course = field(default_factory=Course)
     diagnosis: Diagnosis | None = None
+    status: Status | None = None
     curves: deque[bytes] = field(default_factory=lambda: deque(maxlen=SHOWN_WINDOWS))
     curve_due_ns: int = 0
 
@@ -97,6 +98,10 @@ class Fleet:
         with self.lock:
             return sorted(self._wheels)
 
+    def wheels(self) -> list[tuple[str, str, Wheel]]:
+        """Return all wheels with their names, sorted; to be looked at while the lock is held."""
+        return [(*name, self._wheels[name]) for name in sorted(self._wheels)]
+
     def take(self, wheel: Wheel, message: Message, received: Received) -> tuple[Received, Received | None]:
         """Bring a message into the picture of its wheel.
 
@@ -110,6 +115,7 @@ class Fleet:
                 case Discrepancy():
                     wheel.latest[Discrepancy.kind] = received
                 case Status():
+                    wheel.status = message
                     wall_ns = received.wall_ns or 0
                     wheel.rhythm.hear_status(message.last_sample_ns, wall_ns)
                     rhythm = wheel.rhythm.to_json()

@@ -24,6 +24,7 @@ from rwa_monitor.dashboard.fleet import Fleet, Received, Wheel
 from rwa_monitor.dashboard.herald import Herald
 from rwa_monitor.dashboard.telemetry import Evidence
 from rwa_monitor.dashboard.trace import thinned_json
+from rwa_monitor.dashboard.webhook import Webhook
 from rwa_monitor.errors import InputError
 from rwa_monitor.history.database import HistoryError
 from rwa_monitor.history.records import AlarmRecord
@@ -60,7 +61,7 @@ class Listener:
         An open Zenoh session; it is left open.
     key_expression
         What to listen to.
-    fleet, history, hub, herald
+    fleet, history, hub, herald, webhook
         Where it goes.
     say
         Takes lines of talk.
@@ -76,10 +77,12 @@ class Listener:
         history: History,
         hub: Hub,
         herald: Herald,
+        webhook: Webhook,
         say: Callable[[str], None],
         connect: Sequence[str] = (),
     ) -> None:
-        self.fleet, self.history, self.hub, self.herald, self.say = fleet, history, hub, herald, say
+        self.fleet, self.history, self.hub, self.herald, self.webhook = fleet, history, hub, herald, webhook
+        self.say = say
         self.inbox = Inbox()
         self.refused = 0
         self._waiting: deque[Diagnosis | Discrepancy] = deque(maxlen=MAX_WAITING)
@@ -221,6 +224,7 @@ class Listener:
             self._waiting.popleft()
         for alarm in changed:
             self.hub.post(alarm_entry(alarm))
+            self.webhook.tell(alarm)
         latest = {(one.spacecraft, one.wheel): one for one in diagnoses}
         for name in {(alarm.spacecraft, alarm.wheel) for alarm in changed}:
             self.herald.tell(latest[name], self.history.open_alarms(*name))

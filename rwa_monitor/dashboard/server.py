@@ -21,6 +21,7 @@ from rwa_monitor.dashboard.fleet import Fleet
 from rwa_monitor.dashboard.herald import Herald
 from rwa_monitor.dashboard.listener import Listener
 from rwa_monitor.dashboard.recordings import latest_wheel
+from rwa_monitor.dashboard.webhook import Webhook
 from rwa_monitor.errors import RwaMonitorError
 from rwa_monitor.history.store import History
 from rwa_monitor.physics.wheel import Wheel
@@ -51,6 +52,8 @@ class DashboardOptions:
         Endpoints that the session was told to connect to: the page says so when none of them can be reached.
     history
         URL of a PostgreSQL database for the history; None: a file in the folder, in memory without one.
+    webhook
+        URL that each change of an alarm is posted to; None: none is.
     token
         For changes; None makes a random one.
     """
@@ -62,6 +65,7 @@ class DashboardOptions:
     wheel: Wheel | None = None
     connect: tuple[str, ...] = ()
     history: str | None = None
+    webhook: str | None = None
 
     @property
     def history_place(self) -> Path | str | None:
@@ -94,8 +98,8 @@ def serve(options: DashboardOptions, session: zenoh.Session, say: Callable[[str]
         history = stack.enter_context(History(options.history_place))
         fleet, hub = Fleet(options.wheel or latest_wheel(options.record)), Hub()
         listening = stack.enter_context(_socket(options.port))
-        herald = stack.enter_context(Herald(session))
-        app = create_app(Sources(fleet, history, hub, herald, options.record, token))
+        herald, webhook = stack.enter_context(Herald(session)), stack.enter_context(Webhook(options.webhook, hub))
+        app = create_app(Sources(fleet, history, hub, herald, webhook, options.record, token))
         config = uvicorn.Config(
             app,
             log_level="error",
@@ -114,7 +118,9 @@ def serve(options: DashboardOptions, session: zenoh.Session, say: Callable[[str]
             thread.join(0.01)
         if not server.started:
             raise RwaMonitorError("the dashboard's server did not start")
-        stack.enter_context(Listener(session, options.listen_to, fleet, history, hub, herald, say, options.connect))
+        stack.enter_context(
+            Listener(session, options.listen_to, fleet, history, hub, herald, webhook, say, options.connect)
+        )
         address = f"http://{HOST}:{listening.getsockname()[1]}/"
         yield Running(address, f"{address}#token={token}", token)
 
