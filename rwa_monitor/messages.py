@@ -25,10 +25,13 @@ from rwa_monitor.samples import CHANNELS, FloatArray, Samples
 MAX_MESSAGE_BYTES: Final = 8 * 2**20  # 100,000 samples of three channels are some 6 MB
 MAX_SAMPLES: Final = 100_000  # of one message: 3.5 hours at 8 Hz
 MAX_TIME_NS: Final = 4_000_000_000_000_000_000  # the year 2096, if the clock counts from 1970
+MAX_CLOCK_NS: Final = 2**62  # of times that a monitor tells: beyond every sample, and sums of two fit in 64 bits
 MAX_COUNT: Final = 2**53  # integers that every JSON reader keeps exactly
 
 Count = Annotated[int, Field(ge=0, le=MAX_COUNT)]
 TimeNs = Annotated[int, Field(ge=0, le=MAX_TIME_NS)]
+ClockNs = Annotated[int, Field(ge=-MAX_CLOCK_NS, le=MAX_CLOCK_NS)]
+Slot = Annotated[int, Field(ge=-MAX_COUNT, le=MAX_COUNT)]
 Number = Annotated[float, Field(allow_inf_nan=False)]
 Name = Annotated[str, Field(max_length=200)]
 Verdict = Literal["nominal", "anomalous", "inconclusive"]
@@ -180,9 +183,9 @@ class Anomaly(Message):
 class Sojourns(Message):
     """What one switching system did in the window: configuration, friction and first slot of each sojourn."""
 
-    configuration: list[int]
+    configuration: list[Slot]
     friction_Nm: list[Number]
-    start_index: list[int]
+    start_index: list[Slot]
 
 
 class Friction(Message):
@@ -196,8 +199,8 @@ class Friction(Message):
 class AttributedChangepoint(Message):
     """A jump of friction: first slot of the new level, size, and the switching system that made it."""
 
-    index: int
-    time_ns: int
+    index: Slot
+    time_ns: ClockNs
     jump_Nm: Number
     std_Nm: Number
     fss: str
@@ -233,8 +236,8 @@ class Diagnosis(Message):
     spacecraft: Name
     wheel: Name
     source: str | None = None
-    window_start_ns: int
-    window_end_ns: int
+    window_start_ns: ClockNs
+    window_end_ns: ClockNs
     samples: Count
     coverage: Annotated[float, Field(ge=0, le=1)]
     partial: bool
@@ -363,8 +366,8 @@ def _anomaly(anomaly: AnomalyDiagnosis) -> Anomaly:
 class ProvisionalJump(Message):
     """A jump as soon as it is confirmed; `confidence` that noise alone has no such jump in a whole window."""
 
-    index: int
-    time_ns: int
+    index: Slot
+    time_ns: ClockNs
     jump_Nm: Number
     std_Nm: Number
     confidence: Annotated[float, Field(ge=0, le=1)]
@@ -377,7 +380,7 @@ class Changepoints(Message):
 
     spacecraft: Name
     wheel: Name
-    window_start_ns: int
+    window_start_ns: ClockNs
     changepoints: list[ProvisionalJump]
 
 
@@ -402,7 +405,7 @@ class Health(Message):
     verdict: Verdict
     severity: Number
     reason: str
-    window_end_ns: int
+    window_end_ns: ClockNs
     alarms: list[str]
     alarm_states: dict[str, HealthAlarm] | None = None
 
@@ -463,7 +466,7 @@ class Status(Message):
     model_sha256: str
     publisher: str
     windows: Count
-    last_sample_ns: int | None
+    last_sample_ns: ClockNs | None
     diagnosis_s: Number | None
     now_wall_ns: TimeNs
 
@@ -536,8 +539,8 @@ class Discrepancy(Message):
 
     spacecraft: Name
     wheel: Name
-    start_ns: int
-    end_ns: int
+    start_ns: ClockNs
+    end_ns: ClockNs
     verdict: Literal["adequate", "inadequate", "untestable"]
     effects: list[FoundEffect]
     unexplained: Unexplained | None

@@ -49,6 +49,8 @@ class Case:
 # broad on purpose: they only decide where the window cannot.
 BASE_CASES: Final = (Case(0.8, 1.0, 0.06), Case(0.2, 1.5, 0.4))  # base dry friction over its nominal value
 ANOMALY_CASES: Final = (Case(0.8, 0.0, 0.06), Case(0.2, 0.8, 0.5))  # a system's anomaly a
+PIVOT_ROUNDING: Final = 2.0**-52  # of a pivot, relative to the diagonal
+LEAST_PIVOT: Final = 1e-60  # of a coefficient that a wheel file leaves no room for
 
 
 @dataclass(frozen=True, slots=True)
@@ -390,6 +392,8 @@ def _inverse(matrix: FloatArray) -> tuple[FloatArray, float]:
         rest = matrix[j, j]
         for c in range(j):
             rest -= factor[j, c] ** 2
+        # A pivot smaller than its rounding is taken for that: noise a billionth of the friction leaves no digits in it.
+        rest = max(rest, PIVOT_ROUNDING * matrix[j, j], LEAST_PIVOT)
         factor[j, j] = np.sqrt(rest)
         log_determinant += np.log(rest)
         for i in range(j + 1, size):

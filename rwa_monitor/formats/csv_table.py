@@ -29,7 +29,7 @@ FIRST_DATA_ROW: Final = 2  # as a person counts: the header is row 1
 _PLAIN_INTEGER: Final = r"^-?[0-9]{1,18}$"
 # Seconds that fit a 128-bit decimal with 18 places without rounding, and int64 in nanoseconds: below 8e9 s.
 _PLAIN_DECIMAL: Final = r"^[+-]?([0-9]{1,9}|[0-7][0-9]{9})(\.[0-9]{0,18})?$"
-_ANY_DECIMAL: Final = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
+_ANY_DECIMAL: Final = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]{1,9})?")
 _FIRST_LINE: Final = re.compile(rb"([^\r\n]*)(\r\n|\r|\n|$)")
 _LARGEST_INT64: Final = 2**63 - 1
 
