@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+import yaml
 import zenoh
 from zenoh import ext
 
@@ -259,6 +260,22 @@ def test_run_simulate_and_a_dashboard_work_over_the_secured_bus(issued_by_us: Pa
         if message.topic.startswith("rwa/") and message.schema in {SamplesMessage.schema_name(), "rwa.Refused"}
     ]
     assert sum(len(SamplesMessage.parse(m.data, m.topic).time_ns) for m in recorded) == len(samples)
+
+
+def test_each_container_has_its_own_certificate_and_no_other() -> None:
+    services = yaml.safe_load((DOCKER / "compose.yaml").read_text(encoding="utf-8"))["services"]
+    mounted = {
+        name: [volume for volume in service["volumes"] if "certificates" in volume or ":/etc/rwa-monitor/tls" in volume]
+        for name, service in services.items()
+    }
+    assert mounted == {
+        "router": ["./certificates/router:/etc/rwa-monitor/tls:ro"],
+        "simulator": ["./certificates/simulated.wheel_1:/etc/rwa-monitor/tls:ro"],
+        "monitor": ["./certificates/monitor:/etc/rwa-monitor/tls:ro"],
+    }
+    for name in ("simulator", "monitor"):
+        assert services[name]["command"][-1 if name == "simulator" else 2] == "/etc/rwa-monitor/client.json5"
+        assert not {"-e", "--connect", "-l", "--listen", "-m", "--mode"} & set(services[name]["command"])
 
 
 # ---- the script ------------------------------------------------------------------------------------------------------
