@@ -6,6 +6,7 @@ from dataclasses import asdict, replace
 import numpy as np
 import pytest
 
+from rwa_monitor.diagnosis import explanation
 from rwa_monitor.diagnosis.evidence import WindowAccumulator
 from rwa_monitor.diagnosis.model import Model, built_in_model
 from rwa_monitor.diagnosis.results import Method
@@ -265,3 +266,57 @@ def test_a_slowly_growing_anomaly_does_not_become_the_new_normal() -> None:
     assert all(dry for factor, _, dry in verdicts if factor >= 1.2)
     assert state.base_dry is not None
     assert state.base_dry.mean == pytest.approx(1.3, abs=0.03)
+
+
+@pytest.mark.parametrize(("name", "factor"), [("dry", 1.2), ("dry", 1.5), ("viscous", 1.1), ("viscous", 1.3)])
+def test_severity_is_that_of_the_true_coefficient_within_its_interval(name: str, factor: float) -> None:
+    learned = MODEL.anomaly(name)
+    assert learned is not None
+    levels = learned.levels[0]
+    assert levels is not None
+    assert levels.median is not None
+    width = levels.median - levels.nominal_high
+    for seed in range(40, 44):
+        found = diagnose(*telemetry(seed, **{name: factor}))[0].anomaly(name)
+        assert found.severity is not None
+        assert found.severity_std is not None
+        assert found.severity_std > 0.0
+        true = max(0.0, (factor - levels.nominal_high) / width)
+        # Four standard deviations: one of 16 fails by chance once in a thousand runs; the seeds are fixed.
+        assert abs(found.severity - true) <= 4.0 * found.severity_std
+
+
+@pytest.mark.parametrize("factors", [{}, {"dry": 1.3}, {"fss_1": 1.6}, {"viscous": 1.15, "fss_2": 1.4}])
+def test_the_explanation_names_estimate_range_and_probability(factors: dict[str, float]) -> None:
+    diagnosis, _ = diagnose(*telemetry(12, **factors))
+    told = [anomaly for anomaly in diagnosis.anomalies if anomaly.name in factors]
+    for anomaly in told:
+        assert anomaly.estimate is not None
+        assert anomaly.nominal_low is not None
+        assert anomaly.nominal_high is not None
+        for value in (anomaly.estimate, anomaly.nominal_low, anomaly.nominal_high):
+            assert explanation.quantity(value, anomaly.unit) in diagnosis.explanation
+    assert diagnosis.explanation.count("probability of an anomaly") >= max(len(told), 1)
+    assert "nominal" in diagnosis.explanation
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_where_a_system_shows_two_of_three_configurations_the_stories_are_weighed(seed: int) -> None:
+    """fss_2 goes to and fro between two of its three configurations; with ×1.4 only one pair fits what was learned."""
+    rng = np.random.default_rng(seed)
+    wheel = built_in_wheel()
+    slots = 60_000
+    speed = 150.0 + 60.0 * np.sin(np.arange(slots) / 6_000.0)
+    level = np.full(slots, 1.0)
+    for start, first in ((0, 0.62), (12_000, 1.38), (24_000, 0.7), (36_000, 1.5), (48_000, 0.66)):
+        level[start : start + 12_000] += first
+    level[30_000:30_060] += 0.45
+    nominal, noise = wheel.nominal, wheel.noise.friction_std_Nm
+    assert nominal is not None
+    assert noise is not None
+    torque = nominal.dry_torque_Nm * level + nominal.viscous_Nm_s_rad * speed + noise * rng.standard_normal(slots)
+    diagnosis, _ = diagnose(speed, torque, wheel=wheel)
+    (second,) = [system for system in diagnosis.fss if system.name == "fss_2"]
+    assert second.configuration == (1, 2, 1, 2, 1)
+    assert diagnosis.base_dry.value == pytest.approx(nominal.dry_torque_Nm, rel=0.1)
+    assert active(diagnosis) == {"fss_2"}
