@@ -17,6 +17,7 @@ from tests.blind.generator import NOISE_EFFECTS, SWITCHING_EFFECTS, Case, plan
 from tests.blind.table import report
 from tests.blind.trial import Outcome, run_trial
 
+NOTES = Path(__file__).with_name("notes.md")  # what a reader of the table must know
 PER_EFFECT, NULLS, PER_PAIR, PER_OUTSIDE = 20, 200, 3, 12  # of the full suite
 
 
@@ -74,7 +75,8 @@ def main(argv: list[str] | None = None) -> int:
     outcomes.sort(key=lambda outcome: (outcome.case.kind, outcome.case.effects, outcome.case.seed))
     _write(outcomes, options.json)
     options.out.parent.mkdir(parents=True, exist_ok=True)
-    options.out.write_text(report(outcomes, options.seed))
+    planned = len(cases(options.seed))
+    options.out.write_text(report(outcomes, options.seed, planned) + "\n" + NOTES.read_text())
     print(options.out.read_text())
     return 0
 

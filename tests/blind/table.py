@@ -39,8 +39,8 @@ def real_names(outcome: Outcome) -> list[str]:
     return [name for name in outcome.false_names if CATALOGUE[name].family != "noise"]
 
 
-def report(outcomes: Sequence[Outcome], seed: int) -> str:
-    """Return the table as Markdown."""
+def report(outcomes: Sequence[Outcome], seed: int, planned: int) -> str:
+    """Return the table as Markdown; `planned` is the number of records of the full plan."""
     one = [o for o in outcomes if o.case.kind == "one"]
     weak = [o for o in one if not o.testable]
     one = [o for o in one if o.testable]
@@ -97,8 +97,9 @@ def report(outcomes: Sequence[Outcome], seed: int) -> str:
     lines = [
         "# The blind suite",
         "",
-        f"{len(outcomes)} records of 20,000 samples, seed {seed}; rates with 95 % intervals (Wilson). Written by",
-        "`python -m tests.blind.suite`; what is hidden, and what counts as the same answer, stands in `tests/blind/`.",
+        f"{len(outcomes)} of the {planned} records of the plan, 20,000 samples each, seed {seed}; rates with 95 %",
+        "intervals (Wilson). Written by `python -m tests.blind.suite`; what is hidden, and what counts as the same",
+        "answer, stands in `tests/blind/`. Any first part of the plan is balanced over what is hidden.",
         "",
         "| | target | measured |",
         "|---|---|---|",
