@@ -103,7 +103,7 @@ Made by `make scale` from the figures of `docs/speed.json` ([Speed](speed.md)), 
 ## What is assumed
 
 {given.wheels} wheels a satellite at {given.rate_Hz:g} Hz; {BATCH} samples in a message of
-{given.message_bytes / 1e3:.0f} kB, one every {BATCH / given.rate_Hz:.0f} s, of which {given.recorded_share:.0%} are left
+{given.message_bytes / 1e3:.0f} kB, one in {BATCH / given.rate_Hz:.0f} s, of which {given.recorded_share:.0%} are left
 on the disk. Cores planned at {given.headroom:.0%} of their time, at {given.core_month:.0f} EUR a month with 4 GB each;
 {given.gigabyte_month:g} EUR a month for a gigabyte kept, {given.kept_months:.0f} months of recordings. Prices are
 orders of magnitude: put in your own (`Assumptions` in `benchmarks/scale.py`). Downlink is not counted: telemetry comes
