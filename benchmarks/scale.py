@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -30,7 +31,8 @@ class Assumptions:
     recorded_share: float = 0.35  # of it that is left in the recording after zstd: random digits compress by no more
     headroom: float = 0.5  # share of a core that is planned for; the rest is for catching up after an outage
     window_slots: int = 80_000
-    core_month: float = 25.0  # EUR a month for a rented core with 4 GB
+    core_GB: float = 4.0  # memory that comes with a rented core
+    core_month: float = 25.0  # EUR a month for it
     gigabyte_month: float = 0.02  # EUR a month for a gigabyte in an object store
     kept_months: float = 12.0
     router_messages_s: float = 200_000.0  # of 1 kB from one process to another on a loopback (facts of the bus)
@@ -74,6 +76,7 @@ def page(report: SpeedReport, given: Assumptions) -> str:
         "recordings a month",
         "cores for the way from bus to recording, diagnosis included",
         "memory for open windows",
+        f"cores to rent, with {given.core_GB:g} GB each",
         "windows diagnosed a day",
         "diagnosing a month again, from recordings, detection and diagnosis alone",
         "processes of at most 4,096 wheels",
@@ -104,7 +107,8 @@ Made by `make scale` from the figures of `docs/speed.json` ([Speed](speed.md)), 
 
 {given.wheels} wheels a satellite at {given.rate_Hz:g} Hz; {BATCH} samples in a message of
 {given.message_bytes / 1e3:.0f} kB, one in {BATCH / given.rate_Hz:.0f} s, of which {given.recorded_share:.0%} are left
-on the disk. Cores planned at {given.headroom:.0%} of their time, at {given.core_month:.0f} EUR a month with 4 GB each;
+on the disk. Cores planned at {given.headroom:.0%} of their time, at {given.core_month:.0f} EUR a month with
+{given.core_GB:g} GB each;
 {given.gigabyte_month:g} EUR a month for a gigabyte kept, {given.kept_months:.0f} months of recordings. Prices are
 orders of magnitude: put in your own (`Assumptions` in `benchmarks/scale.py`). Downlink is not counted: telemetry comes
 anyway.
@@ -118,12 +122,13 @@ anyway.
 {catch_up_h:.1f} h for what has gathered. A monitor for each quarter of the fleet (`run --shard 1/4` … `4/4`) makes it a
 quarter. Publishers must keep the outage in their history.
 
-**A hundred thousand: the disk, then the router.** {rows[-1][4]} of recordings a month cost more than the cores. Delta
-coding of the arrays, or binary messages instead of JSON, would cut them by about three, and the reading of JSON with
-them; keeping samples for weeks and diagnoses for good cuts them by ten. One router passes on some
-{given.router_messages_s:,.0f} small messages a second: of {share:,.0f} satellites at {BATCH} samples a message, but of
-only {one_by_one:,.0f} at one sample a message. Beyond, one router for each group of shards: monitors share nothing, so
-a fleet splits by key expression (`run --wheels`) without loss.
+**A hundred thousand: the disk, then memory, then the router.** {rows[-1][4]} of recordings a month cost more than
+the cores. Delta coding of the arrays, or binary messages instead of JSON, would cut them by about three, and the
+reading of JSON with them; keeping samples for weeks and diagnoses for good cuts them by ten. Cores are rented for
+their memory, of which open windows hold {rows[-1][6]}: shorter windows (`window.samples`) take less in proportion.
+One router passes on some {given.router_messages_s:,.0f} small messages a second: of {share:,.0f} satellites at
+{BATCH} samples a message, but of only {one_by_one:,.0f} at one sample a message. Beyond, one router for each group of
+shards: monitors share nothing, so a fleet splits by key expression (`run --wheels`) without loss.
 
 **The overview page** holds at most 5,000 wheels (`dashboard`): above, one dashboard for each group.
 """
@@ -136,6 +141,8 @@ def row(satellites: int, costs: Costs, given: Assumptions) -> list[str]:
     bytes_s = samples_s / BATCH * given.message_bytes
     kept = bytes_s * given.recorded_share * MONTH_S
     cores = samples_s / costs.pipe_samples_s / given.headroom
+    memory_GB = wheels * costs.wheel_MB / 1e3
+    rented = math.ceil(max(cores, memory_GB / given.core_GB))
     windows = samples_s * DAY_S / given.window_slots
     again_h = samples_s * MONTH_S * (costs.sample_s + costs.close_s / given.window_slots) / 3600.0
     return [
@@ -144,12 +151,13 @@ def row(satellites: int, costs: Costs, given: Assumptions) -> list[str]:
         f"{samples_s / BATCH:,.1f}",
         _bytes(bytes_s),
         _bytes(kept),
-        f"{cores:.2g} ({max(1, -(-int(1000 * cores) // 1000))} rented)",
-        _bytes(wheels * costs.wheel_MB * 1e6),
+        f"{cores:.2g}",
+        _bytes(memory_GB * 1e9),
+        f"{rented:,}",
         f"{windows:,.0f}",
         f"{again_h:,.1f} core hours",
         f"{-(-wheels // 4_096)}",
-        f"{given.core_month * max(1.0, cores):,.0f}",
+        f"{given.core_month * rented:,.0f}",
         f"{given.gigabyte_month * kept * given.kept_months / 1e9:,.1f}",
     ]
 

@@ -107,16 +107,19 @@ class PipeRate:
         Samples.
     seconds
         From the first message that arrived to the last that was written.
+    busy_s
+        Processor time of the thread that served them, in this time: without waiting for the sender.
     """
 
     sent: int
     recorded: int
     seconds: float
+    busy_s: float
 
     @property
     def rate(self) -> float:
-        """Samples a second."""
-        return self.recorded / self.seconds
+        """Samples a second of the serving thread's processor time."""
+        return self.recorded / self.busy_s
 
 
 def race_pipes(window: Window, messages: int, rounds: int) -> tuple[list[PipeRate], list[PipeRate]]:
@@ -174,7 +177,7 @@ def _send(endpoint: str, samples: Samples) -> None:
 def bare_pipe(endpoint: str, folder: Path, messages: int) -> PipeRate:
     """Take messages from the bus, read their JSON, write them to an MCAP file: no thinking, and nothing is checked."""
     inbox = Inbox()
-    recorded, begin = 0, 0.0
+    recorded, begin, busy = 0, 0.0, 0.0
     with (
         open_session(BusOptions(mode="peer", listen=(endpoint,))) as session,
         MonitorBus(session, inbox) as bus,
@@ -189,13 +192,13 @@ def bare_pipe(endpoint: str, folder: Path, messages: int) -> PipeRate:
             while (message := bus.take()) is None:
                 inbox.wake.wait(0.1)
             if number == 0:
-                begin = time.perf_counter()
+                begin, busy = time.perf_counter(), time.thread_time()
             content = json.loads(message.payload)
             writer.add_message(channel, content["time_ns"][-1], message.payload, content["time_ns"][-1])
             recorded += len(content["time_ns"])
         writer.finish()  # type: ignore[no-untyped-call]
-        seconds = time.perf_counter() - begin
-    return PipeRate(messages * BATCH, recorded, seconds)
+        seconds, busy_s = time.perf_counter() - begin, time.thread_time() - busy
+    return PipeRate(messages * BATCH, recorded, seconds, busy_s)
 
 
 def monitor_pipe(endpoint: str, folder: Path, messages: int) -> PipeRate:
@@ -211,7 +214,7 @@ def monitor_pipe(endpoint: str, folder: Path, messages: int) -> PipeRate:
         predecessor=None,
         wall_ns=clock.wall_ns,
     )
-    begin = 0.0
+    begin, busy = 0.0, 0.0
     with open_session(options.bus) as session, MonitorBus(session, Inbox()) as bus:
         monitor = Monitor(options, bus, recorder, _silent, clock)
         monitor.begin(Past())
@@ -221,17 +224,17 @@ def monitor_pipe(endpoint: str, folder: Path, messages: int) -> PipeRate:
             while (message := bus.take()) is None:
                 bus.inbox.wake.wait(0.1)
             if number == 0:
-                begin = time.perf_counter()
+                begin, busy = time.perf_counter(), time.thread_time()
             monitor.receive(message.key, message.payload)
             monitor.tick()
         monitor.close()
-        seconds = time.perf_counter() - begin
+        seconds, busy_s = time.perf_counter() - begin, time.thread_time() - busy
     recorded = 0
     for path in recordings_of(folder):
         for found in read_recording(path).messages:
             if found.topic.endswith(f"/{SamplesMessage.kind}"):
                 recorded += len(SamplesMessage.parse(found.data, found.topic).time_ns)
-    return PipeRate(messages * BATCH, recorded, seconds)
+    return PipeRate(messages * BATCH, recorded, seconds, busy_s)
 
 
 def _silent(text: str) -> None:
