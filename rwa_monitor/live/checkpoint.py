@@ -21,7 +21,7 @@ from rwa_monitor.live.order_guard import Rows
 from rwa_monitor.live.ring_buffer import RingBuffer
 from rwa_monitor.live.screen import Channel, Screen
 from rwa_monitor.live.sequencer import Batch
-from rwa_monitor.messages import SamplesMessage, dump_json, samples_json
+from rwa_monitor.messages import ClockNs, Count, SamplesMessage, Slot, dump_json, samples_json
 from rwa_monitor.samples import FloatArray
 
 CHECKPOINT_VERSION: Final = 1
@@ -35,7 +35,7 @@ class _Part(BaseModel):
 class HeldBatch(_Part):
     """A message that waits for others."""
 
-    number: int | None
+    number: Slot | None
     message: SamplesMessage
 
     @classmethod
@@ -53,21 +53,21 @@ class SequencerState(_Part):
     """State of `order_guard.Sequencer`."""
 
     current: str | None
-    expected: int | None
+    expected: Slot | None
     held: list[HeldBatch]
-    skipped: list[int]
+    skipped: list[Slot]
     challenge: list[HeldBatch]
     challenge_doubtful: bool = False
-    largest: int = 0
+    largest: Slot = 0
     replaced: list[str] = Field(default_factory=list)
 
 
 class GridState(_Part):
     """Where the slot grid stands; `origin_ns` is None before the first sample of an epoch."""
 
-    origin_ns: int | None
-    frontier: int
-    last_ns: int | None
+    origin_ns: ClockNs | None
+    frontier: Slot
+    last_ns: ClockNs | None
 
 
 class SlotsState(_Part):
@@ -76,9 +76,9 @@ class SlotsState(_Part):
     Null in `values` stands for NaN. Files of before the windows kept their own samples hold the values of all slots.
     """
 
-    begin: int
-    end: int
-    filled: list[int]  # slots that a sample came for, as lengths of runs: missing, filled, missing, …
+    begin: Slot
+    end: Slot
+    filled: list[Count]  # slots that a sample came for, as lengths of runs: missing, filled, missing, …
     values: dict[str, list[float | None]]
 
     @classmethod
@@ -113,7 +113,7 @@ class SlotsState(_Part):
 class WaitingSample(_Part):
     """A sample that the next one judges: its time and its values, null for NaN."""
 
-    time_ns: int
+    time_ns: ClockNs
     values: dict[str, float | None]
 
     @classmethod
@@ -156,7 +156,7 @@ class ChannelState(_Part):
 class ScreenState(_Part):
     """State of `screen.Screen`."""
 
-    done: int
+    done: Slot
     speed: ChannelState
     torque: ChannelState
 
@@ -202,10 +202,10 @@ class WindowsState(_Part):
     `gathered` holds the samples of the open windows; None in files of before it was kept, whose slots hold them.
     """
 
-    done: int
-    next_start: int
-    last_end: int
-    open: list[int]
+    done: Slot
+    next_start: Slot
+    last_end: Slot
+    open: list[Slot]
     gathered: list[GatheredState] | None = None
 
 
@@ -215,11 +215,11 @@ class Checkpoint(_Part):
     version: Annotated[int, Field(ge=CHECKPOINT_VERSION, le=CHECKPOINT_VERSION)] = CHECKPOINT_VERSION
     source: Source | Literal[""]
     said_missing: bool
-    counts: dict[str, int]
+    counts: dict[str, Count]
     carried: CarriedState
     sequencer: SequencerState
     waiting: WaitingSample | None = None
-    epoch_origin_ns: int
+    epoch_origin_ns: ClockNs
     grid: GridState
     slots: SlotsState
     screen: ScreenState | None = None

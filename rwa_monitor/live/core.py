@@ -9,7 +9,7 @@ result does not depend on how the samples are cut into messages.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from typing import Final, Literal, Self
 
 import numpy as np
@@ -425,7 +425,10 @@ class WheelCore:
             core._source = checkpoint.source
             core._begin_source(checkpoint.source)
         core._said_missing = checkpoint.said_missing
-        for name, count in checkpoint.counts.items():
+        unknown = set(checkpoint.counts) - {field.name for field in fields(core.counts)}
+        if unknown:
+            raise InputError("checkpoint", f"{min(unknown)[:40]!r} is nothing that is counted", "counts")
+        for name, count in checkpoint.counts.items():  # the sequencer and the guard count in the same place
             setattr(core.counts, name, count)
         core._resume_order(checkpoint)
         core._resume_slots(checkpoint)

@@ -72,6 +72,8 @@ def _changed(content: Any, rng: random.Random) -> Any:
         key = rng.choice(list(content))
         if rng.random() < 0.1:
             return {name: value for name, value in content.items() if name != key}
+        if rng.random() < 0.05:
+            return content | {rng.choice(("x", "__class__", f"{key}_")): content[key]}
         return content | {key: _changed(content[key], rng)}
     if isinstance(content, list) and content and rng.random() < 0.8:
         at = rng.randrange(len(content))

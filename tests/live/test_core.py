@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 
 import hypothesis.strategies as st
@@ -145,6 +146,20 @@ def test_a_checkpoint_keeps_the_messages_that_wait() -> None:
     assert resumed.counts == core.counts
     resumed.feed(parts[1], "p", 1)
     assert (resumed.counts.used, resumed.counts.rejected) == (400, 100)
+
+
+def test_a_checkpoint_that_counts_something_else_or_beyond_all_bounds_is_refused() -> None:
+    core = WheelCore(wheel(), model())
+    core.feed(telemetry(WINDOW)[:200])
+    whole = json.loads(core.checkpoint().to_json())
+    for key, value in (("counts", {"__class__": 1}), ("counts", {"used": -1}), ("counts", {"used": 2**60})):
+        data = json.dumps(whole | {key: value}).encode()
+        with pytest.raises(InputError, match="counts"):
+            WheelCore.resume(Checkpoint.from_json(data, "test"), wheel(), model(), method="joint")
+    for part, field in (("slots", "begin"), ("windows", "done"), ("grid", "origin_ns"), ("grid", "frontier")):
+        data = json.dumps(whole | {part: whole[part] | {field: 2**64}}).encode()
+        with pytest.raises(InputError, match=field):
+            Checkpoint.from_json(data, "test")
 
 
 def test_a_checkpoint_of_another_wheel_is_refused() -> None:
