@@ -184,7 +184,7 @@ def page(folder: Path, seconds: int, tool: str) -> str:
         )
     head = (ROOT / "docs" / "fuzzing.md").read_text(encoding="utf-8").split("<!-- figures -->")[0]
     table = [
-        f"{tool}, {seconds} s for each target, seed {SEED}.",
+        f"{tool}, at most {seconds} s for each target, seed {SEED}.",
         "",
         "| target | executions | minutes | taken | slowest [s] | findings |",
         "|---|---|---|---|---|---|",
