@@ -61,7 +61,15 @@ def test_the_command_writes_every_table_and_figure(page: tuple[Result, Path]) ->
         "FPOP as a second source",
     ):
         assert re.search(rf"^##+ {heading}", text, re.MULTILINE), heading
-    for name in ("`paper`, hard laws", "skchange FPOP", "skchange MovingWindow", "dummy: every 3000 samples"):
+    assert "too few to call a target missed" in text
+    for name in (
+        "visible jumps right in place and system",
+        "mean excess RMSE with changepoints",
+        "`paper`, hard laws",
+        "skchange FPOP",
+        "skchange MovingWindow",
+        "dummy: every 3000 samples",
+    ):
         assert name in text
     shown = re.findall(r"!\[[^]]+\]\(([^)]+)\)", text)
     assert len(shown) == 6

@@ -124,6 +124,11 @@ class PaperBenchmark:
         errors: IntArray = np.sum([one.fitted[who].errors for one in self.examined], axis=0)
         return errors
 
+    @property
+    def enough(self) -> bool:
+        """Whether there are windows enough to call a target missed."""
+        return self.size.windows >= ENOUGH
+
 
 def _untracked(items: Iterable[Examined], total: int, description: str) -> Iterable[Examined]:
     del total, description
@@ -185,9 +190,7 @@ def _installed(wanted: Sequence[Callable[[], Peer]]) -> tuple[list[Peer], tuple[
 
 
 def paper_targets(found: PaperBenchmark) -> list[Target]:
-    """Return what the method `joint` is to reach beside the paper and the oracle; nothing of too few windows."""
-    if found.size.windows < ENOUGH:
-        return []
+    """Return what the method `joint` is to reach beside the paper and the oracle, and what it reached."""
     name = f"samples with an error beyond {PAPER_ERROR}, over those of the oracle"
     return [
         *targets(Benchmark((found.result,), found.times)),

@@ -85,8 +85,8 @@ def _picture(pictures: str, name: str, title: str) -> str:
 
 
 def _targets(found: PaperBenchmark) -> str:
-    wanted = paper_targets(found)
-    return target_table(wanted) if wanted else f"{found.size.windows} windows are too few to call a target missed."
+    few = f"{found.size.windows} windows are too few to call a target missed.\n\n"
+    return ("" if found.enough else few) + target_table(paper_targets(found))
 
 
 # ---- the summary -----------------------------------------------------------------------------------------------------
