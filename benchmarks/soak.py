@@ -33,6 +33,7 @@ BATCH = 256  # samples of a message
 PERIOD_NS = 125_000_000
 SLOTS = 80_000  # of a window; each wheel repeats one window over and over
 READING_S = 5.0
+GIVE_UP_S = 60.0
 
 
 @dataclass
@@ -50,8 +51,8 @@ class Reading:
     cpu_s: float
 
 
-def publisher_process(endpoint: str, wheels: int, rate: float, duration_s: float, sent: Any) -> None:
-    """Publish samples of all wheels in turn at a rate; `sent` counts them."""
+def publisher_process(endpoint: str, wheels: int, rate: float, duration_s: float, sent: Any, done: Any) -> None:
+    """Publish samples of all wheels in turn at a rate; `sent` counts them, and `done` ends it."""
     samples = simulate(
         Scenario.from_toml(f"[scenario]\nduration_s = {SLOTS * 0.125}\n", "soak"),
         built_in_wheel(),
@@ -74,7 +75,7 @@ def publisher_process(endpoint: str, wheels: int, rate: float, duration_s: float
                 publisher.put(Samples(part.time_ns + shift_ns, part.speed_rad_s, part.friction_torque_Nm))
                 sent.value += len(part)
             number += 1
-        Event().wait(10.0)  # the tail, and the history for whatever is missed
+        done.wait()  # until all of it has arrived, or nothing comes any more
         for publisher in publishers:
             publisher.close()
 
@@ -108,7 +109,8 @@ def _soak(arguments: argparse.Namespace, folder: Path) -> tuple[list[Reading], i
                 Event().wait(0.1)
             context = get_context("spawn")
             sent = context.Value("q", 0, lock=False)
-            parameters = (endpoint, arguments.wheels, arguments.rate, arguments.seconds, sent)
+            done = context.Event()
+            parameters = (endpoint, arguments.wheels, arguments.rate, arguments.seconds, sent, done)
             publisher = context.Process(target=publisher_process, args=parameters)
             with open_session(BusOptions(mode="client", connect=(endpoint,))) as session:
                 session.declare_subscriber(
@@ -121,11 +123,20 @@ def _soak(arguments: argparse.Namespace, folder: Path) -> tuple[list[Reading], i
                 while publisher.is_alive():
                     publisher.join(READING_S)
                     readings.append(_reading(monitor.pid, sent.value, status, folder, begin_s))
+                    if readings[-1].at_s > arguments.seconds and _at_rest(readings):
+                        done.set()
             monitor.send_signal(signal.SIGTERM)
             return readings, monitor.wait(60.0)
         finally:
             if monitor.poll() is None:
                 monitor.kill()
+
+
+def _at_rest(readings: list[Reading]) -> bool:
+    """Tell whether all has arrived, or nothing has for a minute."""
+    last = readings[-1]
+    before = [reading for reading in readings if reading.at_s < last.at_s - GIVE_UP_S]
+    return last.received == last.sent or bool(before and before[-1].received == last.received)
 
 
 def _reading(pid: int, sent: int, status: dict[str, dict[str, Any]], folder: Path, begin_s: float) -> Reading:
@@ -156,7 +167,9 @@ def _report(arguments: argparse.Namespace, readings: list[Reading], status: int)
         ("samples sent", f"{last.sent:,}"),
         ("samples received", f"{last.received:,}"),
         ("samples lost", f"{last.sent - last.received:,}"),
-        ("messages dropped, messages missed", f"{last.dropped}, {last.missed}"),
+        ("seconds until the last had arrived, after the last was sent", f"{last.at_s - flowing[-1].at_s:.0f}"),
+        ("messages that the inbox had no room for and that were asked for again", f"{last.dropped}"),
+        ("messages missed", f"{last.missed}"),
         ("rate that the monitor kept up [samples/s]", f"{rate:,.0f} of {arguments.rate:,.0f}"),
         ("processors that it used", f"{cpu:.2f}"),
         ("lag behind the publishers, median and largest [s]", f"{np.median(lag_s):.2f}, {max(lag_s):.2f}"),

@@ -29,13 +29,15 @@ MAX_SOURCES: Final = 10_000  # publishers that are remembered; one that is forgo
 class Arrival(NamedTuple):
     """A message that arrived: where it was published, its content, who published it, and as which of its messages.
 
-    `source` is zid/eid of the publisher in Zenoh, "" where it does not say; `number` counts from 0.
+    `source` is zid/eid of the publisher in Zenoh, "" where it does not say; `number` counts from 0. `is_gap` marks what
+    is no message, but tells that all before `number` was sent: the inbox had no room for it.
     """
 
     key: str
     payload: bytes
     source: str = ""
     number: int = 0
+    is_gap: bool = False
 
 
 # Asks for what a publisher sent before a message, from a number on; calls the first function for each answer, and the
@@ -121,7 +123,16 @@ class Backfill:
             return
         self._pass(arrival)
 
+    def miss(self, dropped: Arrival) -> None:
+        """Ask for a message that arrived and was dropped, and for all before it that did not get here.
+
+        Its followers would show the gap, but there may be none.
+        """
+        self._sort(Arrival(dropped.key, b"", dropped.source, dropped.number + 1, is_gap=True))
+
     def _pass(self, arrival: Arrival) -> None:
+        if arrival.is_gap:
+            return
         self._ready.append(arrival)
         if arrival.source:
             self._next[arrival.source] = max(self._next.pop(arrival.source, 0), arrival.number + 1)

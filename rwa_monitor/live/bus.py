@@ -3,7 +3,8 @@
 Callbacks run in threads beside Zenoh's and only append to a bounded inbox; one thread of ours takes from it. When the
 inbox is full, a callback waits for room, so that reliable publishers slow down to our pace and nothing is lost. If
 there is none for `PATIENCE_S`, because the monitor stands still, the message is dropped and counted: a longer wait
-would close the connection, and lose more than one message without a word. Memory stays bounded in any case.
+would close the connection, and lose more than one message without a word. What was dropped is asked for again when
+there is time. Memory stays bounded in any case.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from zenoh import ext
 
 from rwa_monitor.errors import InputError, RwaMonitorError
 from rwa_monitor.formats.files import read_text
-from rwa_monitor.live.backfill import Arrival, Backfill, arrival_of, ask_publisher
+from rwa_monitor.live.backfill import MAX_SOURCES, Arrival, Backfill, arrival_of, ask_publisher
 from rwa_monitor.messages import MAX_MESSAGE_BYTES, Message
 
 INBOX_MESSAGES: Final = 65_536
@@ -184,6 +185,7 @@ class Inbox:
         self.dropped = 0
         self.wake = Event()
         self._messages: deque[Arrival] = deque()
+        self._lost: dict[str, Arrival] = {}  # of each publisher the last message that was dropped, without its content
         self._bytes = 0
         self._room = Condition()  # held for a few operations only
         self._patient = True
@@ -202,6 +204,8 @@ class Inbox:
             ):
                 self._patient = False
                 self.dropped += 1
+                if source and (source in self._lost or len(self._lost) < MAX_SOURCES):
+                    self._lost[source] = message._replace(payload=b"")
             else:
                 self._messages.append(message)
                 self._bytes += len(message.payload)
@@ -217,6 +221,12 @@ class Inbox:
             self._patient = True
             self._room.notify_all()
             return message
+
+    def take_lost(self) -> list[Arrival]:
+        """Return the last message of each publisher that was dropped since the last call, without its content."""
+        with self._room:
+            lost, self._lost = list(self._lost.values()), {}
+            return lost
 
     def close(self) -> None:
         """Let nobody wait any more."""
@@ -289,7 +299,11 @@ class MonitorBus:
 
     def take(self) -> Arrival | None:
         """Return the next message, None when there is none yet."""
-        return self._backfill.take(self.inbox.take)
+        message = self._backfill.take(self.inbox.take)
+        if message is None:  # what was dropped is asked for when there is time for it
+            for dropped in self.inbox.take_lost():
+                self._backfill.miss(dropped)
+        return message
 
     @property
     def missed(self) -> dict[str, int]:
@@ -355,7 +369,8 @@ class MonitorBus:
 
     def _on_sample(self, sample: zenoh.Sample) -> None:
         if self._open and sample.kind == zenoh.SampleKind.PUT:
-            self.inbox.put(*arrival_of(sample))
+            arrival = arrival_of(sample)
+            self.inbox.put(arrival.key, arrival.payload, arrival.source, arrival.number)
 
     def _on_query(self, query: zenoh.Query) -> None:
         if self._open:

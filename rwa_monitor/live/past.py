@@ -72,7 +72,14 @@ def read_past(folder: Path, setup: rebuild.Setup, stop: Event, say: Callable[[st
 
 
 def _unrecorded(recording: Recording, outputs: list[Output]) -> list[Output]:
-    """Return the outputs that the recording does not hold: those after the last one that it does, by topic."""
+    """Return the outputs that the recording does not hold.
+
+    These are those after the last one that it does, by topic; where something in the middle is damaged they are told by
+    their content.
+    """
+    if recording.problems:
+        present = {(message.topic, message.data) for message in recording.messages}
+        return [output for output in outputs if (output.key, output.payload) not in present]
     held: dict[str, int] = {}
     for message in recording.messages:
         if message.schema in rebuild.COMPARED_SCHEMAS:

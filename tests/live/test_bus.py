@@ -12,7 +12,10 @@ import pytest
 
 from rwa_monitor.errors import InputError, RwaMonitorError
 from rwa_monitor.live.backfill import PAUSES_S, TIMEOUT_S, Arrival, Backfill
-from rwa_monitor.live.bus import BusOptions, Inbox, open_session, session_config
+from rwa_monitor.live.bus import BusOptions, Inbox, MonitorBus, open_session, session_config
+from rwa_monitor.live.publisher import ReliablePublisher
+from tests.live.processes import wait_for
+from tests.live.support import KEY
 
 
 def setting(options: BusOptions, key: str) -> object:
@@ -178,3 +181,40 @@ def test_what_waits_for_a_history_is_bounded() -> None:
     history.asked[0][2](arrivals("late", range(1))[0])
     history.asked[0][3]()
     assert drained(backfill, waiting) == arrivals("late", range(100))
+
+
+def test_what_was_dropped_is_asked_for_although_nothing_follows() -> None:
+    history = History()
+    backfill = history.backfill()
+    sent = arrivals("one", range(9))
+    assert drained(backfill, deque(sent[:3])) == sent[:3]
+    backfill.miss(sent[8])
+    backfill.miss(sent[1])  # has arrived since
+    ((before, first, found, finished),) = history.asked
+    assert (before.number, first) == (9, 3)
+    for message in sent[3:]:
+        found(message)
+    finished()
+    assert drained(backfill, deque()) == sent[3:]
+    assert (len(backfill), len(history.asked), backfill.missed) == (0, 1, {})
+
+
+def test_a_bus_whose_inbox_overflows_gets_everything_in_the_end() -> None:
+    with open_session(BusOptions()) as session, MonitorBus(session, Inbox(max_messages=5, patience_s=0.02)) as bus:
+        bus.subscribe("rwa/*/*/samples")
+        publisher = ReliablePublisher(session, KEY)
+        for number in range(60):
+            publisher.put(b"%d" % number)
+        wait_for(lambda: len(bus.inbox) == 5, "the first messages")
+        wait_for(lambda: bus.inbox.dropped == 55, "the others to be dropped")
+        taken: list[int] = []
+
+        def took_all() -> bool:
+            while (message := bus.take()) is not None:
+                taken.append(int(message.payload))
+            return len(taken) >= 60
+
+        wait_for(took_all, "all messages")
+        publisher.close()
+    assert taken == list(range(60))
+    assert bus.missed == {}

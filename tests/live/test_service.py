@@ -167,7 +167,8 @@ def test_every_wheel_has_one_shard() -> None:
         for share in (1, 2, 3):
             listener = Listener(session)
             with monitor(session, options(shard=(share, 3))):
-                publish({f"rwa/s/{name}/samples": samples for name in names}, session, speed=math.inf, linger_s=0.3)
+                publish({f"rwa/s/{name}/samples": samples for name in names}, session, speed=math.inf, linger_s=0.0)
+                wait_for(lambda heard=listener: len(heard.kind("status")) > 5 * len(names), "statuses")
             served.append({json.loads(payload)["wheel"] for payload in listener.kind("status")})
     assert sorted(name for share in served for name in share) == sorted(names)
 
