@@ -34,6 +34,7 @@ from rwa_monitor.discrepancy.terms import (
     make_term,
     profile,
     profile_robustly,
+    shape_limits,
 )
 from rwa_monitor.discrepancy.thresholds import best_threshold
 from rwa_monitor.physics.effects.base import MeanEffect
@@ -225,7 +226,8 @@ def extensions(
             def dead_below(speed: float) -> Term:
                 return make_term(problem, SpeedDeadZone, {"dead_zone_rad_s": speed}, None)
 
-            at_jumps = best_threshold(problem, current.terms, current.fit, dead_below)
+            limits = shape_limits(problem, SpeedDeadZone)["dead_zone_rad_s"]
+            at_jumps = best_threshold(problem, current.terms, current.fit, dead_below, limits)
             if at_jumps is not None:
                 tries.append((at_jumps[0], [at_jumps[1]]))
         models = [Model((*current.terms, term), _fit(problem, (*current.terms, term), jumps)) for term, jumps in tries]

@@ -320,12 +320,18 @@ class _Axis:
     logarithmic: bool
 
 
-def _axes(problem: Problem, effect: type[MeanEffect], around: Term | None) -> list[_Axis]:
+def shape_limits(problem: Problem, effect: type[MeanEffect]) -> dict[str, tuple[float, float]]:
+    """Return the range of each shape parameter that any of the records can show."""
     bounds: dict[str, tuple[float, float]] = {}
     for record in problem.records:
         for name, (low, high) in effect.shape_bounds(record.channels).items():
             old = bounds.get(name, (low, high))
             bounds[name] = (min(low, old[0]), max(high, old[1]))
+    return bounds
+
+
+def _axes(problem: Problem, effect: type[MeanEffect], around: Term | None) -> list[_Axis]:
+    bounds = shape_limits(problem, effect)
     return [_axis(parameter, *bounds[parameter.name], around) for parameter in effect.shape_parameters()]
 
 

@@ -21,7 +21,11 @@ FEWEST_CROSSED: Final = 3  # jumps at one speed that are no coincidence
 
 
 def best_threshold(
-    problem: Problem, chosen: Sequence[Term], fitted: Fit, make: Callable[[float], Term]
+    problem: Problem,
+    chosen: Sequence[Term],
+    fitted: Fit,
+    make: Callable[[float], Term],
+    limits: tuple[float, float] = (0.0, np.inf),
 ) -> tuple[Term, IntArray] | None:
     """Return the term whose threshold makes the most of the jumps superfluous, and the jumps that are left.
 
@@ -35,13 +39,15 @@ def best_threshold(
         Its fit.
     make
         Makes the term with a threshold at a speed [rad/s].
+    limits
+        Lowest and highest threshold [rad/s].
     """
     jumps = fitted.jumps[:: max(fitted.jumps.size // MOST_TRIED, 1)]
     best: tuple[float, Term, IntArray] | None = None
     for speed in 0.5 * (problem.speed[jumps - 1] + problem.speed[jumps]):
         crossed = np.flatnonzero(np.diff(problem.speed > speed)) + 1
         near = np.abs(fitted.jumps[:, None] - crossed[None, :]).min(axis=1, initial=problem.size) <= AT_THRESHOLD
-        if np.count_nonzero(near) < FEWEST_CROSSED:
+        if not limits[0] <= speed <= limits[1] or np.count_nonzero(near) < FEWEST_CROSSED:
             continue
         term, left = make(float(speed)), fitted.jumps[~near]
         criterion = make_background(problem, chosen, left).criterion_with(term)

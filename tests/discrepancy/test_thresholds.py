@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from rwa_monitor.discrepancy.base_fit import fit, make_problem
+from rwa_monitor.discrepancy.find import find_discrepancy
 from rwa_monitor.discrepancy.record import make_record
 from rwa_monitor.discrepancy.terms import make_term
 from rwa_monitor.discrepancy.thresholds import best_threshold
@@ -33,6 +34,16 @@ def test_the_speed_is_found_and_only_true_jumps_are_left() -> None:
     slot = float(np.max(np.abs(np.diff(speed))))
     assert abs(term.shape["dead_zone_rad_s"] - THRESHOLD_RAD_S) < slot
     np.testing.assert_allclose(problem.slot[left], [1500, 4000, 6200], atol=2)
+
+
+def test_a_step_at_half_the_speed_is_no_dead_zone() -> None:
+    def step(omega: np.ndarray, level: np.ndarray) -> np.ndarray:
+        return 0.3 * DRY_NM * np.sign(omega) * (np.abs(omega) > 120.0)
+
+    result = find_discrepancy([("step", record(swing(), effect=step)[0])], WHEEL).result
+    assert result.unexplained is not None
+    assert "speed" in result.unexplained.signature
+    assert "speed_dead_zone" not in [effect.name for effect in result.effects]
 
 
 def test_jumps_at_any_speed_suggest_no_threshold() -> None:
