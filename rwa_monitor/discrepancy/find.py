@@ -27,6 +27,8 @@ from rwa_monitor.discrepancy.result import (
 from rwa_monitor.discrepancy.search import Found, Model, Progress, SearchResult, coefficient_covariance, search
 from rwa_monitor.discrepancy.switching_effects import switching_effects
 from rwa_monitor.discrepancy.unexplained import judge_leftover, wandering
+from rwa_monitor.discrepancy.untested import too_weak_to_show, untested_others
+from rwa_monitor.physics.effects.base import MeanEffect
 from rwa_monitor.physics.effects.catalogue import CATALOGUE, MEAN_EFFECTS, mean_effects, to_block
 from rwa_monitor.physics.effects.removal import effect_torque
 from rwa_monitor.physics.wheel import Wheel
@@ -111,7 +113,9 @@ def find_discrepancy(
     verdict: Verdict = "inadequate" if effects or leftover is not None else "adequate"
     if verdict == "adequate" and _nothing_could_be_tested(problem, found):
         verdict = "untestable"
-    result = DiscrepancyResult(verdict, effects, leftover, found.untestable, _gain(problem, found, scores))
+    result = DiscrepancyResult(
+        verdict, effects, leftover, _untested(problem, found, candidates, wheel), _gain(problem, found, scores)
+    )
     return Search(wheel, problem, found, scores, result)
 
 
@@ -172,6 +176,19 @@ def _describe(problem: Problem, model: Model, found: Found) -> FoundEffect:
         built_in_nulls().p_value("mean", found.gain, problem.log_size),
         found.gain,
     )
+
+
+def _untested(
+    problem: Problem, found: SearchResult, candidates: Sequence[type[MeanEffect]], wheel: Wheel
+) -> tuple[tuple[str, str], ...]:
+    """Return what the records could not test, each effect once, none that was named or could stand for one."""
+    model = found.ladder[-1]
+    named = {name for entry in found.found for name in (entry.name, *entry.equivalent)}
+    listed = dict(found.untestable)
+    for name, missing in (*too_weak_to_show(problem, model, candidates), *untested_others(problem, model, wheel)):
+        if name not in named:
+            listed.setdefault(name, missing)
+    return tuple(listed.items())
 
 
 def _nothing_could_be_tested(problem: Problem, found: SearchResult) -> bool:

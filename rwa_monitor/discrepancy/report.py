@@ -9,11 +9,14 @@ import jinja2
 import numpy as np
 
 from rwa_monitor.discrepancy import figures
-from rwa_monitor.discrepancy.find import Search, extended_wheel
+from rwa_monitor.discrepancy.find import CANDIDATES, Search, extended_wheel
 from rwa_monitor.discrepancy.gain import BLOCKS
+from rwa_monitor.discrepancy.nulls import built_in_nulls
 from rwa_monitor.discrepancy.plan import PlannedManoeuvre, rank_manoeuvres
 from rwa_monitor.discrepancy.report_template import PAGE
 from rwa_monitor.discrepancy.result import DiscrepancyResult, FoundEffect
+from rwa_monitor.discrepancy.search import ACCEPT_GAIN
+from rwa_monitor.discrepancy.untested import detectable_strengths
 from rwa_monitor.discrepancy.views import all_views
 from rwa_monitor.physics.effects.catalogue import CATALOGUE, MEAN_EFFECTS
 from rwa_monitor.version import SOFTWARE
@@ -98,7 +101,12 @@ def html(search: Search, sources: list[str]) -> str:
         "catalogue": CATALOGUE,
         "rungs": ladder(search),
         "plan": plan(search),
+        "detectable": [
+            entry for entry in detectable_strengths(search.problem, search.extended, CANDIDATES) if not entry.too_weak
+        ],
+        "floor_p": {family: built_in_nulls().floor(family) for family in built_in_nulls().families},
         "sure_p": SURE_P,
+        "accept_gain": f"{ACCEPT_GAIN:.0f}",
         "overlay": figures.svg(figures.overlay(search)),
         "ladder_picture": figures.svg(figures.ladder_picture(search)) if extended else "",
         "views": [(view, figures.svg(figures.view_picture(view, both=extended))) for view in views],

@@ -46,10 +46,15 @@ rest left out{% endif %}{% if clipped %}, {{ clipped }} outliers pulled in{% end
 <span class="small">{{ catalogue[effect.name].title }}; {{ effect.family }}</span></td>
 <td>{% for name, p in effect.parameters.items() %}{{ name }} = {{ p.value | number }}
 {% if p.std is not none %} ± {{ p.std | number }}{% endif %} {{ p.unit if p.unit != "-" }}<br>{% endfor %}</td>
-<td class="n">{{ "%.0f" | format(effect.delta_deviance) }}</td><td class="n">{{ "%.1e" | format(effect.p_value) }}</td>
+<td class="n">{{ "%.0f" | format(effect.delta_deviance) }}</td><td class="n">{{ "≤ " if effect.p_value <=
+floor_p[effect.family] }}{{ "%.1e" | format(effect.p_value) }}</td>
 <td>{{ effect.equivalent | join(", ") or "–" }}</td><td>{{ effect.separate_by }}</td></tr>
 {% endfor %}
 </table>
+<p class="small">Gain: by how much the penalised deviance (−2 log likelihood and a price for each parameter and jump)
+gets worse without the effect; {{ accept_gain }} is asked for. p: the probability of as large a gain, over all effects
+tried, where nothing is missing, from simulated records; beyond the largest of them an exponential tail, for two decades
+and no further (then “≤”).</p>
 {% for effect in result.effects %}
 <p><strong>{{ effect.name }}.</strong> {{ catalogue[effect.name].description }} <span class="small">It shows as:
 {{ catalogue[effect.name].signature }} Source: {{ catalogue[effect.name].source }}</span></p>
@@ -111,6 +116,17 @@ it is{% endif %}</td></tr>
 <h2>What these data could not test</h2>
 <table><tr><th>effect</th><th>missing</th></tr>
 {% for effect, missing in result.untested %}<tr><td>{{ effect }}</td><td>{{ missing }}</td></tr>
+{% endfor %}
+</table>
+{% endif %}
+
+{% if detectable %}
+<h2>What these data would have shown</h2>
+<p class="small">The smallest strength at which each effect that was not named would have been, its shape in the middle
+of what this motion can show, and how much of all friction (rms) that is; to within a factor of about two.</p>
+<table><tr><th>effect</th><th>from</th><th class="n">of all friction</th></tr>
+{% for entry in detectable %}<tr><td>{{ entry.name }}</td><td>{{ entry.parameter }} = {{ entry.strength | number }}
+{{ entry.unit if entry.unit != "-" }}</td><td class="n">{{ "%.2g" | format(100 * entry.share) }} %</td></tr>
 {% endfor %}
 </table>
 {% endif %}

@@ -1,0 +1,105 @@
+"""What a record could not test: effects that would show only beyond any likely strength, and jumps that are too few.
+
+A strength is detectable where it gains as much as the search asks for: its column, less what levels, slope and the
+effects found hold of it, over the noise that a column of this shape meets. Part of an effect passes for colour of the
+noise until it is named: up to about twice the strength may be needed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from rwa_monitor.discrepancy.base_fit import Problem, remove_levels, segment_starts
+from rwa_monitor.discrepancy.search import ACCEPT_GAIN, Model, middle_shape
+from rwa_monitor.discrepancy.terms import available, depends_on_level, make_term
+from rwa_monitor.physics.effects.base import MeanEffect
+from rwa_monitor.physics.effects.wrong_duration_law import FEWEST_SOJOURNS
+from rwa_monitor.physics.wheel import Wheel
+
+TOO_LARGE: Final = 0.3  # of the RMS of all friction: an effect that must be larger to show has not been tested
+
+
+@dataclass(frozen=True, slots=True)
+class Detectable:
+    """The smallest strength at which an effect would have been found, its shape in the middle of what can show.
+
+    Attributes
+    ----------
+    name
+        Catalogue name.
+    parameter, strength, unit
+        The strength; NaN where no strength would show.
+    share
+        RMS of its torque over that of all friction [-].
+    too_weak
+        True where that is more than can be expected.
+    """
+
+    name: str
+    parameter: str
+    strength: float
+    unit: str
+    share: float
+    too_weak: bool
+
+
+def detectable_strengths(problem: Problem, model: Model, effects: Sequence[type[MeanEffect]]) -> list[Detectable]:
+    """Return for each effect that the data have the channels for, and the model lacks, what strength would show."""
+    first = segment_starts(problem, model.fit.jumps)
+    taken = [problem.speed, *(term.columns for term in model.terms)]
+    design = remove_levels(np.column_stack(taken), first)
+    friction = float(np.sqrt(np.mean(problem.z**2)))
+    found = []
+    for effect in effects:
+        if effect.name in model.names or available(problem, effect) is not None:
+            continue
+        term = make_term(problem, effect, middle_shape(problem, effect), model.fit.level)
+        column = term.columns[:, 0]
+        inner = remove_levels(column, first)
+        inner = inner - design @ np.linalg.lstsq(design, inner, rcond=None)[0]
+        energy = float(inner @ inner)
+        asked = ACCEPT_GAIN + term.parameters * problem.log_size
+        variance = max(problem.noise.variance_along(inner), problem.noise.std**2)
+        visible = energy > np.finfo(np.float64).eps * float(column @ column)
+        strength = float(np.sqrt(asked * variance / energy)) if visible else float("nan")
+        share = strength * float(np.sqrt(np.mean(column**2))) / friction
+        beyond = not visible or strength > max(float(term.high[0]), -float(term.low[0]))
+        parameter = effect.strength_parameters()[0]
+        # A column that follows the level is in proportion to friction itself: its bounds say what is likely.
+        large = share > TOO_LARGE and not depends_on_level(effect)
+        found.append(Detectable(effect.name, parameter.name, strength, parameter.unit, share, beyond or large))
+    return found
+
+
+def too_weak_to_show(problem: Problem, model: Model, effects: Sequence[type[MeanEffect]]) -> list[tuple[str, str]]:
+    """Return the effects that would show only beyond any likely strength, with that strength and what would help."""
+    separate_by = {effect.name: effect.separate_by for effect in effects}
+    return [
+        (
+            entry.name,
+            f"it would show only from {entry.parameter} = {entry.strength:.2g} {entry.unit}".rstrip(" -")
+            + f" on, {entry.share:.0%} of all friction; {separate_by[entry.name]}",
+        )
+        for entry in detectable_strengths(problem, model, effects)
+        if entry.too_weak and np.isfinite(entry.strength)
+    ]
+
+
+def untested_others(problem: Problem, model: Model, wheel: Wheel) -> list[tuple[str, str]]:
+    """Return the noise and switching effects that these records cannot test, with what is missing."""
+    missing = []
+    if not all(record.friction_is_derived for record in problem.records):
+        missing.append(("tachometer_quantisation", "motor_current_A instead of friction_torque_Nm"))
+    jumps = int(model.fit.jumps.size)
+    few = f"a longer record: {jumps} jumps, and a law of durations asks for {FEWEST_SOJOURNS} sojourns or more"
+    if not wheel.fss:
+        missing.append(("wrong_duration_law", "fss: the switching systems in the wheel file"))
+    elif jumps < FEWEST_SOJOURNS:
+        missing.append(("wrong_duration_law", few))
+    if jumps < FEWEST_SOJOURNS:
+        missing.append(("speed_triggered_jumps", few))
+    return missing
