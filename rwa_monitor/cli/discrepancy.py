@@ -70,6 +70,7 @@ def command(
     from rwa_monitor.cli.progress import status_line
     from rwa_monitor.cli.recordings import read_recordings
     from rwa_monitor.discrepancy.find import find_discrepancy
+    from rwa_monitor.discrepancy.record import unusual
     from rwa_monitor.discrepancy.report import plan, sentence
     from rwa_monitor.formats.wheel_file import read_wheel
     from rwa_monitor.physics.wheel import built_in_wheel
@@ -81,6 +82,9 @@ def command(
     recordings = read_recordings(files)
     with status_line("searching") as progress:
         wheel = wheel or recordings.wheel or built_in_wheel()
+        for name, samples in recordings.samples:
+            if (words := unusual(samples, wheel)) is not None:
+                say(f"{name}: {words}")
         found = find_discrepancy(recordings.samples, wheel, progress, on_threads(os.cpu_count() or 1))
         if bootstrap:
             from rwa_monitor.discrepancy.bootstrap import with_bootstrap

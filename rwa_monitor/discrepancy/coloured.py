@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 ORDER: Final = 4  # lags of the autoregression: a low-pass has two, what it filters another one or two
 COLOURED_FROM: Final = 2.0  # long-run over single variance; below, the search's own criterion loses little
+REGULAR: Final = 1e-6  # of the variance, added as white noise: a residual without any has no autoregression
 ROUNDS: Final = 3  # coefficients and autoregression in turn
 
 
@@ -54,12 +55,16 @@ def _deviance(problem: Problem, model: Model) -> float:
         coefficients = solve_bounded(problem, filtered.T @ filtered, filtered.T @ target, low, high)
         residual = z - design @ coefficients
         innovations = target - filtered @ coefficients
-    return problem.size * float(np.log(np.mean(innovations**2)))
+    floor = REGULAR * problem.noise.std**2
+    return problem.size * float(np.log(max(float(np.mean(innovations**2)), floor)))
 
 
 def _autoregression(residual: FloatArray) -> FloatArray:
     """Return the taps (1, -a₁ … -a_p) of the autoregression with the residual's autocovariance (Yule–Walker)."""
     lags = [float(residual[lag:] @ residual[: residual.size - lag]) for lag in range(ORDER + 1)]
+    lags[0] *= 1 + REGULAR
+    if lags[0] <= 0:
+        return np.eye(1, ORDER + 1)[0]
     return np.concatenate([[1.0], -linalg.solve_toeplitz(lags[:ORDER], lags[1:])])
 
 

@@ -30,6 +30,11 @@ BIAS_REACH: Final = 20  # slots beyond the derivative filter that tell its bias,
 SHORT_BIAS_REACH: Final = 12  # slots, of a second opinion
 BENT: Final = 2.0  # standard deviations of the friction from which the bias must be known well
 BIAS_KNOWN_TO: Final = 0.05  # of the bias: at a corner of the speed no polynomial agrees with the next
+SATURATED_SHARE: Final = 0.2  # of the values at the ends of their range: an end stop, not a measurement
+WRONG_UNIT_FACTOR: Final = (
+    100.0  # of nominal friction: mN m read as N m are a thousand; no bearing gets there and turns
+)
+UNUSUAL_FACTOR: Final = 5.0  # of nominal friction: a wheel that has gone bad, or another wheel
 SMOOTHING_REACH: Final = 6  # slots beyond the hole, on each side, from which motion is estimated
 
 
@@ -182,6 +187,17 @@ def check_plausible(samples: Samples, wheel: Wheel, source: str) -> None:
         largest = float(np.nanmax(np.abs(values)))
         if largest > limit:
             raise InputError(source, f"reaches {largest:.6g}, the wheel's limit is {limit:.6g}; wrong unit?", name)
+    share = _share_at_end_stop(samples)
+    if share > SATURATED_SHARE:
+        words = f"is saturated: {share:.0%} of the values, at many speeds, are its largest or its smallest"
+        raise InputError(source, words, "friction_torque_Nm")
+    ratio = friction_over_nominal(samples, wheel)
+    if ratio is not None and not 1 / WRONG_UNIT_FACTOR < ratio < WRONG_UNIT_FACTOR:
+        raise InputError(
+            source,
+            f"is {ratio:.3g} times the wheel's nominal friction on the median; wrong unit?",
+            "friction_torque_Nm",
+        )
     known = (wheel.winding_resistance_ohm, wheel.back_emf_constant_V_s_rad)
     voltage, current = samples.motor_voltage_V, samples.motor_current_A
     if voltage is not None and current is not None and None not in known:
@@ -196,6 +212,45 @@ def check_plausible(samples: Samples, wheel: Wheel, source: str) -> None:
                 "contradicts R·I + K_E·ω of the wheel file by more than half; is a unit or a constant wrong?",
                 "motor_voltage_V",
             )
+
+
+def _share_at_end_stop(samples: Samples) -> float:
+    """Return the share of samples whose friction is the largest or the smallest of all, to the last digit.
+
+    Only at speeds of which most differ: at one speed friction without noise may well be one value.
+    """
+    friction = samples.friction_torque_Nm
+    if friction is None or not np.isfinite(friction).any() or np.nanmax(friction) == np.nanmin(friction):
+        return 0.0
+    at_end = (friction == np.nanmax(friction)) | (friction == np.nanmin(friction))
+    speeds = np.unique(samples.speed_rad_s[at_end])
+    return float(np.mean(at_end)) if speeds.size > 0.5 * np.count_nonzero(at_end) else 0.0
+
+
+def friction_over_nominal(samples: Samples, wheel: Wheel) -> float | None:
+    """Return the median of friction as measured over nominal friction at that speed [-]; None where one is not known.
+
+    Samples near rest, at a tenth of the median speed or less, do not count: there friction has no sign.
+    """
+    if wheel.nominal is None or samples.friction_torque_Nm is None:
+        return None
+    speed = np.abs(samples.speed_rad_s)
+    known = np.isfinite(speed) & np.isfinite(samples.friction_torque_Nm)
+    if not known.any():
+        return None
+    moving = known & (speed > 0.1 * float(np.median(speed[known])))
+    if not moving.any():
+        return None
+    nominal = wheel.nominal.dry_torque_Nm + wheel.nominal.viscous_Nm_s_rad * speed[moving]
+    return float(np.median(np.abs(samples.friction_torque_Nm[moving]) / nominal))
+
+
+def unusual(samples: Samples, wheel: Wheel) -> str | None:
+    """Say in words what is unusual about a table that is not refused; None where nothing is."""
+    ratio = friction_over_nominal(samples, wheel)
+    if ratio is None or 1 / UNUSUAL_FACTOR < ratio < UNUSUAL_FACTOR:
+        return None
+    return f"friction is {ratio:.2g} times the wheel's nominal friction on the median; is it the right wheel file?"
 
 
 def _from_neighbours(values: FloatArray, hole: int, reach: int, order: int) -> FloatArray:

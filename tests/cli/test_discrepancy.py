@@ -1,0 +1,134 @@
+"""The command `discrepancy` on what it cannot use or cannot tell, and on two recordings of a wheel."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rwa_monitor.physics.wheel import built_in_wheel
+from tests.discrepancy.simple import NOISE_NM, PERIOD_S, record, swing
+
+PROGRAM = [sys.executable, "-m", "rwa_monitor.cli", "discrepancy"]
+COUNT = 1500
+WHEEL = built_in_wheel()
+Columns = dict[str, np.ndarray]
+
+
+def columns(seed: int = 0, count: int = COUNT, speed: np.ndarray | None = None) -> Columns:
+    """A plain record as the columns of a table."""
+    made, _ = record(swing(count) if speed is None else speed, jumps=(700,), seed=seed)
+    assert made.friction_torque_Nm is not None
+    time = np.arange(count) * PERIOD_S
+    return {"time_s": time, "speed_rad_s": made.speed_rad_s, "friction_torque_Nm": made.friction_torque_Nm}
+
+
+def with_current(table: Columns) -> Columns:
+    """The same measured by current and voltage instead of friction."""
+    assert WHEEL.inertia_kg_m2 is not None
+    assert WHEEL.torque_constant_Nm_A is not None
+    motor = table["friction_torque_Nm"] + WHEEL.inertia_kg_m2 * np.gradient(table["speed_rad_s"], PERIOD_S)
+    current = motor / WHEEL.torque_constant_Nm_A
+    voltage = 2.0 * current + WHEEL.torque_constant_Nm_A * table["speed_rad_s"]
+    return {
+        **{name: table[name] for name in ("time_s", "speed_rad_s")},
+        "motor_current_A": current,
+        "motor_voltage_V": voltage,
+    }
+
+
+def write(path: Path, table: Columns) -> Path:
+    np.savetxt(
+        path, np.column_stack([*table.values()]), delimiter=",", header=",".join(table), comments="", fmt="%.12g"
+    )
+    return path
+
+
+def run(*arguments: object) -> subprocess.CompletedProcess[str]:
+    command = [*PROGRAM, *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=280, check=False)
+
+
+def rpm(table: Columns) -> Columns:
+    return {**table, "speed_rad_s": table["speed_rad_s"] * 60 / (2 * np.pi)}
+
+
+REFUSED = {
+    "too short": (lambda: columns(count=150, speed=swing(150)), "at least 200"),
+    "nothing to derive friction from": (
+        lambda: {name: columns()[name] for name in ("time_s", "speed_rad_s")},
+        "needs motor_current_A or motor_torque_Nm",
+    ),
+    "speed in rpm, beyond the limits": (lambda: rpm(columns()), "the wheel's limit is 650; wrong unit?"),
+    "friction in mN m": (
+        lambda: {**columns(), "friction_torque_Nm": 1e3 * columns()["friction_torque_Nm"]},
+        "times the nominal friction on the median; wrong unit?",
+    ),
+    "slow speed in rpm, which the voltage contradicts": (
+        lambda: {
+            **with_current(columns(speed=0.2 * swing(COUNT))),
+            "speed_rad_s": rpm(columns(speed=0.2 * swing(COUNT)))["speed_rad_s"],
+        },
+        "motor_voltage_V: contradicts",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_what_cannot_be_used_is_refused_in_one_sentence(case: str, tmp_path: Path) -> None:
+    make, words = REFUSED[case]
+    limits = {"max_speed_rad_s": 650.0, "max_current_A": 5.0}
+    electric = {"winding_resistance_ohm": 2.0, "back_emf_constant_V_s_rad": WHEEL.torque_constant_Nm_A}
+    wheel = WHEEL.model_copy(update={"limits": WHEEL.limits.model_copy(update=limits), **electric})
+    (tmp_path / "wheel.toml").write_text(wheel.to_toml())
+    done = run(write(tmp_path / "t.csv", make()), "--json", "--wheel", tmp_path / "wheel.toml")
+    assert done.returncode == 2
+    assert done.stdout == ""
+    *_, line = done.stderr.strip().splitlines()  # a first run may say before that it compiles
+    assert "t.csv" in line
+    assert words in line
+
+
+def test_a_constant_speed_cannot_tell_and_says_what_it_lacks(tmp_path: Path) -> None:
+    table = columns(speed=np.full(COUNT, 120.0))
+    done = run(write(tmp_path / "t.csv", table), "--json")
+    assert done.returncode == 0, done.stderr
+    report = json.loads(done.stdout)
+    assert report["verdict"] == "untestable"
+    assert {"stribeck", "sublinear_viscous", "viscosity_temperature"} <= {entry["effect"] for entry in report["untested"]}
+    assert all(entry["missing"] for entry in report["untested"])
+
+
+def test_a_saturated_channel_is_no_discovery(tmp_path: Path) -> None:
+    """A torque sensor at its end stop: what it shows is its range, not a friction law."""
+    table = columns()
+    limit = 0.5 * float(np.median(np.abs(table["friction_torque_Nm"])))
+    table["friction_torque_Nm"] = np.clip(table["friction_torque_Nm"], -limit, limit)
+    done = run(write(tmp_path / "t.csv", table), "--json")
+    assert done.returncode == 2
+    assert "friction_torque_Nm" in done.stderr
+    assert "saturated" in done.stderr
+
+
+def test_unusual_friction_is_a_warning_and_two_recordings_are_one_report(tmp_path: Path) -> None:
+    assert WHEEL.nominal is not None
+    dry, viscous = WHEEL.nominal.dry_torque_Nm / 8, WHEEL.nominal.viscous_Nm_s_rad / 8
+    weaker = WHEEL.nominal.model_copy(update={"dry_torque_Nm": dry, "viscous_Nm_s_rad": viscous})
+    (tmp_path / "wheel.toml").write_text(WHEEL.model_copy(update={"nominal": weaker}).to_toml())
+    files = []
+    for seed in (1, 2):
+        table = columns(seed)
+        table["friction_torque_Nm"] = table["friction_torque_Nm"] + 10 * NOISE_NM
+        files.append(write(tmp_path / f"part{seed}.csv", table))
+    done = run(*files, "--json", "--wheel", tmp_path / "wheel.toml")
+    assert done.returncode == 0, done.stderr
+    assert "part1.csv: friction is" in done.stderr
+    report = json.loads(done.stdout)  # one object for both
+    assert report["verdict"] == "inadequate"
+    first = report["effects"][0]
+    assert "torque_bias" in {first["name"], *first["equivalent"]}
+    assert 0 < first["p_value"] < 0.01
