@@ -110,6 +110,11 @@ class Problem:
         return int(self.z.size)
 
     @property
+    def friction_is_derived(self) -> bool:
+        """Say whether friction was derived from current and speed in any of the records."""
+        return any(record.friction_is_derived for record in self.records)
+
+    @property
     def log_size(self) -> float:
         """Return log N."""
         return float(np.log(self.size))

@@ -64,8 +64,9 @@ def _autoregression(residual: FloatArray) -> FloatArray:
     lags = [float(residual[lag:] @ residual[: residual.size - lag]) for lag in range(ORDER + 1)]
     lags[0] *= 1 + REGULAR
     if lags[0] <= 0:
-        return np.eye(1, ORDER + 1)[0]
-    return np.concatenate([[1.0], -linalg.solve_toeplitz(lags[:ORDER], lags[1:])])
+        return np.concatenate([[1.0], np.zeros(ORDER)])
+    solved = np.asarray(linalg.solve_toeplitz(lags[:ORDER], lags[1:]), dtype=np.float64)
+    return np.concatenate([[1.0], -solved])
 
 
 def _filtered(values: FloatArray, taps: FloatArray) -> FloatArray:

@@ -173,7 +173,7 @@ def _describe(problem: Problem, model: Model, found: Found) -> FoundEffect:
         found.equivalent,
         term.effect.separate_by,
         parameters,
-        built_in_nulls().p_value("mean", found.gain, problem.log_size),
+        built_in_nulls().p_value("mean", found.gain, problem.log_size, derived=problem.friction_is_derived),
         found.gain,
     )
 

@@ -286,11 +286,11 @@ def accepted(problem: Problem, fits: dict[str, list[LikelihoodFit]]) -> list[Fou
             continue
         effect = CATALOGUE[name]
         best = max(of_records, key=lambda fit: fit.penalised_gain)
-        found.append(_describe(effect, best, gain, problem.log_size))
+        found.append(_describe(effect, best, gain, problem))
     return sorted(found, key=lambda entry: -entry.delta_deviance)
 
 
-def _describe(effect: type[Effect], fit: LikelihoodFit, gain: float, log_size: float) -> FoundEffect:
+def _describe(effect: type[Effect], fit: LikelihoodFit, gain: float, problem: Problem) -> FoundEffect:
     parameters = {
         parameter.name: ParameterValue(
             float(fit.values[parameter.name]),
@@ -299,5 +299,6 @@ def _describe(effect: type[Effect], fit: LikelihoodFit, gain: float, log_size: f
         )
         for parameter in effect.parameters
     }
-    p_value = built_in_nulls().p_value(effect.family, gain, log_size)
+    derived = problem.friction_is_derived
+    p_value = built_in_nulls().p_value(effect.family, gain, problem.log_size, derived=derived)
     return FoundEffect(effect.name, effect.family, (), effect.separate_by, parameters, p_value, gain)

@@ -220,7 +220,7 @@ def _share_at_end_stop(samples: Samples) -> float:
     Only at speeds of which most differ: at one speed friction without noise may well be one value.
     """
     friction = samples.friction_torque_Nm
-    if friction is None or not np.isfinite(friction).any() or np.nanmax(friction) == np.nanmin(friction):
+    if friction is None or not np.isfinite(friction).any():
         return 0.0
     at_end = (friction == np.nanmax(friction)) | (friction == np.nanmin(friction))
     speeds = np.unique(samples.speed_rad_s[at_end])
@@ -248,7 +248,11 @@ def friction_over_nominal(samples: Samples, wheel: Wheel) -> float | None:
 def unusual(samples: Samples, wheel: Wheel) -> str | None:
     """Say in words what is unusual about a table that is not refused; None where nothing is."""
     ratio = friction_over_nominal(samples, wheel)
-    if ratio is None or 1 / UNUSUAL_FACTOR < ratio < UNUSUAL_FACTOR:
+    if (
+        ratio is None
+        or 1 / UNUSUAL_FACTOR < ratio < UNUSUAL_FACTOR
+        or not 1 / WRONG_UNIT_FACTOR < ratio < WRONG_UNIT_FACTOR
+    ):
         return None
     return f"friction is {ratio:.2g} times the wheel's nominal friction on the median; is it the right wheel file?"
 

@@ -104,7 +104,10 @@ def html(search: Search, sources: list[str]) -> str:
         "detectable": [
             entry for entry in detectable_strengths(search.problem, search.extended, CANDIDATES) if not entry.too_weak
         ],
-        "floor_p": {family: built_in_nulls().floor(family) for family in built_in_nulls().families},
+        "floor_p": {
+            family: built_in_nulls().floor(family, derived=search.problem.friction_is_derived)
+            for family in ("mean", "noise", "switching")
+        },
         "sure_p": SURE_P,
         "accept_gain": f"{ACCEPT_GAIN:.0f}",
         "overlay": figures.svg(figures.overlay(search)),

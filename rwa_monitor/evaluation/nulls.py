@@ -9,6 +9,7 @@ effects themselves: the noise family is judged on white noise alone.
 from __future__ import annotations
 
 import argparse
+import itertools
 import json
 import sys
 from concurrent.futures import ProcessPoolExecutor
@@ -85,16 +86,19 @@ def null_gains(count: int, motion: ProfileKind, noise: str, number: int) -> dict
 
 def make_table(records: int, lengths: tuple[int, ...], workers: int) -> dict[str, Any]:
     """Simulate and search all null records; the result does not depend on `workers`."""
-    rows = []
+    rows: list[dict[str, Any]] = []
     with ProcessPoolExecutor(workers, get_context("spawn")) as pool:
         for count in lengths:
             plan = [(count, m, n, k) for m in MOTIONS for n in NOISES for k in range(records)]
             done = list(pool.map(null_gains, *zip(*plan, strict=True), chunksize=4))
             sys.stderr.write(f"{count} samples: {len(done)} records\n")
-            size = round(float(np.mean([one["log_size"] for one in done])), 4)
-            for family in ("mean", "noise", "switching"):
-                values = sorted(round(max(one[family], NOTHING), 2) for one in done if family in one)
-                rows.append({"family": family, "samples": count, "log_size": size, "statistics": values})
+            for family, derived in itertools.product(("mean", "noise", "switching"), (False, True)):
+                # Noise effects are judged on white noise, and for derived friction by the same records.
+                noises = {"white"} if family == "noise" else {n for n in NOISES if (n == "derived") is derived}
+                of = [one for (_, _, noise, _), one in zip(plan, done, strict=True) if noise in noises]
+                row: dict[str, Any] = {"family": family, "derived": derived, "samples": count}
+                row["log_size"] = round(float(np.mean([one["log_size"] for one in of])), 4)
+                rows.append({**row, "statistics": sorted(round(max(one[family], NOTHING), 2) for one in of)})
     return {"command": "make nulls", "seed": SEED, "nulls": rows}
 
 

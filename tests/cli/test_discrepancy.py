@@ -66,7 +66,7 @@ REFUSED = {
     "speed in rpm, beyond the limits": (lambda: rpm(columns()), "the wheel's limit is 650; wrong unit?"),
     "friction in mN m": (
         lambda: {**columns(), "friction_torque_Nm": 1e3 * columns()["friction_torque_Nm"]},
-        "times the nominal friction on the median; wrong unit?",
+        "nominal friction on the median; wrong unit?",
     ),
     "slow speed in rpm, which the voltage contradicts": (
         lambda: {
@@ -99,7 +99,9 @@ def test_a_constant_speed_cannot_tell_and_says_what_it_lacks(tmp_path: Path) -> 
     assert done.returncode == 0, done.stderr
     report = json.loads(done.stdout)
     assert report["verdict"] == "untestable"
-    assert {"stribeck", "sublinear_viscous", "viscosity_temperature"} <= {entry["effect"] for entry in report["untested"]}
+    assert {"stribeck", "sublinear_viscous", "viscosity_temperature"} <= {
+        entry["effect"] for entry in report["untested"]
+    }
     assert all(entry["missing"] for entry in report["untested"])
 
 
@@ -121,7 +123,7 @@ def test_unusual_friction_is_a_warning_and_two_recordings_are_one_report(tmp_pat
     (tmp_path / "wheel.toml").write_text(WHEEL.model_copy(update={"nominal": weaker}).to_toml())
     files = []
     for seed in (1, 2):
-        table = columns(seed)
+        table = columns(seed, speed=swing(COUNT, period_s=90.0))
         table["friction_torque_Nm"] = table["friction_torque_Nm"] + 10 * NOISE_NM
         files.append(write(tmp_path / f"part{seed}.csv", table))
     done = run(*files, "--json", "--wheel", tmp_path / "wheel.toml")

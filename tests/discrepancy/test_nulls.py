@@ -32,14 +32,15 @@ SEED = 640_000  # of no development or validation run
     gain=st.floats(-50, 1e6),
     more=st.floats(0, 1e6),
     log_size=st.floats(5.0, 14.0),
+    derived=st.booleans(),
 )
 def test_a_p_value_is_a_probability_that_falls_with_the_gain_and_is_never_zero(
-    family: Family, gain: float, more: float, log_size: float
+    family: Family, gain: float, more: float, log_size: float, derived: bool
 ) -> None:
     table = built_in_nulls()
-    p = table.p_value(family, gain, log_size)
-    assert 0.0 < min(nulls.floor for nulls in table.families[family]) <= p <= 1.0
-    assert table.p_value(family, gain + more, log_size) <= p
+    p = table.p_value(family, gain, log_size, derived=derived)
+    assert 0.0 < min(nulls.floor for nulls in table.families[family, derived]) <= p <= 1.0
+    assert table.p_value(family, gain + more, log_size, derived=derived) <= p
 
 
 def test_the_tail_goes_on_where_the_count_ends_and_stops_where_it_is_no_longer_trusted() -> None:
@@ -59,7 +60,7 @@ def test_the_tail_goes_on_where_the_count_ends_and_stops_where_it_is_no_longer_t
 def test_the_table_is_what_its_command_makes() -> None:
     """One record of it, made again: the table belongs to this search and not to an earlier one."""
     again = null_gains(1_500, "rich", "white", 0)
-    (shortest, *_) = built_in_nulls().families["mean"]
+    (shortest, *_) = built_in_nulls().families["mean", False]
     assert np.min(np.abs(shortest.statistics - round(again["mean"], 2))) < 0.02
 
 
@@ -70,7 +71,7 @@ def test_p_values_are_uniform_where_nothing_is_missing() -> None:
         samples, wheel, _ = generate(case)
         problem = prepare([make_record(samples[slice(0, 2_000)], wheel, "null")], wheel)
         found = search(problem, CANDIDATES, lambda *_: False)
-        of_family = built_in_nulls().families["mean"]
+        of_family = built_in_nulls().families["mean", False]
         p_values.append(of_family[0].p_value(found.best_rejected + problem.log_size))
     # Both ways, at one in a thousand: p-values too small would name too much, too large ones would hide effects.
     test = stats.kstest(p_values, "uniform")
