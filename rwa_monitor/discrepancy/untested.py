@@ -2,7 +2,8 @@
 
 A strength is detectable where it gains as much as the search asks for: its column, less what levels, slope and the
 effects found hold of it, over the noise that a column of this shape meets. Part of an effect passes for colour of the
-noise until it is named: up to about twice the strength may be needed.
+noise until it is named, and up to about twice the strength may be needed; more where a jump or two could do the same,
+as at a single change of direction.
 """
 
 from __future__ import annotations

@@ -19,12 +19,12 @@ def search(speed: np.ndarray, bias_Nm: float = 0.0) -> Search:
 
 @pytest.mark.parametrize(("times", "shows"), [(0.5, False), (3.0, True)])  # between them it depends on the noise
 def test_the_strength_that_would_show_is_the_one_that_shows(times: float, shows: bool) -> None:
-    plain = search(swing(COUNT))
+    plain = search(swing(COUNT, period_s=60.0))
     (bias,) = [e for e in detectable_strengths(plain.problem, plain.extended, CANDIDATES) if e.name == "torque_bias"]
     assert not bias.too_weak
     names = {
         name
-        for effect in search(swing(COUNT), times * bias.strength).result.effects
+        for effect in search(swing(COUNT, period_s=60.0), times * bias.strength).result.effects
         for name in (effect.name, *effect.equivalent)
     }
     assert ("torque_bias" in names) is shows
