@@ -215,8 +215,8 @@ LOCK = env -u PIP_FIND_LINKS -u UV_FIND_LINKS $(UV_VENV)/bin/uv pip compile pypr
 .PHONY: lock
 lock: ## writes requirements.txt and requirements-dev.txt anew from pyproject.toml
 	@test -x $(UV_VENV)/bin/uv || { "$$(tools/find_python.sh)" -m venv $(UV_VENV) && $(UV_VENV)/bin/python -m pip install --quiet uv; }
-	$(LOCK) --extra build --extra dashboard --output-file requirements.txt
-	$(LOCK) --extra build --extra dashboard --extra fleet --extra foxglove --extra ccsds --extra dev \
+	$(LOCK) --extra build --extra dashboard --extra postgresql --output-file requirements.txt
+	$(LOCK) --extra build --extra dashboard --extra postgresql --extra fleet --extra foxglove --extra ccsds --extra dev \
 	  --constraint requirements.txt --output-file requirements-dev.txt
 	@! grep -nE 'https?://|file:|--(extra-)?index-url|--find-links|(^|[ "])/' requirements.txt requirements-dev.txt
 

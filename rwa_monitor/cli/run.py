@@ -42,6 +42,7 @@ def _shard(ctx: click.Context, param: click.Parameter, value: str) -> tuple[int,
     help="Keep at most so many gigabytes of recordings: the oldest files are deleted. Without it all are kept.",
 )
 @click.option("--shard", callback=_shard, default="1/1", show_default=True, metavar="I/N", help="Serve share I of N.")
+@click.option("--alive", type=FILE, metavar="FILE", help="Touched every second, for a container's health check.")
 @bus_options
 def command(
     wheels: str,
@@ -51,6 +52,7 @@ def command(
     record: Path | None,
     record_limit: float | None,
     shard: tuple[int, int],
+    alive: Path | None,
     bus: BusOptions,
 ) -> None:
     """Monitor wheels live: subscribe to their samples, diagnose, publish and record.
@@ -83,4 +85,4 @@ def command(
         shard=shard,
     )
     with stop_on_signals() as stop:
-        run(options, stop, say=say, supervisor=Supervisor(os.environ))
+        run(options, stop, say=say, supervisor=Supervisor(os.environ, alive))

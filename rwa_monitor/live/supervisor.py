@@ -3,6 +3,9 @@
 A supervisor that speaks it names a datagram socket in NOTIFY_SOCKET and the longest silence in WATCHDOG_USEC. The sign
 of life is sent by the thread that diagnoses, between two messages: it stops when that thread stalls, even if the rest
 of the process goes on, and the supervisor then restarts the service, which goes on from its recording.
+
+A container's supervisor listens to no socket but runs a command inside, the health check: for it the time of a file
+tells when the last sign of life was.
 """
 
 from __future__ import annotations
@@ -11,10 +14,14 @@ import os
 import socket
 from collections.abc import Mapping
 from contextlib import suppress
+from pathlib import Path
 from typing import Final
+
+from rwa_monitor.errors import InputError
 
 MICROSECONDS: Final = 1e6
 SIGNS_PER_SILENCE: Final = 3.0  # so that one that comes late is no alarm
+FILE_PERIOD_S: Final = 1.0  # between two signs in a file, where no socket asks for more
 
 
 class Supervisor:
@@ -24,6 +31,8 @@ class Supervisor:
     ----------
     environment
         Where NOTIFY_SOCKET, WATCHDOG_USEC and WATCHDOG_PID may stand; empty for no supervisor.
+    alive
+        A file that each sign of life touches, for a health check; None: none is.
 
     Attributes
     ----------
@@ -31,7 +40,7 @@ class Supervisor:
         Between two signs of life; None where nobody waits for them.
     """
 
-    def __init__(self, environment: Mapping[str, str]) -> None:
+    def __init__(self, environment: Mapping[str, str], alive: Path | None = None) -> None:
         self._address = environment.get("NOTIFY_SOCKET", "")
         if self._address.startswith("@"):  # an abstract socket of Linux
             self._address = "\0" + self._address[1:]
@@ -40,10 +49,18 @@ class Supervisor:
         self.period_s: float | None = None
         if self._address and ours and silence.isdecimal() and int(silence) > 0:
             self.period_s = int(silence) / MICROSECONDS / SIGNS_PER_SILENCE
+        elif alive is not None:
+            self.period_s = FILE_PERIOD_S
+        self._alive = alive
         self._due_s = float("-inf")
 
     def ready(self, status: str) -> None:
-        """Say that the service has begun, and what it does."""
+        """Say that the service has begun, and what it does; raises InputError if the file cannot be made."""
+        if self._alive is not None:
+            try:
+                self._alive.touch()
+            except OSError as error:
+                raise InputError(str(self._alive), f"cannot be touched: {error.strerror}") from error
         self._send(f"READY=1\nSTATUS={status}")
 
     def alive(self, now_s: float) -> None:
@@ -51,6 +68,9 @@ class Supervisor:
         if self.period_s is not None and now_s >= self._due_s:
             self._due_s = now_s + self.period_s
             self._send("WATCHDOG=1")
+            if self._alive is not None:
+                with suppress(OSError):  # a file that grows old is what the health check looks for
+                    self._alive.touch()
 
     def stopping(self) -> None:
         """Say that the service ends, on purpose."""

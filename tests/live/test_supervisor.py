@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import signal
 import socket
 import subprocess
@@ -14,6 +15,7 @@ from typing import Any
 import pytest
 import zenoh
 
+from rwa_monitor.errors import InputError
 from rwa_monitor.live.bus import BusOptions, open_session
 from rwa_monitor.live.recorder import FolderLock
 from rwa_monitor.live.run_options import RunOptions
@@ -149,6 +151,28 @@ def test_nobody_to_tell_is_no_error(tmp_path: Path) -> None:
         supervisor.stopping()
     assert Supervisor({"NOTIFY_SOCKET": "/x", "WATCHDOG_USEC": "9000000"}).period_s == 3.0
     assert Supervisor({"NOTIFY_SOCKET": "/x", "WATCHDOG_USEC": "9", "WATCHDOG_PID": "1"}).period_s is None
+
+
+def test_a_file_is_touched_by_each_sign_of_life_and_by_nothing_else(tmp_path: Path) -> None:
+    file = tmp_path / "alive"
+    supervisor = Supervisor({}, file)
+    assert not file.exists()  # a monitor that still starts is not alive yet
+    supervisor.ready("test")
+    for now_s, touched in ((0.0, True), (0.9, False), (1.0, True), (60.0, True)):
+        os.utime(file, (0.0, 0.0))
+        supervisor.alive(now_s)
+        assert (file.stat().st_mtime > 0.0) == touched
+    with pytest.raises(InputError, match="cannot be touched: No such file"):
+        Supervisor({}, tmp_path / "nowhere" / "alive").ready("test")
+
+
+def test_a_file_follows_the_pace_that_the_socket_asks_for(ear: Ear, tmp_path: Path) -> None:
+    file = tmp_path / "alive"
+    supervisor = Supervisor(ear.environment, file)
+    assert supervisor.period_s == pytest.approx(SILENCE_S / 3.0)
+    supervisor.alive(0.0)
+    assert file.exists()
+    assert ear.listen() == ["WATCHDOG=1"]
 
 
 # ---- exit codes ------------------------------------------------------------------------------------------------------
