@@ -1,0 +1,230 @@
+"""What Foxglove shows of a wheel: the messages of the bus as they are, and what its panels need beside them.
+
+Samples come in arrays, a plot wants one message for each: {key}/telemetry. Jumps lie before the message that tells of
+them: {key}/jump has them at their own time. The parts of friction are a map in the diagnosis: each is a topic here,
+{key}/part/{name}. What an operator should hear is a line of {key}/log, in Foxglove's own
+schema for its log panel. All times are the wheel's own clock.
+
+Recordings keep the published schemas. Foxglove's reader of JSON Schema knows objects, arrays and plain types, but no
+$ref, no anyOf and no maps (foxglove/studio, packages/mcap-support/src/parseJsonSchema.ts), and refuses a topic whose
+schema has them: here topics carry what of their schema it understands. The messages themselves are the same bytes.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from enum import IntEnum
+from typing import Any, Final
+
+from rwa_monitor.messages import (
+    KEY_PREFIX,
+    MESSAGES,
+    Changepoints,
+    Diagnosis,
+    Discrepancy,
+    Health,
+    HealthAlarm,
+    Message,
+    SamplesMessage,
+    Status,
+    dump_json,
+    split_key,
+)
+from rwa_monitor.samples import CHANNELS, NANOSECONDS_PER_SECOND
+
+TELEMETRY: Final = "telemetry"
+JUMP: Final = "jump"
+PART: Final = "part"
+PART_FIELDS: Final = ("probability", "severity", "estimate", "nominal_low", "nominal_high")
+LOG: Final = "log"
+KINDS: Final = {message.kind: message for message in MESSAGES}
+
+
+class LogLevel(IntEnum):
+    """Levels of foxglove.Log."""
+
+    DEBUG = 1
+    INFO = 2
+    WARNING = 3
+    ERROR = 4
+    FATAL = 5
+
+
+VERDICT_LEVELS: Final = {
+    "nominal": LogLevel.INFO,
+    "inconclusive": LogLevel.WARNING,
+    "anomalous": LogLevel.ERROR,
+}
+ALARM_LEVELS: Final = {
+    "normal": LogLevel.INFO,
+    "watch": LogLevel.WARNING,
+    "warning": LogLevel.WARNING,
+    "distress": LogLevel.ERROR,
+    "critical": LogLevel.FATAL,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class View:
+    """One message for Foxglove: topic, name of its schema, JSON, and time on the wheel's clock [ns]."""
+
+    topic: str
+    schema: str
+    payload: bytes
+    time_ns: int
+
+
+@dataclass(slots=True)
+class _Wheel:
+    """What was seen of a wheel so far."""
+
+    key: str  # without the kind
+    name: str
+    clock_ns: int = 0  # of its latest sample
+    last_error: str | None = None
+    alarms: dict[str, HealthAlarm] = field(default_factory=dict)
+
+
+class Translator:
+    """Turns messages of the bus, in their order, into what Foxglove shows."""
+
+    def __init__(self) -> None:
+        self._wheels: dict[tuple[str, str], _Wheel] = {}
+
+    def translate(self, key: str, payload: bytes) -> list[View]:
+        """Return what Foxglove shows of one message, nothing of a kind that it does not know.
+
+        Raises
+        ------
+        InputError
+            If the key or the message is none of ours.
+        """
+        spacecraft, name, kind = split_key(key)
+        if kind not in KINDS:
+            return []
+        message = KINDS[kind].parse(payload, key)
+        key = f"{KEY_PREFIX}/{spacecraft}/{name}"
+        wheel = self._wheels.setdefault((spacecraft, name), _Wheel(key, f"{spacecraft}/{name}"))
+        if isinstance(message, SamplesMessage):
+            wheel.clock_ns = message.time_ns[-1]
+        own = View(f"{key}/{kind}", message.schema_name(), payload, _time_ns(message, wheel))
+        return [own, *_beside(message, wheel)]
+
+
+def _time_ns(message: Message, wheel: _Wheel) -> int:
+    if isinstance(message, Diagnosis | Health):
+        return message.window_end_ns
+    return message.end_ns if isinstance(message, Discrepancy) else wheel.clock_ns
+
+
+def _beside(message: Message, wheel: _Wheel) -> Iterator[View]:
+    """Give what goes out beside a message."""
+    if isinstance(message, SamplesMessage):
+        yield from _telemetry(message, wheel)
+    elif isinstance(message, Changepoints):
+        for jump in message.changepoints:
+            content = _stamp(jump.time_ns) | {"jump_Nm": jump.jump_Nm, "confidence": jump.confidence}
+            yield View(f"{wheel.key}/{JUMP}", "rwa.Jump", dump_json(content), jump.time_ns)
+            size = f"{jump.jump_Nm * 1e3:+.3f} mN m (standard deviation {jump.std_Nm * 1e3:.3f} mN m)"
+            yield _log(wheel, LogLevel.DEBUG, f"Friction jumped by {size}.", jump.time_ns)
+    elif isinstance(message, Diagnosis):
+        for name, anomaly in message.anomalies.items():
+            values = {one: value for one in PART_FIELDS if (value := getattr(anomaly, one)) is not None}
+            content = _stamp(message.window_end_ns) | {"active": anomaly.active} | values
+            yield View(f"{wheel.key}/{PART}/{name}", "rwa.Part", dump_json(content), message.window_end_ns)
+        yield _log(wheel, VERDICT_LEVELS[message.verdict], message.reason, message.window_end_ns)
+    elif isinstance(message, Discrepancy):
+        level = LogLevel.WARNING if message.verdict == "inadequate" else LogLevel.INFO
+        found = ", ".join(effect.name for effect in message.effects) or "no effect named"
+        yield _log(wheel, level, f"The wheel's model is {message.verdict}: {found}.", message.end_ns)
+    elif isinstance(message, Status):
+        if message.last_error and message.last_error != wheel.last_error:
+            yield _log(wheel, LogLevel.WARNING, message.last_error, wheel.clock_ns)
+        wheel.last_error = message.last_error
+    elif isinstance(message, Health) and message.alarm_states is not None:
+        yield from _alarms(message.alarm_states, wheel, message.window_end_ns)
+
+
+def _telemetry(message: SamplesMessage, wheel: _Wheel) -> Iterator[View]:
+    """Give one message for each sample, with what was measured."""
+    measured = {name: values for name in CHANNELS if (values := getattr(message, name)) is not None}
+    for i, time_ns in enumerate(message.time_ns):
+        values = {name: value for name in measured if _is_finite(value := measured[name][i])}
+        yield View(f"{wheel.key}/{TELEMETRY}", "rwa.Telemetry", dump_json(_stamp(time_ns) | values), time_ns)
+
+
+def _is_finite(value: float | None) -> bool:
+    return value is not None and math.isfinite(value)
+
+
+def _alarms(states: dict[str, HealthAlarm], wheel: _Wheel, time_ns: int) -> Iterator[View]:
+    """Give a line for each alarm that is not as it was."""
+    for name, alarm in states.items():
+        if alarm != wheel.alarms.get(name):
+            by = f" by {alarm.acknowledged_by}" if alarm.acknowledged_by else ""
+            yield _log(wheel, ALARM_LEVELS[alarm.level], f"Alarm {name}: {alarm.level}, {alarm.phase}{by}.", time_ns)
+    for name in wheel.alarms.keys() - states.keys():
+        yield _log(wheel, LogLevel.INFO, f"Alarm {name}: closed.", time_ns)
+    wheel.alarms = dict(states)
+
+
+def _stamp(time_ns: int) -> dict[str, Any]:
+    seconds, nanoseconds = divmod(time_ns, NANOSECONDS_PER_SECOND)
+    return {"timestamp": {"sec": seconds, "nsec": nanoseconds}}
+
+
+def _log(wheel: _Wheel, level: LogLevel, text: str, time_ns: int) -> View:
+    content = _stamp(time_ns) | {"level": int(level), "message": text, "name": wheel.name, "file": "", "line": 0}
+    return View(f"{wheel.key}/{LOG}", "foxglove.Log", dump_json(content), time_ns)
+
+
+# ---- schemas ---------------------------------------------------------------------------------------------------------
+
+PLAIN_TYPES: Final = {"boolean": "boolean", "string": "string", "number": "number", "integer": "number"}
+TIMESTAMP: Final = {
+    "type": "object",
+    "title": "time",
+    "properties": {"sec": {"type": "integer"}, "nsec": {"type": "integer"}},
+}
+
+
+def schemas() -> dict[str, dict[str, Any]]:
+    """Return the JSON Schema of every topic by its name, as far as Foxglove reads it."""
+    numbers = {name: {"type": "number"} for name in CHANNELS}
+    jump = {"jump_Nm": {"type": "number"}, "confidence": {"type": "number"}}
+    part = {"active": {"type": "boolean"}} | {name: {"type": "number"} for name in PART_FIELDS}
+    # https://docs.foxglove.dev/docs/sdk/schemas/log
+    levels = [{"title": "UNKNOWN", "const": 0}, *({"title": level.name, "const": int(level)} for level in LogLevel)]
+    text: dict[str, Any] = {"type": "string"}
+    log = {"level": {"oneOf": levels}, "message": text, "name": text, "file": text, "line": {"type": "integer"}}
+    own = {"rwa.Telemetry": numbers, "rwa.Jump": jump, "rwa.Part": part, "foxglove.Log": log}
+    found = {
+        name: {"title": name, "type": "object", "properties": {"timestamp": TIMESTAMP} | fields}
+        for name, fields in own.items()
+    }
+    for message in MESSAGES:
+        schema = message.json_schema()
+        readable = _readable(schema, schema.get("$defs", {}))
+        assert readable is not None  # every message is an object with fields
+        found[message.schema_name()] = {"title": message.schema_name()} | readable
+    return found
+
+
+def _readable(schema: dict[str, Any], definitions: dict[str, Any]) -> dict[str, Any] | None:
+    """Return what Foxglove understands of a schema: references resolved, null and maps left out; None of nothing."""
+    if "$ref" in schema:
+        return _readable(definitions[schema["$ref"].rsplit("/", 1)[-1]], definitions)
+    if "anyOf" in schema:
+        choices = [choice for choice in schema["anyOf"] if choice.get("type") != "null"]
+        return _readable(choices[0], definitions) if len(choices) == 1 else None
+    kind = schema.get("type")
+    if kind == "object":
+        fields = {name: _readable(value, definitions) for name, value in schema.get("properties", {}).items()}
+        known = {name: value for name, value in fields.items() if value is not None}
+        return {"type": "object", "properties": known} if known else None
+    if kind == "array":
+        items = _readable(schema.get("items", {}), definitions)
+        return None if items is None or items["type"] == "array" else {"type": "array", "items": items}
+    return {"type": PLAIN_TYPES[kind]} if kind in PLAIN_TYPES else None
