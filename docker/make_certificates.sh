@@ -6,7 +6,8 @@
 #
 #   FOLDER          made anew; nothing in it is ever overwritten
 #   NAME            the common name, by which access_control in router.json5 knows who is who;
-#                   monitor dashboard simulated.wheel_1 unless told. "router" is always made.
+#                   unless told those of compose.yaml: monitor_1 monitor_2 dashboard simulated.wheel_1
+#                   simulated.wheel_2. "router" is always made.
 #   --days N        how long the certificates are valid; 30 unless told. The authority lives as long.
 #   --host NAME     a further name or IPv4 address under which the router is reached
 #   --owner UID:GID who may read the private keys (needs root); 10001:10001 is the user of the image
@@ -35,7 +36,7 @@ done
 folder="$1"
 shift
 names=("$@")
-((${#names[@]})) || names=(monitor dashboard simulated.wheel_1)
+((${#names[@]})) || names=(monitor_1 monitor_2 dashboard simulated.wheel_1 simulated.wheel_2)
 
 command -v openssl >/dev/null || wrong "openssl is missing"
 [[ "$days" =~ ^[1-9][0-9]{0,4}$ ]] || wrong "--days $days is no number of days"

@@ -17,7 +17,7 @@ from tests.live.support import free_port
 DOCKER: Final = Path(__file__).parents[2] / "docker"
 TLS_FOLDER: Final = "/etc/rwa-monitor/tls"  # where the shipped files look for certificates
 PLACEHOLDER: Final = "0.0.0.0:7447"  # where the shipped router listens
-NAMES: Final = ("monitor", "dashboard", "simulated.wheel_1", "somebody")
+NAMES: Final = ("monitor", "monitor_2", "dashboard", "simulated.wheel_1", "simulated.wheel_2", "somebody")
 
 # What stands in for the router's image: the same library in router mode.
 ROUTER_PY: Final = """

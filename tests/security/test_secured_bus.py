@@ -29,7 +29,7 @@ from rwa_monitor.live.recording import read_recording, recordings_of
 from rwa_monitor.messages import SamplesMessage
 from tests.live.processes import wait_for
 from tests.live.support import WINDOW, batch_diagnoses, telemetry, wheel
-from tests.security.rig import DOCKER, certificates, issued, leaf, make_certificates, router
+from tests.security.rig import DOCKER, NAMES, certificates, issued, leaf, make_certificates, router
 
 pytestmark = pytest.mark.processes
 
@@ -92,7 +92,13 @@ def arrived_after(bus: Bus, name: str, key: str) -> set[tuple[str, bytes]]:
 
 @pytest.mark.parametrize(
     ("name", "key"),
-    [("simulated.wheel_1", SAMPLES), ("monitor", DIAGNOSIS), ("monitor", "rwa/simulated/wheel_1/status")],
+    [
+        ("simulated.wheel_1", SAMPLES),
+        ("simulated.wheel_2", "rwa/simulated/wheel_2/samples"),
+        ("monitor", DIAGNOSIS),
+        ("monitor_2", DIAGNOSIS),
+        ("monitor", "rwa/simulated/wheel_1/status"),
+    ],
 )
 def test_the_right_client_on_the_right_key_gets_through(
     name: str, key: str, issued_by_us: Path, tmp_path: Path
@@ -105,6 +111,7 @@ def test_the_right_client_on_the_right_key_gets_through(
     ("name", "key"),
     [
         ("simulated.wheel_1", "rwa/simulated/wheel_2/samples"),
+        ("simulated.wheel_2", SAMPLES),
         ("simulated.wheel_1", DIAGNOSIS),
         ("simulated.wheel_1", "rwa/simulated/wheel_1/health"),
         ("simulated.wheel_1", "rwa/*/*/samples"),
@@ -264,18 +271,23 @@ def test_run_simulate_and_a_dashboard_work_over_the_secured_bus(issued_by_us: Pa
 
 def test_each_container_has_its_own_certificate_and_no_other() -> None:
     services = yaml.safe_load((DOCKER / "compose.yaml").read_text(encoding="utf-8"))["services"]
+    on_bus = {name: service for name, service in services.items() if name != "database"}
     mounted = {
         name: [volume for volume in service["volumes"] if "certificates" in volume or ":/etc/rwa-monitor/tls" in volume]
         for name, service in services.items()
     }
     assert mounted == {
         "router": ["./certificates/router:/etc/rwa-monitor/tls:ro"],
-        "simulator": ["./certificates/simulated.wheel_1:/etc/rwa-monitor/tls:ro"],
-        "monitor": ["./certificates/monitor:/etc/rwa-monitor/tls:ro"],
+        "wheel_1": ["./certificates/simulated.wheel_1:/etc/rwa-monitor/tls:ro"],
+        "wheel_2": ["./certificates/simulated.wheel_2:/etc/rwa-monitor/tls:ro"],
+        "monitor_1": ["./certificates/monitor_1:/etc/rwa-monitor/tls:ro"],
+        "monitor_2": ["./certificates/monitor_2:/etc/rwa-monitor/tls:ro"],
+        "dashboard": ["./certificates/dashboard:/etc/rwa-monitor/tls:ro"],
+        "database": [],
     }
-    for name in ("simulator", "monitor"):
-        assert services[name]["command"][-1 if name == "simulator" else 2] == "/etc/rwa-monitor/client.json5"
-        assert not {"-e", "--connect", "-l", "--listen", "-m", "--mode"} & set(services[name]["command"])
+    for words in (service["command"] for name, service in on_bus.items() if name != "router"):
+        assert words[words.index("--config") + 1] == "/etc/rwa-monitor/client.json5"
+        assert not {"-e", "--connect", "-l", "--listen", "-m", "--mode"} & set(words)
 
 
 # ---- the script ------------------------------------------------------------------------------------------------------
@@ -283,7 +295,7 @@ def test_each_container_has_its_own_certificate_and_no_other() -> None:
 
 def test_private_keys_are_for_their_owner_only_and_nothing_is_overwritten(issued_by_us: Path) -> None:
     keys = sorted(issued_by_us.rglob("*.key"))
-    assert len(keys) == 6
+    assert len(keys) == len(NAMES) + 2  # the router and the authority
     assert {stat.S_IMODE(key.stat().st_mode) for key in keys} == {0o600}
     assert stat.S_IMODE((issued_by_us / "authority").stat().st_mode) == 0o700
     before = {path: path.read_bytes() for path in issued_by_us.rglob("*") if path.is_file()}

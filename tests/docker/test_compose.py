@@ -1,0 +1,202 @@
+"""The containers as compose.yaml has them: each may do little, none shares who it is, and the parts fit each other.
+
+Only the files are read here; docker/try_without_daemon.sh builds the image and runs all of it.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+import stat
+import subprocess
+from pathlib import Path
+from typing import Any, Final
+
+import pytest
+import yaml
+import zenoh
+from click.testing import CliRunner
+
+from rwa_monitor.cli.main import main
+
+DOCKER: Final = Path(__file__).parents[2] / "docker"
+TEXT: Final = (DOCKER / "compose.yaml").read_text(encoding="utf-8")
+COMPOSE: Final[dict[str, Any]] = yaml.safe_load(TEXT)
+SERVICES: Final[dict[str, dict[str, Any]]] = COMPOSE["services"]
+OURS: Final = [name for name, service in SERVICES.items() if service["image"] == "rwa-monitor"]
+each_service: Final = pytest.mark.parametrize("name", SERVICES)
+
+
+def of_command(command: str) -> list[str]:
+    return [name for name in OURS if SERVICES[name]["command"][0] == command]
+
+
+def option(name: str, wanted: str) -> str | None:
+    words = SERVICES[name]["command"]
+    return words[words.index(wanted) + 1] if wanted in words else None
+
+
+def volumes(name: str) -> dict[str, str]:
+    """Return where what is mounted: the source by the target."""
+    return {volume.split(":")[1]: volume.split(":")[0] for volume in SERVICES[name]["volumes"]}
+
+
+# ---- each container may do little ------------------------------------------------------------------------------------
+
+
+@each_service
+def test_it_cannot_write_in_its_root_has_no_capability_and_gains_none(name: str) -> None:
+    service = SERVICES[name]
+    assert service["read_only"] is True
+    assert service["cap_drop"] == ["ALL"]
+    assert "cap_add" not in service
+    assert "privileged" not in service
+    assert service["security_opt"] == ["no-new-privileges:true"]
+    assert all({"noexec", "nosuid", "nodev"} < set(tmpfs.split(":")[1].split(",")) for tmpfs in service["tmpfs"])
+
+
+@each_service
+def test_it_is_not_root_and_the_user_is_a_number(name: str) -> None:
+    assert re.fullmatch(r"[1-9][0-9]*:[1-9][0-9]*", SERVICES[name]["user"])
+
+
+def test_our_user_is_that_of_the_image() -> None:
+    (user,) = re.findall(r"^USER (\S+)$", (DOCKER / "Dockerfile").read_text(encoding="utf-8"), re.MULTILINE)
+    assert {SERVICES[name]["user"] for name in OURS} == {user}
+
+
+@each_service
+def test_its_memory_and_processes_are_limited(name: str) -> None:
+    assert re.fullmatch(r"[1-9][0-9]*[mg]", SERVICES[name]["mem_limit"])
+    assert SERVICES[name]["pids_limit"] > 0
+
+
+@each_service
+def test_its_health_is_checked(name: str) -> None:
+    check = SERVICES[name]["healthcheck"]
+    assert check["test"][0] in ("CMD", "CMD-SHELL")
+    assert {"interval", "timeout", "retries", "start_period"} < set(check)
+
+
+@each_service
+def test_what_it_opens_it_opens_on_this_machine_only(name: str) -> None:
+    assert all(port.startswith("127.0.0.1:") for port in SERVICES[name].get("ports", []))
+    # The page is bound to loopback by the program itself; nothing else sees the machine's own network.
+    assert SERVICES[name].get("network_mode") == ("host" if name == "dashboard" else None)
+
+
+@each_service
+def test_its_configuration_cannot_be_changed_by_it(name: str) -> None:
+    assert all(volume.endswith(":ro") for volume in SERVICES[name]["volumes"] if volume.startswith("."))
+
+
+@each_service
+def test_its_image_has_a_tag_and_takes_a_digest(name: str) -> None:
+    if name in OURS:
+        assert SERVICES[name]["build"]["args"]["BASE"].endswith("}${PYTHON_DIGEST:-}")
+    else:
+        assert re.fullmatch(r"[a-z/]+:\$\{[A-Z]+_TAG:-[0-9][a-z0-9.-]*\}\$\{[A-Z]+_DIGEST:-\}", SERVICES[name]["image"])
+
+
+# ---- the parts fit each other ----------------------------------------------------------------------------------------
+
+
+def test_all_that_was_asked_for_is_there() -> None:
+    assert len(of_command("simulate")) == 2
+    assert len(of_command("run")) == 2
+    assert len(of_command("dashboard")) == 1
+    assert {"router", "database"} == set(SERVICES) - set(OURS)
+
+
+@pytest.mark.parametrize("name", OURS)
+def test_its_command_is_understood(name: str) -> None:
+    """An option that the program does not have is refused before --help is answered."""
+    words = SERVICES[name]["command"]
+    answer = CliRunner().invoke(main, [*words, "--help"])
+    assert answer.exit_code == 0, answer.output
+    assert CliRunner().invoke(main, [*words, "--no-such-option", "--help"]).exit_code == 2  # the control
+
+
+def test_the_shards_are_complete_and_keep_their_recordings_apart() -> None:
+    shards = sorted(str(option(name, "--shard")) for name in of_command("run"))
+    assert shards == [f"{number}/{len(shards)}" for number in range(1, len(shards) + 1)]
+    folders = [volumes(name)["/recordings"] for name in of_command("run")]
+    assert len(set(folders)) == len(folders)
+    assert set(folders) < set(COMPOSE["volumes"])
+
+
+def test_a_monitor_is_healthy_by_the_file_that_it_touches() -> None:
+    for name in of_command("run"):
+        assert f"find {option(name, '--alive')} " in SERVICES[name]["healthcheck"]["test"][1]
+
+
+def test_each_certificate_is_one_that_the_script_makes_and_the_router_knows(tmp_path: Path) -> None:
+    made = subprocess.run(
+        [DOCKER / "make_certificates.sh", tmp_path / "made"], capture_output=True, text=True, check=False
+    )
+    assert made.returncode == 0, made.stderr
+    mounted = {name: volumes(name).get("/etc/rwa-monitor/tls") for name in SERVICES if name != "database"}
+    assert len(set(mounted.values())) == len(mounted)
+    names = {str(source).removeprefix("./certificates/") for source in mounted.values()}
+    assert names == {folder.name for folder in (tmp_path / "made").iterdir()} - {"authority"}
+    access = json.loads(zenoh.Config.from_file(DOCKER / "router.json5").get_json("access_control"))
+    known = {common for subject in access["subjects"] for common in subject["cert_common_names"]}
+    assert names - {"router"} <= known
+    # A wheel publishes under the name in its certificate.
+    for name in of_command("simulate"):
+        key = option(name, "--key") or "rwa/simulated/wheel_1/samples"
+        assert mounted[name] == "./certificates/" + ".".join(key.split("/")[1:3])
+
+
+# ---- the password ----------------------------------------------------------------------------------------------------
+
+
+def make_password(folder: Path) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([DOCKER / "make_password.sh", folder], capture_output=True, text=True, check=False)
+
+
+def test_the_password_stands_in_the_secret_files_only(tmp_path: Path) -> None:
+    done = make_password(tmp_path / "secrets")
+    assert done.returncode == 0, done.stderr
+    files = {path.name: path for path in (tmp_path / "secrets").iterdir()}
+    assert set(files) == set(COMPOSE["secrets"])
+    assert {secret["file"] for secret in COMPOSE["secrets"].values()} == {f"./secrets/{name}" for name in files}
+    assert {stat.S_IMODE(path.stat().st_mode) for path in files.values()} == {0o600}
+    password = files["database_password"].read_text(encoding="utf-8")
+    assert re.fullmatch(r"[0-9a-f]{64}", password)
+    assert files["database_pgpass"].read_text(encoding="utf-8") == f"*:*:rwa:rwa:{password}\n"
+    assert password not in done.stdout + done.stderr
+    # Nobody has both files, and neither a command nor the environment holds a password.
+    assert SERVICES["dashboard"]["secrets"] == ["database_pgpass"]
+    assert SERVICES["database"]["secrets"] == ["database_password"]
+    assert "://rwa@" in str(option("dashboard", "--history"))
+    assert {key for service in SERVICES.values() for key in service.get("environment", {}) if "PASSWORD" in key} == {
+        "POSTGRES_PASSWORD_FILE"
+    }
+
+
+def test_no_password_is_overwritten_or_the_same_twice(tmp_path: Path) -> None:
+    assert make_password(tmp_path / "one").returncode == make_password(tmp_path / "two").returncode == 0
+    before = (tmp_path / "one" / "database_password").read_bytes()
+    assert before != (tmp_path / "two" / "database_password").read_bytes()
+    again = make_password(tmp_path / "one")
+    assert again.returncode == 2
+    assert "exists already" in again.stderr
+    assert (tmp_path / "one" / "database_password").read_bytes() == before
+
+
+# ---- other tools -----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("tool", ["podman-compose", "docker-compose", "hadolint"])
+def test_a_tool_that_is_there_finds_nothing_wrong(tool: str) -> None:
+    found = shutil.which(tool)
+    if found is None:
+        pytest.skip(f"{tool} is not installed: it was not asked")
+    arguments = ["Dockerfile"] if tool == "hadolint" else ["-f", "compose.yaml", "config"]
+    done = subprocess.run(
+        [found, *arguments], cwd=DOCKER, capture_output=True, text=True, check=False, env={"PATH": os.environ["PATH"]}
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
