@@ -60,6 +60,7 @@ class SequencerState(_Part):
     challenge_doubtful: bool = False
     largest: Slot = 0
     replaced: list[str] = Field(default_factory=list)
+    latest_ns: int | None = None
 
 
 class GridState(_Part):

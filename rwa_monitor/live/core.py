@@ -388,6 +388,7 @@ class WheelCore:
                 challenge_doubtful=sequencer.challenge_doubtful,
                 largest=sequencer.largest,
                 replaced=list(sequencer.replaced),
+                latest_ns=sequencer.latest_ns,
             ),
             waiting=None if self._waiting is None else WaitingSample.of(self._waiting),
             epoch_origin_ns=self._grid.origin_ns,
@@ -443,6 +444,7 @@ class WheelCore:
         sequencer.challenge = [held.batch() for held in state.challenge]
         sequencer.challenge_doubtful = state.challenge_doubtful
         sequencer.largest, sequencer.replaced = state.largest, list(state.replaced)
+        sequencer.latest_ns = state.latest_ns
         guard.grid = None if grid.origin_ns is None else SlotGrid(grid.origin_ns, self.wheel.period_ns)
         guard.frontier, guard.last_ns = grid.frontier, grid.last_ns
         self._grid = SlotGrid(checkpoint.epoch_origin_ns, self.wheel.period_ns)

@@ -8,6 +8,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from typing import Final
 
+import numpy as np
+
 from rwa_monitor.samples import Samples
 
 # A message that overtook others waits for them while at most this many wait. Zenoh keeps the order of one publisher, so
@@ -125,6 +127,7 @@ class Sequencer:
     challenge_doubtful: bool = False
     largest: int = 0  # samples of the current publisher's largest message
     replaced: list[str] = field(default_factory=list)
+    latest_ns: int | None = None  # median time of the current publisher's latest message, before any step of its clock
 
     def put(self, batch: Batch, frontier_ns: int | None) -> tuple[list[Batch], list[SequenceEvent]]:
         """Take a message; return the messages that are ready now, in order, and what happened.
@@ -145,6 +148,7 @@ class Sequencer:
         self.largest = max(self.largest, len(batch.samples))
         events = self._end_challenge()
         ready, more = self._in_order(batch, frontier_ns)
+        self._remember_time(batch)
         return ready, [*events, *more]
 
     def flush(self, frontier_ns: int | None) -> tuple[list[Batch], list[SequenceEvent]]:
@@ -206,14 +210,21 @@ class Sequencer:
         if self.current is not None:
             self.replaced = [*self.replaced, self.current][-MAX_REPLACED:]
         events: list[SequenceEvent] = [PublisherChanged(before=self.current or "", after=batches[0].publisher)]
+        self.latest_ns = None
         self._begin(min(batches, key=lambda batch: -1 if batch.number is None else batch.number))
         ready: list[Batch] = []
         for batch in batches:
             self.largest = max(self.largest, len(batch.samples))
             more, more_events = self._in_order(batch, frontier_ns)
+            self._remember_time(batch)
             ready += more
             events += more_events
         return ready, events
+
+    def _remember_time(self, batch: Batch) -> None:
+        if len(batch.samples):
+            middle_ns = int(np.median(batch.samples.time_ns))  # a single wild time does not matter
+            self.latest_ns = middle_ns if self.latest_ns is None else max(self.latest_ns, middle_ns)
 
     def _in_order(self, batch: Batch, frontier_ns: int | None) -> tuple[list[Batch], list[SequenceEvent]]:
         if batch.number is None or self.expected is None:
@@ -234,8 +245,10 @@ class Sequencer:
             del self.skipped[number]
             return [replace(batch, passed=True)], []
         times = batch.samples.time_ns
-        if number < HOLD_BACK_MESSAGES and frontier_ns is not None and times.size and int(times.min()) > frontier_ns:
-            # The numbers begin anew and the time goes on: a publisher that restarted under a fixed name.
+        known_ns = [time_ns for time_ns in (frontier_ns, self.latest_ns) if time_ns is not None]
+        if number < HOLD_BACK_MESSAGES and known_ns and times.size and int(times.min()) > max(known_ns):
+            # The numbers begin anew and the time goes on: a publisher that restarted under a fixed name. What comes
+            # again out of a history is earlier than something before it, also when the clock has stepped back since.
             ready, events = self._release(len(self.held))
             self._begin(batch)
             self.expected = number + 1

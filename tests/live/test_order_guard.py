@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 
 import hypothesis.strategies as st
 import numpy as np
@@ -242,6 +242,18 @@ def test_a_publisher_that_counts_anew_under_its_old_name_is_served() -> None:
     for number, part in enumerate(parts):
         core.feed(part, "same", number % 3)
     assert core.counts.used == 300
+
+
+def test_a_history_that_comes_again_after_the_clock_stepped_back_is_no_new_count() -> None:
+    before, after = batches(6), [replace(part, time_ns=part.time_ns - 40 * WINDOW * PERIOD_NS) for part in batches(8)]
+    core = new_core()
+    for number, part in enumerate([*before, *after]):
+        core.feed(part, "same", number)
+    counts = (core.counts.used, core.counts.duplicate)
+    for number, part in enumerate([*before, *after]):
+        core.feed(part, "same", number)
+    assert (core.counts.used, core.counts.duplicate) == (counts[0], counts[1] + 14 * 50)
+    assert counts == (14 * 50, 0)
 
 
 def test_a_publisher_that_counts_anew_leaves_no_message_behind() -> None:
