@@ -23,6 +23,7 @@ RECIPES: Final = ("paper", "mild", "hard", "derived")
 WINDOWS: Final = 1250  # of which the protocol's 80 %, a thousand, are judged in each split
 SPLITS: Final = 5  # with a thousand windows judged in each, more add little
 SEED: Final = 61_803
+STORY_SEED: Final = 27_182  # of the stories of `carried`
 TIMED_WINDOWS: Final = 20
 # What is compared: the features and the classifier on them.
 COMPARED: Final[dict[str, tuple[str, Method]]] = {
@@ -134,7 +135,7 @@ def run(
         methods: tuple[Method, ...] = ("joint", "paper") if recipe in PAPERS_RECIPES else ("joint",)
         found = list(progress(outcomes(recipe, windows, seed, workers, methods), windows, f"recipe {recipe}"))
         results.append(summarise(recipe, found, seed, splits, workers))
-    told = {story: judge_story(story, wheels, seed, workers) for story, wheels in (stories or {}).items()}
+    told = {story: judge_story(story, wheels, STORY_SEED, workers) for story, wheels in (stories or {}).items()}
     laws = compare_laws(laws_wheels, seed, workers) if laws_wheels else None
     timed = list(islice(generate(recipes[0], TIMED_WINDOWS, seed), TIMED_WINDOWS))
     model = built_in_model()
