@@ -41,9 +41,8 @@ HISTORY: Final = (
     "a run on seed 4711 in which viscous was detected in 97.8 % of the windows and fss_1 of `mild` in 98.45 %; the "
     "seed of this page was changed then, and again for this version. Oracle B was told the configurations, too, until "
     "its definition (true changepoints and systems) was read again: it now estimates them. Bands among strays and the "
-    "weighing of several stories were developed on seed 101, carried states and identified laws on seed 777. With the state "
-    "of earlier windows, seed "
-    "61803 first showed 1.85 % false positives of viscous friction in the fleet and one dry anomaly in seven lost that "
+    "weighing of several stories were developed on seed 101, carried states and identified laws on seed 777. With the "
+    "state of earlier windows, seed 61803 first showed 1.85 % false positives of viscous friction in the fleet and one dry anomaly in seven lost that "
     "began suddenly: evidence of the same value was counted in every window. That was mended, and that section was run "
     "anew on a seed of its own."
 )
@@ -285,8 +284,8 @@ def _carried_section(benchmark: Benchmark) -> list[str]:
         return []
     head = (
         f"## What earlier windows are worth\n\nSeed {STORY_SEED}, judged by the built-in model. Windows of one wheel "
-        "share its base friction, so the intervals are somewhat too narrow. An anomaly that grows counts from half of its final size "
-        "on; false positives are counted where it has not begun."
+        "share its base friction, so the intervals are somewhat too narrow. An anomaly that grows counts from half of "
+        "its final size on; false positives are counted where it has not begun."
     )
     return [head, *parts]
 
