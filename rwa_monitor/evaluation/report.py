@@ -42,9 +42,9 @@ HISTORY: Final = (
     "seed of this page was changed then, and again for this version. Oracle B was told the configurations, too, until "
     "its definition (true changepoints and systems) was read again: it now estimates them. Bands among strays and the "
     "weighing of several stories were developed on seed 101, carried states and identified laws on seed 777. With the "
-    "state of earlier windows, seed 61803 first showed 1.85 % false positives of viscous friction in the fleet and one dry anomaly in seven lost that "
-    "began suddenly: evidence of the same value was counted in every window. That was mended, and that section was run "
-    "anew on a seed of its own."
+    "state of earlier windows, seed 61803 first showed 1.85 % false positives of viscous friction in the fleet and one "
+    "dry anomaly in seven lost that began suddenly: evidence of the same value was counted in every window. That was "
+    "mended, and that section was run anew on a seed of its own."
 )
 _SEVERITIES: Final = {
     "paper": PAPER_SEVERITIES,
