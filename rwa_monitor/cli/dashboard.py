@@ -34,6 +34,12 @@ if TYPE_CHECKING:
     help="postgresql://USER:PASSWORD@HOST/NAME.  [default: a SQLite file in DIR]",
 )
 @click.option("--webhook", metavar="URL", help="Each change of an alarm is posted there, as JSON.")
+@click.option(
+    "--foxglove",
+    type=click.IntRange(0, 65535),
+    metavar="PORT",
+    help="Serve Foxglove live on this port, on loopback (needs rwa-monitor[foxglove]).",
+)
 @click.option("--token", envvar="RWA_MONITOR_TOKEN", metavar="T", help="Needed for changes.  [default: a random one]")
 @click.option(
     "--wheel",
@@ -48,6 +54,7 @@ def command(
     record: Path,
     history: str | None,
     webhook: str | None,
+    foxglove: int | None,
     token: str | None,
     wheel: Path | None,
     no_browser: bool,
@@ -77,6 +84,7 @@ def command(
         connect=endpoints(bus),
         history=history,
         webhook=webhook,
+        foxglove=foxglove,
     )
     if record.is_dir() and any(record.glob("*.mcap")):
         with History(options.history_place) as kept:

@@ -10,7 +10,7 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from threading import Thread
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import uvicorn
 import zenoh
@@ -25,6 +25,9 @@ from rwa_monitor.dashboard.webhook import Webhook
 from rwa_monitor.errors import RwaMonitorError
 from rwa_monitor.history.store import History
 from rwa_monitor.physics.wheel import Wheel
+
+if TYPE_CHECKING:
+    from rwa_monitor.dashboard.foxglove_server import FoxgloveServer
 
 HOST: Final = "127.0.0.1"
 DEFAULT_PORT: Final = 8750
@@ -54,6 +57,8 @@ class DashboardOptions:
         URL of a PostgreSQL database for the history; None: a file in the folder, in memory without one.
     webhook
         URL that each change of an alarm is posted to; None: none is.
+    foxglove
+        Port on loopback that Foxglove connects to, 0 for any that is free; None: none.
     token
         For changes; None makes a random one.
     """
@@ -66,6 +71,7 @@ class DashboardOptions:
     connect: tuple[str, ...] = ()
     history: str | None = None
     webhook: str | None = None
+    foxglove: int | None = None
 
     @property
     def history_place(self) -> Path | str | None:
@@ -89,7 +95,7 @@ def serve(options: DashboardOptions, session: zenoh.Session, say: Callable[[str]
     Raises
     ------
     RwaMonitorError
-        If the port is taken.
+        If a port is taken, or foxglove-sdk is asked for and missing.
     InputError
         If the history cannot be opened.
     """
@@ -121,8 +127,19 @@ def serve(options: DashboardOptions, session: zenoh.Session, say: Callable[[str]
         stack.enter_context(
             Listener(session, options.listen_to, fleet, history, hub, herald, webhook, say, options.connect)
         )
+        if options.foxglove is not None:
+            say(f"Foxglove connects to {stack.enter_context(_foxglove(session, options)).address}")
         address = f"http://{HOST}:{listening.getsockname()[1]}/"
         yield Running(address, f"{address}#token={token}", token)
+
+
+def _foxglove(session: zenoh.Session, options: DashboardOptions) -> FoxgloveServer:
+    try:
+        from rwa_monitor.dashboard.foxglove_server import FoxgloveServer  # noqa: PLC0415 - an extra of its own
+    except ImportError as error:
+        raise RwaMonitorError(f"{error.name} is missing: pip install 'rwa-monitor[foxglove]'") from error
+    assert options.foxglove is not None  # else nobody asks
+    return FoxgloveServer(session, options.listen_to, options.foxglove)
 
 
 def _socket(port: int | None) -> socket.socket:

@@ -39,6 +39,7 @@ JUMP: Final = "jump"
 PART: Final = "part"
 PART_FIELDS: Final = ("probability", "severity", "estimate", "nominal_low", "nominal_high")
 LOG: Final = "log"
+LOG_SCHEMA: Final = "foxglove.Log"
 KINDS: Final = {message.kind: message for message in MESSAGES}
 
 
@@ -177,7 +178,7 @@ def _stamp(time_ns: int) -> dict[str, Any]:
 
 def _log(wheel: _Wheel, level: LogLevel, text: str, time_ns: int) -> View:
     content = _stamp(time_ns) | {"level": int(level), "message": text, "name": wheel.name, "file": "", "line": 0}
-    return View(f"{wheel.key}/{LOG}", "foxglove.Log", dump_json(content), time_ns)
+    return View(f"{wheel.key}/{LOG}", LOG_SCHEMA, dump_json(content), time_ns)
 
 
 # ---- schemas ---------------------------------------------------------------------------------------------------------
@@ -199,7 +200,7 @@ def schemas() -> dict[str, dict[str, Any]]:
     levels = [{"title": "UNKNOWN", "const": 0}, *({"title": level.name, "const": int(level)} for level in LogLevel)]
     text: dict[str, Any] = {"type": "string"}
     log = {"level": {"oneOf": levels}, "message": text, "name": text, "file": text, "line": {"type": "integer"}}
-    own = {"rwa.Telemetry": numbers, "rwa.Jump": jump, "rwa.Part": part, "foxglove.Log": log}
+    own = {"rwa.Telemetry": numbers, "rwa.Jump": jump, "rwa.Part": part, LOG_SCHEMA: log}
     found = {
         name: {"title": name, "type": "object", "properties": {"timestamp": TIMESTAMP} | fields}
         for name, fields in own.items()

@@ -1,0 +1,154 @@
+"""Serves what the bus says to Foxglove, live, through foxglove-sdk: the topics that `rwa-monitor foxglove` writes."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from threading import Event, Lock, Thread
+from typing import Any, Final, Self
+
+import foxglove
+import zenoh
+from foxglove import Channel, Context, Schema
+from foxglove.websocket import ChannelView, Client, ServerListener
+from zenoh import ext
+
+from rwa_monitor.errors import InputError, RwaMonitorError
+from rwa_monitor.formats.foxglove import LOG_SCHEMA, Translator, View, schemas
+from rwa_monitor.live.bus import Inbox
+from rwa_monitor.messages import MAX_MESSAGE_BYTES, dump_json
+from rwa_monitor.version import SOFTWARE
+
+HOST: Final = "127.0.0.1"
+IDLE_WAIT_S: Final = 0.1
+MAX_TOPICS: Final = 50_000  # of a thousand wheels some ten thousand; those of more are not shown
+BACKLOG: Final = 16_384  # messages that wait for a client that is slow; a batch of telemetry is some hundred
+
+
+class FoxgloveServer:
+    """Serves Foxglove on loopback; use it with `with`. It only tells: nothing that a client sends is used.
+
+    Whoever subscribes to a topic gets its latest message at once, as a diagnosis comes every few minutes only.
+
+    Parameters
+    ----------
+    session
+        An open Zenoh session; it is left open.
+    key_expression
+        What to listen to.
+    port
+        0 for any that is free.
+
+    Raises
+    ------
+    RwaMonitorError
+        If the port is taken.
+    """
+
+    def __init__(self, session: zenoh.Session, key_expression: str, port: int) -> None:
+        self.refused = 0
+        self._context = Context()
+        self._schemas = {
+            name: Schema(name=name, encoding="jsonschema", data=dump_json(schema)) for name, schema in schemas().items()
+        }
+        self._latest = _Latest()
+        try:
+            self._server = foxglove.start_server(
+                name=SOFTWARE,
+                host=HOST,
+                port=port,
+                server_listener=self._latest,
+                context=self._context,
+                message_backlog_size=BACKLOG,
+            )
+        except (OSError, RuntimeError) as error:
+            raise RwaMonitorError(f"port {port} cannot be used: {error}; --foxglove names another") from error
+        self._translator = Translator()
+        self._inbox = Inbox()
+        self._stop = Event()
+        self._thread = Thread(target=self._run, name="foxglove server", daemon=True)
+        self._subscriber: Any = ext.declare_advanced_subscriber(
+            session,
+            key_expression,
+            self._on_sample,
+            history=ext.HistoryConfig(detect_late_publishers=True),
+            recovery=ext.RecoveryConfig(periodic_queries=None, heartbeat=True),
+        )
+
+    @property
+    def address(self) -> str:
+        """Where Foxglove connects to."""
+        return f"ws://{HOST}:{self._server.port}"
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._stop.set()
+        with suppress(zenoh.ZError):  # the session may have been closed under us
+            self._subscriber.undeclare()
+        self._inbox.wake.set()
+        self._thread.join()
+        self._server.stop()
+
+    def _on_sample(self, sample: zenoh.Sample) -> None:
+        """Called in Zenoh's threads: append, and nothing else."""
+        if not self._stop.is_set() and sample.kind == zenoh.SampleKind.PUT:
+            self._inbox.put(str(sample.key_expr), sample.payload.to_bytes()[: MAX_MESSAGE_BYTES + 1])
+
+    def _run(self) -> None:
+        while not self._stop.is_set():
+            self._inbox.wake.clear()
+            while not self._stop.is_set() and (message := self._inbox.take()) is not None:
+                try:
+                    views = self._translator.translate(message.key, message.payload)
+                except InputError:
+                    self.refused += 1
+                    continue
+                for view in views:
+                    self._show(view)
+            self._inbox.wake.wait(IDLE_WAIT_S)
+
+    def _show(self, view: View) -> None:
+        channel = self._latest.channel(view.topic)
+        if channel is None:
+            if len(self._latest) >= MAX_TOPICS:
+                return
+            channel = Channel(
+                view.topic, schema=self._schemas[view.schema], message_encoding="json", context=self._context
+            )
+        self._latest.keep(channel, view)
+        channel.log(view.payload, log_time=view.time_ns)
+
+
+class _Latest(ServerListener):
+    """The latest message of every topic, for whoever subscribes to it later; used from several threads."""
+
+    def __init__(self) -> None:
+        self._lock = Lock()
+        self._kept: dict[str, tuple[Channel, View]] = {}
+
+    def __len__(self) -> int:
+        return len(self._kept)
+
+    def channel(self, topic: str) -> Channel | None:
+        """Return a topic's channel, None of one that is new."""
+        kept = self._kept.get(topic)
+        return None if kept is None else kept[0]
+
+    def keep(self, channel: Channel, view: View) -> None:
+        """Keep a message."""
+        with self._lock:
+            self._kept[view.topic] = channel, view
+
+    def on_subscribe(self, client: Client, channel: ChannelView) -> None:
+        """Send a topic's latest message again; called in the server's threads.
+
+        All of the topic's clients get it: the SDK does not tell which is which. For a value that changes nothing; a
+        line of the log would stand there twice, and is left out.
+        """
+        del client
+        with self._lock:
+            kept = self._kept.get(channel.topic)
+        if kept is not None and kept[1].schema != LOG_SCHEMA:
+            kept[0].log(kept[1].payload, log_time=kept[1].time_ns)
