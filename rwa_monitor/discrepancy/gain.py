@@ -68,17 +68,18 @@ def holds_out(problem: Problem, simpler: Model, richer: Model) -> bool:
     It must keep a fair share of the gain it shows in sample; a coincidence keeps none. Where it shows in blocks of one
     parity only, the others cannot confirm it: then it must do no harm.
     """
-    rises = [
-        held_out(problem, richer, blocks).log_score - held_out(problem, simpler, blocks).log_score
-        for blocks in (BLOCKS, OTHER_BLOCKS)
-    ]
-    kept = float(np.mean(rises)) * problem.size
     term = richer.terms[-1]
-    inner = remove_levels(term.columns, segment_starts(problem, richer.fit.jumps))
-    odd = _block_of(problem, BLOCKS) % 2 == 1
-    energy = np.array([float(np.sum(inner[~odd] ** 2)), float(np.sum(inner[odd] ** 2))])
-    if energy.min() < CONFIRMABLE_SHARE * energy.sum():
-        return kept > -TOLERATED_LOSS
+    inner = np.sum(remove_levels(term.columns, segment_starts(problem, richer.fit.jumps)) ** 2, axis=1)
+    rises, confirmed = [], []
+    for blocks in (BLOCKS, OTHER_BLOCKS):
+        rises.append(held_out(problem, richer, blocks).log_score - held_out(problem, simpler, blocks).log_score)
+        odd = _block_of(problem, blocks) % 2 == 1
+        least = min(float(inner[odd].sum()), float(inner[~odd].sum()))
+        confirmed.append(least >= CONFIRMABLE_SHARE * float(inner.sum()))
+    if not any(confirmed):
+        return float(np.mean(rises)) * problem.size > -TOLERATED_LOSS
+    # A partition in which one parity alone shows the term can neither confirm nor deny it.
+    kept = float(np.mean([rise for rise, counts in zip(rises, confirmed, strict=True) if counts])) * problem.size
     in_sample = 0.5 * (simpler.fit.criterion - richer.fit.criterion + term.parameters * problem.log_size)
     return kept > KEPT_SHARE * in_sample
 
