@@ -98,6 +98,15 @@ def test_what_is_no_message_of_ours_stops_nothing(session: zenoh.Session, tmp_pa
         channels_of(client, "rwa/sat/wheel_1/diagnosis")
 
 
+def test_it_is_on_loopback_only_and_takes_nothing(session: zenoh.Session, tmp_path: Path) -> None:
+    with foxglove_client(session, tmp_path) as client:
+        told = json.loads(client.recv(timeout=WAIT_S))
+        assert (told["op"], told["capabilities"]) == ("serverInfo", [])
+        # Another address of this machine: whoever listens on all addresses listens there too.
+        with pytest.raises(ConnectionRefusedError):
+            socket.create_connection(("127.0.0.2", client.remote_address[1]), timeout=WAIT_S)
+
+
 def test_a_port_that_is_taken_is_said(session: zenoh.Session, tmp_path: Path) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
