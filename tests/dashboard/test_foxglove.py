@@ -18,7 +18,7 @@ from websockets.typing import Subprotocol
 
 from rwa_monitor.dashboard.server import DashboardOptions, serve
 from rwa_monitor.errors import RwaMonitorError
-from rwa_monitor.formats.foxglove import LOG_SCHEMA, schemas
+from rwa_monitor.formats.foxglove import LOG_SCHEMA, LogLevel, schemas
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND
 from tests.dashboard.support import WAIT_S, send_windows
 from tests.history.support import diagnosis
@@ -88,6 +88,21 @@ def test_a_client_gets_the_latest_diagnosis_and_then_each_new_one_with_its_schem
         line = heard(client, 0, second.window_end_ns)
         assert (line["level"], line["message"], line["name"]) == (4, second.reason, "sat/wheel_1")
         assert line["timestamp"]["sec"] == second.window_end_ns // NANOSECONDS_PER_SECOND
+
+
+def test_an_alarm_is_a_line_of_the_log(session: zenoh.Session, tmp_path: Path) -> None:
+    key = "rwa/sat/wheel_1"
+    with foxglove_client(session, tmp_path) as client:
+        send_windows(session, "wheel_1", failing=False, windows=1)
+        channels = channels_of(client, f"{key}/diagnosis", f"{key}/log")
+        subscribe(client, channels[f"{key}/log"], channels[f"{key}/diagnosis"])
+        heard(client, 1, diagnosis(0, wheel="wheel_1").window_end_ns)
+        send_windows(session, "wheel_1", failing=True)
+        last_ns = diagnosis(2, severity=1.0, wheel="wheel_1").window_end_ns
+        while not (line := heard(client, 0, last_ns))["message"].startswith("Alarm "):
+            assert line["message"]  # of the diagnosis, which comes before
+        assert line["message"].endswith(": warning, active.")
+        assert line["level"] == LogLevel.WARNING
 
 
 def test_what_is_no_message_of_ours_stops_nothing(session: zenoh.Session, tmp_path: Path) -> None:
