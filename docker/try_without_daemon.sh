@@ -149,6 +149,15 @@ healthy() { # SERVICE SECONDS: until its health check in compose.yaml passes
   say "$name is healthy"
 }
 
+ill() { # SERVICE SECONDS: until its health check fails
+  local name="$1" test until=$((SECONDS + $2))
+  mapfile -t test < <(compose health "$name")
+  while pod exec "rwa-$name" "${test[@]}" >/dev/null 2>&1; do
+    ((SECONDS < until)) || fail "the health check of $name still passes after $2 s"
+    sleep 1
+  done
+}
+
 # ---- all containers --------------------------------------------------------------------------------------------------
 docker/make_certificates.sh --owner 10001:10001 "$scratch/certificates"
 docker/make_password.sh --owner 10001:10001 --database-owner 999:999 "$scratch/secrets"
@@ -198,7 +207,7 @@ for name in "${all[@]}"; do
   [[ "$(pod inspect --format '{{.State.Running}}' "rwa-$name")" == true ]] \
     || { pod logs --tail 20 "rwa-$name" >&2; fail "$name ended by itself"; }
   healthy "$name" 10
-  ! pod exec "rwa-$name" touch /here 2>/dev/null || fail "$name can write in its root"
+  pod exec "rwa-$name" grep -Eq '^[^ ]+ / [^ ]+ ro[, ]' /proc/mounts || fail "$name can write in its root"
   # shellcheck disable=SC2016
   pod exec "rwa-$name" sh -c '
     test "$(id -u)" != 0 && grep -q "^NoNewPrivs:[[:space:]]*1$" /proc/1/status &&
@@ -222,6 +231,15 @@ kept="$(pod exec rwa-database sh -c 'PGPASSWORD="$(cat /run/secrets/database_pas
 [[ "$kept" == wheel_1\ *wheel_2\ * ]] || fail "the database holds windows of: $kept"
 pod exec rwa-database psql -h 127.0.0.1 -U rwa -w -c "SELECT 1" >/dev/null 2>&1 && fail "the database asks for no password"
 say "the page shows both wheels; windows in the database: ${kept//$'\n'/, }"
+
+# ---- health checks that tell: a monitor that stands still, a database that is gone ------------------------------------
+pod kill --signal STOP rwa-monitor_1 >/dev/null
+pod stop --time 10 rwa-database >/dev/null 2>&1
+ill monitor_1 40
+ill dashboard 40
+pod kill --signal CONT rwa-monitor_1 >/dev/null
+healthy monitor_1 40
+say "a monitor that stood still and a page without its database were seen to be ill"
 
 # ---- a clean stop, and recordings that replay ------------------------------------------------------------------------
 stop_cleanly() { # SERVICE
