@@ -31,6 +31,7 @@ pip=("$scratch/env/bin/python" -m pip install --disable-pip-version-check --quie
 "$scratch/env/bin/python" -m pip check
 
 # ---- licences: only such as an Apache-2.0 program may depend on ----------------------------------------------------------
+# The LGPL is psycopg's, of the extra `postgresql`: it is imported as it is, and anybody can put another one in its place.
 "$PYTHON" -m piplicenses --python "$scratch/env/bin/python" --from=mixed --partial-match --allow-only="$(tr '\n' ';' <<'LICENCES'
 Apache
 MIT
@@ -40,6 +41,8 @@ PSF
 ISC
 Zlib
 Mozilla Public License 2.0
+LGPL-3.0
+GNU Lesser General Public License v3
 LICENCES
 )" >"$scratch/licences.txt" || { cat "$scratch/licences.txt" >&2; exit 1; }
 say "licences of $(($(wc -l <"$scratch/licences.txt") - 1)) packages allow it"
