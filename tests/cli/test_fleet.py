@@ -189,9 +189,9 @@ def test_no_scheduler_is_one_line() -> None:
 
 
 def test_training_refuses_to_learn_from_less_than_its_labels_say(fleet: Path, tmp_path: Path) -> None:
-    (tmp_path / "labels.csv").write_text(
-        f"file,dry,viscous,fss_1,fss_2\n{fleet / 'day_0.csv'},1,0,0,0\n{fleet / 'broken.csv'},0,0,0,0\n"
-    )
+    for name in ("day_0.csv", "broken.csv"):
+        (tmp_path / name).write_bytes((fleet / name).read_bytes())
+    (tmp_path / "labels.csv").write_text("file,dry,viscous,fss_1,fss_2\nday_0.csv,1,0,0,0\nbroken.csv,0,0,0,0\n")
     result = run("train", tmp_path / "labels.csv", "--wheel", fleet / "wheel.toml", "-o", tmp_path / "model.json")
     assert result.exit_code == 2
     assert "1 of 2 files cannot be used" in result.stderr
