@@ -25,8 +25,8 @@ from scipy import special
 from rwa_monitor.diagnosis.features import Features, FeaturesOfStory, histogram
 from rwa_monitor.diagnosis.likelihood import (
     CHANGE_PER_WINDOW,
-    Last,
     Shift,
+    density_of_carried,
     integrate_shift,
     stray_probabilities,
     system_evidence,
@@ -38,8 +38,8 @@ from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 
 # A value tells nothing when its standard deviation exceeds this share of the distance between nominal and anomalous.
 TELLING_STD: Final = 0.4
+SMALLEST_STD: Final = 1e-6  # normalised, of the base: keeps the density finite where there is no noise
 UNKNOWN: Final = 0.5  # probability of an anomaly about which nothing is known
-PRIOR_ROUNDS: Final = 5  # each brings the probabilities nearer to what is wanted by an order of magnitude or so
 UNLIKE_SHARE: Final = 0.9  # from this probability that a value is a stray, it is called unlike anything learned
 
 
@@ -107,35 +107,6 @@ def conclusive(anomalies: Sequence[Judged], low: float, high: float) -> bool:
 
 def _as_told(features: Features) -> tuple[IntArray, ...]:
     return tuple(system.configuration for system in features.systems)
-
-
-@dataclass(frozen=True, slots=True)
-class History:
-    """What earlier windows told of the two coefficients; None for one that is judged anew."""
-
-    dry: Last | None = None
-    viscous: Last | None = None
-
-
-NO_HISTORY: Final = History()
-
-
-def history_of(carried: CarriedState, nominal_viscous: float) -> History:
-    """Return what the carried state tells of the coefficients.
-
-    Parameters
-    ----------
-    carried
-        After windows whose friction model fitted: of others, the evidence was not counted.
-    nominal_viscous
-        See `features.normalised_nominal_viscous`.
-    """
-    found: dict[str, Last] = {}
-    for name, tracked, unit in (("dry", carried.base_dry, 1.0), ("viscous", carried.viscous, nominal_viscous)):
-        if tracked is not None and name in carried.probability:
-            value = tracked.model_copy(update={"mean": tracked.mean / unit, "std": tracked.std / unit})
-            found[name] = Last(value, carried.probability[name])
-    return History(**found)
 
 
 def unjudged(features: Features, names: Sequence[str]) -> Judgement:
@@ -206,7 +177,6 @@ def classify(
     model: Model,
     carried: CarriedState,
     new_share: float = 1.0,
-    history: History = NO_HISTORY,
 ) -> Judgement:
     """Judge all anomalies together.
 
@@ -225,13 +195,11 @@ def classify(
     new_share
         Share of the window's slots that no earlier window had; what is carried on counts the evidence by it, so that
         overlapping windows do not count it twice.
-    history
-        What earlier windows measured, where this one is to be judged by what has changed.
     """
     combinations = np.array(list(itertools.product((False, True), repeat=len(names))))
     told = features.by_story or (FeaturesOfStory(0.0, features, same_jumps=True),)
     log_likelihood = np.stack(
-        [one.log_weight + _log_likelihood(one.features, models, combinations, carried, history)[0] for one in told]
+        [one.log_weight + _log_likelihood(one.features, models, combinations, carried)[0] for one in told]
     )
     log_prior = _log_prior(combinations, models, names, model, carried)
     prior = special.softmax(log_prior)
@@ -241,7 +209,7 @@ def classify(
         (s for s, one in enumerate(told) if one.same_jumps), key=lambda s: float(by_story[s].sum()), default=None
     )
     configurations = _as_told(features) if likeliest is None else _as_told(told[likeliest].features)
-    shift = None if features.base_known else _log_likelihood(features, models, combinations, carried, history)[1]
+    shift = None if features.base_known else _log_likelihood(features, models, combinations, carried)[1]
     if shift is not None:
         features = shift.apply(features, posterior, shift.number(combinations))
 
@@ -251,19 +219,13 @@ def classify(
         before = float(prior[combinations[:, a]].sum())
         telling, unlike = _quality(features, models[a], a)
         judged.append(Judged(name, probability, active=probability > 0.5, telling=telling, unlike=unlike))
-        # What has changed since the last window is new even where the windows overlap.
-        share = 1.0 if (history.dry, history.viscous, *([None] * len(names)))[a] is not None else new_share
-        gained = share * (_logit(probability) - _logit(before))
+        gained = new_share * (_logit(probability) - _logit(before))
         to_carry[name] = float(special.expit(_logit(before) + gained))
     return Judgement(tuple(judged), features, to_carry, configurations)
 
 
 def _log_likelihood(
-    features: Features,
-    models: Sequence[AnomalyModel | None],
-    combinations: BoolArray,
-    carried: CarriedState,
-    history: History,
+    features: Features, models: Sequence[AnomalyModel | None], combinations: BoolArray, carried: CarriedState
 ) -> tuple[FloatArray, Shift | None]:
     """Return the log likelihood of each combination, float64 (combinations,), and the shift integrated for it."""
     # Systems that never rest are judged together with the base dry friction, all others alone.
@@ -273,22 +235,23 @@ def _log_likelihood(
         if not system.rests and learned is not None and learned.knows_friction
     ]
     log_likelihood = np.zeros(len(combinations))
-    for a, rows in enumerate(_evidence_alone(features, models, history, dry_too=not unrested)):
+    for a, rows in enumerate(_evidence_alone(features, models, dry_too=not unrested)):
         log_likelihood += np.where(combinations[:, a], rows[1], rows[0])
     if not unrested:
-        return log_likelihood, None
-    shift = integrate_shift(features, models[0], unrested, carried.base_dry, history.dry)
+        std = features.base_dry_std if math.isfinite(features.base_dry_std) else 0.0
+        base = np.array([features.base_dry])
+        told = density_of_carried(carried.base_dry, base, max(std, SMALLEST_STD), abs(features.base_dry))
+        return log_likelihood + float(np.log(told[0])), None
+    shift = integrate_shift(features, models[0], unrested, carried.base_dry)
     return log_likelihood + shift.log_likelihood[shift.number(combinations)], shift
 
 
-def _evidence_alone(
-    features: Features, models: Sequence[AnomalyModel | None], history: History, *, dry_too: bool
-) -> list[FloatArray]:
+def _evidence_alone(features: Features, models: Sequence[AnomalyModel | None], *, dry_too: bool) -> list[FloatArray]:
     """Return the log likelihoods (2,) of each anomaly on its own; equal for those that are judged together."""
     no_shift = np.zeros(1)
     return [
-        value_evidence(models[0], features.base_dry, features.base_dry_std, history.dry) if dry_too else np.zeros(2),
-        value_evidence(models[1], features.viscous, features.viscous_std, history.viscous),
+        value_evidence(models[0], features.base_dry, features.base_dry_std) if dry_too else np.zeros(2),
+        value_evidence(models[1], features.viscous, features.viscous_std),
         *(
             system_evidence(model, system, no_shift)[:, 0] if system.rests else np.zeros(2)
             for model, system in zip(models[2:], features.systems, strict=True)
@@ -305,9 +268,8 @@ def _log_prior(
 ) -> FloatArray:
     """Return the log probability of each combination before the window, float64 (combinations,), up to a constant.
 
-    How many anomalies come at once is learned, which ones is equally likely; then the odds of each anomaly are brought
-    to what earlier windows tell, in turns until all agree (iterative proportional fitting): ruling out one anomaly must
-    not, window after window, speak for the others.
+    How many anomalies come at once is learned, which ones is equally likely; then each anomaly's odds are multiplied
+    by what earlier windows changed in them.
     """
     count = combinations.sum(axis=1)
     total = combinations.shape[1]
@@ -315,7 +277,6 @@ def _log_prior(
     of_count = np.array([model.simultaneous[min(k, known - 1)] / math.comb(total, k) for k in range(total + 1)])
     log_prior = np.log(of_count[count])
     base = special.softmax(log_prior)
-    wanted: list[tuple[int, float]] = []
     for a, (name, learned) in enumerate(zip(names, models, strict=True)):
         before = float(base[combinations[:, a]].sum())
         if learned is not None:
@@ -323,11 +284,8 @@ def _log_prior(
             before = learned.rate
         if name in carried.probability:
             last = carried.probability[name]
-            wanted.append((a, last + CHANGE_PER_WINDOW * (before - last)))
-    for _ in range(PRIOR_ROUNDS if wanted else 0):
-        for a, now in wanted:
-            so_far = float(special.softmax(log_prior)[combinations[:, a]].sum())
-            log_prior += combinations[:, a] * (_logit(now) - _logit(so_far))
+            now = last + CHANGE_PER_WINDOW * (before - last)
+            log_prior += combinations[:, a] * (_logit(now) - _logit(before))
     return np.asarray(log_prior, dtype=np.float64)
 
 

@@ -30,14 +30,6 @@ CHANGE_PER_WINDOW: Final = 0.02
 SHIFT_STEPS: Final = 1024  # grid over which an unknown shift is integrated, from no shift to all of the dry friction
 
 
-@dataclass(frozen=True, slots=True)
-class Last:
-    """What earlier windows told of a coefficient: its value in the features' unit, and the anomaly's probability."""
-
-    value: Tracked
-    probability: float
-
-
 def log_densities(levels: Levels, value: FloatArray, std: FloatArray) -> FloatArray:
     """Return the log density of measured values under nominal (row 0) and anomalous (row 1), float64 (2, …).
 
@@ -58,48 +50,11 @@ def log_densities(levels: Levels, value: FloatArray, std: FloatArray) -> FloatAr
     return np.log(np.stack([nominal, anomalous]))
 
 
-def value_evidence(model: AnomalyModel | None, value: float, std: float, last: Last | None = None) -> FloatArray:
-    """Return the log likelihoods (2,) of a coefficient, nominal and anomalous; equal where nothing is known.
-
-    With `last`, see `evidence_of_change`.
-    """
+def value_evidence(model: AnomalyModel | None, value: float, std: float) -> FloatArray:
+    """Return the log likelihoods (2,) of a coefficient, nominal and anomalous; equal where nothing is known."""
     if model is None or model.levels[0] is None or not (math.isfinite(value) and math.isfinite(std)):
         return np.zeros(2)
-    if last is not None:
-        return evidence_of_change(model.levels[0], model.rate, last, np.array([value]), np.array([std]))[:, 0]
     return log_densities(model.levels[0], np.array([value]), np.array([std]))[:, 0]
-
-
-def evidence_of_change(levels: Levels, rate: float, last: Last, value: FloatArray, std: FloatArray) -> FloatArray:
-    """Return the log density of a coefficient, nominal (row 0) and anomalous (row 1), given earlier windows; (2, n).
-
-    A healthy wheel's coefficient lies where it lies in its band in every window, so a second measurement of the same
-    value is no second piece of evidence. Either nothing changed: then the value follows the last one, and what it tells
-    is how its place in the bands differs from the last one's. Or all has changed (`CHANGE_PER_WINDOW`), and it is new.
-
-    Parameters
-    ----------
-    levels, rate
-        What was learned of the coefficient, and how often the anomaly occurs.
-    last
-        What earlier windows told of it.
-    value, std
-        float64 (n,), measured in this window.
-    """
-    new = log_densities(levels, value, std)
-    before = last.value.drifted()
-    total = np.maximum(np.hypot(before.std, std), 1e-12)
-    followed = -0.5 * ((value - before.mean) / total) ** 2 - np.log(total * math.sqrt(2.0 * math.pi))
-    # The filter's value now and before: what was counted then is taken off now, so that a sum over windows telescopes.
-    mean = before.mean + (before.std / total) ** 2 * (value - before.mean)
-    now = log_densities(levels, mean, before.std * std / total)
-    then = log_densities(levels, np.array([last.value.mean]), np.array([last.value.std]))
-    p = last.probability
-    after = p + CHANGE_PER_WINDOW * (rate - p)
-    unchanged = (1.0 - CHANGE_PER_WINDOW) * np.array([[(1.0 - p) / (1.0 - after)], [p / after]])
-    return np.asarray(
-        np.logaddexp(np.log(np.maximum(unchanged, 1e-300)) + followed + now - then, np.log1p(-unchanged) + new)
-    )
 
 
 def system_evidence(model: AnomalyModel | None, system: SystemFeatures, shift: FloatArray) -> FloatArray:
@@ -203,7 +158,6 @@ def integrate_shift(
     dry: AnomalyModel | None,
     unrested: Sequence[tuple[int, AnomalyModel]],
     carried_base: Tracked | None,
-    last: Last | None,
 ) -> Shift:
     """Integrate the shift of each system that never rests, for all combinations of dry and these systems.
 
@@ -221,8 +175,6 @@ def integrate_shift(
         Index and model of each system that never rests.
     carried_base
         The base of earlier windows, if any.
-    last
-        The same with what it told of the anomaly, where that was counted.
     """
     systems = [features.systems[s] for s, _ in unrested]
     first = [float(system.friction[0]) for system in systems]
@@ -236,12 +188,8 @@ def integrate_shift(
     base = total - grid  # at each sum of shifts
     of_base = np.ones((2, SHIFT_STEPS))
     if dry is not None and dry.levels[0] is not None:
-        steps = np.full(SHIFT_STEPS, step)
-        if last is None:
-            of_base = np.exp(log_densities(dry.levels[0], base, steps))
-            of_base = of_base * _density_of_carried(carried_base, base, step)
-        else:
-            of_base = np.exp(evidence_of_change(dry.levels[0], dry.rate, last, base, steps))
+        of_base = np.exp(log_densities(dry.levels[0], base, np.full(SHIFT_STEPS, step)))
+    of_base = of_base * density_of_carried(carried_base, base, step, total)
 
     count = 2 ** (len(unrested) + 1)
     log_likelihood, mean, variance = np.full(count, -np.inf), np.full(count, features.base_dry), np.zeros(count)
@@ -273,13 +221,13 @@ def _scaled(log_values: FloatArray) -> tuple[FloatArray, FloatArray]:
     return np.exp(log_values - top[:, None]), top
 
 
-def _density_of_carried(carried: Tracked | None, base: FloatArray, step: float) -> FloatArray:
-    """Return what earlier windows say about the base, float64 as `base`; 1 everywhere without any.
+def density_of_carried(carried: Tracked | None, base: FloatArray, std: float, span: float) -> FloatArray:
+    """Return what earlier windows say about a base measured with `std`, float64 as `base`; 1 without any.
 
-    The base may also have jumped since: then it is anywhere.
+    The base may also have jumped since: then it is anywhere in `span`.
     """
     if carried is None:
         return np.ones(base.size)
-    std = math.hypot(carried.drifted().std, step)
+    std = math.hypot(carried.drifted().std, std)
     stayed = np.exp(-0.5 * ((base - carried.mean) / std) ** 2) / (std * math.sqrt(2.0 * math.pi))
-    return np.asarray((1.0 - CHANGE_PER_WINDOW) * stayed + CHANGE_PER_WINDOW / max(float(np.ptp(base)), step))
+    return np.asarray((1.0 - CHANGE_PER_WINDOW) * stayed + CHANGE_PER_WINDOW / max(span, std))

@@ -18,15 +18,7 @@ import numpy as np
 from rwa_monitor.diagnosis import adequacy, explanation
 from rwa_monitor.diagnosis.adequacy import Adequacy
 from rwa_monitor.diagnosis.assignment import assign
-from rwa_monitor.diagnosis.classification import (
-    NO_HISTORY,
-    Judged,
-    Judgement,
-    classify,
-    classify_as_paper,
-    history_of,
-    unjudged,
-)
+from rwa_monitor.diagnosis.classification import Judged, Judgement, classify, classify_as_paper, unjudged
 from rwa_monitor.diagnosis.components import split
 from rwa_monitor.diagnosis.doubt import doubt_of
 from rwa_monitor.diagnosis.features import Features, SystemFeatures, features_of, normalised_nominal_viscous
@@ -187,10 +179,7 @@ def _judge(case: _Case, models: Sequence[AnomalyModel | None], stages: _Stages) 
     new_share = min(1.0, window.hop_slots / window.samples) if case.carried.windows else 1.0
     if not stages.fits.adequate:
         new_share = 0.0  # what is missing says the same in every window: it must not add up to certainty
-    # What an incomplete model said was not counted, so that what follows it is judged anew.
-    counted = stages.fits.adequate and case.carried.inadequate == 0
-    history = history_of(case.carried, normalised_nominal_viscous(case.wheel)) if counted else NO_HISTORY
-    return classify(features, models, names, case.model, case.carried, new_share, history)
+    return classify(features, models, names, case.model, case.carried, new_share)
 
 
 # ---- the verdict -----------------------------------------------------------------------------------------------------

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rwa_monitor.diagnosis.classification import Judgement, classify, classify_as_paper, history_of
+from rwa_monitor.diagnosis.classification import Judgement, classify, classify_as_paper
 from rwa_monitor.diagnosis.features import Features, FeaturesOfStory, SystemFeatures
 from rwa_monitor.diagnosis.likelihood import log_densities
 from rwa_monitor.diagnosis.model import built_in_model, models_for
@@ -147,46 +147,6 @@ def test_carried_probability_moves_the_prior_but_cannot_hold_against_evidence() 
     vague = features(std=1e4)
     assert judged(vague, certain)["dry"] > 0.9
     assert judged(vague, harmless)["dry"] < 0.02
-
-
-@pytest.mark.parametrize("viscous", [0.96, 1.0, 1.04, 1.06, 1.15, 1.2])
-def test_the_same_value_again_is_no_new_evidence(viscous: float) -> None:
-    """A wheel near the end of its band stays there; ten windows that say so must not add up to an anomaly."""
-    seen = features(viscous=viscous)
-    carried, told = EMPTY, []
-    for number in range(1, 11):
-        history = history_of(carried, nominal_viscous=1.0)
-        judgement = classify(seen, MODELS, NAMES, MODEL, carried, history=history)
-        told.append(judgement.to_carry["viscous"])
-        value = Tracked(mean=viscous, std=1e-3, windows=number)
-        carried = CarriedState(
-            viscous=value, base_dry=value.model_copy(update={"mean": 1.0}), probability=judgement.to_carry
-        )
-    # Beyond five the odds are certain; there they follow how likely a change since the last window is.
-    first, last = (float(np.clip(np.log(p / (1.0 - p)), -5.0, 5.0)) for p in (told[0], told[-1]))
-    assert abs(last - first) < 1.5
-
-
-def test_a_value_that_creeps_out_of_its_band_is_found() -> None:
-    carried, told = EMPTY, []
-    for number, viscous in enumerate(np.linspace(1.0, 1.2, 21), start=1):
-        history = history_of(carried, nominal_viscous=1.0)
-        judgement = classify(features(viscous=float(viscous)), MODELS, NAMES, MODEL, carried, history=history)
-        told.append(next(entry.probability for entry in judgement.anomalies if entry.name == "viscous"))
-        carried = CarriedState(
-            viscous=Tracked(mean=float(viscous), std=1e-3, windows=number), probability=judgement.to_carry
-        )
-    assert told[0] < 0.1
-    assert told[-1] > 0.99
-    assert max(told[i] - told[i + 1] for i in range(20)) < 0.05  # never less suspect by much
-
-
-def test_ruling_out_one_anomaly_window_after_window_does_not_speak_for_another() -> None:
-    """A state that says 0.1 for each stays at that where the window says nothing."""
-    carried = CarriedState(probability=dict.fromkeys(NAMES, 0.1))
-    silent = classify(features(std=50.0), MODELS, NAMES, MODEL, carried).to_carry
-    for name in ("dry", "viscous"):
-        assert silent[name] == pytest.approx(0.1 + 0.02 * 0.1, abs=0.02)
 
 
 def test_overlapping_windows_do_not_count_their_evidence_twice() -> None:
