@@ -1,0 +1,86 @@
+"""What the simulation of a wheel gets wrong, as a search found it."""
+
+from __future__ import annotations
+
+from typing import Annotated, ClassVar, Literal
+
+from pydantic import Field
+
+from rwa_monitor.messages.base import ClockNs, Count, Message, Name, Number
+
+
+class Uncertain(Message):
+    """A parameter of an effect."""
+
+    value: Number
+    std: Number | None
+    unit: str
+
+
+class FoundEffect(Message):
+    """An effect that the wheel's model lacks."""
+
+    name: str
+    family: Literal["mean", "noise", "switching"]
+    equivalent: list[str]
+    separate_by: str
+    parameters: dict[str, Uncertain]
+    p_value: Annotated[float, Field(ge=0, le=1)]
+    delta_deviance: Number
+
+
+class Unexplained(Message):
+    """Something is left that no known effect explains."""
+
+    signature: str
+    size_Nm: Number
+
+
+class Untested(Message):
+    """An effect that this data cannot test, and the channel or manoeuvre it lacks."""
+
+    effect: str
+    missing: str
+
+
+class DiagnosisQuality(Message):
+    """Detection and false positive rates of the diagnosis."""
+
+    detection: Number
+    false_positive: Number
+
+
+class DiagnosisGain(Message):
+    """Quality of the diagnosis without and with the effects found."""
+
+    before: DiagnosisQuality
+    after: DiagnosisQuality
+
+
+class Gain(Message):
+    """What the effects found are worth on held-out data."""
+
+    rmse_base_Nm: Number
+    rmse_extended_Nm: Number
+    log_score_base: Number
+    log_score_extended: Number
+    noise_std_Nm: Number
+    changepoints_base: Count
+    changepoints_extended: Count
+    diagnosis: DiagnosisGain | None
+
+
+class Discrepancy(Message):
+    """What the simulation of a wheel gets wrong, the strongest effect first; from the samples start_ns … end_ns."""
+
+    kind: ClassVar[str] = "discrepancy"
+
+    spacecraft: Name
+    wheel: Name
+    start_ns: ClockNs
+    end_ns: ClockNs
+    verdict: Literal["adequate", "inadequate", "untestable"]
+    effects: list[FoundEffect]
+    unexplained: Unexplained | None
+    untested: list[Untested]
+    gain: Gain | None
