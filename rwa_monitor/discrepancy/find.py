@@ -24,7 +24,7 @@ from rwa_monitor.discrepancy.result import (
     Unexplained,
     Verdict,
 )
-from rwa_monitor.discrepancy.search import Found, Model, Progress, SearchResult, coefficient_covariance, search
+from rwa_monitor.discrepancy.search import Found, Model, Progress, SearchResult, coefficient_covariance, grow, rank
 from rwa_monitor.discrepancy.switching_effects import switching_effects
 from rwa_monitor.discrepancy.unexplained import judge_leftover, wandering
 from rwa_monitor.discrepancy.untested import too_weak_to_show, untested_others
@@ -88,13 +88,14 @@ def find_discrepancy(
     problem = replace(prepare(records, wheel), each=each)
     known = {block.name for block in wheel.effect}
     candidates = [effect for effect in CANDIDATES if effect.name not in known]
-    found = search(problem, candidates, holds_out, progress)
-    if found.found:
+    grown = grow(problem, candidates, holds_out, progress)
+    if grown.ladder[-1].terms:
         # What the effect did to the base model's residual passed for coloured noise; without it the eye is sharper.
-        calmer = with_noise_of(problem, found.ladder[-1].fit.residual)
+        calmer = with_noise_of(problem, grown.ladder[-1].fit.residual)
         if calmer.noise.long_run_variance < CALMER * problem.noise.long_run_variance:
             problem = calmer
-            found = search(problem, candidates, holds_out, progress, begin_with=found.ladder[-1])
+            grown = grow(problem, candidates, holds_out, progress, begin_with=grown.ladder[-1])
+    found = rank(problem, grown, progress)
     progress("what is left")
     found, leftover, complete = judge_leftover(problem, found)
     progress("noise and jumps")

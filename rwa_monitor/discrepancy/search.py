@@ -113,14 +113,46 @@ class SearchResult:
     rejected: str
 
 
+@dataclass(frozen=True, slots=True)
+class Growth:
+    """Models grown effect by effect, before anything is said of the last one.
+
+    Attributes
+    ----------
+    ladder, untestable, best_rejected, rejected
+        As in `SearchResult`.
+    testable
+        The candidates that the data can test.
+    rivals
+        For each effect of the last model, that model with another in its place, best first; None where not yet known.
+    """
+
+    ladder: tuple[Model, ...]
+    testable: tuple[type[MeanEffect], ...]
+    untestable: tuple[tuple[str, str], ...]
+    best_rejected: float
+    rejected: str
+    rivals: tuple[tuple[Model, ...], ...] | None
+
+
 def search(
     problem: Problem,
     effects: Sequence[type[MeanEffect]],
     holds_out: Callable[[Problem, Model, Model], bool],
     progress: Progress = lambda _: None,
-    begin_with: Model | None = None,
 ) -> SearchResult:
-    """Search for mean effects, forward with swaps.
+    """Search for mean effects, forward with swaps; the arguments are those of `grow`."""
+    return rank(problem, grow(problem, effects, holds_out, progress), progress)
+
+
+def grow(
+    problem: Problem,
+    effects: Sequence[type[MeanEffect]],
+    holds_out: Callable[[Problem, Model, Model], bool],
+    progress: Progress = lambda _: None,
+    begin_with: Model | None = None,
+) -> Growth:
+    """Add effects one after the other, and exchange them, while that pays.
 
     Parameters
     ----------
@@ -143,6 +175,7 @@ def search(
         for count in range(1, len(begin_with.terms) + 1):
             ladder.append(refit(problem, begin_with.terms[:count], [begin_with.fit.jumps, ladder[-1].fit.jumps]))
     best_rejected, rejected = -np.inf, ""
+    known: tuple[Model, tuple[tuple[Model, ...], ...]] | None = None
     while len(ladder[-1].terms) < MAX_EFFECTS:
         current = ladder[-1]
         rivals = extensions(problem, current, testable, progress)
@@ -156,11 +189,19 @@ def search(
         if gain < ACCEPT_GAIN or not holds_out(problem, current, best):
             best_rejected, rejected = gain, best.names[-1]
             break
-        ladder.append(_swap(problem, best, testable, progress))
+        swapped, rivals_of_last = _swap(problem, best, testable, progress)
+        known = None if rivals_of_last is None else (swapped, rivals_of_last)
+        ladder.append(swapped)
     final = _prune(problem, ladder[-1])
     ladder = [*(model for model in ladder if len(model.terms) < len(final.terms)), final]
-    found = _found(problem, final, testable, progress)
-    return SearchResult(tuple(ladder), found, tuple(untestable), best_rejected, rejected)
+    rivals_of_final = known[1] if known is not None and known[0] is final else None
+    return Growth(tuple(ladder), tuple(testable), tuple(untestable), best_rejected, rejected, rivals_of_final)
+
+
+def rank(problem: Problem, grown: Growth, progress: Progress = lambda _: None) -> SearchResult:
+    """Judge each effect of the last model by itself, and find what could stand in its place."""
+    found = _found(problem, grown, progress)
+    return SearchResult(grown.ladder, found, grown.untestable, grown.best_rejected, grown.rejected)
 
 
 def _worth(problem: Problem, simpler: Model, richer: Model) -> float:
@@ -312,19 +353,19 @@ def replacements(
     return extensions(problem, reduced, allowed, progress)
 
 
-def _swap(problem: Problem, model: Model, effects: Sequence[type[MeanEffect]], progress: Progress) -> Model:
-    """Exchange effects one by one while that helps."""
+def _swap(
+    problem: Problem, model: Model, effects: Sequence[type[MeanEffect]], progress: Progress
+) -> tuple[Model, tuple[tuple[Model, ...], ...] | None]:
+    """Exchange effects one by one while that helps; return the rivals of each that were tried last, too."""
     if len(model.terms) == 1:
-        return model  # the best single effect was chosen among all
-    improved = True
-    while improved:
-        improved = False
-        for index in range(len(model.terms)):
-            rivals = replacements(problem, model, index, effects, progress)
-            if rivals and rivals[0].fit.criterion < model.fit.criterion - 1.0:
-                model, improved = rivals[0], True
-                break
-    return model
+        return model, None  # the best single effect was chosen among all
+    tried: list[tuple[Model, ...]] = []
+    while len(tried) < len(model.terms):
+        rivals = replacements(problem, model, len(tried), effects, progress)
+        tried.append(tuple(rivals))
+        if rivals and rivals[0].fit.criterion < model.fit.criterion - 1.0:
+            model, tried = rivals[0], []
+    return model, tuple(tried)
 
 
 def _without(problem: Problem, model: Model, index: int) -> Model:
@@ -345,16 +386,18 @@ def _prune(problem: Problem, model: Model) -> Model:
     return model
 
 
-def _found(
-    problem: Problem, model: Model, effects: Sequence[type[MeanEffect]], progress: Progress
-) -> tuple[Found, ...]:
+def _found(problem: Problem, grown: Growth, progress: Progress) -> tuple[Found, ...]:
     """Rank the accepted effects and find what could stand in their place."""
-    found = []
+    model, found = grown.ladder[-1], []
     for index, term in enumerate(model.terms):
         simpler = _without(problem, model, index)
         gain = _worth(problem, simpler, model)
         by_colour = gain > simpler.fit.criterion - model.fit.criterion  # what saw it says what is as good
-        rivals = replacements(problem, model, index, effects, progress)
+        rivals = (
+            replacements(problem, model, index, grown.testable, progress)
+            if grown.rivals is None
+            else grown.rivals[index]
+        )
         equivalent = tuple(
             rival.terms[-1].effect.name
             for rival in rivals
