@@ -351,42 +351,59 @@ def persistence(blocks: Blocks, correlation: float) -> tuple[float, float]:
         χ² with one degree of freedom for each lag, for noise that does not reach as far; and the root mean square of
         what persists [torque]. 0 with too few blocks.
     """
-    if int(blocks.usable.sum()) < FEWEST_BLOCKS:
-        return 0.0, 0.0
-    value = blocks.residual * np.sqrt(blocks.n)
-    scale = _MEDIAN_TO_STD * float(np.median(np.abs(value[blocks.usable])))
-    if not scale > 0.0:
-        return 0.0, 0.0
-    value = np.clip(value / scale, -LARGEST_BLOCK, LARGEST_BLOCK)
-    lags = np.arange(PERSISTENCE_LAGS[0], PERSISTENCE_LAGS[1] + 1)
-    products, pairs = np.zeros((2, lags.size, blocks.intervals))
-    _lagged_products(value, blocks.usable, blocks.interval, lags, products, pairs)
-    # Taking out the level of an interval of m blocks correlates any two of them by -1/m.
-    count = np.bincount(blocks.interval, blocks.usable, blocks.intervals)
-    expected = np.array([_ar_agreement(correlation, blocks.size, int(lag)) for lag in lags])[:, None]
-    products -= pairs * (expected - 1.0 / np.maximum(count, 1.0))
-    if np.count_nonzero(pairs[0]) >= FEWEST_INTERVALS:
-        worst = np.argmax(np.square(products).sum(axis=0))
-        products[:, worst] = pairs[:, worst] = 0.0
-    total, count = products.sum(axis=1), np.maximum(pairs.sum(axis=1), 1.0)
-    size = scale * np.sqrt(float(np.max(np.abs(total / count))) / blocks.size)
-    return float(np.sum(total**2 / count)), float(size)
+    lags = range(PERSISTENCE_LAGS[0], PERSISTENCE_LAGS[1] + 1)
+    expected = np.array([_ar_agreement(correlation, blocks.size, lag) for lag in lags])
+    significance, mean_product = _persistence(
+        blocks.residual, blocks.n, blocks.usable, blocks.interval, blocks.intervals, expected
+    )
+    return float(significance), float(np.sqrt(mean_product / blocks.size))
 
 
 _MEDIAN_TO_STD: Final = float(1.0 / special.ndtri(0.75))
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
-def _lagged_products(
-    value: FloatArray, usable: BoolArray, interval: IntArray, lags: IntArray, products: FloatArray, pairs: FloatArray
-) -> None:
-    """Add up value[b]·value[b + lag] within each interval, and count the pairs; outputs (lags, intervals)."""
-    for row in range(lags.size):
-        lag = lags[row]
-        for b in range(value.size - lag):
-            if usable[b] and usable[b + lag] and interval[b] == interval[b + lag]:
-                products[row, interval[b]] += value[b] * value[b + lag]
-                pairs[row, interval[b]] += 1.0
+def _persistence(
+    residual: FloatArray, n: FloatArray, usable: BoolArray, interval: IntArray, intervals: int, expected: FloatArray
+) -> tuple[float, float]:
+    """Return the significance of `persistence`, and the largest mean product of residuals at any lag, per sample.
+
+    Parameters
+    ----------
+    residual, n, usable, interval, intervals
+        See `Blocks`.
+    expected
+        float64 (lags,), correlation of the means of two blocks at each lag by the noise's own memory.
+    """
+    if np.count_nonzero(usable) < FEWEST_BLOCKS:
+        return 0.0, 0.0
+    value = residual * np.sqrt(n)
+    scale = _MEDIAN_TO_STD * np.median(np.abs(value[usable]))
+    if not scale > 0.0:
+        return 0.0, 0.0
+    counts = usable.astype(np.float64)
+    for b in range(value.size):
+        value[b] = counts[b] * min(max(value[b] / scale, -LARGEST_BLOCK), LARGEST_BLOCK)
+    lags, first = expected.size, PERSISTENCE_LAGS[0]
+    products, pairs = np.zeros((intervals, lags)), np.zeros((intervals, lags))
+    end = value.size
+    for i in range(intervals - 1, -1, -1):  # blocks are in the order of their intervals
+        begin = end
+        while begin > 0 and interval[begin - 1] == i:
+            begin -= 1
+        for b in range(begin, end - first):
+            # Lags in the inner loop: neighbouring sums, which the compiler can advance together.
+            for row in range(min(lags, end - b - first)):
+                products[i, row] += value[b] * value[b + first + row]
+                pairs[i, row] += counts[b] * counts[b + first + row]
+        # Taking out the level of an interval of m blocks correlates any two of them by -1/m.
+        products[i] -= pairs[i] * (expected - 1.0 / max(counts[begin:end].sum(), 1.0))
+        end = begin
+    if np.count_nonzero(pairs[:, 0]) >= FEWEST_INTERVALS:
+        worst = np.argmax(np.square(products).sum(axis=1))
+        products[worst], pairs[worst] = 0.0, 0.0
+    total, count = products.sum(axis=0), np.maximum(pairs.sum(axis=0), 1.0)
+    return np.sum(total**2 / count), scale * scale * np.max(np.abs(total / count))
 
 
 def _ar_agreement(correlation: float, size: int, lag: int) -> float:

@@ -27,7 +27,6 @@ from rwa_monitor.diagnosis.results import (
     Candidates,
     Estimate,
     Evidence,
-    Moments,
     Rival,
     Story,
 )
@@ -63,7 +62,7 @@ class _Level:
     """The window at given positions of the candidates: all that scores need."""
 
     index: IntArray
-    moments: Moments  # between all pairs of nodes
+    pairs: FloatArray  # moments between all pairs of nodes, see `segments.pair_moments`
     slope: float
     information: float  # of the slope
     variance: float
@@ -114,9 +113,8 @@ def assign(
     candidates = evidence.candidates
     everyone: IntArray = np.arange(len(candidates), dtype=np.int64)
     level = _measure(case, candidates.index, everyone)
-    index = segments.refine(
-        evidence.sums, candidates.index, segments.reach_of(candidates), evidence.slots, level.slope, level.variance
-    )
+    reach = segments.reach_of(candidates)
+    index = segments.refine(evidence.sums, candidates.index, reach, level.slope, level.variance)
     level = _measure(case, index, everyone)
     signs = _signs(candidates, level, everyone)
     problem = _problem(case, level, signs)
@@ -148,20 +146,20 @@ def _priors(evidence: Evidence, wheel: Wheel, carried: CarriedState | None) -> P
 
 def _measure(case: _Case, index: IntArray, accepted: IntArray) -> _Level:
     """Measure slope and levels between the accepted candidates."""
-    moments = segments.pair_moments(case.evidence.sums, index, case.evidence.slots)
-    chain = segments.chain_of(moments, _nodes(accepted, index.size))
-    variance = case.variance
-    slope, information = segments.shared_slope(chain, variance, case.priors.slope)
-    spread = segments.level_range(segments.levels_of(chain, slope), variance)
-    jump, jump_variance = segments.jumps_of(moments, accepted, slope, information, variance)
-    return _Level(index, moments, slope, information, variance, spread, jump, jump_variance)
+    sums, variance, prior = case.evidence.sums, case.variance, case.priors.slope
+    pairs = segments.pair_moments(np.concatenate(([0], index, [case.evidence.slots])), sums.arrays)
+    nodes = _nodes(accepted, index.size)
+    slope, information = segments.shared_slope(pairs, nodes, variance, prior.mean, prior.std)
+    spread = segments.level_range(segments.levels_of(pairs, nodes, slope), variance)
+    jump, jump_variance = segments.jumps_of(pairs, nodes, slope, information, variance)
+    return _Level(index, pairs, slope, information, variance, spread, jump, jump_variance)
 
 
 def _problem(case: _Case, level: _Level, signs: BoolArray) -> Problem:
     """Tabulate all scores at the present positions, slope and signs."""
     systems, slots = case.wheel.fss, case.evidence.slots
     return Problem(
-        fit=segments.fit_table(level.moments, level.slope, level.variance, level.spread),
+        fit=segments.fit_table(level.pairs, level.slope, level.variance, level.spread),
         laws=law_tables(systems, level.index, slots, case.onsets),
         configurations=np.array([system.configurations for system in systems], dtype=np.int64),
         signs=signs,
@@ -193,13 +191,12 @@ def _sizes(case: _Case, level: _Level) -> Sizes:
 
 def _nodes(accepted: IntArray, count: int) -> IntArray:
     """Return the nodes of the segments between the accepted candidates."""
-    return np.concatenate([[0], accepted + 1, [count + 1]]).astype(np.int64)
+    return np.concatenate(([0], accepted + 1, [count + 1]))
 
 
 def _signs(candidates: Candidates, level: _Level, accepted: IntArray) -> BoolArray:
     """Return the possible signs of all candidates; those accepted by the levels beside them."""
-    chain = segments.chain_of(level.moments, _nodes(accepted, len(candidates)))
-    levels = segments.levels_of(chain, level.slope)
+    levels = segments.levels_of(level.pairs, _nodes(accepted, len(candidates)), level.slope)
     by_node = np.full(len(candidates) + 1, np.nan)
     by_node[0] = levels[0]
     by_node[accepted + 1] = levels[1:]
@@ -212,9 +209,7 @@ def _refine_accepted(case: _Case, level: _Level, accepted: IntArray) -> IntArray
     evidence = case.evidence
     reach = segments.reach_of(evidence.candidates)[accepted]
     moved = level.index.copy()
-    moved[accepted] = segments.refine(
-        evidence.sums, level.index[accepted], reach, evidence.slots, level.slope, level.variance
-    )
+    moved[accepted] = segments.refine(evidence.sums, level.index[accepted], reach, level.slope, level.variance)
     return moved if np.all(np.diff(moved) > 0) else level.index
 
 
@@ -236,7 +231,7 @@ def _rank(case: _Case, problem: Problem, paths: tuple[Path, ...], level: _Level)
         nodes = _nodes(accepted, index.size)
         story, system, direction = _tell(path, actions, index)
         borders = np.concatenate([[0], index[accepted], [case.evidence.slots]])
-        posterior = solve(story, borders, segments.chain_of(level.moments, nodes), case.priors, level.variance, scatter)
+        posterior = solve(story, borders, segments.chain_of(level.pairs, nodes), case.priors, level.variance, scatter)
         laws = path.score - float(problem.fit[nodes[:-1], nodes[1:]].sum())
         ranked.append(_Ranked(story, system, direction, posterior, laws + posterior.log_evidence))
     return sorted(ranked, key=lambda one: -one.score)

@@ -12,7 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from rwa_monitor.diagnosis.noise import mean_variance_factor
-from rwa_monitor.diagnosis.results import Estimate, Evidence, Moments, NoiseEstimate, RangeSums
+from rwa_monitor.diagnosis.results import Estimate, Evidence, NoiseEstimate
+from rwa_monitor.diagnosis.running_sums import Moments, RunningSums
 from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 
@@ -79,7 +80,7 @@ def interval_bounds(slots: int, index: IntArray, exclude: IntArray) -> tuple[Int
     return start, stop
 
 
-def interval_moments(sums: RangeSums, slots: int, index: IntArray, exclude: IntArray) -> Moments:
+def interval_moments(sums: RunningSums, slots: int, index: IntArray, exclude: IntArray) -> Moments:
     """Return the moments of the m + 1 intervals; one whose kept part has no used sample gets all its slots."""
     start, stop = interval_bounds(slots, index, exclude)
     moments = sums.between(start, stop)

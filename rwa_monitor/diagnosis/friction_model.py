@@ -21,7 +21,8 @@ import numpy as np
 from numba import njit
 
 from rwa_monitor.diagnosis.estimation import SlopePrior, nominal_viscous
-from rwa_monitor.diagnosis.results import Moments, Story
+from rwa_monitor.diagnosis.results import Story
+from rwa_monitor.diagnosis.running_sums import Moments
 from rwa_monitor.diagnosis.state import CarriedState
 from rwa_monitor.physics.wheel import SwitchingSystem, Wheel
 from rwa_monitor.samples import FloatArray, IntArray
@@ -211,11 +212,12 @@ def solve(
         Variance of the levels about the model, as `segments.level_scatter`.
     """
     design = _design(story, borders, priors)
-    moments = np.stack([segments.n, segments.x, segments.z, segments.xx, segments.xz, segments.zz])
     cases, log_prior = _case_table(priors.base, priors.anomaly)
     rest = np.array([priors.unattributed_std, priors.slope.mean, priors.slope.std])
     laws = np.stack([design.owner.astype(np.float64), design.mid, design.scatter])
-    log_evidences, means, covariances = _condition_cases(design.levels, moments, cases, laws, rest, variance, scatter)
+    log_evidences, means, covariances = _condition_cases(
+        design.levels, segments.table, cases, laws, rest, variance, scatter
+    )
     scores = log_evidences + log_prior
     best = scores.max()
     weights = np.exp(scores - best)
@@ -314,12 +316,11 @@ def measure(
         See `solve`; of the priors, those of the slope and of unattributed jumps count.
     """
     design = _design(story, borders, priors)
-    moments = np.stack([segments.n, segments.x, segments.z, segments.xx, segments.xz, segments.zz])
     free = 1 + design.owner.size
     mean, std = np.zeros(design.levels.shape[1] + 1), np.full(design.levels.shape[1] + 1, priors.unattributed_std)
     mean[0], mean[1:free], std[:free] = priors.base[0].mean, design.mid, FLAT_STD
     mean[-1], std[-1] = priors.slope.mean, priors.slope.std
-    log_evidence, mean, covariance = _condition(design.levels, moments, mean, np.diag(std**2), variance, scatter)
+    log_evidence, mean, covariance = _condition(design.levels, segments.table, mean, np.diag(std**2), variance, scatter)
     # The sojourns of the systems that never rest: along such a direction all of them rise and the base falls.
     moving = [float(column.size) for column in design.column if column.size and (column >= 0).all()]
     lost = np.linalg.slogdet(np.ones((len(moving), len(moving))) + np.diag(moving))[1]

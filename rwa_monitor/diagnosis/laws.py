@@ -22,9 +22,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
+from numba import njit
 from scipy import special
 
 from rwa_monitor.diagnosis.state import CarriedState
@@ -36,6 +37,7 @@ from rwa_monitor.samples import FloatArray, IntArray
 SOFT_SHARE: Final = 1e-3  # of the broad law in every duration law
 MISSED_SHARE: Final = 1e-2  # probability that a jump leaves no candidate: a sojourn of a few slots, or in a gap
 CARRIED_TRUST: Final = 0.95  # that the last configuration told by an earlier window is right
+Number = float | FloatArray
 DOWN, UP = 0, 1  # last axis of tables over directions
 
 
@@ -82,20 +84,36 @@ class SoftLaw:
 
     def pmf(self, slots: FloatArray) -> FloatArray:
         """Return P(τ = slots) for slots ≥ 1."""
-        broad = self._broad_survival(slots) - self._broad_survival(slots + 1)
-        return (1 - SOFT_SHARE) * self.law.pmf(slots) + SOFT_SHARE * broad
+        return np.asarray(_soft_pmf(self.law.survival(slots), self.law.survival(slots + 1.0), slots, self.mean))
 
     def survival(self, slots: FloatArray) -> FloatArray:
         """Return P(τ ≥ slots) for slots ≥ 1."""
-        return (1 - SOFT_SHARE) * self.law.survival(slots) + SOFT_SHARE * self._broad_survival(slots)
+        return np.asarray(_soft_survival(self.law.survival(slots), slots, self.mean))
 
     def survival_sum(self, start: int) -> float:
         """Return Σ_{r ≥ start} P(τ ≥ r) [slots]; the mean for start = 1."""
         broad = self.mean**2 * float(special.zeta(2.0, self.mean + start - 1))  # Σ_r m² / (m + r - 1)²
         return (1 - SOFT_SHARE) * _survival_sum(self.law, start) + SOFT_SHARE * broad
 
-    def _broad_survival(self, slots: FloatArray) -> FloatArray:
-        return (1.0 + (slots - 1.0) / self.mean) ** -2.0
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _broad_survival(slots: Number, mean: float) -> Number:
+    """Return P(τ ≥ slots) of the broad law; a number or an array, as all of these."""
+    share = mean / (mean + slots - 1.0)
+    return share * share
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _soft_survival(survival: Number, slots: Number, mean: float) -> Number:
+    """Mix a law's P(τ ≥ slots) with that of the broad law."""
+    return (1.0 - SOFT_SHARE) * survival + SOFT_SHARE * _broad_survival(slots, mean)
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _soft_pmf(survival: Number, following: Number, slots: Number, mean: float) -> Number:
+    """Mix a law's P(τ = slots), from P(τ ≥ slots) and P(τ ≥ slots + 1), likewise."""
+    broad = _broad_survival(slots, mean) - _broad_survival(slots + 1.0, mean)
+    return (1.0 - SOFT_SHARE) * (survival - following) + SOFT_SHARE * broad
 
 
 @lru_cache(maxsize=4096)
@@ -150,60 +168,138 @@ def law_tables(
     return tables
 
 
-def _fill(tables: LawTables, s: int, system: SwitchingSystem, index: IntArray, slots: int, first: Onset | None) -> None:
-    """Fill the tables of one system."""
-    at = index.astype(np.float64)
-    later = np.triu(np.ones((index.size, index.size), dtype=np.bool_), k=1)
-    between = (at[None, :] - at[:, None])[later]  # durations of sojourns that begin and end at candidates
-    laws, *_ = _laws_of(system)
-    inner = tables.jump[s, :, 1:, 1:]
-    with np.errstate(divide="ignore"):
-        for q, law in enumerate(laws):
-            up = system.probability_up(q)
-            tables.turn[s, q] = np.log([1.0 - up, up])
-            inner[q][later] = np.log(law.pmf(between))
-            tables.stay[s, q, 1:] = np.log(law.survival(slots - at))
-            tables.jump[s, q, 0, 1:] = np.log(_first_ends(system, q, at, first))
-            tables.stay[s, q, 0] = np.log(_never_ends(system, q, slots, first))
-            for direction, step in ((DOWN, -1), (UP, 1)):
-                if 0 <= q + step < system.configurations:
-                    both = law.mean + laws[q + step].mean  # of two sojourns in a row, seen as one
-                    lomax = np.log(2.0 / both) - 3.0 * np.log1p(between / both)
-                    tables.missed[s, q, direction, 1:, 1:][later] = np.where(
-                        between >= 2, np.log(MISSED_SHARE) + tables.turn[s, q, direction] + lomax, -np.inf
-                    )
+class Chain(NamedTuple):
+    """What of a system's laws depends on the window's length at most, as compiled code takes it; Q configurations.
+
+    Attributes
+    ----------
+    means
+        float64 (Q,), mean durations of the soft laws [slots].
+    entered
+        float64 (Q,), how often a sojourn in q begins, per slot: π_q / Σ_j π_j μ_j.
+    never
+        float64 (Q,), probability that the first sojourn is in q and outlasts the window.
+    turn
+        float64 (Q, 2), log-probabilities of a transition down and up.
+    """
+
+    means: FloatArray
+    entered: FloatArray
+    never: FloatArray
+    turn: FloatArray
 
 
 @lru_cache(maxsize=256)
-def _laws_of(system: SwitchingSystem) -> tuple[tuple[SoftLaw, ...], FloatArray, float]:
-    """Return the soft laws, the stationary law of the jumping chain, and the mean time between its jumps [slots]."""
-    laws = tuple(soften(law) for law in system.durations)
+def _laws_of(system: SwitchingSystem, slots: int) -> tuple[tuple[SoftLaw, ...], Chain]:
+    """Return a system's soft laws, and what else of them does not depend on what happened in a window of `slots`."""
+    soft = tuple(soften(law) for law in system.durations)
     pi = jumping_chain_law(system)
-    return laws, pi, sum(float(p) * law.survival_sum(1) for p, law in zip(pi, laws, strict=True))
+    cycle = sum(float(p) * law.survival_sum(1) for p, law in zip(pi, soft, strict=True))
+    up = np.array([system.probability_up(q) for q in range(system.configurations)])
+    with np.errstate(divide="ignore"):
+        turn = np.log(np.stack([1.0 - up, up], axis=1))
+    never = pi / cycle * np.array([law.survival_sum(slots) for law in soft])
+    return soft, Chain(np.array([law.mean for law in soft]), pi / cycle, never, turn)
 
 
-def _first_ends(system: SwitchingSystem, q: int, after: FloatArray, first: Onset | None) -> FloatArray:
-    """Return the probability that the first sojourn is in q and ends `after` slots of the window."""
-    laws, pi, cycle = _laws_of(system)
-    law = laws[q]
-    ended = pi[q] * law.survival(after) / cycle
-    if first is not None:
-        told = 1.0 if q == first.configuration else 0.0
-        alive = law.survival(np.array([first.age + 1.0]))
-        ended = (1 - CARRIED_TRUST) * ended + CARRIED_TRUST * told * law.pmf(first.age + after) / alive
-    return np.asarray(ended)
+def _survivals(laws: tuple[SoftLaw, ...], slots: FloatArray) -> FloatArray:
+    """Return P(τ ≥ slots) of the laws, not softened: float64 (Q, points)."""
+    return np.stack([law.law.survival(slots) for law in laws])
 
 
-def _never_ends(system: SwitchingSystem, q: int, slots: int, first: Onset | None) -> float:
-    """Return the probability that the first sojourn is in q and outlasts the window."""
-    laws, pi, cycle = _laws_of(system)
-    law = laws[q]
-    never = float(pi[q] * law.survival_sum(slots) / cycle)
-    if first is not None:
-        told = 1.0 if q == first.configuration else 0.0
-        gone = law.survival(np.array([first.age + slots])) / law.survival(np.array([first.age + 1.0]))
-        never = (1 - CARRIED_TRUST) * never + CARRIED_TRUST * told * float(gone[0])
-    return never
+class _Told(NamedTuple):
+    """What an earlier window tells of a first sojourn: its configuration (-1: nothing), and how long it goes on.
+
+    `ends`, float64 (points,): probability that it ends after so many slots; `lasts`: that it outlasts the window.
+    """
+
+    configuration: int
+    ends: FloatArray
+    lasts: float
+
+
+def _told_by(first: Onset | None, laws: tuple[SoftLaw, ...], after: FloatArray, slots: int) -> _Told:
+    """Return what is known of a first sojourn that would end `after` slots of the window."""
+    if first is None:
+        return _Told(-1, after, 0.0)
+    law = laws[first.configuration]
+    alive, gone = law.survival(np.array([first.age + 1.0, float(first.age + slots)]))
+    return _Told(first.configuration, law.pmf(first.age + after) / alive, float(gone / alive))
+
+
+def _fill(tables: LawTables, s: int, system: SwitchingSystem, index: IntArray, slots: int, first: Onset | None) -> None:
+    """Fill the tables of one system."""
+    (laws, chain), at = _laws_of(system, slots), index.astype(np.float64)
+    earlier, later = np.triu_indices(index.size, k=1)
+    between = at[later] - at[earlier]  # durations of sojourns that begin and end at candidates
+    survivals = _survivals(laws, np.concatenate((between, between + 1.0, at, slots - at)))
+    tables.turn[s, : len(laws)] = chain.turn
+    told = _told_by(first, laws, at, slots)
+    _tabulate(at, slots, survivals, chain, told, tables.jump[s], tables.stay[s], tables.missed[s])
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _tabulate(
+    at: FloatArray,
+    slots: int,
+    survivals: FloatArray,
+    chain: Chain,
+    told: _Told,
+    jump: FloatArray,
+    stay: FloatArray,
+    missed: FloatArray,
+) -> None:
+    """Fill the tables of one system; they hold -inf.
+
+    Parameters
+    ----------
+    at, slots
+        float64 (m,), the candidates' slots, and the length of the window.
+    survivals
+        float64 (Q, points), see `_survivals`: at the durations between all pairs of candidates (i < j, row by row), at
+        these + 1, from the window's begin to each candidate, and from each to the window's end.
+    chain, told
+        The system's laws, and what is known of its first sojourn.
+    jump, stay, missed
+        The system's part of `LawTables`.
+    """
+    count, configurations = at.size, chain.means.size
+    pairs = count * (count - 1) // 2
+    begun, left = survivals[:, 2 * pairs : 2 * pairs + count], survivals[:, 2 * pairs + count :]
+    for q in range(configurations):
+        mean = chain.means[q]
+        pair = 0
+        for i in range(count):
+            for j in range(i + 1, count):
+                duration = at[j] - at[i]
+                jump[q, 1 + i, 1 + j] = np.log(
+                    _soft_pmf(survivals[q, pair], survivals[q, pairs + pair], duration, mean)
+                )
+                pair += 1
+        for k in range(count):
+            stay[q, 1 + k] = np.log(_soft_survival(left[q, k], slots - at[k], mean))
+            ended = chain.entered[q] * _soft_survival(begun[q, k], at[k], mean)
+            jump[q, 0, 1 + k] = np.log(_first(ended, told.ends[k], q, told.configuration))
+        stay[q, 0] = np.log(_first(chain.never[q], told.lasts, q, told.configuration))
+        for direction in (DOWN, UP):
+            after = q + 2 * direction - 1
+            if not 0 <= after < configurations:
+                continue
+            both = mean + chain.means[after]  # of two sojourns in a row, seen as one
+            log_prior = np.log(MISSED_SHARE) + chain.turn[q, direction] + np.log(2.0 / both)
+            for i in range(count):
+                for j in range(i + 1, count):
+                    duration = at[j] - at[i]
+                    if duration >= 2.0:
+                        missed[q, direction, 1 + i, 1 + j] = log_prior - 3.0 * np.log1p(duration / both)
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _first(unknown: float, told: float, q: int, configuration: int) -> float:
+    """Return a probability of the first sojourn, in q: a mixture where earlier windows tell its configuration."""
+    if configuration < 0:
+        return unknown
+    return (1.0 - CARRIED_TRUST) * unknown + (CARRIED_TRUST * told if q == configuration else 0.0)
 
 
 def log_probability(
@@ -220,20 +316,30 @@ def log_probability(
     slots
         Length of the window.
     """
-    laws, *_ = _laws_of(system)
-    at, last = starts[1:].astype(np.float64), int(configurations[-1])
-    left = configurations[:-1]
-    moves = np.empty(left.size)
-    with np.errstate(divide="ignore"):
-        for q in range(system.configurations):
-            inner = np.flatnonzero(left[1:] == q)
-            moves[1 + inner] = np.log(laws[q].pmf(at[1 + inner] - at[inner]))
-        if left.size == 0:
-            stayed = np.log(_never_ends(system, last, slots, first))
-        else:
-            moves[0] = np.log(_first_ends(system, int(left[0]), at[:1], first))[0]
-            stayed = np.log(laws[last].survival(slots - at[-1:]))[0]
-        up = [system.probability_up(q) for q in range(system.configurations)]
-        turn = np.log([[1.0 - probability, probability] for probability in up])
-    moves += turn[left, (np.diff(configurations) > 0).astype(np.int64)]
-    return float(moves.sum() + stayed)
+    (laws, chain), at = _laws_of(system, slots), starts[1:].astype(np.float64)
+    between = at[1:] - at[:-1]
+    survivals = _survivals(laws, np.concatenate((between, between + 1.0, at[:1], slots - at[-1:])))
+    return float(_add_up(configurations, at, slots, survivals, chain, _told_by(first, laws, at[:1], slots)))
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _add_up(
+    configurations: IntArray, at: FloatArray, slots: int, survivals: FloatArray, chain: Chain, told: _Told
+) -> float:
+    """Add up the log-probabilities of a system's sojourns in `configurations`, the later ones begun at the slots `at`.
+
+    Parameters as in `_tabulate`, the durations those of the sojourns between its first and last.
+    """
+    first, last = configurations[0], configurations[-1]
+    if at.size == 0:
+        return float(np.log(_first(chain.never[first], told.lasts, first, told.configuration)))
+    ended = chain.entered[first] * _soft_survival(survivals[first, -2], at[0], chain.means[first])
+    total = np.log(_first(ended, told.ends[0], first, told.configuration))
+    total += np.log(_soft_survival(survivals[last, -1], slots - at[-1], chain.means[last]))
+    for j in range(at.size):
+        q = configurations[j]
+        total += chain.turn[q, UP if configurations[j + 1] > q else DOWN]
+        if j > 0:
+            survival, following = survivals[q, j - 1], survivals[q, at.size - 1 + j - 1]
+            total += np.log(_soft_pmf(survival, following, at[j] - at[j - 1], chain.means[q]))
+    return float(total)

@@ -5,8 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 
 from rwa_monitor.diagnosis.results import Estimate, Evidence
+from rwa_monitor.diagnosis.running_sums import SumArrays, moments_between, prefix_moments
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 
 
@@ -55,20 +57,48 @@ def residual_blocks(evidence: Evidence, estimate: Estimate, size: int) -> Blocks
         Slots of a block; with a multiple of the running sums' stride no sample is read. The rest of the window that
         fills no block is left out.
     """
-    start = np.arange(evidence.slots // size, dtype=np.int64) * size
-    sums = evidence.sums.between(start, start + size)
-    # The first block that begins at or after each changepoint begins its interval.
-    border = np.minimum(-(-estimate.index // size), start.size)
-    interval = np.repeat(np.arange(estimate.index.size + 1), np.diff(border, prepend=0, append=start.size))
-    usable = sums.n >= size // 2
-    inside = estimate.index[(estimate.index % size != 0) & (estimate.index < start.size * size)]
-    usable[inside // size] = False
-    n = np.maximum(sums.n, 1.0)
-    friction = (sums.z - estimate.viscous * sums.x) / n
+    blocks, count = evidence.slots // size, estimate.index.size + 1
+    n, x, friction, residual = np.empty((4, blocks))
+    interval, usable = np.empty(blocks, dtype=np.int64), np.empty(blocks, dtype=np.bool_)
+    slope, sums = estimate.viscous, evidence.sums.arrays
+    _cut(size, estimate.index, slope, sums, n, x, friction, residual, interval, usable)
+    return Blocks(size, n, x, friction, residual, interval, usable, count)
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _cut(
+    size: int,
+    index: IntArray,
+    slope: float,
+    sums: SumArrays,
+    n: FloatArray,
+    x: FloatArray,
+    friction: FloatArray,
+    residual: FloatArray,
+    interval: IntArray,
+    usable: BoolArray,
+) -> None:
+    """Fill in the arrays of `Blocks` from the running sums; `index` are the changepoints."""
+    weight, total = np.zeros(index.size + 1), np.zeros(index.size + 1)
+    own = 0
+    begin = prefix_moments(0, sums)
+    for b in range(n.size):
+        # The first block that begins at or after each changepoint begins its interval.
+        while own < index.size and index[own] <= b * size:
+            own += 1
+        interval[b] = own
+        end = prefix_moments((b + 1) * size, sums)
+        count, sum_x, sum_z, _, _, _ = moments_between(begin, end, sums.centre)
+        begin = end
+        n[b] = max(count, 1.0)
+        x[b] = sum_x / n[b]
+        friction[b] = (sum_z - slope * sum_x) / n[b]
+        usable[b] = count >= size // 2 and (own == index.size or index[own] >= (b + 1) * size)
+        if usable[b]:
+            weight[own] += count
+            total[own] += count * friction[b]
     # The level is the blocks' own: an estimate leaves out samples beside the jumps, and a difference would look alike
     # in all blocks.
-    weight = np.where(usable, sums.n, 0.0)
-    count = estimate.index.size + 1
-    total = np.maximum(np.bincount(interval, weight, count), 1.0)
-    level = np.bincount(interval, weight * friction, count) / total
-    return Blocks(size, n, sums.x / n, friction, friction - level[interval], interval, usable, count)
+    level = total / np.maximum(weight, 1.0)
+    for b in range(n.size):
+        residual[b] = friction[b] - level[interval[b]]

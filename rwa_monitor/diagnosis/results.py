@@ -12,42 +12,17 @@ first slot of the new level.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final, Literal, Protocol
+from typing import Final, Literal
 
 import numpy as np
 
+from rwa_monitor.diagnosis.running_sums import RunningSums
 from rwa_monitor.diagnosis.structure import Structure
 from rwa_monitor.samples import FloatArray, IntArray
 
 Method = Literal["joint", "paper"]
 REJECTED: Final = -1  # in Assignment.system: a candidate that is no changepoint
 UNATTRIBUTED: Final = -2  # in Assignment.system: a changepoint that no switching system explains
-
-
-@dataclass(frozen=True, slots=True)
-class Moments:
-    """Sums over the used samples of a range of slots.
-
-    Attributes
-    ----------
-    n, x, z, xx, xz, zz
-        Count, Σx, Σz, Σx², Σxz, Σz². Scalars, or arrays of equal shape for several ranges at once.
-    """
-
-    n: FloatArray
-    x: FloatArray
-    z: FloatArray
-    xx: FloatArray
-    xz: FloatArray
-    zz: FloatArray
-
-
-class RangeSums(Protocol):
-    """Gives the moments of any range of a window's slots from running sums, without a scan of the samples."""
-
-    def between(self, start: IntArray, stop: IntArray) -> Moments:
-        """Return the moments of the slots [start, stop), element by element; int64 arrays of equal shape."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,7 +94,7 @@ class Evidence:
     good: int
     used: int
     candidates: Candidates
-    sums: RangeSums
+    sums: RunningSums
     noise: NoiseEstimate
     threshold: float
     structure: Structure

@@ -8,17 +8,60 @@ samples, so that an offset far larger than the noise costs no digits.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Final, NamedTuple
 
 import numba
 import numpy as np
 
-from rwa_monitor.diagnosis.results import Moments
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 
 STRIDE: Final = 16  # slots from one checkpoint to the next: 3 bytes of sums a slot instead of 48
 MOMENTS: Final = 6  # n, x, z, xx, xz, zz
 CENTRE_BLOCK: Final = 64  # slots whose median is the origin of the sums
+
+
+@dataclass(frozen=True, slots=True)
+class Moments:
+    """Sums over the used samples of ranges of slots.
+
+    Attributes
+    ----------
+    table
+        float64 (6, …): count, Σx, Σz, Σx², Σxz, Σz² of each range; the properties name its rows.
+    """
+
+    table: FloatArray
+
+    @property
+    def n(self) -> FloatArray:
+        """Count, as all of these an array of the shape of the ranges."""
+        return np.asarray(self.table[0])
+
+    @property
+    def x(self) -> FloatArray:
+        """Σx."""
+        return np.asarray(self.table[1])
+
+    @property
+    def z(self) -> FloatArray:
+        """Σz."""
+        return np.asarray(self.table[2])
+
+    @property
+    def xx(self) -> FloatArray:
+        """Σx²."""
+        return np.asarray(self.table[3])
+
+    @property
+    def xz(self) -> FloatArray:
+        """Σxz."""
+        return np.asarray(self.table[4])
+
+    @property
+    def zz(self) -> FloatArray:
+        """Σz²."""
+        return np.asarray(self.table[5])
 
 
 class SumArrays(NamedTuple):
@@ -95,29 +138,47 @@ def prefix_moments(k: int, arrays: SumArrays) -> tuple[float, float, float, floa
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
-def range_moments(start: IntArray, stop: IntArray, arrays: SumArrays, out: FloatArray) -> int:
-    """Write the moments of each range [start, stop), not centred, to `out` (6, m); return the samples read."""
+def moments_between(
+    first: tuple[float, float, float, float, float, float],
+    last: tuple[float, float, float, float, float, float],
+    centre: FloatArray,
+) -> tuple[float, float, float, float, float, float]:
+    """Return the moments, not centred, of the slots between two of `prefix_moments`."""
+    n0, x0, z0, xx0, xz0, zz0 = first
+    n1, x1, z1, xx1, xz1, zz1 = last
+    cx, cz = centre[0], centre[1]
+    n, sx, sz = n1 - n0, x1 - x0, z1 - z0
+    return (
+        n,
+        sx + n * cx,
+        sz + n * cz,
+        xx1 - xx0 + 2.0 * cx * sx + n * cx * cx,
+        xz1 - xz0 + cx * sz + cz * sx + n * cx * cz,
+        zz1 - zz0 + 2.0 * cz * sz + n * cz * cz,
+    )
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def range_moments(start: IntArray, stop: IntArray, slots: int, arrays: SumArrays, out: FloatArray) -> int:
+    """Write the moments of each range [start, stop), not centred, to `out` (6, m).
+
+    Returns the samples read, or -1 if a slot lies outside [0, slots].
+    """
     read = 0
-    cx, cz = arrays.centre[0], arrays.centre[1]
     for i in range(start.size):
+        if min(start[i], stop[i]) < 0 or max(start[i], stop[i]) > slots:
+            return -1
         if stop[i] <= start[i]:
             out[:, i] = 0.0
             continue
-        n0, x0, z0, xx0, xz0, zz0 = prefix_moments(start[i], arrays)
-        n1, x1, z1, xx1, xz1, zz1 = prefix_moments(stop[i], arrays)
+        first, last = prefix_moments(start[i], arrays), prefix_moments(stop[i], arrays)
         read += start[i] % STRIDE + stop[i] % STRIDE
-        n, sx, sz = n1 - n0, x1 - x0, z1 - z0
-        out[0, i] = n
-        out[1, i] = sx + n * cx
-        out[2, i] = sz + n * cz
-        out[3, i] = xx1 - xx0 + 2.0 * cx * sx + n * cx * cx
-        out[4, i] = xz1 - xz0 + cx * sz + cz * sx + n * cx * cz
-        out[5, i] = zz1 - zz0 + 2.0 * cz * sz + n * cz * cz
+        out[0, i], out[1, i], out[2, i], out[3, i], out[4, i], out[5, i] = moments_between(first, last, arrays.centre)
     return read
 
 
 class RunningSums:
-    """Moments of any range of a window's slots; the `RangeSums` of the later stages.
+    """Moments of any range of a window's slots; all that the later stages see of its samples.
 
     Parameters
     ----------
@@ -186,11 +247,10 @@ class RunningSums:
         IndexError
             If a slot lies outside the window.
         """
-        shape = np.shape(start)
-        starts = np.ascontiguousarray(np.reshape(start, -1), dtype=np.int64)
-        stops = np.ascontiguousarray(np.reshape(stop, -1), dtype=np.int64)
-        if starts.size and (min(starts.min(), stops.min()) < 0 or max(starts.max(), stops.max()) > self.slots):
-            raise IndexError(f"a range reaches beyond the window's {self.slots} slots")
+        starts, stops = np.asarray(start, dtype=np.int64), np.asarray(stop, dtype=np.int64)
         out = np.empty((MOMENTS, starts.size))
-        self.samples_read += range_moments(starts, stops, self.arrays, out)
-        return Moments(*(row.reshape(shape) for row in out))
+        read = int(range_moments(starts.ravel(), stops.ravel(), self.slots, self.arrays, out))
+        if read < 0:
+            raise IndexError(f"a range reaches beyond the window's {self.slots} slots")
+        self.samples_read += read
+        return Moments(out.reshape(MOMENTS, *starts.shape))

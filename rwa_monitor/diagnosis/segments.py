@@ -8,10 +8,18 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
+from numba import njit
 
-from rwa_monitor.diagnosis.estimation import SlopePrior
 from rwa_monitor.diagnosis.noise import mean_variance_factor
-from rwa_monitor.diagnosis.results import Candidates, Moments, NoiseEstimate, RangeSums
+from rwa_monitor.diagnosis.results import Candidates, NoiseEstimate
+from rwa_monitor.diagnosis.running_sums import (
+    MOMENTS,
+    Moments,
+    RunningSums,
+    SumArrays,
+    moments_between,
+    prefix_moments,
+)
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 
 MIN_REACH: Final = 4  # a position is refined by at least this many slots [slots]
@@ -33,63 +41,87 @@ def effective_variance(noise: NoiseEstimate) -> float:
     return float(noise.std**2 * max(1.0, noise.long_run_factor, float(factor.max())))
 
 
-def pair_moments(sums: RangeSums, index: IntArray, slots: int) -> Moments:
-    """Return the moments between all pairs of nodes: arrays (m + 2, m + 2), zero on and below the diagonal."""
-    nodes = np.concatenate([[0], index, [slots]]).astype(np.int64)
-    first, last = np.triu_indices(nodes.size, k=1)
-    found = sums.between(nodes[first], nodes[last])
+@njit(cache=True, error_model="numpy", nogil=True)
+def pair_moments(nodes: IntArray, sums: SumArrays) -> FloatArray:
+    """Return the moments between all pairs of `nodes`: float64 (6, m + 2, m + 2), zero on and below the diagonal.
 
-    def spread(values: FloatArray) -> FloatArray:
-        table = np.zeros((nodes.size, nodes.size))
-        table[first, last] = values
-        return table
+    Parameters
+    ----------
+    nodes
+        int64 (m + 2,), the window's begin, the candidates' slots, the window's end; strictly increasing.
+    sums
+        Running sums of the window.
+    """
+    table = np.zeros((MOMENTS, nodes.size, nodes.size))
+    prefix = [prefix_moments(slot, sums) for slot in nodes]
+    for i in range(nodes.size):
+        for j in range(i + 1, nodes.size):
+            n, x, z, xx, xz, zz = moments_between(prefix[i], prefix[j], sums.centre)
+            table[0, i, j], table[1, i, j], table[2, i, j] = n, x, z
+            table[3, i, j], table[4, i, j], table[5, i, j] = xx, xz, zz
+    return table
 
-    return Moments(*(spread(np.asarray(v)) for v in (found.n, found.x, found.z, found.xx, found.xz, found.zz)))
 
-
-def chain_of(moments: Moments, nodes: IntArray) -> Moments:
+def chain_of(pairs: FloatArray, nodes: IntArray) -> Moments:
     """Pick from the moments of all pairs those of the segments between consecutive `nodes`."""
-    at = (nodes[:-1], nodes[1:])
-    return Moments(*(v[at] for v in (moments.n, moments.x, moments.z, moments.xx, moments.xz, moments.zz)))
+    return Moments(pairs[:, nodes[:-1], nodes[1:]])
 
 
-def shared_slope(segments: Moments, variance: float, prior: SlopePrior) -> tuple[float, float]:
-    """Return the slope that the segments share beside their own levels, and its information (inverse variance)."""
-    n = np.maximum(segments.n, 1.0)
-    weight = variance / prior.std**2
-    sxx = float(np.sum(segments.xx - segments.x**2 / n)) + weight
-    sxz = float(np.sum(segments.xz - segments.x * segments.z / n)) + weight * prior.mean
+@njit(cache=True, error_model="numpy", nogil=True)
+def shared_slope(
+    pairs: FloatArray, nodes: IntArray, variance: float, prior_mean: float, prior_std: float
+) -> tuple[float, float]:
+    """Return the slope that the segments between consecutive `nodes` share beside their own levels.
+
+    With its information (inverse variance); `prior_mean` and `prior_std` are those of its Gaussian prior.
+    """
+    weight = variance / prior_std**2
+    sxx, sxz = weight, weight * prior_mean
+    for i in range(nodes.size - 1):
+        n, x, z, xx, xz, _ = pairs[:, nodes[i], nodes[i + 1]]
+        n = max(n, 1.0)
+        sxx += xx - x * x / n
+        sxz += xz - x * z / n
     return sxz / sxx, sxx / variance
 
 
-def levels_of(segments: Moments, slope: float) -> FloatArray:
-    """Return the level of each segment at a given slope; NaN where it has no used sample."""
-    with np.errstate(invalid="ignore", divide="ignore"):
-        return np.asarray((segments.z - slope * segments.x) / segments.n)
+@njit(cache=True, error_model="numpy", nogil=True)
+def levels_of(pairs: FloatArray, nodes: IntArray, slope: float) -> FloatArray:
+    """Return the level of each segment between consecutive `nodes`, the slope given; NaN where no sample is used."""
+    levels = np.full(nodes.size - 1, np.nan)
+    for i in range(levels.size):
+        n, x, z = pairs[0, nodes[i], nodes[i + 1]], pairs[1, nodes[i], nodes[i + 1]], pairs[2, nodes[i], nodes[i + 1]]
+        if n > 0.0:
+            levels[i] = (z - slope * x) / n
+    return levels
 
 
+@njit(cache=True, error_model="numpy", nogil=True)
 def jumps_of(
-    moments: Moments, accepted: IntArray, slope: float, information: float, variance: float
+    pairs: FloatArray, nodes: IntArray, slope: float, information: float, variance: float
 ) -> tuple[FloatArray, FloatArray]:
     """Return size and variance of the jump at each candidate, between the accepted candidates beside it, (m,) each.
 
     The variance holds that of both means, of the slope they share, and of levels that are not quite constant
-    (`LEVEL_SCATTER`). Beside a segment without samples the size is 0 and its variance infinite.
+    (`LEVEL_SCATTER`). Beside a segment without samples the size is 0 and its variance infinite. `nodes` holds the
+    accepted candidates, and both ends of the window.
     """
-    count = moments.n.shape[0] - 2
-    at = np.arange(1, count + 1)
-    nodes = np.concatenate([[0], accepted + 1, [count + 1]])
-    place = np.searchsorted(nodes, at, side="left")
-    before = nodes[place - 1]
-    after = nodes[np.searchsorted(nodes, at, side="right")]
-    n = np.stack([moments.n[before, at], moments.n[at, after]])
-    seen = np.maximum(n, 1.0)
-    x = np.stack([moments.x[before, at], moments.x[at, after]]) / seen
-    z = np.stack([moments.z[before, at], moments.z[at, after]]) / seen
-    jump = (z[1] - z[0]) - slope * (x[1] - x[0])
-    spread = variance * (1.0 / seen).sum(axis=0) + (x[1] - x[0]) ** 2 / information
-    blind = (n == 0).any(axis=0)
-    return np.where(blind, 0.0, jump), np.where(blind, np.inf, spread + 2.0 * level_scatter(variance))
+    count = pairs.shape[1] - 2
+    jump, spread = np.zeros(count), np.full(count, np.inf)
+    scatter = LEVEL_SCATTER**2 * variance
+    place = 1  # of the first accepted node at or after the candidate
+    for at in range(1, count + 1):
+        if nodes[place] < at:
+            place += 1
+        before, after = nodes[place - 1], nodes[place + 1] if nodes[place] == at else nodes[place]
+        left, right = pairs[0, before, at], pairs[0, at, after]
+        if left == 0.0 or right == 0.0:
+            continue
+        speed = pairs[1, at, after] / right - pairs[1, before, at] / left
+        friction = pairs[2, at, after] / right - pairs[2, before, at] / left
+        jump[at - 1] = friction - slope * speed
+        spread[at - 1] = variance * (1.0 / left + 1.0 / right) + speed * speed / information + 2.0 * scatter
+    return jump, spread
 
 
 def level_scatter(variance: float) -> float:
@@ -97,21 +129,30 @@ def level_scatter(variance: float) -> float:
     return LEVEL_SCATTER**2 * variance
 
 
-def squared_error(segments: Moments, slope: float) -> FloatArray:
-    """Return Σ (z - level - slope x)² of each segment about its own level, at a given slope."""
-    y = segments.z - slope * segments.x
-    yy = segments.zz - 2.0 * slope * segments.xz + slope**2 * segments.xx
-    return np.maximum(yy - y**2 / np.maximum(segments.n, 1.0), 0.0)
+@njit(cache=True, error_model="numpy", nogil=True)
+def _squared_error(moments: tuple[float, float, float, float, float, float], slope: float) -> float:
+    """Return Σ (z - level - slope x)² of a segment about its own level, at a given slope."""
+    n, x, z, xx, xz, zz = moments
+    y = z - slope * x
+    yy = zz - 2.0 * slope * xz + slope * slope * xx
+    return max(yy - y * y / max(n, 1.0), 0.0)
 
 
-def fit_table(moments: Moments, slope: float, variance: float, level_range: float) -> FloatArray:
+@njit(cache=True, error_model="numpy", nogil=True)
+def fit_table(pairs: FloatArray, slope: float, variance: float, level_range: float) -> FloatArray:
     """Return the log-likelihood of one level between all pairs of nodes, (m + 2, m + 2).
 
     The level is integrated out over a flat prior of width `level_range`, which charges each level
     log(range · √(n / 2π variance)): a jump must gain more than its own parameter costs.
     """
-    charge = np.log(level_range) - 0.5 * np.log(2.0 * np.pi * variance / np.maximum(moments.n, 1.0))
-    return -squared_error(moments, slope) / (2.0 * variance) - np.where(moments.n > 0, np.maximum(charge, 0.0), 0.0)
+    table = np.zeros(pairs.shape[1:])
+    for i in range(pairs.shape[1]):
+        for j in range(i + 1, pairs.shape[1]):
+            n, x, z, xx, xz, zz = pairs[:, i, j]
+            if n > 0.0:
+                charge = np.log(level_range) - 0.5 * np.log(2.0 * np.pi * variance / n)
+                table[i, j] = -_squared_error((n, x, z, xx, xz, zz), slope) / (2.0 * variance) - max(charge, 0.0)
+    return table
 
 
 def level_range(levels: FloatArray, variance: float) -> float:
@@ -121,37 +162,41 @@ def level_range(levels: FloatArray, variance: float) -> float:
     return max(spread, 10.0 * float(np.sqrt(variance)))
 
 
-def refine(sums: RangeSums, index: IntArray, reach: IntArray, slots: int, slope: float, variance: float) -> IntArray:
+def refine(sums: RunningSums, index: IntArray, reach: IntArray, slope: float, variance: float) -> IntArray:
     """Move each changepoint to the slot near it that splits its two neighbouring intervals best.
 
     Parameters
     ----------
     sums
-        Range sums of the window.
+        Running sums of the window.
     index
         int64 (m,), positions, strictly increasing.
     reach
         int64 (m,), how far each may move; never beyond half way to a neighbour, so that none meet.
-    slots
-        Length of the window.
     slope, variance
         Shared slope and variance of the noise.
     """
-    if index.size == 0:
-        return index
-    left = np.concatenate([[0], index[:-1]])
-    right = np.concatenate([index[1:], [slots]])
-    offset = np.arange(-int(reach.max()), int(reach.max()) + 1)
-    trial = index[:, None] + offset[None, :]
-    low = np.maximum(left + (index - left) // 2, index - reach)[:, None]  # exclusive unless it is the index itself
-    high = np.minimum(index + (right - index) // 2, index + reach)[:, None]
-    allowed = ((trial > low) & (trial <= high)) | (offset[None, :] == 0)
-    safe = np.where(allowed, trial, index[:, None])
-    before = sums.between(np.broadcast_to(left[:, None], safe.shape).copy(), safe)
-    after = sums.between(safe, np.broadcast_to(right[:, None], safe.shape).copy())
-    error = squared_error(before, slope) + squared_error(after, slope)
-    score = np.where(allowed, -error / (2.0 * variance) - PREFERENCE * np.abs(offset), -np.inf)
-    return np.asarray(safe[np.arange(index.size), np.argmax(score, axis=1)], dtype=np.int64)
+    return _refine(np.concatenate(([0], index, [sums.slots])), reach, slope, variance, sums.arrays)
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _refine(nodes: IntArray, reach: IntArray, slope: float, variance: float, sums: SumArrays) -> IntArray:
+    """See `refine`; `nodes` are the positions with both ends of the window."""
+    refined = nodes[1:-1].copy()
+    prefix = [prefix_moments(slot, sums) for slot in nodes]
+    for i in range(refined.size):
+        left, at, right = nodes[i], nodes[i + 1], nodes[i + 2]
+        low = max(left + (at - left) // 2, at - reach[i])  # exclusive unless it is the position itself
+        high = min(at + (right - at) // 2, at + reach[i])
+        best = -np.inf
+        for trial in range(min(low + 1, at), high + 1):
+            here = prefix_moments(trial, sums)
+            error = _squared_error(moments_between(prefix[i], here, sums.centre), slope)
+            error += _squared_error(moments_between(here, prefix[i + 2], sums.centre), slope)
+            score = -error / (2.0 * variance) - PREFERENCE * abs(trial - at)
+            if score > best:
+                best, refined[i] = score, trial
+    return refined
 
 
 def reach_of(candidates: Candidates) -> IntArray:

@@ -86,7 +86,7 @@ class Uniform(_Law):
 
     def survival(self, slots: ArrayLike) -> FloatArray:
         at = np.asarray(slots, dtype=np.float64)
-        return np.clip((self.high + 1 - at) / (self.high + 1 - self.low), 0.0, 1.0)
+        return np.minimum(np.maximum((self.high + 1 - at) / (self.high + 1 - self.low), 0.0), 1.0)
 
     def sample(self, rng: np.random.Generator, size: int) -> IntArray:
         return rng.integers(self.low, self.high, size=size, endpoint=True, dtype=np.int64)

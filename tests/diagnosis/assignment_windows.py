@@ -6,25 +6,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rwa_monitor.diagnosis.results import Candidates, Evidence, Moments, NoiseEstimate
+from rwa_monitor.diagnosis.results import Candidates, Evidence, NoiseEstimate
+from rwa_monitor.diagnosis.running_sums import RunningSums
 from rwa_monitor.diagnosis.structure import no_structure
 from rwa_monitor.physics.switching import simulate_system
 from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import FloatArray, IntArray
 
 
-class CumulativeSums:
-    """RangeSums over plain cumulative sums."""
-
-    def __init__(self, x: FloatArray, z: FloatArray, used: np.ndarray | None = None) -> None:
-        used = np.ones(x.size, dtype=bool) if used is None else used
-        self.reads = 0
-        columns = [np.where(used, values, 0.0) for values in (np.ones(x.size), x, z, x * x, x * z, z * z)]
-        self._sums = np.concatenate([np.zeros((6, 1)), np.cumsum(np.stack(columns), axis=1)], axis=1)
-
-    def between(self, start: IntArray, stop: IntArray) -> Moments:
-        self.reads += 1
-        return Moments(*(self._sums[:, stop] - self._sums[:, start]))
+def sums_of(x: FloatArray, z: FloatArray, used: np.ndarray | None = None) -> RunningSums:
+    """Running sums of samples that are all there."""
+    sums = RunningSums(x, z, np.ones(x.size, dtype=np.bool_) if used is None else used)
+    sums.extend(x.size)
+    return sums
 
 
 @dataclass
@@ -88,7 +82,7 @@ def evidence_of(
 ) -> Evidence:
     count = x.size if used is None else int(used.sum())
     noise = NoiseEstimate(std, np.array([std**2]), 1.0)
-    return Evidence(x.size, count, count, candidates, CumulativeSums(x, z, used), noise, 20.0, no_structure())
+    return Evidence(x.size, count, count, candidates, sums_of(x, z, used), noise, 20.0, no_structure())
 
 
 def window(

@@ -14,7 +14,7 @@ from rwa_monitor.diagnosis.friction_model import measure, priors_of, solve
 from rwa_monitor.diagnosis.results import Components, Story
 from rwa_monitor.diagnosis.state import CarriedState, FrictionMemory, SystemState, Tracked
 from rwa_monitor.physics.wheel import built_in_wheel
-from tests.diagnosis.assignment_windows import CumulativeSums, Window, window
+from tests.diagnosis.assignment_windows import Window, sums_of, window
 
 WHEEL = built_in_wheel()
 
@@ -97,7 +97,7 @@ def test_evidence_is_that_of_the_whole_gaussian():
     scatter = 0.02**2
 
     def densities(story: Story, borders: np.ndarray) -> tuple[float, float]:
-        sums = CumulativeSums(x, z)
+        sums = sums_of(x, z)
         closed = solve(story, borders, sums.between(borders[:-1], borders[1:]), priors, std**2, scatter).log_evidence
         segment = np.searchsorted(borders, np.arange(slots), side="right") - 1
         direct = []
@@ -146,7 +146,7 @@ def test_what_the_samples_say_alone_is_the_integral_over_flat_priors():
 
     def log_measured(configurations: tuple[int, ...], starts: tuple[int, ...], borders: np.ndarray) -> float:
         story = Story((rest, np.array(configurations)), (rest, np.array(starts)), none)
-        segments = CumulativeSums(x, z).between(borders[:-1], borders[1:])
+        segments = sums_of(x, z).between(borders[:-1], borders[1:])
         return measure(story, borders, segments, priors, std**2, 1e-12).log_evidence
 
     base, first = np.meshgrid(grid, grid, indexing="ij")

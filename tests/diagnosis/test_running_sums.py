@@ -118,6 +118,6 @@ def test_kernel_without_the_compiler_gives_the_same_bits():
     sums = _sums(*_record(rng, 300))
     start, stop = np.sort(rng.integers(0, 301, (2, 20)), axis=0)
     compiled, plain = np.empty((MOMENTS, 20)), np.empty((MOMENTS, 20))
-    arguments = (start, stop, sums.arrays)
+    arguments = (start, stop, sums.slots, sums.arrays)
     assert range_moments(*arguments, compiled) == range_moments.py_func(*arguments, plain)
     assert compiled.tobytes() == plain.tobytes()
