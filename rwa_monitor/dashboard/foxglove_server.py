@@ -2,24 +2,21 @@
 
 from __future__ import annotations
 
-from contextlib import suppress
-from threading import Event, Lock, Thread
-from typing import Any, Final, Self
+from threading import Lock
+from typing import Final, Self
 
 import foxglove
 import zenoh
 from foxglove import Channel, Context, Schema
 from foxglove.websocket import ChannelView, Client, ServerListener
-from zenoh import ext
 
+from rwa_monitor.dashboard.bus_thread import BusThread
 from rwa_monitor.errors import InputError, RwaMonitorError
 from rwa_monitor.formats.foxglove import LOG_SCHEMA, Translator, View, schemas
-from rwa_monitor.live.bus import Inbox
-from rwa_monitor.messages import MAX_MESSAGE_BYTES, dump_json
+from rwa_monitor.messages import dump_json
 from rwa_monitor.version import SOFTWARE
 
 HOST: Final = "127.0.0.1"
-IDLE_WAIT_S: Final = 0.1
 MAX_TOPICS: Final = 50_000  # of a thousand wheels some ten thousand; those of more are not shown
 BACKLOG: Final = 16_384  # messages that wait for a client that is slow; a batch of telemetry is some hundred
 
@@ -63,16 +60,7 @@ class FoxgloveServer:
         except (OSError, RuntimeError) as error:
             raise RwaMonitorError(f"port {port} cannot be used: {error}; --foxglove names another") from error
         self._translator = Translator()
-        self._inbox = Inbox()
-        self._stop = Event()
-        self._thread = Thread(target=self._run, name="foxglove server", daemon=True)
-        self._subscriber: Any = ext.declare_advanced_subscriber(
-            session,
-            key_expression,
-            self._on_sample,
-            history=ext.HistoryConfig(detect_late_publishers=True),
-            recovery=ext.RecoveryConfig(periodic_queries=None, heartbeat=True),
-        )
+        self._bus = BusThread(session, key_expression, self._receive, name="foxglove server")
 
     @property
     def address(self) -> str:
@@ -80,34 +68,21 @@ class FoxgloveServer:
         return f"ws://{HOST}:{self._server.port}"
 
     def __enter__(self) -> Self:
-        self._thread.start()
+        self._bus.start()
         return self
 
     def __exit__(self, *error: object) -> None:
-        self._stop.set()
-        with suppress(zenoh.ZError):  # the session may have been closed under us
-            self._subscriber.undeclare()
-        self._inbox.wake.set()
-        self._thread.join()
+        self._bus.stop()
         self._server.stop()
 
-    def _on_sample(self, sample: zenoh.Sample) -> None:
-        """Called in Zenoh's threads: append, and nothing else."""
-        if not self._stop.is_set() and sample.kind == zenoh.SampleKind.PUT:
-            self._inbox.put(str(sample.key_expr), sample.payload.to_bytes()[: MAX_MESSAGE_BYTES + 1])
-
-    def _run(self) -> None:
-        while not self._stop.is_set():
-            self._inbox.wake.clear()
-            while not self._stop.is_set() and (message := self._inbox.take()) is not None:
-                try:
-                    views = self._translator.translate(message.key, message.payload)
-                except InputError:
-                    self.refused += 1
-                    continue
-                for view in views:
-                    self._show(view)
-            self._inbox.wake.wait(IDLE_WAIT_S)
+    def _receive(self, key: str, payload: bytes) -> None:
+        try:
+            views = self._translator.translate(key, payload)
+        except InputError:
+            self.refused += 1
+            return
+        for view in views:
+            self._show(view)
 
     def _show(self, view: View) -> None:
         channel = self._latest.channel(view.topic)

@@ -11,12 +11,11 @@ import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from threading import Event, Thread
-from typing import Any, Final, Self
+from typing import Final, Self
 
 import zenoh
-from zenoh import ext
 
+from rwa_monitor.dashboard.bus_thread import BusThread
 from rwa_monitor.dashboard.bus_watch import BusWatch
 from rwa_monitor.dashboard.course import REMEMBERED
 from rwa_monitor.dashboard.feed import Hub
@@ -29,9 +28,7 @@ from rwa_monitor.errors import InputError
 from rwa_monitor.history.database import HistoryError
 from rwa_monitor.history.records import AlarmRecord
 from rwa_monitor.history.store import History
-from rwa_monitor.live.bus import Inbox
 from rwa_monitor.messages import (
-    MAX_MESSAGE_BYTES,
     Changepoints,
     Diagnosis,
     Discrepancy,
@@ -43,7 +40,6 @@ from rwa_monitor.messages import (
 )
 
 KINDS: Final[dict[str, type[Message]]] = {kind.kind: kind for kind in (Diagnosis, Changepoints, Status, Discrepancy)}
-IDLE_WAIT_S: Final = 0.1
 RETRY_S: Final = 1.0
 MAX_WAITING: Final = 10_000  # windows that wait for the history
 BATCH_WINDOWS: Final = 100  # of one transaction
@@ -83,54 +79,33 @@ class Listener:
     ) -> None:
         self.fleet, self.history, self.hub, self.herald, self.webhook = fleet, history, hub, herald, webhook
         self.say = say
-        self.inbox = Inbox()
         self.refused = 0
         self._waiting: deque[Diagnosis | Discrepancy] = deque(maxlen=MAX_WAITING)
         self._retry_due_s = 0.0
         self._check_due_s = self._prune_due_s = 0.0
-        self._bus = BusWatch(session, connect)
-        self._stop = Event()
-        self._thread = Thread(target=self._run, name="dashboard listener", daemon=True)
-        self._subscriber: Any = ext.declare_advanced_subscriber(
-            session,
-            key_expression,
-            self._on_sample,
-            history=ext.HistoryConfig(detect_late_publishers=True),
-            recovery=ext.RecoveryConfig(periodic_queries=None, heartbeat=True),
-        )
+        self._watch = BusWatch(session, connect)
+        self._bus = BusThread(session, key_expression, self._receive, self._tend, name="dashboard listener")
 
     def __enter__(self) -> Self:
-        self._thread.start()
+        self._bus.start()
         return self
 
     def __exit__(self, *error: object) -> None:
-        self._stop.set()
-        with suppress(zenoh.ZError):  # the session may have been closed under us
-            self._subscriber.undeclare()
-        self._thread.join()
+        self._bus.stop()
 
-    def _on_sample(self, sample: zenoh.Sample) -> None:
-        """Called in Zenoh's threads: append, and nothing else."""
-        if not self._stop.is_set() and sample.kind == zenoh.SampleKind.PUT:
-            self.inbox.put(str(sample.key_expr), sample.payload.to_bytes()[: MAX_MESSAGE_BYTES + 1])
+    def _receive(self, key: str, payload: bytes) -> None:
+        self.receive(key, payload)
+        if len(self._waiting) >= BATCH_WINDOWS:
+            self._tend()
 
-    def _run(self) -> None:
-        while not self._stop.is_set():
-            self.inbox.wake.clear()
-            while not self._stop.is_set() and (message := self.inbox.take()) is not None:
-                self.receive(message.key, message.payload)
-                if len(self._waiting) >= BATCH_WINDOWS:
-                    self._tend(time.monotonic())
-            self._tend(time.monotonic())
-            self.inbox.wake.wait(IDLE_WAIT_S)
-
-    def _tend(self, now_s: float) -> None:
+    def _tend(self) -> None:
         """Do what is due by the clock: try what could not be stored again, look after database and bus."""
+        now_s = time.monotonic()
         if self._waiting and now_s >= self._retry_due_s:
             self._store()
         if now_s >= self._check_due_s:
             self._check_due_s = now_s + CHECK_PERIOD_S
-            self.hub.note("bus", self._bus.trouble())
+            self.hub.note("bus", self._watch.trouble())
             if not self._waiting:
                 self._use_history(self.history.check)
         if now_s >= self._prune_due_s:
