@@ -33,6 +33,14 @@ if TYPE_CHECKING:
     metavar="URL",
     help="postgresql://USER:PASSWORD@HOST/NAME.  [default: a SQLite file in DIR]",
 )
+@click.option(
+    "--keep",
+    nargs=4,
+    type=click.FloatRange(min=0, min_open=True),
+    metavar="D F E A",
+    help="Days that the history keeps diagnoses, estimates of every window, of each day's worst, and closed alarms.  "
+    "[default: 180 365 3650 3650]",
+)
 @click.option("--webhook", metavar="URL", help="Each change of an alarm is posted there, as JSON.")
 @click.option(
     "--foxglove",
@@ -53,6 +61,7 @@ def command(
     port: int | None,
     record: Path,
     history: str | None,
+    keep: tuple[float, float, float, float] | None,
     webhook: str | None,
     foxglove: int | None,
     token: str | None,
@@ -72,9 +81,14 @@ def command(
     from rwa_monitor.errors import InputError
     from rwa_monitor.formats.wheel_file import read_wheel
     from rwa_monitor.history.imports import import_recordings
+    from rwa_monitor.history.retention import Retention
     from rwa_monitor.history.store import History
     from rwa_monitor.live.bus import endpoints, open_session
 
+    try:
+        retention = Retention(*keep) if keep else None
+    except ValueError as error:
+        raise click.BadParameter(str(error), param_hint="--keep") from error
     warn_if_alone(bus)
     options = DashboardOptions(
         port,
@@ -83,11 +97,12 @@ def command(
         wheel=read_wheel(wheel) if wheel else None,
         connect=endpoints(bus),
         history=history,
+        retention=retention,
         webhook=webhook,
         foxglove=foxglove,
     )
     if record.is_dir() and any(record.glob("*.mcap")):
-        with History(options.history_place) as kept:
+        with History(options.history_place, retention=retention) as kept:
             try:
                 imported = import_recordings(kept, record)
             except InputError as error:

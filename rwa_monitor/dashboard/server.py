@@ -23,6 +23,7 @@ from rwa_monitor.dashboard.listener import Listener
 from rwa_monitor.dashboard.recordings import latest_wheel
 from rwa_monitor.dashboard.webhook import Webhook
 from rwa_monitor.errors import RwaMonitorError
+from rwa_monitor.history.retention import Retention
 from rwa_monitor.history.store import History
 from rwa_monitor.physics.wheel import Wheel
 
@@ -55,6 +56,8 @@ class DashboardOptions:
         Endpoints that the session was told to connect to: the page says so when none of them can be reached.
     history
         URL of a PostgreSQL database for the history; None: a file in the folder, in memory without one.
+    retention
+        How long the history keeps what; None: as `Retention` has it.
     webhook
         URL that each change of an alarm is posted to; None: none is.
     foxglove
@@ -70,6 +73,7 @@ class DashboardOptions:
     wheel: Wheel | None = None
     connect: tuple[str, ...] = ()
     history: str | None = None
+    retention: Retention | None = None
     webhook: str | None = None
     foxglove: int | None = None
 
@@ -101,7 +105,7 @@ def serve(options: DashboardOptions, session: zenoh.Session, say: Callable[[str]
     """
     token = options.token or secrets.token_urlsafe(16)
     with ExitStack() as stack:
-        history = stack.enter_context(History(options.history_place))
+        history = stack.enter_context(History(options.history_place, retention=options.retention))
         fleet, hub = Fleet(options.wheel or latest_wheel(options.record)), Hub()
         listening = stack.enter_context(_socket(options.port))
         herald, webhook = stack.enter_context(Herald(session)), stack.enter_context(Webhook(options.webhook, hub))
