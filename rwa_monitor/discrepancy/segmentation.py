@@ -31,18 +31,27 @@ def segment(z: FloatArray, penalty: float) -> IntArray:
     penalty
         Cost of one jump, in the unit of z² (a few log n times the noise variance).
     """
-    centred = z - z.mean()  # running sums lose fewer digits
     if z.size < COARSE_FROM:
-        exact: IntArray = _fpop(centred, np.ones(z.size), float(penalty))
+        exact: IntArray = _fpop(z - z.mean(), np.ones(z.size), float(penalty))
         return exact
-    whole = z.size // BLOCK * BLOCK
-    means = centred[:whole].reshape(-1, BLOCK).mean(axis=1)
-    weights = np.full(means.size, float(BLOCK))
-    if whole < z.size:
-        means = np.append(means, centred[whole:].mean())
-        weights = np.append(weights, float(z.size - whole))
+    centred, means, weights = _blocks(z)
     refined: IntArray = _refine(centred, _fpop(means, weights, float(penalty)) * BLOCK, float(penalty))
     return refined
+
+
+@njit(cache=True, nogil=True)
+def _blocks(z: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return the values less their mean, in which running sums lose fewer digits, and the blocks' means and sizes."""
+    centred = z - z.mean()
+    count = (z.size + BLOCK - 1) // BLOCK
+    means, weights = np.empty(count), np.empty(count)
+    for block in range(count):
+        begin, end = block * BLOCK, min((block + 1) * BLOCK, z.size)
+        total = 0.0
+        for k in range(begin, end):
+            total += centred[k]
+        means[block], weights[block] = total / (end - begin), end - begin
+    return centred, means, weights
 
 
 @njit(cache=True, nogil=True)
@@ -102,105 +111,79 @@ def _drop(sums: FloatArray, jumps: IntArray, count: int, penalty: float) -> int:
 def _fpop(z: FloatArray, weight: FloatArray, penalty: float) -> IntArray:
     """Run FPOP on weighted values.
 
-    The cost of all partitions of z[:t] as a function of the last level μ is a lower envelope of parabolas, one for
-    each surviving last jump τ, on a sorted list of pieces [edge_i, edge_{i+1}). Each step adds (z_t - μ)² to all of
-    them and replaces the parts that lie above `best + penalty` by the constant of a new jump.
-    """
-    n = z.size
-    sums = np.zeros((n + 1, 3))  # of weight, weight·z, weight·z²
-    for k in range(n):
-        sums[k + 1, 0] = sums[k, 0] + weight[k]
-        sums[k + 1, 1] = sums[k, 1] + weight[k] * z[k]
-        sums[k + 1, 2] = sums[k, 2] + weight[k] * z[k] * z[k]
-    best = np.zeros(n + 1)  # optimal cost of z[:t], jumps counted
-    best[0] = -penalty
-    last = np.zeros(n + 1, np.int64)
+    The cost of all partitions of z[:t] as a function of the last level μ is a lower envelope of parabolas
+    a μ² - 2 b μ + c, one for each surviving last jump τ, on a sorted list of pieces [edge_i, edge_{i+1}). Each step
+    adds w_t (z_t - μ)² to all of them and gives the parts that lie above the least cost + penalty to a new jump.
 
-    capacity = 64
-    edge = np.empty(capacity + 1)
-    jump = np.empty(capacity, np.int64)
-    new_edge = np.empty(capacity + 1)
-    new_jump = np.empty(capacity, np.int64)
-    pieces = 1
-    edge[0], edge[1], jump[0] = z.min(), z.max(), 0
-    for t in range(1, n + 1):
-        if 3 * pieces + 1 > capacity:
+    All of a step stands in one function: a call would cost more than the few dozen operations in it.
+    """
+    last = np.zeros(z.size + 1, np.int64)
+    capacity, pieces = 64, 1
+    edge, new_edge = np.empty(capacity + 1), np.empty(capacity + 1)
+    jump, new_jump = np.zeros(capacity, np.int64), np.zeros(capacity, np.int64)
+    parabola, new_parabola = np.zeros((capacity, 3)), np.zeros((capacity, 3))  # a, b, c
+    least = np.empty(capacity)  # cost within the piece
+    edge[0], edge[1] = z.min(), z.max()
+    if edge[0] == edge[1]:
+        return last[:0]  # no level but one
+    for t in range(1, z.size + 1):
+        if 3 * pieces > capacity:
             capacity *= 2
-            edge, jump = _grown(edge, capacity + 1), _grown(jump, capacity)
-            new_edge, new_jump = np.empty(capacity + 1), np.empty(capacity, np.int64)
-        best[t], last[t] = _best_last_jump(t, best, sums, penalty, edge, jump, pieces)
-        pieces = _restrict(t, best, sums, penalty, edge, jump, pieces, new_edge, new_jump)
+            edge, new_edge = _longer(edge, capacity + 1), np.empty(capacity + 1)
+            jump, new_jump = _longer(jump, capacity), np.zeros(capacity, np.int64)
+            parabola, new_parabola = _longer(parabola, capacity), np.zeros((capacity, 3))
+            least = np.empty(capacity)
+        value, w = z[t - 1], weight[t - 1]
+        best = 0
+        for i in range(pieces):
+            parabola[i, 0] += w
+            parabola[i, 1] += w * value
+            parabola[i, 2] += w * value * value
+            a, b, c = parabola[i]
+            mu = min(max(b / a, edge[i]), edge[i + 1])
+            least[i] = c + mu * (a * mu - 2.0 * b)
+            if least[i] < least[best]:
+                best = i
+        last[t], ceiling = jump[best], least[best] + penalty
+        count = 0
+        new_edge[0] = edge[0]
+        for i in range(pieces):
+            a, b, c = parabola[i]
+            left, right = edge[i], edge[i + 1]
+            keep_left, keep_right = left, right
+            if least[i] >= ceiling:
+                keep_right = left
+            # A parabola below the ceiling at both ends is below it in between.
+            elif c + left * (a * left - 2.0 * b) > ceiling or c + right * (a * right - 2.0 * b) > ceiling:
+                half = np.sqrt(max(ceiling - (c - b * b / a), 0.0) / a)
+                keep_left = min(max(b / a - half, left), right)
+                keep_right = max(min(b / a + half, right), keep_left)
+            for part in range(3):
+                begin = left if part == 0 else (keep_left if part == 1 else keep_right)
+                end = keep_left if part == 0 else (keep_right if part == 1 else right)
+                owner = jump[i] if part == 1 else t
+                if end <= begin:
+                    continue
+                if count == 0 or new_jump[count - 1] != owner:
+                    new_jump[count] = owner
+                    new_parabola[count, 0] = a if part == 1 else 0.0
+                    new_parabola[count, 1] = b if part == 1 else 0.0
+                    new_parabola[count, 2] = c if part == 1 else ceiling
+                    count += 1
+                new_edge[count] = end
+        pieces = count
         edge, new_edge = new_edge, edge
         jump, new_jump = new_jump, jump
+        parabola, new_parabola = new_parabola, parabola
     return _trace_back(last)
 
 
 @njit(cache=True, nogil=True)
-def _grown(values, size):  # type: ignore[no-untyped-def]
-    """Return a copy of an array with room for `size` values."""
-    grown = np.empty(size, values.dtype)
-    grown[: values.size] = values
-    return grown
-
-
-@njit(cache=True, nogil=True)
-def _best_last_jump(
-    t: int, best: FloatArray, sums: FloatArray, penalty: float, edge: FloatArray, jump: IntArray, pieces: int
-) -> tuple[float, int]:
-    """Return the least cost of z[:t] and its last jump: the minimum over all pieces, each parabola within its own."""
-    minimum, argmin = np.inf, 0
-    for i in range(pieces):
-        tau = jump[i]
-        length, s, square = sums[t, 0] - sums[tau, 0], sums[t, 1] - sums[tau, 1], sums[t, 2] - sums[tau, 2]
-        mu = min(max(s / length, edge[i]), edge[i + 1])
-        cost = best[tau] + penalty + square - 2.0 * mu * s + length * mu * mu
-        if cost < minimum:
-            minimum, argmin = cost, tau
-    return minimum, argmin
-
-
-@njit(cache=True, nogil=True)
-def _restrict(
-    t: int,
-    best: FloatArray,
-    sums: FloatArray,
-    penalty: float,
-    edge: FloatArray,
-    jump: IntArray,
-    pieces: int,
-    new_edge: FloatArray,
-    new_jump: IntArray,
-) -> int:
-    """Give the parts of the pieces that lie above best[t] + penalty to a jump at t; return the number of new pieces."""
-    level = best[t] + penalty
-    count = 0
-    for i in range(pieces):
-        tau = jump[i]
-        length, s, square = sums[t, 0] - sums[tau, 0], sums[t, 1] - sums[tau, 1], sums[t, 2] - sums[tau, 2]
-        centre = s / length
-        floor = best[tau] + penalty + square - s * centre
-        left, right = edge[i], edge[i + 1]
-        if floor >= level:
-            keep_left = keep_right = left
-        else:
-            half = np.sqrt((level - floor) / length)
-            keep_left = min(max(centre - half, left), right)
-            keep_right = max(min(centre + half, right), keep_left)
-        for begin, end, owner in ((left, keep_left, t), (keep_left, keep_right, tau), (keep_right, right, t)):
-            if end <= begin:
-                continue
-            if count > 0 and new_jump[count - 1] == owner:
-                new_edge[count] = end
-                continue
-            if count == 0:
-                new_edge[0] = begin
-            new_jump[count] = owner
-            new_edge[count + 1] = end
-            count += 1
-    if count == 0:  # all values equal: one degenerate piece
-        new_edge[0], new_edge[1], new_jump[0] = edge[0], edge[pieces], jump[0]
-        count = 1
-    return count
+def _longer(values, size):  # type: ignore[no-untyped-def]
+    """Return a copy of an array with room for `size` rows."""
+    longer = np.zeros((size, *values.shape[1:]), values.dtype)
+    longer[: values.shape[0]] = values
+    return longer
 
 
 @njit(cache=True, nogil=True)
