@@ -19,6 +19,7 @@ from typing import Final
 import numpy as np
 
 from rwa_monitor.discrepancy.mapper import Mapper, in_turn
+from rwa_monitor.discrepancy.moments import Moments
 from rwa_monitor.discrepancy.noise import Noise, clip_outliers, estimate_noise
 from rwa_monitor.discrepancy.record import Record
 from rwa_monitor.discrepancy.segmentation import segment
@@ -128,10 +129,8 @@ class Problem:
         out = []
         for record, begin, end in zip(self.records, self.starts[:-1], self.starts[1:], strict=True):
             values = np.full(record.used.size, np.nan)
-            at = np.flatnonzero(record.used)
-            if at.size:
-                latest = np.clip(np.searchsorted(at, np.arange(values.size), side="right") - 1, 0, None)
-                values = joined[begin:end][latest]
+            if end > begin:
+                values = joined[begin:end][np.maximum(np.cumsum(record.used) - 1, 0)]
             out.append(values)
         return out
 
@@ -250,25 +249,28 @@ def fit(
     low = np.concatenate([[-np.inf], np.full(columns.shape[1], -np.inf) if bounds is None else bounds[0]])
     high = np.concatenate([[np.inf], np.full(columns.shape[1], np.inf) if bounds is None else bounds[1]])
     penalty = JUMP_PENALTY * problem.log_size * problem.noise.long_run_variance
-    best: Fit | None = None
+    moments = Moments.of(design, problem.z)
+    best: tuple[float, FloatArray, IntArray] | None = None
     starts: Sequence[IntArray | None] = start or [None]
     for first in starts:
         if first is None:
             coefficients = robust_coefficients(problem, design, low, high)
         else:
-            coefficients = least_squares(problem, design, first, low, high)
+            equations = moments.within(segment_starts(problem, first))
+            coefficients = solve_bounded(problem, equations.gram, equations.moment, low, high)
         previous = np.inf
         for expensive in ANNEALING:
             jumps = _segment_records(problem, problem.z - design @ coefficients, expensive * penalty)
-            coefficients = least_squares(problem, design, jumps, low, high)
-            candidate = _finish(problem, design, coefficients, jumps, parameters)
-            if best is None or candidate.criterion < best.criterion:
-                best = candidate
-            if expensive == 1.0 and previous - candidate.criterion < CONVERGED:
+            equations = moments.within(segment_starts(problem, jumps))
+            coefficients = solve_bounded(problem, equations.gram, equations.moment, low, high)
+            criterion = _criterion(problem, equations.rss(coefficients), jumps, parameters)
+            if best is None or criterion < best[0]:
+                best = criterion, coefficients, jumps
+            if expensive == 1.0 and previous - criterion < CONVERGED:
                 break
-            previous = candidate.criterion
+            previous = criterion
     assert best is not None
-    return best
+    return _finish(problem, design, *best[1:], parameters)
 
 
 def segment_starts(problem: Problem, jumps: IntArray) -> IntArray:
@@ -429,5 +431,8 @@ def _finish(problem: Problem, design: FloatArray, coefficients: FloatArray, jump
     first = segment_starts(problem, jumps)
     residual = remove_levels(rest, first)
     rss = float(residual @ residual)
-    criterion = rss / problem.noise.long_run_variance + problem.log_size * (JUMP_PENALTY * jumps.size + parameters)
-    return Fit(jumps, coefficients, rest - residual, residual, rss, criterion)
+    return Fit(jumps, coefficients, rest - residual, residual, rss, _criterion(problem, rss, jumps, parameters))
+
+
+def _criterion(problem: Problem, rss: float, jumps: IntArray, parameters: int) -> float:
+    return rss / problem.noise.long_run_variance + problem.log_size * (JUMP_PENALTY * jumps.size + parameters)

@@ -73,11 +73,26 @@ def make_term(problem: Problem, effect: type[MeanEffect], shape: Mapping[str, fl
     level
         Current estimate of the dry level at the joined samples [N m], for effects that scale with it.
     """
+    return _make_term(problem, effect, shape, _strong(problem, effect, level))
+
+
+def _strong(problem: Problem, effect: type[MeanEffect], level: FloatArray | None) -> FloatArray | None:
+    """Return what of a level an effect's columns follow [N m]; None where they follow none.
+
+    Only strong jumps count: many weak ones may follow another effect, and the column would then follow it as well.
+    """
+    return strong_level(problem, level) if depends_on_level(effect) and level is not None else None
+
+
+def _make_term(
+    problem: Problem, effect: type[MeanEffect], shape: Mapping[str, float], strong: FloatArray | None
+) -> Term:
+    """Evaluate an effect's columns, given the level with only its strong jumps."""
     strengths = effect.strength_parameters()
     key = (effect.name, tuple(shape.items()))
     columns = problem.columns.get(key)
-    if columns is None and depends_on_level(effect) and level is not None:
-        columns = _columns_with_level(problem, effect, shape, level)
+    if columns is None and strong is not None:
+        columns = _columns_with_level(problem, effect, shape, strong)
     if columns is None:
         channels = [record.undrifted if effect is TorqueRipple else record.channels for record in problem.records]
         per_record = [effect.columns(c, shape)[0][r.used] for c, r in zip(channels, problem.records, strict=True)]
@@ -101,10 +116,8 @@ def _columns_with_level(
 
     The measured motor torque holds the very friction that is to be explained, jumps and noise included: less J·dω/dt it
     would explain everything by itself. A column that follows the level would explain its jumps by themselves, too: the
-    part in proportion to the level is left to the levels. Only strong jumps count: many weak ones may follow another
-    effect, and the column would then follow it as well.
+    part in proportion to the level is left to the levels.
     """
-    level = strong_level(problem, level)
     if LEAD in shape:
         level = without_pulses(level, shape[LEAD])
     columns = _evaluate_with_level(problem, effect, shape, level)
@@ -161,16 +174,17 @@ class Background:
 
     def criterion_with(self, term: Term) -> float:
         """Return RSS/σ² + penalties with the term added, jumps kept (an upper bound of the full criterion)."""
-        inner = remove_levels(term.columns, self.first)
-        cross = self.design.T @ inner
-        size = self.gram.shape[0] + inner.shape[1]
+        sums = np.add.reduceat(term.columns, self.first, axis=0)
+        lengths = np.diff(np.append(self.first, term.columns.shape[0]))[:, None]
+        cross = self.design.T @ term.columns  # the design is without levels: what the column holds of them adds nothing
+        size = self.gram.shape[0] + sums.shape[1]
         gram = np.empty((size, size))
         cut = self.gram.shape[0]
         gram[:cut, :cut] = self.gram
         gram[:cut, cut:] = cross
         gram[cut:, :cut] = cross.T
-        gram[cut:, cut:] = inner.T @ inner
-        moment = np.concatenate([self.moment, inner.T @ self.z])
+        gram[cut:, cut:] = term.columns.T @ term.columns - sums.T @ (sums / lengths)
+        moment = np.concatenate([self.moment, term.columns.T @ self.z])
         solution = solve_bounded(
             self.problem,
             gram,
@@ -257,12 +271,12 @@ def make_robust_background(problem: Problem, chosen: Sequence[Term]) -> RobustBa
 
 def profile_robustly(effect: type[MeanEffect], background: RobustBackground, level: FloatArray | None) -> Term:
     """Find the shape on which Tukey's loss of long-lag differences is least: a start that trusts no segmentation."""
-    problem = background.problem
+    problem, strong = background.problem, _strong(background.problem, effect, level)
     axes = _axes(problem, effect, None)
 
     def evaluate(values: tuple[float, ...]) -> tuple[Term, float]:
         shape = {axis.name: value for axis, value in zip(axes, values, strict=True)}
-        term = make_term(problem, effect, shape, level)
+        term = _make_term(problem, effect, shape, strong)
         return term, background.cost_with(term)
 
     best = min(itertools.product(*(axis.points for axis in axes)), key=lambda values: evaluate(values)[1])
@@ -289,7 +303,7 @@ def profile(
     term, criterion
         The effect at its best shape, and the criterion there.
     """
-    problem = backgrounds[0].problem
+    problem, strong = backgrounds[0].problem, _strong(backgrounds[0].problem, effect, level)
     axes = [
         _Axis(axis.name, (fixed[axis.name],), False, False) if fixed and axis.name in fixed else axis
         for axis in _axes(problem, effect, around)
@@ -299,7 +313,7 @@ def profile(
     def evaluate(values: tuple[float, ...]) -> tuple[Term, float]:
         if values not in cache:
             shape = {axis.name: value for axis, value in zip(axes, values, strict=True)}
-            term = make_term(problem, effect, shape, level)
+            term = _make_term(problem, effect, shape, strong)
             cache[values] = term, min(background.criterion_with(term) for background in backgrounds)
         return cache[values]
 
