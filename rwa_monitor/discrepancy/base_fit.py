@@ -21,10 +21,9 @@ import numpy as np
 from rwa_monitor.discrepancy.mapper import Mapper, in_turn
 from rwa_monitor.discrepancy.moments import Moments
 from rwa_monitor.discrepancy.noise import Noise, clip_outliers, estimate_noise
-from rwa_monitor.discrepancy.record import Record
+from rwa_monitor.discrepancy.record import Record, speed_noise_taps
 from rwa_monitor.discrepancy.segmentation import segment
 from rwa_monitor.errors import InputError
-from rwa_monitor.physics import torque_balance
 from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 
@@ -86,7 +85,7 @@ class Problem:
     nominal_viscous
         Nominal viscous coefficient [N m s/rad] as a weak prior, or None.
     derivative_taps
-        Of the filter with which friction is derived where it is not given.
+        Of the filter through which noise of the speed enters friction that is derived.
     each
         Applies a function to each candidate; the answer does not depend on how.
     """
@@ -184,8 +183,7 @@ def make_problem(records: Sequence[Record], wheel: Wheel) -> Problem:
     nominal = wheel.nominal.viscous_Nm_s_rad if wheel.nominal else None
     problem = Problem(tuple(records), z, z, 0.0, speed, sign, starts, slot, estimate_noise([z]), nominal)
     if any(record.friction_is_derived for record in records):
-        taps = torque_balance.derivative_taps(wheel.friction.derivative, wheel.sample_period_s)
-        problem = replace(problem, derivative_taps=taps)
+        problem = replace(problem, derivative_taps=speed_noise_taps(wheel))
     # In a short record the slope alone, as fast as the motion, would pass for coloured noise, and hide every jump.
     free = np.full(1, np.inf)
     slope = robust_coefficients(problem, speed[:, None], -free, free)[0]

@@ -9,6 +9,7 @@ import numpy as np
 
 from rwa_monitor.discrepancy.angle_drift import with_angle_drift
 from rwa_monitor.discrepancy.base_fit import Problem, fit, make_problem, with_noise_of
+from rwa_monitor.discrepancy.cage import cage_bursts
 from rwa_monitor.discrepancy.delay_term import DelayTerm
 from rwa_monitor.discrepancy.gain import HeldOut, held_out, holds_out
 from rwa_monitor.discrepancy.jump_terms import JUMP_TERMS
@@ -88,21 +89,20 @@ def find_discrepancy(
     problem = replace(prepare(records, wheel), each=each)
     known = {block.name for block in wheel.effect}
     candidates = [effect for effect in CANDIDATES if effect.name not in known]
-    grown = grow(problem, candidates, holds_out, progress)
-    if grown.ladder[-1].terms:
-        # What the effect did to the base model's residual passed for coloured noise; without it the eye is sharper.
-        calmer = with_noise_of(problem, grown.ladder[-1].fit.residual)
-        if calmer.noise.long_run_variance < CALMER * problem.noise.long_run_variance:
-            problem = calmer
-            grown = grow(problem, candidates, holds_out, progress, begin_with=grown.ladder[-1])
-    found = rank(problem, grown, progress)
-    progress("what is left")
-    found, leftover, complete = judge_leftover(problem, found)
+    problem, found, leftover, complete = _explain(problem, candidates, progress)
     progress("noise and jumps")
-    others = noise_effects(problem, complete, explained=leftover is None)
+    cage = cage_bursts(problem, complete)
+    if cage is not None:
+        # Bursts pass for jumps, and for laws of speed: what is said of anything else is said without them.
+        problem = replace(prepare(cage.quiet(problem.records), wheel), each=each)
+        problem, found, leftover, complete = _explain(problem, candidates, progress)
+    in_band = cage.in_band if cage is not None else ()
+    others = noise_effects(problem, complete, explained=leftover is None, in_band=in_band)
     wanders = wandering(problem, complete)
     if leftover is None and wanders is None:
         others += switching_effects(problem, complete, wheel)
+    if cage is not None:
+        others.append(cage.effect)
     if any(effect.name == "tachometer_quantisation" for effect in others):
         leftover = None  # rounding errors follow the acceleration: they are named already
     if not {effect.name for effect in others} & {"tachometer_quantisation", "cage_instability"}:
@@ -118,6 +118,23 @@ def find_discrepancy(
         verdict, effects, leftover, _untested(problem, found, candidates, wheel), _gain(problem, found, scores)
     )
     return Search(wheel, problem, found, scores, result)
+
+
+def _explain(
+    problem: Problem, candidates: Sequence[type[MeanEffect]], progress: Progress
+) -> tuple[Problem, SearchResult, Unexplained | None, Model]:
+    """Search for mean effects, and judge what they leave: see `judge_leftover`; the noise is that of the best model."""
+    grown = grow(problem, candidates, holds_out, progress)
+    if grown.ladder[-1].terms:
+        # What the effect did to the base model's residual passed for coloured noise; without it the eye is sharper.
+        calmer = with_noise_of(problem, grown.ladder[-1].fit.residual)
+        if calmer.noise.long_run_variance < CALMER * problem.noise.long_run_variance:
+            problem = calmer
+            grown = grow(problem, candidates, holds_out, progress, begin_with=grown.ladder[-1])
+    found = rank(problem, grown, progress)
+    progress("what is left")
+    found, leftover, complete = judge_leftover(problem, found)
+    return problem, found, leftover, complete
 
 
 def prepare(records: Sequence[Record], wheel: Wheel) -> Problem:

@@ -297,6 +297,12 @@ def _derivative_bias(speed: FloatArray, wheel: Wheel, reach: int) -> FloatArray:
     standard deviations while the acceleration rises and falls. An odd polynomial of fifth order through `reach` slots
     just outside the filter, which share no noise with it, says by how much; 0 where it meets a gap or an end.
     """
+    whole = _bias_taps(wheel, reach)
+    return np.nan_to_num(correlate1d(speed, whole, mode="constant", cval=np.nan))
+
+
+def _bias_taps(wheel: Wheel, reach: int) -> FloatArray:
+    """Return the odd filter of `_derivative_bias` [1/s], centred; zero where the derivative's own filter reaches."""
     taps = torque_balance.derivative_taps(wheel.friction.derivative, wheel.sample_period_s)
     half = taps.size // 2
     j = np.arange(half + 1, half + reach + 1)
@@ -306,8 +312,16 @@ def _derivative_bias(speed: FloatArray, wheel: Wheel, reach: int) -> FloatArray:
     missed = np.array([float(taps @ inner**power) for power in (1, 3, 5)])
     missed[0] -= 1 / (span * wheel.sample_period_s)
     outer = missed @ np.linalg.pinv(odd) / 2
-    whole = np.concatenate([-outer[::-1], np.zeros(2 * half + 1), outer])
-    return np.nan_to_num(correlate1d(speed, whole, mode="constant", cval=np.nan))
+    return np.concatenate([-outer[::-1], np.zeros(2 * half + 1), outer])
+
+
+def speed_noise_taps(wheel: Wheel) -> FloatArray:
+    """Return the filter [1/s], centred, with which noise of the speed enters derived friction: slope and correction."""
+    taps = torque_balance.derivative_taps(wheel.friction.derivative, wheel.sample_period_s)
+    whole = -_bias_taps(wheel, BIAS_REACH)
+    beyond = (whole.size - taps.size) // 2
+    whole[beyond : whole.size - beyond] += taps
+    return whole
 
 
 def _spread_between_neighbours(values: FloatArray, lag: int) -> float:

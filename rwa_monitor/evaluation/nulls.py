@@ -19,6 +19,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from rwa_monitor.discrepancy.cage import largest_burst_gain
 from rwa_monitor.discrepancy.find import CANDIDATES, prepare
 from rwa_monitor.discrepancy.noise_effects import largest_noise_gain
 from rwa_monitor.discrepancy.record import make_record
@@ -80,7 +81,7 @@ def null_gains(count: int, motion: ProfileKind, noise: str, number: int) -> dict
     base = found.ladder[0]
     gains = {"mean": found.best_rejected, "switching": largest_switching_gain(problem, base, wheel)}
     if noise == "white":
-        gains["noise"] = largest_noise_gain(problem, base)
+        gains["noise"] = max(largest_noise_gain(problem, base), largest_burst_gain(problem, base))
     return {"log_size": problem.log_size, **{name: gain + problem.log_size for name, gain in gains.items()}}
 
 

@@ -5,8 +5,10 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
+from scipy import stats
 
 from rwa_monitor.physics.effects.base import Channels, Parameter
+from rwa_monitor.physics.effects.bursts import PARAMETERS, find_bursts
 from rwa_monitor.physics.effects.likelihood import LikelihoodFit
 from rwa_monitor.physics.effects.noise_base import NoiseEffect, usable_residuals
 from rwa_monitor.samples import BoolArray, FloatArray
@@ -16,6 +18,13 @@ BAND_SHARES: Final = (0.02, 0.04, 0.08, 0.16)  # half widths tried, as shares of
 FEWEST_IN_BAND: Final = 50  # samples, for a mean and a variance
 EACH_RAISED_BY: Final = 12.5  # log-likelihood that mean and variance must each gain: half the search's threshold of 25
 REFINEMENTS: Final = 6  # halvings of the scan's grid around the best band
+FEWEST_BURSTS: Final = 5  # fewer are chance, or what was seen once
+WIDEST_BAND: Final = 0.3  # half width over the range of the speeds: wider is no band
+BESIDE_BURST: Final = 32  # slots to each side with which a burst's drag is compared
+FEWEST_BESIDE: Final = 4  # slots in a burst and beside it, for a mean
+DRAG_BY_CHANCE: Final = 0.2  # probability; that there are bursts is sure by then
+MEDIAN_TO_STD: Final = 1.4826  # standard deviation of a Gaussian over its median absolute deviation
+EFFICIENCY_OF_MEDIAN: Final = 1.2533  # standard deviation of a median over that of a mean, √(π/2)
 
 
 class CageInstability(NoiseEffect):
@@ -57,6 +66,55 @@ class CageInstability(NoiseEffect):
 
     @classmethod
     def fit(cls, residual_Nm: FloatArray, channels: Channels, good: BoolArray) -> LikelihoodFit:
+        """Fit bursts in a band or, where the residual shows none, a band that shakes without a pause."""
+        in_bursts, _ = cls.fit_bursts(residual_Nm, channels, good)
+        return in_bursts if in_bursts.penalised_gain > 0.0 else cls.fit_band(residual_Nm, channels, good)
+
+    @classmethod
+    def fit_bursts(
+        cls, residual_Nm: FloatArray, channels: Channels, good: BoolArray
+    ) -> tuple[LikelihoodFit, BoolArray]:
+        """Fit bursts of noise in a band of speeds, with drag in them, and return which slots are in a burst.
+
+        Levels may be left in the residual. The gain is that of the noise alone, over any law of speed.
+        """
+        usable = usable_residuals(residual_Nm, channels, good) & (channels.direction != 0)
+        count, speed = int(usable.sum()), np.abs(channels.speed_rad_s[usable])
+        found = find_bursts(residual_Nm, np.abs(channels.speed_rad_s), usable)
+        none = cls.nothing_found(count), np.zeros(residual_Nm.size, dtype=np.bool_)
+        if found is None:
+            return none
+        drag = _drag_of_bursts(residual_Nm * channels.direction, usable, found.on)
+        wide = found.half_width > WIDEST_BAND * float(np.ptp(speed))
+        if drag.size < FEWEST_BURSTS or wide:
+            return none
+        if stats.wilcoxon(drag, alternative="greater").pvalue > DRAG_BY_CHANCE:
+            return none  # noise alone is no cage
+        middle = max(float(np.median(drag)), 0.0)
+        spread = MEDIAN_TO_STD * float(np.median(np.abs(drag - middle)))
+        std = EFFICIENCY_OF_MEDIAN * spread / float(np.sqrt(drag.size))
+        period, bursts = channels.sample_period_s, drag.size
+        shaking = max(int(np.count_nonzero(found.on)), 1)
+        values = {
+            "strength_Nm": middle,
+            "noise_strength": found.ratio - 1.0,
+            "band_speed_rad_s": found.centre,
+            "band_half_width_rad_s": found.half_width,
+            "burst_s": found.burst_slots * period,
+            "quiet_s": found.quiet_slots * period,
+        }
+        std_of = {
+            "strength_Nm": std,
+            "noise_strength": found.ratio / float(np.sqrt(2.0 * shaking)),
+            "band_speed_rad_s": float("nan"),
+            "band_half_width_rad_s": float("nan"),
+            "burst_s": values["burst_s"] / float(np.sqrt(bursts)),
+            "quiet_s": values["quiet_s"] / float(np.sqrt(bursts)),
+        }
+        return LikelihoodFit(values, std_of, found.log_likelihood_gain, PARAMETERS, count), found.on
+
+    @classmethod
+    def fit_band(cls, residual_Nm: FloatArray, channels: Channels, good: BoolArray) -> LikelihoodFit:
         """Scan bands of |ω| for another mean (along the motion) and another variance inside than outside.
 
         What is fitted is the average over bursts and pauses in the band, so drag and noise are those of the average.
@@ -86,6 +144,19 @@ class CageInstability(NoiseEffect):
             step *= 0.5
             bands = [(at + i * step, max(width + j * step, step)) for i in (-1, 0, 1) for j in (-1, 0, 1)]
         return best
+
+
+def _drag_of_bursts(along: FloatArray, usable: BoolArray, on: BoolArray) -> FloatArray:
+    """Return the drag of each burst [N m]: its mean less that of the quiet slots beside it, whatever the level."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], on.astype(np.int8), [0]])))
+    drag = []
+    for begin, end in zip(edges[::2], edges[1::2], strict=True):
+        near = slice(max(begin - BESIDE_BURST, 0), end + BESIDE_BURST)
+        beside = along[near][usable[near] & ~on[near]]
+        within = along[begin:end][usable[begin:end]]
+        if min(beside.size, within.size) >= FEWEST_BESIDE:
+            drag.append(float(within.mean() - beside.mean()))
+    return np.array(drag)
 
 
 def _bursts(slots: int, period_s: float, burst_s: float, quiet_s: float, rng: np.random.Generator) -> BoolArray:
