@@ -1,11 +1,10 @@
 """Bursts of noise in a band of speeds: a hidden Markov chain of two states, quiet and shaking.
 
-Seen in the differences of neighbouring residuals, which know nothing of levels, jumps or slow effects, missed or not.
+Seen in the differences of neighbouring residuals, pair by pair: they know nothing of levels, jumps or slow effects.
 Each difference is Student-t with a scale that is a free function of |ω|; inside the band the scale also depends on the
 state. The gain is over the same law without states: what no law of speed and no heavy tail explains, since the one has
 no memory of time and the other no memory at all. The likelihood is the forward recursion of L. R. Rabiner, A tutorial
-on hidden Markov models, Proceedings of the IEEE 77(2), 1989; differences of white noise are not quite independent, so
-that records without bursts gain a little more than a χ² would.
+on hidden Markov models, Proceedings of the IEEE 77(2), 1989.
 """
 
 from __future__ import annotations
@@ -26,6 +25,7 @@ CLIP_AT: Final = 4.0  # robust standard deviations, for that scale
 SHORTEST_STAY: Final = 16.0  # slots, mean: shorter bursts are heavy tails
 FIRST_STAY: Final = 100.0  # slots, mean, where the fit begins
 HALF_WIDTHS: Final = (0.03, 0.06, 0.12, 0.25)  # of bands tried, as shares of the speeds' range
+WIDEST_BAND: Final = 0.3  # half width over the range of the speeds: wider is no band
 FIRST_SCALES: Final = ((-0.25, 0.25), (-0.5, 0.4))  # logarithms of the quiet and the shaking scale over the bin's
 LEAST_FREEDOM: Final = 2.05  # degrees of freedom: a variance exists
 GAUSSIAN_FROM: Final = float(np.log(400.0))  # log of degrees of freedom from which the law is Gaussian
@@ -80,6 +80,7 @@ def find_bursts(residual: FloatArray, speed: FloatArray, usable: BoolArray) -> B
         At the maximum of the likelihood; None where the speed does not vary or too little is usable.
     """
     pairs = usable & np.concatenate([[False], usable[:-1]])
+    pairs[::2] = False  # neighbouring differences share a sample: an outlier would be two, and pass for a burst
     if np.count_nonzero(pairs) < 2 * FEWEST_IN_BIN or np.ptp(speed[pairs]) == 0.0:
         return None
     difference = np.concatenate([[0.0], np.diff(np.nan_to_num(residual))])
@@ -112,6 +113,7 @@ def _fit(squares: FloatArray, speed: FloatArray, pairs: BoolArray) -> Bursts:
     probability = np.zeros(squares.size)
     nowhere = np.zeros(squares.size, dtype=np.bool_)
     low, span = float(speed[pairs].min()), float(np.ptp(speed[pairs]))
+    widest = WIDEST_BAND * span
 
     def plain(x: FloatArray) -> float:
         freedom = _freedom(x[0])
@@ -120,7 +122,7 @@ def _fit(squares: FloatArray, speed: FloatArray, pairs: BoolArray) -> Bursts:
         return float(count * (x[1] - _constant(freedom)) - log_likelihood)
 
     def loss(x: FloatArray) -> float:
-        inside = np.abs(speed - x[6]) < abs(x[7])
+        inside = np.abs(speed - x[6]) < min(abs(x[7]), widest)
         freedom, (on, off) = _freedom(x[0]), _rates(x)
         shaking = x[2] + float(np.exp(x[3]))
         scaled = squares * np.exp(-2.0 * x[1])
@@ -141,12 +143,13 @@ def _fit(squares: FloatArray, speed: FloatArray, pairs: BoolArray) -> Bursts:
     gain = float(none.fun) - loss(best)
     on, off = _rates(best)
     _smooth(probability, on, off)
-    inside = pairs & (np.abs(speed - best[6]) < abs(best[7]))
+    half_width = float(min(abs(best[7]), widest))
+    inside = np.abs(speed - best[6]) < half_width
     return Bursts(
         max(gain, 0.0),
         float(np.exp(np.exp(best[3]))),
         float(best[6]),
-        float(abs(best[7])),
+        half_width,
         1.0 / off,
         1.0 / on,
         inside,

@@ -19,7 +19,6 @@ FEWEST_IN_BAND: Final = 50  # samples, for a mean and a variance
 EACH_RAISED_BY: Final = 12.5  # log-likelihood that mean and variance must each gain: half the search's threshold of 25
 REFINEMENTS: Final = 6  # halvings of the scan's grid around the best band
 FEWEST_BURSTS: Final = 5  # fewer are chance, or what was seen once
-WIDEST_BAND: Final = 0.3  # half width over the range of the speeds: wider is no band
 BESIDE_BURST: Final = 32  # slots to each side with which a burst's drag is compared
 FEWEST_BESIDE: Final = 4  # slots in a burst and beside it, for a mean
 DRAG_BY_CHANCE: Final = 0.2  # probability; that there are bursts is sure by then
@@ -79,14 +78,13 @@ class CageInstability(NoiseEffect):
         Levels may be left in the residual. The gain is that of the noise alone, over any law of speed.
         """
         usable = usable_residuals(residual_Nm, channels, good) & (channels.direction != 0)
-        count, speed = int(usable.sum()), np.abs(channels.speed_rad_s[usable])
+        count = int(usable.sum())
         found = find_bursts(residual_Nm, np.abs(channels.speed_rad_s), usable)
         none = cls.nothing_found(count), np.zeros(residual_Nm.size, dtype=np.bool_)
         if found is None:
             return none
         drag = _drag_of_bursts(residual_Nm * channels.direction, usable, found.on)
-        wide = found.half_width > WIDEST_BAND * float(np.ptp(speed))
-        if drag.size < FEWEST_BURSTS or wide:
+        if drag.size < FEWEST_BURSTS:
             return none
         if stats.wilcoxon(drag, alternative="greater").pvalue > DRAG_BY_CHANCE:
             return none  # noise alone is no cage
