@@ -25,6 +25,7 @@ from rwa_monitor.discrepancy.result import (
     Unexplained,
     Verdict,
 )
+from rwa_monitor.discrepancy.rounding import without_rounding
 from rwa_monitor.discrepancy.search import Found, Model, Progress, SearchResult, coefficient_covariance, grow, rank
 from rwa_monitor.discrepancy.switching_effects import switching_effects
 from rwa_monitor.discrepancy.unexplained import judge_leftover, wandering
@@ -105,6 +106,7 @@ def find_discrepancy(
         others.append(cage.effect)
     if any(effect.name == "tachometer_quantisation" for effect in others):
         leftover = None  # rounding errors follow the acceleration: they are named already
+        found = without_rounding(problem, found)
     if not {effect.name for effect in others} & {"tachometer_quantisation", "cage_instability"}:
         leftover = leftover or wanders
     progress("gain on held-out blocks")

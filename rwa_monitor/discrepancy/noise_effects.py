@@ -30,6 +30,7 @@ SPEED: Final = "speed_dependent_noise"
 CAGE_PREFERRED: Final = 0.5  # of the best gain
 LATER_SHARE: Final = 0.05  # of an accepted gain that the next must reach: no law of noise is exact
 MIN_WHITTLE: Final = 500  # samples
+EM_ROUNDS: Final = 5  # weights and spread in turn; the first two bring nearly all
 WHITTLE_LAGS: Final = 400  # slots: an AR(1) with φ = 0.99 has forgotten itself to 2 %
 WHITTLE_BINS: Final = 200  # of frequency; a filter of 17 taps varies over a seventeenth
 AROUND_JUMPS: Final = 3  # slots on each side of a jump whose residual depends on where exactly it was put
@@ -62,18 +63,26 @@ def noise_effects(
         views = [replace(view, good=view.good & ~band) for view, band in zip(views, in_band, strict=True)]
     found: list[FoundEffect] = []
     wall = ACCEPT_GAIN
+    with_tails: list[_View] = []  # from the moment that heavy tails are named: the residual with them
     looks_for_cage = explained and not in_band
     left = [name for name in NOISE_EFFECTS if name != QUANTISED and (looks_for_cage or name != CAGE)]
     while left:
         fits = {name: [_fit_noise(problem, i, view, name) for i, view in enumerate(views)] for name in left}
+        if SPEED in left and with_tails:
+            fits[SPEED] = [_speed_beside_tails(view) for view in with_tails]
         gains = {name: sum(fit.penalised_gain for fit in of) for name, of in fits.items()}
         name = max(gains, key=lambda n: gains[n])
         if name != COLOURED and CAGE in gains and gains[CAGE] > CAGE_PREFERRED * gains[name]:
             name = CAGE  # a band of noise alone explains the noise of a burst, but not its drag
-        if gains[name] < wall:
+        if gains[name] < (ACCEPT_GAIN if name == SPEED and with_tails else wall):
             break
         found += accepted(problem, {name: fits[name]})
         wall = max(wall, LATER_SHARE * gains[name])
+        with_tails = (
+            [_without(v, name, fit) for v, fit in zip(with_tails, fits[name], strict=True)] if with_tails else []
+        )
+        if name == HEAVY:
+            with_tails = views
         views = [_without(view, name, fit) for view, fit in zip(views, fits[name], strict=True)]
         left = [other for other in left if other != name and not (name == CAGE and other == HEAVY)]
     return sorted(found, key=lambda entry: -entry.delta_deviance)
@@ -111,6 +120,34 @@ def _fit_noise(problem: Problem, index: int, view: _View, name: str) -> Likeliho
     if name == CAGE:
         return CageInstability.fit_band(view.residual, view.channels, view.good)
     return NOISE_EFFECTS[name].fit(view.residual, view.channels, view.good)
+
+
+def _speed_beside_tails(view: _View) -> LikelihoodFit:
+    """Fit noise that depends on the speed where its tails are heavy: both in one likelihood, against tails alone.
+
+    Weights that pull in what the tails hold turn Student's law into a Gaussian one; spread and weights are found in
+    turns (the EM of K. L. Lange, R. J. A. Little, J. M. G. Taylor, JASA 84, 1989).
+    """
+    effect, tails = NOISE_EFFECTS[SPEED], NOISE_EFFECTS[HEAVY]
+    speed, usable = np.abs(view.channels.speed_rad_s), view.good & np.isfinite(view.residual)
+    count = int(usable.sum())
+    if count < MIN_WHITTLE:
+        return effect.nothing_found(count)
+    alone = tails.fit(view.residual, view.channels, view.good)
+    fit, both, scaled, factor = effect.nothing_found(count), alone, view.residual, np.ones(speed.size)
+    for _ in range(EM_ROUNDS):
+        nu = both.values["degrees_of_freedom"]
+        scale2 = float(np.mean(scaled[usable] ** 2)) * max(nu - 2, 0.05) / nu
+        weight = np.sqrt((nu + 1) / (nu + scaled**2 / max(scale2, 1e-300)))
+        fit = effect.fit(view.residual * weight, view.channels, view.good)
+        factor = spread_factor(speed, fit.values)
+        scaled = view.residual / factor
+        both = tails.fit(scaled, view.channels, view.good)
+    # Each gain is over a Gaussian law of its own residual's size.
+    smaller = float(np.mean(view.residual[usable] ** 2)) / max(float(np.mean(scaled[usable] ** 2)), 1e-300)
+    of_sizes = 0.5 * count * float(np.log(max(smaller, 1e-300))) - float(np.sum(np.log(factor[usable])))
+    gain = both.log_likelihood_gain - alone.log_likelihood_gain + of_sizes
+    return replace(fit, log_likelihood_gain=max(gain, 0.0))
 
 
 def _without(view: _View, name: str, fit: LikelihoodFit) -> _View:
