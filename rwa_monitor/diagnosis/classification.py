@@ -23,23 +23,16 @@ import numpy as np
 from scipy import special
 
 from rwa_monitor.diagnosis.features import Features, FeaturesOfStory, histogram
-from rwa_monitor.diagnosis.likelihood import (
-    CHANGE_PER_WINDOW,
-    Shift,
-    density_of_carried,
-    integrate_shift,
-    stray_probabilities,
-    system_evidence,
-    value_evidence,
-)
+from rwa_monitor.diagnosis.history import TELLING_STD, Coefficient, coefficient
+from rwa_monitor.diagnosis.likelihood import stray_probabilities, system_evidence
 from rwa_monitor.diagnosis.model import AnomalyModel, LinearSvm, Model
-from rwa_monitor.diagnosis.state import CarriedState
+from rwa_monitor.diagnosis.shift import Shift, integrate_shift
+from rwa_monitor.diagnosis.state import CarriedState, Tracked, probability_before
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 
-# A value tells nothing when its standard deviation exceeds this share of the distance between nominal and anomalous.
-TELLING_STD: Final = 0.4
-SMALLEST_STD: Final = 1e-6  # normalised, of the base: keeps the density finite where there is no noise
 UNKNOWN: Final = 0.5  # probability of an anomaly about which nothing is known
+LEAST_PRIOR: Final = 1e-9
+PRIOR_ROUNDS: Final = 8  # each brings the probabilities nearer to what is wanted by an order of magnitude or so
 UNLIKE_SHARE: Final = 0.9  # from this probability that a value is a stray, it is called unlike anything learned
 
 
@@ -56,9 +49,12 @@ class Judged:
     active
         Whether it is diagnosed.
     telling
-        Whether the window can show it at all; otherwise the probability is that before the window.
+        Whether the window or, lately, earlier ones can show it at all; otherwise the probability is that before the
+        window.
     unlike
         Whether what was seen is unlike everything learned, nominal or anomalous.
+    leans
+        Whether the window alone does not show it and earlier windows do.
     """
 
     name: str
@@ -66,6 +62,7 @@ class Judged:
     active: bool
     telling: bool
     unlike: bool
+    leans: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,12 +79,15 @@ class Judgement:
         For each anomaly the probability that the next window starts from.
     configurations
         For each system int64 (sojourns,): the likeliest configurations by all that was learned, given who jumped when.
+    tracked
+        What is known of base dry and of viscous friction after the window, in the features' unit; None where nothing.
     """
 
     anomalies: tuple[Judged, ...]
     features: Features
     to_carry: dict[str, float]
     configurations: tuple[IntArray, ...]
+    tracked: tuple[Tracked | None, Tracked | None] = (None, None)
 
 
 def conclusive(anomalies: Sequence[Judged], low: float, high: float) -> bool:
@@ -177,6 +177,7 @@ def classify(
     model: Model,
     carried: CarriedState,
     new_share: float = 1.0,
+    viscous_unit: float = 1.0,
 ) -> Judgement:
     """Judge all anomalies together.
 
@@ -195,37 +196,58 @@ def classify(
     new_share
         Share of the window's slots that no earlier window had; what is carried on counts the evidence by it, so that
         overlapping windows do not count it twice.
+    viscous_unit
+        See `features.normalised_nominal_viscous`.
     """
+    history = _History(coefficient(models[0], carried.base_dry), coefficient(models[1], carried.viscous, viscous_unit))
     combinations = np.array(list(itertools.product((False, True), repeat=len(names))))
     told = features.by_story or (FeaturesOfStory(0.0, features, same_jumps=True),)
     log_likelihood = np.stack(
-        [one.log_weight + _log_likelihood(one.features, models, combinations, carried)[0] for one in told]
+        [one.log_weight + _log_likelihood(one.features, models, combinations, history)[0] for one in told]
     )
-    log_prior = _log_prior(combinations, models, names, model, carried)
-    prior = special.softmax(log_prior)
+    prior = _prior(combinations, models, names, model, carried, history)
+    log_prior = np.log(prior)
     by_story = special.softmax(log_prior + log_likelihood)
     posterior = by_story.sum(axis=0)
     likeliest = max(
         (s for s, one in enumerate(told) if one.same_jumps), key=lambda s: float(by_story[s].sum()), default=None
     )
     configurations = _as_told(features) if likeliest is None else _as_told(told[likeliest].features)
-    shift = None if features.base_known else _log_likelihood(features, models, combinations, carried)[1]
-    if shift is not None:
-        features = shift.apply(features, posterior, shift.number(combinations))
+    shift = None if features.base_known else _log_likelihood(features, models, combinations, history)[1]
+    base = None if history.dry is None else history.dry.before
+    if shift is None:
+        base = history.dry.after(features.base_dry, features.base_dry_std) if history.dry else base
+    else:
+        number = shift.number(combinations)
+        features = shift.apply(features, posterior, number)
+        # The window showed only its sum with the friction of a system: no value to take the old one's place.
+        base = base and base.model_copy(update={"held": shift.held_after(posterior, number)})
 
     judged, to_carry = [], {}
     for a, name in enumerate(names):
         probability = float(posterior[combinations[:, a]].sum())
         before = float(prior[combinations[:, a]].sum())
         telling, unlike = _quality(features, models[a], a)
-        judged.append(Judged(name, probability, active=probability > 0.5, telling=telling, unlike=unlike))
+        leans = a == 1 and history.viscous is not None and history.viscous.leans(features.viscous_std)
+        judged.append(
+            Judged(name, probability, active=probability > 0.5, telling=telling or leans, unlike=unlike, leans=leans)
+        )
         gained = new_share * (_logit(probability) - _logit(before))
         to_carry[name] = float(special.expit(_logit(before) + gained))
-    return Judgement(tuple(judged), features, to_carry, configurations)
+    viscous = history.viscous.after(features.viscous, features.viscous_std) if history.viscous else None
+    return Judgement(tuple(judged), features, to_carry, configurations, (base, viscous))
+
+
+@dataclass(frozen=True, slots=True)
+class _History:
+    """The two coefficients before the window; None for one about which nothing was learned."""
+
+    dry: Coefficient | None
+    viscous: Coefficient | None
 
 
 def _log_likelihood(
-    features: Features, models: Sequence[AnomalyModel | None], combinations: BoolArray, carried: CarriedState
+    features: Features, models: Sequence[AnomalyModel | None], combinations: BoolArray, history: _History
 ) -> tuple[FloatArray, Shift | None]:
     """Return the log likelihood of each combination, float64 (combinations,), and the shift integrated for it."""
     # Systems that never rest are judged together with the base dry friction, all others alone.
@@ -235,23 +257,22 @@ def _log_likelihood(
         if not system.rests and learned is not None and learned.knows_friction
     ]
     log_likelihood = np.zeros(len(combinations))
-    for a, rows in enumerate(_evidence_alone(features, models, dry_too=not unrested)):
+    for a, rows in enumerate(_evidence_alone(features, models, history, dry_too=not unrested)):
         log_likelihood += np.where(combinations[:, a], rows[1], rows[0])
     if not unrested:
-        std = features.base_dry_std if math.isfinite(features.base_dry_std) else 0.0
-        base = np.array([features.base_dry])
-        told = density_of_carried(carried.base_dry, base, max(std, SMALLEST_STD), abs(features.base_dry))
-        return log_likelihood + float(np.log(told[0])), None
-    shift = integrate_shift(features, models[0], unrested, carried.base_dry)
+        return log_likelihood, None
+    shift = integrate_shift(features, history.dry, unrested)
     return log_likelihood + shift.log_likelihood[shift.number(combinations)], shift
 
 
-def _evidence_alone(features: Features, models: Sequence[AnomalyModel | None], *, dry_too: bool) -> list[FloatArray]:
+def _evidence_alone(
+    features: Features, models: Sequence[AnomalyModel | None], history: _History, *, dry_too: bool
+) -> list[FloatArray]:
     """Return the log likelihoods (2,) of each anomaly on its own; equal for those that are judged together."""
     no_shift = np.zeros(1)
     return [
-        value_evidence(models[0], features.base_dry, features.base_dry_std) if dry_too else np.zeros(2),
-        value_evidence(models[1], features.viscous, features.viscous_std),
+        _value_evidence(history.dry, features.base_dry, features.base_dry_std) if dry_too else np.zeros(2),
+        _value_evidence(history.viscous, features.viscous, features.viscous_std),
         *(
             system_evidence(model, system, no_shift)[:, 0] if system.rests else np.zeros(2)
             for model, system in zip(models[2:], features.systems, strict=True)
@@ -259,34 +280,64 @@ def _evidence_alone(features: Features, models: Sequence[AnomalyModel | None], *
     ]
 
 
-def _log_prior(
+def _value_evidence(before: Coefficient | None, value: float, std: float) -> FloatArray:
+    """Return the log likelihoods (2,) of a coefficient, nominal and anomalous; equal where nothing is known."""
+    if before is None or not (math.isfinite(value) and math.isfinite(std)):
+        return np.zeros(2)
+    return before.log_evidence(np.array([value]), np.array([std]))[:, 0]
+
+
+def _prior(
     combinations: BoolArray,
     models: Sequence[AnomalyModel | None],
     names: Sequence[str],
     model: Model,
     carried: CarriedState,
+    history: _History,
 ) -> FloatArray:
-    """Return the log probability of each combination before the window, float64 (combinations,), up to a constant.
+    """Return the probability of each combination before the window, float64 (combinations,).
 
-    How many anomalies come at once is learned, which ones is equally likely; then each anomaly's odds are multiplied
-    by what earlier windows changed in them.
+    How many anomalies come at once is learned, which ones is equally likely; then each anomaly's odds are brought to
+    how often it occurs, and to what earlier windows tell, the latter in turns until all agree (iterative proportional
+    fitting): ruling out one anomaly must not, window after window, speak for the others.
     """
     count = combinations.sum(axis=1)
     total = combinations.shape[1]
     known = len(model.simultaneous)
     of_count = np.array([model.simultaneous[min(k, known - 1)] / math.comb(total, k) for k in range(total + 1)])
-    log_prior = np.log(of_count[count])
-    base = special.softmax(log_prior)
-    for a, (name, learned) in enumerate(zip(names, models, strict=True)):
-        before = float(base[combinations[:, a]].sum())
-        if learned is not None:
-            log_prior += combinations[:, a] * (_logit(learned.rate) - _logit(before))
-            before = learned.rate
-        if name in carried.probability:
-            last = carried.probability[name]
-            now = last + CHANGE_PER_WINDOW * (before - last)
-            log_prior += combinations[:, a] * (_logit(now) - _logit(before))
-    return np.asarray(log_prior, dtype=np.float64)
+    prior = of_count[count] / of_count[count].sum()
+    log_prior = np.log(prior)
+    rates = []
+    for a, learned in enumerate(models):
+        before = float(prior[combinations[:, a]].sum())
+        rates.append(before if learned is None else learned.rate)
+        log_prior += combinations[:, a] * (_logit(rates[a]) - _logit(before))
+    prior = special.softmax(log_prior)
+    wanted = _told_before(names, rates, carried, history)
+    for _ in range(PRIOR_ROUNDS if wanted else 0):
+        for a, now in wanted.items():
+            there = combinations[:, a]
+            so_far = float(prior[there].sum()) / float(prior.sum())
+            prior = prior * np.where(there, now / so_far, (1.0 - now) / (1.0 - so_far))
+    return np.asarray(prior / prior.sum(), dtype=np.float64)
+
+
+def _told_before(
+    names: Sequence[str], rates: Sequence[float], carried: CarriedState, history: _History
+) -> dict[int, float]:
+    """Return by anomaly the probability that earlier windows give it; none for those of which they tell nothing.
+
+    That of a coefficient which they measured comes from its value; the others' from what was concluded, and the
+    hazard that it changed since.
+    """
+    told: dict[int, float] = {}
+    for a, (name, rate) in enumerate(zip(names, rates, strict=True)):
+        value = (history.dry, history.viscous)[a] if a < 2 else None
+        if value is not None and value.before is not None:
+            told[a] = value.prior
+        elif name in carried.probability:
+            told[a] = probability_before(carried.probability[name], rate)
+    return {a: min(max(p, LEAST_PRIOR), 1.0 - LEAST_PRIOR) for a, p in told.items()}
 
 
 def _quality(features: Features, model: AnomalyModel | None, a: int) -> tuple[bool, bool]:

@@ -57,25 +57,39 @@ def title(name: str) -> str:
     return {"dry": "base dry friction", "viscous": "viscous friction"}.get(name, f"friction of switching system {name}")
 
 
-def reason_anomalous(active: Sequence[AnomalyDiagnosis]) -> str:
-    """Return the reason of an anomalous verdict: every anomaly with its numbers, the most severe first."""
+def reason_anomalous(active: Sequence[AnomalyDiagnosis], shown_before: Sequence[str] = ()) -> str:
+    """Return the reason of an anomalous verdict: every anomaly with its numbers, the most severe first.
+
+    `shown_before` names those that earlier windows show and this one alone does not.
+    """
     parts = [
         f"{title(anomaly.name)} is {quantity(anomaly.estimate, anomaly.unit)}"
         f" (nominal {span(anomaly.nominal_low, anomaly.nominal_high, anomaly.unit)}, probability of an anomaly"
         f" {percent(anomaly.probability)})"
         for anomaly in sorted(active, key=lambda anomaly: -(anomaly.severity or 0.0))
     ]
-    return _sentence("; ".join(parts))
+    return _sentence("; ".join(parts) + _leaning(shown_before))
 
 
-def reason_nominal(anomalies: Sequence[AnomalyDiagnosis]) -> str:
-    """Return the reason of a nominal verdict."""
+def reason_nominal(anomalies: Sequence[AnomalyDiagnosis], shown_before: Sequence[str] = ()) -> str:
+    """Return the reason of a nominal verdict; `shown_before` as for `reason_anomalous`."""
     worst = max(anomalies, key=lambda anomaly: anomaly.probability)
     return _sentence(
         f"all friction is nominal; the most suspect, {title(worst.name)}, is {quantity(worst.estimate, worst.unit)}"
         f" (nominal {span(worst.nominal_low, worst.nominal_high, worst.unit)}, probability of an anomaly"
-        f" {percent(worst.probability)})"
+        f" {percent(worst.probability)}){_leaning(shown_before)}"
     )
+
+
+def _leaning(names: Sequence[str]) -> str:
+    """Return the end of a reason, on what earlier windows show and this one does not; "" for nothing."""
+    return f"; this window alone does not show {listed(names)}, earlier windows do" if names else ""
+
+
+def listed(names: Sequence[str]) -> str:
+    """Return what the anomalies' friction is called, as a list in a sentence."""
+    titles = [title(name) for name in names]
+    return titles[0] if len(titles) == 1 else f"{', '.join(titles[:-1])} and {titles[-1]}"
 
 
 def explain(

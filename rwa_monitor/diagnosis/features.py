@@ -8,12 +8,16 @@ the window (q = 0), its friction is known only up to a shift that is missing fro
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Final
 
 import numpy as np
 
+from rwa_monitor.diagnosis.estimation import SlopePrior
 from rwa_monitor.diagnosis.results import Assignment, Components, Reading
 from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import FloatArray, IntArray
+
+LEAST_INFORMATION: Final = 1e-3  # share of what is known of the slope that the window adds; with less it tells nothing
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,6 +143,36 @@ def normalised_nominal_viscous(wheel: Wheel) -> float:
     if wheel.nominal is None or wheel.nominal.viscous_Nm_s_rad == 0:
         return 1.0
     return wheel.nominal.viscous_Nm_s_rad * wheel.speed_unit_rad_s / wheel.torque_unit_Nm
+
+
+def without_prior(features: Features, prior: SlopePrior, viscous_unit: float) -> Features:
+    """Return the features with viscous friction as this window alone measures it.
+
+    Stage 3 starts from what earlier windows tell of the slope. Handed on as a measurement, that would count again in
+    every window which hardly shows it: a Gaussian posterior over a Gaussian prior is the window's own likelihood.
+
+    Parameters
+    ----------
+    features
+        Of the window.
+    prior
+        Of the slope, as stage 3 used it.
+    viscous_unit
+        See `normalised_nominal_viscous`.
+    """
+    mean, std = prior.mean / viscous_unit, prior.std / viscous_unit
+    left = (features.viscous_std / std) ** 2
+    own = 1.0 - left
+    if not own > LEAST_INFORMATION:
+        viscous, viscous_std = mean, np.inf
+    else:
+        viscous = (features.viscous - left * mean) / own
+        viscous_std = features.viscous_std / np.sqrt(own)
+    by_story = tuple(
+        replace(one, features=replace(one.features, viscous=float(viscous), viscous_std=float(viscous_std)))
+        for one in features.by_story
+    )
+    return replace(features, viscous=float(viscous), viscous_std=float(viscous_std), by_story=by_story)
 
 
 def _jump_std(assignment: Assignment, systems: int) -> FloatArray:

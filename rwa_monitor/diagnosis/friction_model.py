@@ -23,7 +23,7 @@ from numba import njit
 from rwa_monitor.diagnosis.estimation import SlopePrior, nominal_viscous
 from rwa_monitor.diagnosis.results import Story
 from rwa_monitor.diagnosis.running_sums import Moments
-from rwa_monitor.diagnosis.state import CarriedState
+from rwa_monitor.diagnosis.state import CHANGE_PER_WINDOW, CarriedState
 from rwa_monitor.physics.wheel import SwitchingSystem, Wheel
 from rwa_monitor.samples import FloatArray, IntArray
 
@@ -140,7 +140,8 @@ def priors_of(wheel: Wheel, carried: CarriedState | None, typical_level: float, 
     jump = typical_jump if typical_jump > 0 else max(abs(typical_level), 1e-300)
     if carried and carried.base_dry:
         drifted = carried.base_dry.drifted()
-        base: tuple[Case, ...] = (Case(1.0, drifted.mean, max(drifted.std, 1e-6 * abs(drifted.mean))),)
+        held = Case(drifted.held, drifted.mean, max(drifted.std, 1e-6 * abs(drifted.mean)))
+        base: tuple[Case, ...] = (held, _anywhere(1.0 - drifted.held, drifted.mean, wheel))
     elif wheel.nominal:
         base = BASE_CASES
     else:
@@ -153,6 +154,15 @@ def priors_of(wheel: Wheel, carried: CarriedState | None, typical_level: float, 
         slope=slope_prior(wheel, carried, typical_level),
         unattributed_std=UNATTRIBUTED_SPREAD * (1.0 if wheel.nominal else jump),
     )
+
+
+def _anywhere(probability: float, mean: float, wheel: Wheel) -> Case:
+    """Return the case of a base that changed since earlier windows: healthy or not, as one broad Gaussian."""
+    if wheel.nominal is None:
+        return Case(probability, mean, BASE_CASES[1].std * abs(mean))
+    middle = sum(case.probability * case.mean for case in BASE_CASES)
+    variance = sum(case.probability * (case.std**2 + (case.mean - middle) ** 2) for case in BASE_CASES)
+    return Case(probability, middle, variance**0.5)
 
 
 def slope_prior(wheel: Wheel, carried: CarriedState | None, typical_level: float) -> SlopePrior:
@@ -187,7 +197,11 @@ def _system_of(
         else:
             laws.append(FrictionLaw(q * jump, UNKNOWN_SPREAD * jump))
     if learned:
-        return (Case(1.0, 0.0, LEARNED_SPREAD),), tuple(laws)
+        changed = ANOMALY_CASES[1]
+        return (
+            Case(1.0 - CHANGE_PER_WINDOW, 0.0, LEARNED_SPREAD),
+            Case(CHANGE_PER_WINDOW, changed.mean, changed.std),
+        ), tuple(laws)
     return (ANOMALY_CASES if system.friction else (Case(1.0, 0.0, UNKNOWN_SPREAD),)), tuple(laws)
 
 

@@ -1,33 +1,23 @@
 """Likelihoods of what a window shows under nominal and anomalous friction, for the joint classifier.
 
-Measured values are compared with the learned bands (`model.Levels`), each with its own standard deviation. Where a
-switching system never rests in the window, its friction and the base dry friction share an unknown shift (errata 10),
-which `integrate_shift` integrates out for all combinations of the anomalies concerned.
+Measured values are compared with the learned bands (`model.Levels`), each with its own standard deviation.
 """
 
 from __future__ import annotations
 
-import itertools
-import math
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator
 from typing import Final
 
 import numpy as np
 from scipy import special
 
-from rwa_monitor.diagnosis.features import Features, SystemFeatures
+from rwa_monitor.diagnosis.features import SystemFeatures
 from rwa_monitor.diagnosis.model import AnomalyModel, Levels
-from rwa_monitor.diagnosis.state import Tracked
-from rwa_monitor.samples import BoolArray, FloatArray, IntArray
+from rwa_monitor.samples import FloatArray, IntArray
 
 # Share of anomalies that have another size than those learned. A wheel that is a third of the way to the learned
 # anomaly, or far beyond it, is anomalous too.
 OTHER_SIZE: Final = 0.05
-# From one window to the next everything may have changed with this probability (one in fifty windows, six days of
-# windows of 10,000 s): then the wheel is as likely anomalous as any. It keeps what is carried from becoming certain.
-CHANGE_PER_WINDOW: Final = 0.02
-SHIFT_STEPS: Final = 1024  # grid over which an unknown shift is integrated, from no shift to all of the dry friction
 
 
 def log_densities(levels: Levels, value: FloatArray, std: FloatArray) -> FloatArray:
@@ -48,13 +38,6 @@ def log_densities(levels: Levels, value: FloatArray, std: FloatArray) -> FloatAr
     learned = levels.anomalous.density(value, std) if levels.anomalous else other
     anomalous = (1.0 - levels.stray - OTHER_SIZE) * learned + OTHER_SIZE * other + levels.stray * stray
     return np.log(np.stack([nominal, anomalous]))
-
-
-def value_evidence(model: AnomalyModel | None, value: float, std: float) -> FloatArray:
-    """Return the log likelihoods (2,) of a coefficient, nominal and anomalous; equal where nothing is known."""
-    if model is None or model.levels[0] is None or not (math.isfinite(value) and math.isfinite(std)):
-        return np.zeros(2)
-    return log_densities(model.levels[0], np.array([value]), np.array([std]))[:, 0]
 
 
 def system_evidence(model: AnomalyModel | None, system: SystemFeatures, shift: FloatArray) -> FloatArray:
@@ -107,127 +90,3 @@ def stray_probabilities(
         relative[at] = std[at] / levels.reach
     known = np.isfinite(stray)
     return stray[known], relative[known]
-
-
-@dataclass(frozen=True, slots=True)
-class Shift:
-    """The unknown shift, integrated out, for each combination of dry and the k systems that never rest.
-
-    Attributes
-    ----------
-    log_likelihood
-        float64 (2^(k+1),), numbered by `number`.
-    base, base_variance
-        float64 (2^(k+1),), mean and variance of the base dry friction under each combination.
-    systems
-        Indices of the systems.
-    """
-
-    log_likelihood: FloatArray
-    base: FloatArray
-    base_variance: FloatArray
-    systems: tuple[int, ...]
-
-    def number(self, combinations: BoolArray) -> IntArray:
-        """Number combinations of all anomalies (n, anomalies) by dry (the highest bit) and these systems; (n,)."""
-        columns = combinations[:, [0, *(2 + s for s in self.systems)]]
-        return np.asarray(columns @ (2 ** np.arange(columns.shape[1])[::-1]), dtype=np.int64)
-
-    def apply(self, features: Features, posterior: FloatArray, number: IntArray) -> Features:
-        """Return the features at the expected base; what the base loses, the system that never rests gains.
-
-        With several such systems the data do not say how they share it, and stage 3's split of them stays.
-        """
-        weights = np.bincount(number, weights=posterior, minlength=self.base.size)
-        mean = float(weights @ self.base)
-        std = math.sqrt(max(float(weights @ (self.base_variance + (self.base - mean) ** 2)), 0.0))
-        if len(self.systems) != 1:
-            return replace(features, base_dry_std=max(std, features.base_dry_std))
-        systems = list(features.systems)
-        system = systems[self.systems[0]]
-        systems[self.systems[0]] = replace(
-            system,
-            friction=system.friction + (features.base_dry - mean),
-            friction_std=np.hypot(system.friction_std, std),
-        )
-        return replace(features, base_dry=mean, base_dry_std=std, systems=tuple(systems))
-
-
-def integrate_shift(
-    features: Features,
-    dry: AnomalyModel | None,
-    unrested: Sequence[tuple[int, AnomalyModel]],
-    carried_base: Tracked | None,
-) -> Shift:
-    """Integrate the shift of each system that never rests, for all combinations of dry and these systems.
-
-    With T the level at which every such system is in its first sojourn, base = T - Σ o_s, and the friction of sojourn i
-    of system s is o_s + (f_i - f_0): the likelihood is the convolution of the systems' likelihoods with the density of
-    the base.
-
-    Parameters
-    ----------
-    features
-        Of the window.
-    dry
-        What was learned about dry friction, None where nothing was.
-    unrested
-        Index and model of each system that never rests.
-    carried_base
-        The base of earlier windows, if any.
-    """
-    systems = [features.systems[s] for s, _ in unrested]
-    first = [float(system.friction[0]) for system in systems]
-    total = features.base_dry + sum(first)
-    step = max(total, 1e-3) / (SHIFT_STEPS - 1)
-    grid = step * np.arange(SHIFT_STEPS, dtype=np.float64)
-    tables = [
-        _scaled(system_evidence(model, system, grid - start))
-        for (_, model), system, start in zip(unrested, systems, first, strict=True)
-    ]
-    base = total - grid  # at each sum of shifts
-    of_base = np.ones((2, SHIFT_STEPS))
-    if dry is not None and dry.levels[0] is not None:
-        of_base = np.exp(log_densities(dry.levels[0], base, np.full(SHIFT_STEPS, step)))
-    of_base = of_base * density_of_carried(carried_base, base, step, total)
-
-    count = 2 ** (len(unrested) + 1)
-    log_likelihood, mean, variance = np.full(count, -np.inf), np.full(count, features.base_dry), np.zeros(count)
-    for number, bits in enumerate(itertools.product((0, 1), repeat=len(unrested) + 1)):
-        together, log_scale = _convolve(
-            [(table[bit], top[bit]) for (table, top), bit in zip(tables, bits[1:], strict=True)]
-        )
-        weight = together * of_base[bits[0]]
-        mass = float(weight.sum())
-        if mass > 0:
-            log_likelihood[number] = math.log(mass) + len(unrested) * math.log(step) + log_scale
-            mean[number] = float(weight @ base) / mass
-            variance[number] = float(weight @ (base - mean[number]) ** 2) / mass
-    return Shift(log_likelihood, mean, variance, tuple(s for s, _ in unrested))
-
-
-def _convolve(tables: Sequence[tuple[FloatArray, float]]) -> tuple[FloatArray, float]:
-    """Convolve likelihoods over the grid of shifts; the log of what they were divided by adds up."""
-    together, log_scale = tables[0]
-    for table, scale in tables[1:]:
-        together = np.convolve(together, table)[: together.size]
-        log_scale += scale
-    return together, float(log_scale)
-
-
-def _scaled(log_values: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return exp(row - its maximum) and the maxima: likelihoods of many sojourns would underflow."""
-    top = log_values.max(axis=1)
-    return np.exp(log_values - top[:, None]), top
-
-
-def density_of_carried(carried: Tracked | None, base: FloatArray, std: float, span: float) -> FloatArray:
-    """Return what earlier windows say about a base measured with `std`, float64 as `base`; 1 without any.
-
-    The base may also have jumped since: then it is anywhere in `span`.
-    """
-    if carried is None:
-        return np.ones(base.size)
-    std = math.hypot(carried.drifted().std, std)
-    stayed = np.exp(-0.5 * ((base - carried.mean) / std) ** 2) / (std * math.sqrt(2.0 * math.pi))
-    return np.asarray((1.0 - CHANGE_PER_WINDOW) * stayed + CHANGE_PER_WINDOW / max(span, std))

@@ -30,6 +30,11 @@ MAX_STATE_BYTES: Final = 200_000  # a state of 8 systems with 16 configurations 
 # Friction of a healthy wheel moves by a few per cent with temperature and age (lubricant: months; bearing temperature:
 # an orbit). From one window to the next the random walk below is allowed, as a part of the value itself.
 DRIFT_PER_WINDOW: Final = 0.01
+# From one window to the next a wheel may change for good with this probability (one in fifty windows, six days of
+# windows of 10,000 s; a working assumption): then it is as likely anomalous as any, and a coefficient is anywhere.
+CHANGE_PER_WINDOW: Final = 0.02
+# Wear does not heal: of the changes of an anomalous wheel, this share leaves it anomalous whatever else they do.
+STILL_ANOMALOUS: Final = 0.98
 # What a configuration's friction was is forgotten with this factor per window, so that about the last 20 windows count.
 REMEMBERED: Final = 0.95
 
@@ -51,17 +56,27 @@ class Tracked(_Part):
         Current value and its standard deviation, normalised.
     windows
         Windows that it was learned from.
+    held
+        Probability that the value is still this one: it may have changed in a window that did not show it.
     """
 
     mean: Finite
     std: NotNegative
     windows: Annotated[int, Field(ge=1)]
+    held: Probability = 1.0
 
     def drifted(self) -> Tracked:
         """Return what is known of the value one window later, before that window is seen."""
         return Tracked(
-            mean=self.mean, std=math.hypot(self.std, DRIFT_PER_WINDOW * abs(self.mean)), windows=self.windows
+            mean=self.mean,
+            std=math.hypot(self.std, DRIFT_PER_WINDOW * abs(self.mean)),
+            windows=self.windows,
+            held=(1.0 - CHANGE_PER_WINDOW) * self.held,
         )
+
+    def scaled(self, factor: float) -> Tracked:
+        """Return the value in another unit."""
+        return Tracked(mean=self.mean * factor, std=self.std * abs(factor), windows=self.windows, held=self.held)
 
     def updated(self, value: float, std: float) -> Tracked:
         """Return the value after a window that measured `value` ± `std`."""
@@ -181,6 +196,7 @@ def next_state(
     *,
     assignment: Assignment,
     components: Components,
+    tracked: tuple[Tracked | None, Tracked | None],
     noise_std: float,
     probability: Mapping[str, float],
     base_known: bool,
@@ -196,20 +212,21 @@ def next_state(
         Its wheel.
     assignment, components
         Results of stage 3.
+    tracked
+        Base dry and viscous friction after the window.
     noise_std
         Noise of the window, normalised.
     probability
         Of each anomaly after this window, to be carried on.
     base_known
-        Whether this window itself shows the base dry friction; otherwise base and the systems' friction are not
-        learned from it.
+        Whether this window itself shows the base dry friction; otherwise the systems' friction is not learned from it.
     adequate
         Whether the friction model fits the window.
     """
     return CarriedState(
         windows=carried.windows + 1,
-        base_dry=_track(carried.base_dry, components.base_dry, components.base_dry_std, base_known),
-        viscous=_track(carried.viscous, components.viscous, components.viscous_std, known=True),
+        base_dry=tracked[0],
+        viscous=tracked[1],
         noise_std=noise_std if math.isfinite(noise_std) else carried.noise_std,
         probability=dict(probability),
         inadequate=0 if adequate else carried.inadequate + 1,
@@ -219,8 +236,18 @@ def next_state(
     )
 
 
-def _track(before: Tracked | None, value: float, std: float, known: bool) -> Tracked | None:
-    """Follow a value; where the window does not show it, only its uncertainty grows."""
+def rate_after_change(probability: float, rate: float) -> float:
+    """Return the probability of an anomaly after a change, that before it and how often it occurs being given."""
+    return rate + STILL_ANOMALOUS * probability * (1.0 - rate)
+
+
+def probability_before(probability: float, rate: float) -> float:
+    """Return the probability of an anomaly before a window, that after the last one and its rate being given."""
+    return probability + CHANGE_PER_WINDOW * (rate_after_change(probability, rate) - probability)
+
+
+def follow(before: Tracked | None, value: float, std: float, *, known: bool) -> Tracked | None:
+    """Follow a value of which nothing was learned; where the window does not show it, only its uncertainty grows."""
     if not (known and math.isfinite(value) and math.isfinite(std)):
         return None if before is None else before.drifted()
     if before is None:

@@ -21,7 +21,14 @@ from rwa_monitor.diagnosis.assignment import assign
 from rwa_monitor.diagnosis.classification import Judged, Judgement, classify, classify_as_paper, unjudged
 from rwa_monitor.diagnosis.components import split
 from rwa_monitor.diagnosis.doubt import doubt_of
-from rwa_monitor.diagnosis.features import Features, SystemFeatures, features_of, normalised_nominal_viscous
+from rwa_monitor.diagnosis.features import (
+    Features,
+    SystemFeatures,
+    features_of,
+    normalised_nominal_viscous,
+    without_prior,
+)
+from rwa_monitor.diagnosis.friction_model import slope_prior
 from rwa_monitor.diagnosis.model import AnomalyModel, Levels, Model, models_for
 from rwa_monitor.diagnosis.paper_assignment import assign_as_paper, split_as_paper
 from rwa_monitor.diagnosis.results import (
@@ -33,7 +40,7 @@ from rwa_monitor.diagnosis.results import (
     Evidence,
     Method,
 )
-from rwa_monitor.diagnosis.state import CarriedState, next_state
+from rwa_monitor.diagnosis.state import CarriedState, Tracked, follow, next_state
 from rwa_monitor.diagnosis.window_diagnosis import (
     DRY_UNIT,
     VISCOUS_UNIT,
@@ -79,12 +86,17 @@ class _Case:
 
 @dataclass(frozen=True, slots=True)
 class _Stages:
-    """Results of stages 2 and 3, and whether the friction model fits."""
+    """Results of stages 2 and 3, and whether the friction model fits.
+
+    `measured` are the features as this window alone measures them; in `features`, viscous friction also holds what
+    earlier windows tell of it.
+    """
 
     assignment: Assignment
     estimate: Estimate
     components: Components
     features: Features
+    measured: Features
     fits: Adequacy
 
 
@@ -139,6 +151,7 @@ def diagnose_window(
         wheel,
         assignment=stages.assignment,
         components=stages.components,
+        tracked=_tracked(case, stages, judgement),
         noise_std=evidence.noise.std,
         probability=judgement.to_carry if model is not None else {},
         base_known=stages.features.base_known,
@@ -161,12 +174,15 @@ def _run_stages(case: _Case, given: tuple[Assignment, Estimate] | None = None) -
         assignment, estimate = given or assign(evidence, wheel, case.carried)
         components = split(assignment, estimate, evidence, wheel, case.carried)
     features = features_of(components, assignment, wheel)
+    measured = features
+    if case.method == "joint" and case.carried.viscous is not None:
+        measured = without_prior(features, slope_prior(wheel, case.carried, 0.0), normalised_nominal_viscous(wheel))
     fits = adequacy.check(evidence, estimate, assignment, wheel.fss)
     if case.method == "joint" and case.doubting and not fits.adequate:
-        doubt = doubt_of(evidence, estimate, assignment, components, wheel)
-        features = doubt.widen_features(features, normalised_nominal_viscous(wheel))
+        doubt, unit = doubt_of(evidence, estimate, assignment, components, wheel), normalised_nominal_viscous(wheel)
+        features, measured = doubt.widen_features(features, unit), doubt.widen_features(measured, unit)
         components = doubt.widen(components)
-    return _Stages(assignment, estimate, components, features, fits)
+    return _Stages(assignment, estimate, components, features, measured, fits)
 
 
 def _judge(case: _Case, models: Sequence[AnomalyModel | None], stages: _Stages) -> Judgement:
@@ -179,7 +195,29 @@ def _judge(case: _Case, models: Sequence[AnomalyModel | None], stages: _Stages) 
     new_share = min(1.0, window.hop_slots / window.samples) if case.carried.windows else 1.0
     if not stages.fits.adequate:
         new_share = 0.0  # what is missing says the same in every window: it must not add up to certainty
-    return classify(features, models, names, case.model, case.carried, new_share)
+    viscous_unit = normalised_nominal_viscous(case.wheel)
+    judgement = classify(stages.measured, models, names, case.model, case.carried, new_share, viscous_unit)
+    seen = replace(judgement.features, viscous=features.viscous, viscous_std=features.viscous_std)
+    return replace(judgement, features=seen)
+
+
+def _tracked(case: _Case, stages: _Stages, judgement: Judgement) -> tuple[Tracked | None, Tracked | None]:
+    """Return what is known of base dry and viscous friction after the window, normalised.
+
+    A window that the friction model does not fit moves nothing: what is missing in it is in its estimates too.
+    """
+    base, viscous = case.carried.base_dry, case.carried.viscous
+    if not stages.fits.adequate:
+        return base and base.drifted(), viscous and viscous.drifted()
+    unit = normalised_nominal_viscous(case.wheel)
+    if case.model is not None and case.method == "joint":
+        base, viscous = judgement.tracked
+        return base, None if viscous is None else viscous.scaled(unit)
+    seen = stages.measured
+    return (
+        follow(base, seen.base_dry, seen.base_dry_std, known=seen.base_known),
+        follow(viscous, seen.viscous * unit, seen.viscous_std * unit, known=True),
+    )
 
 
 # ---- the verdict -----------------------------------------------------------------------------------------------------
@@ -200,9 +238,11 @@ def _verdict(
             f" ({100.0 * MIN_COVERAGE:.0f} % are needed)."
         )
     low, high = case.model.undecided if case.method == "joint" else (0.5, 0.5)
+    leaning = [entry.name for entry in judged if entry.leans]
     certain = [a for a, entry in zip(anomalies, judged, strict=True) if entry.active and entry.probability >= high]
     if certain:
-        return "anomalous", explanation.reason_anomalous(certain)
+        shown_before = [anomaly.name for anomaly in certain if anomaly.name in leaning]
+        return "anomalous", explanation.reason_anomalous(certain, shown_before)
     lacking = "" if fits.adequate else f" while the friction model lacks something ({fits.finding})"
     for anomaly, entry in zip(anomalies, judged, strict=True):
         what = explanation.title(entry.name)
@@ -220,13 +260,11 @@ def _verdict(
             )
     silent = [entry.name for entry in judged if not entry.telling]
     if silent:
-        return "inconclusive", f"Nothing else is anomalous, but the window does not show {_list(silent)}{lacking}."
-    return "nominal", explanation.reason_nominal(anomalies)
-
-
-def _list(names: Sequence[str]) -> str:
-    titles = [explanation.title(name) for name in names]
-    return titles[0] if len(titles) == 1 else f"{', '.join(titles[:-1])} and {titles[-1]}"
+        return (
+            "inconclusive",
+            f"Nothing else is anomalous, but the window does not show {explanation.listed(silent)}{lacking}.",
+        )
+    return "nominal", explanation.reason_nominal(anomalies, leaning)
 
 
 # ---- into SI units ---------------------------------------------------------------------------------------------------

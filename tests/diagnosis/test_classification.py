@@ -11,7 +11,7 @@ from rwa_monitor.diagnosis.classification import Judgement, classify, classify_a
 from rwa_monitor.diagnosis.features import Features, FeaturesOfStory, SystemFeatures
 from rwa_monitor.diagnosis.likelihood import log_densities
 from rwa_monitor.diagnosis.model import built_in_model, models_for
-from rwa_monitor.diagnosis.state import CarriedState, Tracked
+from rwa_monitor.diagnosis.state import CarriedState, Tracked, probability_before
 from rwa_monitor.physics.wheel import built_in_wheel
 
 WHEEL, MODEL = built_in_wheel(), built_in_model()
@@ -147,6 +147,18 @@ def test_carried_probability_moves_the_prior_but_cannot_hold_against_evidence() 
     vague = features(std=1e4)
     assert judged(vague, certain)["dry"] > 0.9
     assert judged(vague, harmless)["dry"] < 0.02
+
+
+def test_ruling_out_one_anomaly_window_after_window_does_not_speak_for_another() -> None:
+    """A state that says 0.1 for each stays at that, but for the hazard, where the windows say nothing of one."""
+    carried = CarriedState(probability=dict.fromkeys(NAMES, 0.1))
+    silent = features(std=50.0)
+    expected = 0.1
+    for _ in range(5):
+        after = classify(replace(silent, viscous=1.0, viscous_std=1e-3), MODELS, NAMES, MODEL, carried).to_carry
+        expected = probability_before(expected, 0.2)
+        assert after["dry"] == pytest.approx(expected, abs=0.03)
+        carried = carried.model_copy(update={"probability": after})
 
 
 def test_overlapping_windows_do_not_count_their_evidence_twice() -> None:

@@ -1,12 +1,21 @@
 """The features of the classifiers: the paper's histogram with errata 13, and sojourns."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from rwa_monitor.diagnosis.features import SystemFeatures, histogram, normalised_nominal_viscous
+from rwa_monitor.diagnosis.estimation import SlopePrior
+from rwa_monitor.diagnosis.features import (
+    Features,
+    SystemFeatures,
+    histogram,
+    normalised_nominal_viscous,
+    without_prior,
+)
 from rwa_monitor.physics.wheel import built_in_wheel
 
 
@@ -49,3 +58,15 @@ def test_highest_configuration_is_averaged() -> None:
 
 def test_nominal_viscous_of_the_built_in_wheel_is_one() -> None:
     assert normalised_nominal_viscous(built_in_wheel()) == pytest.approx(1.0, abs=1e-3)
+
+
+def test_what_a_window_alone_measures_is_what_the_prior_was_multiplied_by() -> None:
+    """Oracle: the product of two Gaussians, of a prior and of a measurement, undone."""
+    prior, value, std = SlopePrior(1.04, 0.05), 1.2, 0.08
+    weights = np.array([prior.std**-2, std**-2])
+    mean, spread = float(weights @ [prior.mean, value] / weights.sum()), float(weights.sum() ** -0.5)
+    seen = Features(1.0, 0.01, mean, spread, ())
+    alone = without_prior(seen, prior, 1.0)
+    assert alone.viscous == pytest.approx(value)
+    assert alone.viscous_std == pytest.approx(std)
+    assert without_prior(replace(seen, viscous=1.04, viscous_std=0.05), prior, 1.0).viscous_std == np.inf

@@ -9,7 +9,17 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rwa_monitor.diagnosis.results import Assignment, Components
-from rwa_monitor.diagnosis.state import MAX_STATE_BYTES, CarriedState, FrictionMemory, SystemState, Tracked, next_state
+from rwa_monitor.diagnosis.state import (
+    CHANGE_PER_WINDOW,
+    MAX_STATE_BYTES,
+    CarriedState,
+    FrictionMemory,
+    SystemState,
+    Tracked,
+    follow,
+    next_state,
+    probability_before,
+)
 from rwa_monitor.errors import InputError
 from rwa_monitor.physics.wheel import Wheel, built_in_wheel
 
@@ -46,7 +56,8 @@ def test_round_trip_is_exact(state: CarriedState) -> None:
 
 def test_numbers_keep_twelve_significant_digits() -> None:
     state = CarriedState(base_dry=Tracked(mean=1.0 / 3.0, std=2.0e-17 / 3.0, windows=1))
-    assert json.loads(state.to_json())["base_dry"] == {"mean": 0.333333333333, "std": 6.66666666667e-18, "windows": 1}
+    told = {"held": 1.0, "mean": 0.333333333333, "std": 6.66666666667e-18, "windows": 1}
+    assert json.loads(state.to_json())["base_dry"] == told
 
 
 def test_hash_depends_on_every_field() -> None:
@@ -106,13 +117,22 @@ def test_filter_of_a_constant_shrinks_to_the_steady_state_of_its_drift() -> None
     assert abs(value.mean - 1.0) < 4.0 * value.std
 
 
-def test_a_window_that_does_not_show_the_base_only_widens_it() -> None:
-    before = CarriedState(base_dry=Tracked(mean=1.0, std=0.01, windows=3))
-    after = _next(before, base_dry=1.6, base_known=False)
-    assert after.base_dry is not None
-    assert after.base_dry.mean == 1.0
-    assert after.base_dry.std > 0.01
-    assert after.base_dry.windows == 3
+def test_a_window_that_does_not_show_a_value_only_widens_it() -> None:
+    before = Tracked(mean=1.0, std=0.01, windows=3)
+    after = follow(before, 1.6, 0.01, known=False)
+    assert after is not None
+    assert after.mean == 1.0
+    assert after.std > 0.01
+    assert after.windows == 3
+    assert after.held < 1.0
+
+
+@given(st.floats(0, 1), st.floats(0.01, 0.99))
+def test_the_hazard_pulls_to_the_rate_and_an_anomaly_stays_likelier_than_that(probability: float, rate: float) -> None:
+    after = probability_before(probability, rate)
+    assert 0.0 <= after <= 1.0
+    assert after >= probability_before(0.0, rate) == pytest.approx(CHANGE_PER_WINDOW * rate)
+    assert probability_before(1.0, rate) > 0.99
 
 
 def test_position_at_the_next_window_is_carried_with_its_age() -> None:
@@ -150,9 +170,7 @@ def test_friction_of_configurations_is_remembered_and_forgotten() -> None:
     assert memory.count == pytest.approx(1.0 / (1.0 - 0.95), rel=1e-3)  # the sum of a geometric series
 
 
-def _next(
-    carried: CarriedState, *, wheel: Wheel | None = None, base_dry: float = 1.0, base_known: bool = True
-) -> CarriedState:
+def _next(carried: CarriedState, *, wheel: Wheel | None = None, base_known: bool = True) -> CarriedState:
     """One window: fss_1 goes up at 50,000 and down at 60,000, fss_2 stays in configuration 1."""
     assignment = Assignment(
         index=np.array([50_000, 60_000]),
@@ -168,7 +186,7 @@ def _next(
         pruned=False,
     )
     components = Components(
-        base_dry=base_dry,
+        base_dry=1.0,
         base_dry_std=0.01,
         viscous=1.0,
         viscous_std=0.01,
@@ -181,6 +199,7 @@ def _next(
         wheel or built_in_wheel(),
         assignment=assignment,
         components=components,
+        tracked=(None, None),
         noise_std=0.024,
         probability={"dry": 0.1},
         base_known=base_known,

@@ -1,0 +1,120 @@
+"""A coefficient over windows: what counts once, what wins, what is forgotten."""
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy import integrate
+
+from rwa_monitor.diagnosis.history import Coefficient, coefficient
+from rwa_monitor.diagnosis.likelihood import log_densities
+from rwa_monitor.diagnosis.model import built_in_model
+from rwa_monitor.diagnosis.state import CHANGE_PER_WINDOW, Tracked
+
+VISCOUS = built_in_model().anomaly("viscous")
+assert VISCOUS is not None
+assert VISCOUS.levels[0] is not None
+LEVELS, RATE = VISCOUS.levels[0], VISCOUS.rate
+
+
+def before(mean: float = 1.0, std: float = 0.004, held: float = 0.98) -> Coefficient:
+    return Coefficient(LEVELS, RATE, Tracked(mean=mean, std=std, windows=5, held=held))
+
+
+def probability(seen: Coefficient, value: float, std: float) -> float:
+    rows = seen.log_evidence(np.array([value]), np.array([std]))[:, 0] + np.log([1.0 - seen.prior, seen.prior])
+    return float(np.exp(rows[1] - np.logaddexp(*rows)))
+
+
+def over_windows(values: list[tuple[float, float]]) -> list[float]:
+    tracked, found = None, []
+    for value, std in values:
+        seen = coefficient(VISCOUS, tracked)
+        assert seen is not None
+        found.append(probability(seen, value, std))
+        tracked = seen.after(value, std)
+    return found
+
+
+@pytest.mark.parametrize(("mean", "std", "held"), [(1.0, 0.01, 0.98), (1.15, 0.02, 0.5), (1.05, 0.03, 0.9)])
+def test_what_a_window_can_measure_has_total_probability_one(mean: float, std: float, held: float) -> None:
+    """Oracle: the density of a measurement, over both classes and all values, integrates to 1, by quadrature."""
+    seen = before(mean, std, held)
+    grid = np.linspace(-60.0, 60.0, 600_001)
+    # Strays reach far beyond any grid; with next to none of them the bands hold everything.
+    seen = Coefficient(LEVELS.model_copy(update={"stray": 1e-12}), RATE, seen.before)
+    held_part, changed = (np.exp(part).sum(axis=0) for part in seen.log_parts(grid, np.full(grid.size, 0.02)))
+    # The tail of anomalies of other sizes (a Lomax law of shape 1) beyond the grid: OTHER_SIZE · reach/60 or so.
+    assert integrate.trapezoid(changed, grid) == pytest.approx(1.0 - held, abs=1e-3)
+    assert integrate.trapezoid(held_part, grid) == pytest.approx(held, abs=1e-3)
+
+
+def test_the_first_window_is_judged_by_the_bands_alone() -> None:
+    value, std = np.array([1.04]), np.array([0.01])
+    seen = Coefficient(LEVELS, RATE, None)
+    assert seen.prior == RATE
+    assert np.array_equal(seen.log_evidence(value, std), log_densities(LEVELS, value, std))
+
+
+@pytest.mark.parametrize("viscous", [1.0, 1.04, 1.06, 1.08, 1.15])
+def test_the_same_value_again_is_no_new_evidence(viscous: float) -> None:
+    """A healthy wheel keeps its place in its band: twenty windows must not make of a doubt a certainty."""
+    found = over_windows([(viscous, 0.003)] * 20)
+    assert found[-1] == pytest.approx(found[0], abs=0.1)
+
+
+def test_a_value_that_creeps_out_of_its_band_is_found() -> None:
+    found = over_windows([(1.0 + 0.005 * k, 0.003) for k in range(31)])
+    assert found[0] < 0.01
+    assert found[-1] > 0.9
+
+
+@given(st.floats(0.9, 1.4), st.integers(1, 30))
+def test_a_window_that_shows_the_value_wins_whatever_went_before(value: float, windows: int) -> None:
+    """The verdict of a sharp measurement is that of the window alone, at most the hazard away from it."""
+    alone = over_windows([(value, 0.002)])[0]
+    after_healthy = over_windows([(1.0, 0.002)] * windows + [(value, 0.002)])[-1]
+    if alone > 0.9:
+        assert after_healthy > 0.6
+    if alone < 0.1:
+        assert after_healthy < 0.4
+
+
+@given(st.integers(1, 60))
+def test_windows_that_do_not_show_the_value_leave_it_with_the_hazard(windows: int) -> None:
+    vague = 10.0 * LEVELS.reach
+    found = over_windows([(1.0, 0.002)] + [(1.0, vague)] * windows)
+    hazard = RATE * (1.0 - (1.0 - CHANGE_PER_WINDOW) ** windows)
+    assert found[-1] >= 0.8 * hazard
+    assert found[-1] <= RATE + 0.02
+
+
+def test_a_value_that_jumped_is_followed_at_once() -> None:
+    after = before().after(1.25, 0.004)
+    assert after is not None
+    assert after.mean == pytest.approx(1.25, abs=0.01)
+    assert after.std < 0.02
+
+
+def test_what_does_not_show_the_value_does_not_move_it_far() -> None:
+    after = before().after(1.25, LEVELS.reach)
+    assert after is not None
+    assert after.mean == pytest.approx(1.0, abs=0.005)
+    assert after.held < 0.98
+
+
+def test_it_leans_on_earlier_windows_only_if_they_saw_it_lately_and_better() -> None:
+    vague, sharp = 0.5 * LEVELS.reach, 0.1 * LEVELS.reach
+    assert before().leans(vague)
+    assert not before().leans(sharp)
+    assert not before(held=0.5).leans(vague)
+    assert not before(std=LEVELS.reach).leans(vague)
+    assert not Coefficient(LEVELS, RATE, None).leans(vague)
+
+
+@pytest.mark.parametrize(("value", "std"), [(math.nan, 0.1), (1.0, math.inf)])
+def test_a_window_without_the_value_leaves_what_was_known(value: float, std: float) -> None:
+    seen = before()
+    assert seen.after(value, std) == seen.before
