@@ -31,11 +31,12 @@ from rwa_monitor.discrepancy.find import find_discrepancy as search_recordings
 from rwa_monitor.errors import InputError
 from rwa_monitor.formats.files import display_name
 from rwa_monitor.formats.scenario_file import read_scenario
+from rwa_monitor.formats.telemetry import joined, only_wheel, read_decoding
 from rwa_monitor.formats.wheel_file import read_wheel as read_wheel_file
 from rwa_monitor.live.core import WheelCore
 from rwa_monitor.live.events import Event, SensorFault, WindowDiagnosed
 from rwa_monitor.live.outputs import trouble_in
-from rwa_monitor.live.telemetry_files import joined, only_wheel, read_telemetry
+from rwa_monitor.live.telemetry_files import read_telemetry
 from rwa_monitor.live.trends import CoefficientTrend, wheel_trends
 from rwa_monitor.messages import Diagnosis, diagnosis_message
 from rwa_monitor.physics.scenario import Scenario
@@ -71,13 +72,17 @@ Method = Literal["joint", "paper"]
 # ---- in --------------------------------------------------------------------------------------------------------------
 
 
-def read(path: PathLike) -> Samples:
-    """Read the telemetry of one wheel: CSV, Parquet or MCAP.
+def read(path: PathLike, *, telemetry_map: PathLike | None = None, xtce: PathLike | None = None) -> Samples:
+    """Read the telemetry of one wheel: CSV, Parquet, MCAP, space packets or a ROS 2 bag.
 
     Parameters
     ----------
     path
         A sample table, or a recording that holds one wheel.
+    telemetry_map
+        For space packets and ROS 2 bags: the file that says which parameter or topic is which channel.
+    xtce
+        For space packets: the XTCE definition of what is in them.
 
     Returns
     -------
@@ -87,7 +92,7 @@ def read(path: PathLike) -> Samples:
     Raises
     ------
     InputError
-        If the file cannot be used (says where and why), or holds several wheels.
+        If a file cannot be used (says where and why), or holds several wheels.
 
     Warns
     -----
@@ -95,7 +100,8 @@ def read(path: PathLike) -> Samples:
         Of columns that are ignored, and of bytes of a recording that could not be read.
     """
     file = Path(path)
-    content = read_telemetry(file)
+    map_file, xtce_file = (None if given is None else Path(given) for given in (telemetry_map, xtce))
+    content = read_telemetry(file, read_decoding(map_file, xtce_file))
     for note in (*content.problems, *content.notes):
         warnings.warn(note, stacklevel=2)
     return joined(only_wheel(content, display_name(file)))

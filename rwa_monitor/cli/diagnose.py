@@ -12,25 +12,35 @@ import click
 
 from rwa_monitor.cli.exit_codes import UNREADABLE, WRONG_USE
 from rwa_monitor.cli.first_use import tell_of_compiling
-from rwa_monitor.cli.options import FILE, FleetOptions, fleet_options, method_option, model_option, wheel_option
+from rwa_monitor.cli.options import (
+    FILE,
+    FleetOptions,
+    decoding_options,
+    fleet_options,
+    method_option,
+    model_option,
+    wheel_option,
+)
 from rwa_monitor.cli.talk import say
 from rwa_monitor.errors import InputError
 
 if TYPE_CHECKING:
     from rwa_monitor.fleet.tasks import CarriedStates, Diagnose
+    from rwa_monitor.formats.telemetry import Decoding
     from rwa_monitor.live.trends import WindowFriction
     from rwa_monitor.messages import Diagnosis
 
 WIDTH_IN_FILES: Final = 120  # characters of a line where no terminal says how many it has
 
 
-@click.command(name="diagnose", short_help="Diagnose recordings: CSV, Parquet or MCAP.")
+@click.command(name="diagnose", short_help="Diagnose recordings: CSV, Parquet, MCAP, space packets, ROS 2 bags.")
 @click.argument("files", nargs=-1, required=True, type=FILE, metavar="FILE...")
 @wheel_option
 @model_option
 @method_option
 @click.option("--json", "as_json", is_flag=True, help="One JSON object for each window and line (rwa.Diagnosis).")
 @click.option("--carry", is_flag=True, help="Start each file with what the ones before it told about the wheel.")
+@decoding_options
 @fleet_options
 @click.pass_context
 def command(
@@ -41,9 +51,12 @@ def command(
     method: Literal["joint", "paper"],
     as_json: bool,
     carry: bool,
+    decoding: Decoding,
     fleet: FleetOptions,
 ) -> None:
-    """Diagnose recordings, window by window: CSV, Parquet or MCAP, in the order given.
+    """Diagnose recordings, window by window, in the order given.
+
+    CSV, Parquet and MCAP say themselves what is in them; space packets need --xtce and --map, ROS 2 bags --map.
 
     A last window that the data does not fill is diagnosed too and marked partial. A file is read whole before anything
     is said about it. One that cannot be used is named on stderr, the others are done all the same, and the exit code
@@ -65,7 +78,7 @@ def command(
         )
     # Read before any file is: a wrong option costs nothing then.
     task = Diagnose(
-        read_wheel(wheel_file) if wheel_file else None, read_model(model_file) if model_file else None, method
+        read_wheel(wheel_file) if wheel_file else None, read_model(model_file) if model_file else None, method, decoding
     )
     show = _json_line if as_json else _Pictures()
     status = _one_by_one(task, files, show, carry) if not fleet.asked_for else _at_once(task, files, show, fleet)

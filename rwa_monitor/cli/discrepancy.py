@@ -12,7 +12,7 @@ import click
 
 from rwa_monitor.cli.exit_codes import UNREADABLE
 from rwa_monitor.cli.first_use import tell_of_compiling
-from rwa_monitor.cli.options import FILE, FleetOptions, fleet_options, wheel_option
+from rwa_monitor.cli.options import FILE, FleetOptions, decoding_options, fleet_options, wheel_option
 from rwa_monitor.cli.talk import say
 
 if TYPE_CHECKING:
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
     from rwa_monitor.discrepancy.find import Search
     from rwa_monitor.discrepancy.plan import PlannedManoeuvre
+    from rwa_monitor.formats.telemetry import Decoding
 
 
 @click.command(name="discrepancy", short_help="Show what the simulation gets wrong, and name the cause.")
@@ -41,6 +42,7 @@ if TYPE_CHECKING:
 )
 @click.option("--plan", "show_plan", is_flag=True, help="Rank the manoeuvres that would tell the leading causes apart.")
 @click.option("--each", is_flag=True, help="Each file is a wheel of its own: a report for each, many at once.")
+@decoding_options
 @fleet_options
 @click.pass_context
 def command(
@@ -52,6 +54,7 @@ def command(
     bootstrap: int,
     show_plan: bool,
     each: bool,
+    decoding: Decoding,
     fleet: FleetOptions,
 ) -> None:
     """Find what a wheel's simulation lacks: the cause by name, its size, and what adding it gains.
@@ -64,7 +67,7 @@ def command(
     if each:
         if out is not None or bootstrap or show_plan:
             raise click.UsageError("--each gives short reports; --out, --bootstrap and --plan are for one wheel")
-        ctx.exit(_each(files, wheel_file, as_json, fleet))
+        ctx.exit(_each(files, wheel_file, as_json, decoding, fleet))
     if fleet.asked_for:
         raise click.UsageError("--results, --scheduler and --workers need --each: several files are one joint report")
     from rwa_monitor.cli.progress import status_line
@@ -79,7 +82,7 @@ def command(
     from rwa_monitor.threads import on_threads
 
     wheel = read_wheel(wheel_file) if wheel_file else None
-    recordings = read_recordings(files)
+    recordings = read_recordings(files, decoding)
     with status_line("searching") as progress:
         wheel = wheel or recordings.wheel or built_in_wheel()
         for name, samples in recordings.samples:
@@ -110,14 +113,17 @@ def command(
     ctx.exit(UNREADABLE if recordings.unreadable else 0)
 
 
-def _each(files: tuple[Path, ...], wheel_file: Path | None, as_json: bool, options: FleetOptions) -> int:
+def _each(
+    files: tuple[Path, ...], wheel_file: Path | None, as_json: bool, decoding: Decoding, options: FleetOptions
+) -> int:
     """Judge each file by itself, and return the exit code."""
     from rwa_monitor.cli.fleet import Fleet
     from rwa_monitor.fleet.tasks import FindDiscrepancy
     from rwa_monitor.formats.wheel_file import read_wheel
 
     fleet = Fleet(options)
-    for done in fleet.each(FindDiscrepancy(read_wheel(wheel_file) if wheel_file else None), files, "searching"):
+    task = FindDiscrepancy(read_wheel(wheel_file) if wheel_file else None, decoding)
+    for done in fleet.each(task, files, "searching"):
         for row in done.rows:
             if as_json:
                 click.echo(json.dumps({"source": row["source"], **json.loads(row["message"])}, ensure_ascii=False))

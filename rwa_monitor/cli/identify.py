@@ -9,11 +9,12 @@ import click
 
 from rwa_monitor.cli.exit_codes import UNREADABLE
 from rwa_monitor.cli.first_use import tell_of_compiling
-from rwa_monitor.cli.options import FILE, FleetOptions, fleet_options
+from rwa_monitor.cli.options import FILE, FleetOptions, decoding_options, fleet_options
 from rwa_monitor.cli.talk import say
 
 if TYPE_CHECKING:
-    from rwa_monitor.physics.wheel import Wheel
+    from rwa_monitor.fleet.tasks import Identify
+    from rwa_monitor.formats.telemetry import Decoding
 
 
 @click.command(name="identify", short_help="Learn a wheel's nominal friction, noise and switching laws.")
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
 )
 @click.option("--no-systems", is_flag=True, help="Learn nominal friction and noise only, for short recordings.")
 @click.option("--each", is_flag=True, help="Each file is a wheel of its own: a wheel file for each, many at once.")
+@decoding_options
 @fleet_options
 @click.pass_context
 def command(
@@ -39,6 +41,7 @@ def command(
     wheel_file: Path | None,
     no_systems: bool,
     each: bool,
+    decoding: Decoding,
     fleet: FleetOptions,
 ) -> None:
     """Learn a wheel file from recordings of one healthy wheel.
@@ -55,10 +58,12 @@ def command(
     tell_of_compiling()
     start = read_wheel(wheel_file) if wheel_file else None
     if each:
-        ctx.exit(_each(files, output, start, not no_systems, fleet))
+        from rwa_monitor.fleet.tasks import Identify
+
+        ctx.exit(_each(files, output, Identify(start, not no_systems, decoding), fleet))
     if fleet.asked_for:
         raise click.UsageError("--results, --scheduler and --workers need --each: several files are one wheel")
-    recordings = read_recordings(files)
+    recordings = read_recordings(files, decoding)
     start = start or recordings.wheel or bare_wheel(files[0].stem, recordings.samples[0][1])
     with status_line("learning"):
         learned = identify(recordings.samples, start, systems=not no_systems)
@@ -70,11 +75,10 @@ def command(
     ctx.exit(UNREADABLE if recordings.unreadable else 0)
 
 
-def _each(files: tuple[Path, ...], folder: Path, start: Wheel | None, systems: bool, options: FleetOptions) -> int:
+def _each(files: tuple[Path, ...], folder: Path, task: Identify, options: FleetOptions) -> int:
     """Learn a wheel from each file, and return the exit code."""
     from rwa_monitor.cli.fleet import Fleet
     from rwa_monitor.fleet.store import make_folder
-    from rwa_monitor.fleet.tasks import Identify
     from rwa_monitor.formats.files import write_text
 
     names = [f"{file.name}.wheel.toml" for file in files]
@@ -82,7 +86,7 @@ def _each(files: tuple[Path, ...], folder: Path, start: Wheel | None, systems: b
         raise click.UsageError("with --each the files need different names: each names its wheel file")
     make_folder(folder)
     fleet = Fleet(options)
-    for done in fleet.each(Identify(start, systems), files, "learning"):
+    for done in fleet.each(task, files, "learning"):
         for row in done.rows:
             write_text(folder / f"{Path(row['source']).name}.wheel.toml", row["message"])
     say(f"wheel files written to {folder}")

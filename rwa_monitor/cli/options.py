@@ -59,6 +59,26 @@ method_option = click.option(
 )
 
 
+def decoding_options(command: Decorated) -> Decorated:
+    """Add what packets and bags are read with; the command gets it as `decoding`, a `formats.telemetry.Decoding`."""
+
+    @click.option(
+        "--map",
+        "map_file",
+        type=FILE,
+        metavar="MAP.toml",
+        help="For space packets and ROS 2 bags: which parameter or topic is which channel.",
+    )
+    @click.option("--xtce", "xtce_file", type=FILE, metavar="X.xml", help="For space packets: what is in them.")
+    @functools.wraps(command)
+    def with_decoding(map_file: Path | None, xtce_file: Path | None, **rest: Any) -> Any:
+        from rwa_monitor.formats.telemetry import read_decoding
+
+        return command(decoding=read_decoding(map_file, xtce_file), **rest)
+
+    return with_decoding  # type: ignore[return-value]
+
+
 scheduler_option = click.option(
     "--scheduler", metavar="ADDR", help="Work on this Dask cluster, such as tcp://host:8786.  [default: local]"
 )

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from rwa_monitor.cli.talk import say
 
 if TYPE_CHECKING:
+    from rwa_monitor.formats.telemetry import Decoding
     from rwa_monitor.physics.wheel import Wheel
     from rwa_monitor.samples import Samples
 
@@ -33,8 +34,8 @@ class WheelRecordings:
     unreadable: bool
 
 
-def read_recordings(files: Sequence[Path]) -> WheelRecordings:
-    """Read files that are recordings of one wheel.
+def read_recordings(files: Sequence[Path], decoding: Decoding) -> WheelRecordings:
+    """Read files that are recordings of one wheel; with `decoding` where they do not name their channels.
 
     Raises
     ------
@@ -42,13 +43,14 @@ def read_recordings(files: Sequence[Path]) -> WheelRecordings:
         If a file cannot be used, or holds several wheels.
     """
     from rwa_monitor.formats.files import display_name
-    from rwa_monitor.live.telemetry_files import joined, only_wheel, read_telemetry
+    from rwa_monitor.formats.telemetry import joined, only_wheel
+    from rwa_monitor.live.telemetry_files import read_telemetry
 
     found: list[tuple[str, Samples]] = []
     wheel: Wheel | None = None
     unreadable = False
     for file in files:
-        content = read_telemetry(file)
+        content = read_telemetry(file, decoding)
         for note in (*content.problems, *content.notes):
             say(note)
         unreadable |= bool(content.problems)

@@ -41,10 +41,11 @@ def command() -> None:
 @seed_option
 @output_option
 def recording(scenario_file: Path | None, wheel_file: Path | None, seed: int, output: Path) -> None:
-    """Write one recording, CSV or Parquet by the suffix of -o FILE.
+    """Write one recording: CSV, Parquet, or space packets by the suffix of -o FILE (.csv, .parquet, .ccsds).
 
-    The truth lies beside it: FILE.truth.json (labels, jumps, scenario) and FILE.truth.pq (every slot, as Parquet); so
-    does the wheel where it is not the built-in one: FILE.wheel.toml.
+    Beside packets lie their definition and their map, FILE.xtce.xml and FILE.map.toml. The truth lies beside every
+    recording: FILE.truth.json (labels, jumps, scenario) and FILE.truth.pq (every slot, as Parquet); so does the wheel
+    where it is not the built-in one: FILE.wheel.toml.
     """
     from rwa_monitor.formats.table import table_writer
     from rwa_monitor.formats.truth import write_truth

@@ -20,10 +20,11 @@ from rwa_monitor.errors import InputError
 from rwa_monitor.fleet.rows import Row, diagnosis_row, discrepancy_row, wheel_row
 from rwa_monitor.formats.files import display_name
 from rwa_monitor.formats.table import read_table
+from rwa_monitor.formats.telemetry import Decoding, TelemetryFile, WheelTelemetry, joined, only_wheel
 from rwa_monitor.formats.truth import beside
 from rwa_monitor.formats.wheel_file import read_wheel
 from rwa_monitor.live.core import diagnose_samples
-from rwa_monitor.live.telemetry_files import TelemetryFile, WheelTelemetry, joined, only_wheel, read_telemetry
+from rwa_monitor.live.telemetry_files import NO_DECODING, read_telemetry
 from rwa_monitor.messages import Diagnosis
 from rwa_monitor.physics.wheel import Wheel, built_in_wheel
 from rwa_monitor.version import SOFTWARE
@@ -94,6 +95,8 @@ class Diagnose(Task):
         Those to use for every file; None for what a recording carries, or the built-in ones.
     method
         As for `WheelCore`.
+    decoding
+        What files are read with that do not name their channels.
     """
 
     kind: ClassVar[str] = "diagnosis"
@@ -101,9 +104,11 @@ class Diagnose(Task):
     wheel: Wheel | None = None
     model: Model | None = None
     method: Method = "joint"
+    decoding: Decoding = NO_DECODING
 
     def settings(self) -> list[str | None]:
-        return [self.wheel.sha256() if self.wheel else None, self.model.sha256() if self.model else None, self.method]
+        wheel, model = (part.sha256() if part else None for part in (self.wheel, self.model))
+        return [wheel, model, self.method, self.decoding.sha256()]
 
     def __call__(self, file: Path) -> Done:
         found = self.diagnose(file)
@@ -111,7 +116,7 @@ class Diagnose(Task):
 
     def diagnose(self, file: Path, carried: CarriedStates | None = None) -> DiagnosedFile:
         """Diagnose a file's windows; its wheels start with their `carried` state where there is one."""
-        content = read_telemetry(file)
+        content = read_telemetry(file, self.decoding)
         wheel = self.wheel or content.wheel or built_in_wheel()
         model = self.model or content.model or built_in_model()
         notes = [*content.notes, *(f"{wheel.name}: {note}" for note in wheel.missing())]
@@ -154,12 +159,13 @@ class FindDiscrepancy(Task):
     kind: ClassVar[str] = "discrepancy"
 
     wheel: Wheel | None = None
+    decoding: Decoding = NO_DECODING
 
     def settings(self) -> list[str | None]:
-        return [self.wheel.sha256() if self.wheel else None]
+        return [self.wheel.sha256() if self.wheel else None, self.decoding.sha256()]
 
     def __call__(self, file: Path) -> Done:
-        content, samples = _one_wheel(file)
+        content, samples = _one_wheel(file, self.decoding)
         search = find_discrepancy([samples], self.wheel or content.wheel or built_in_wheel(), lambda _: None)
         message = json.dumps(search.result.to_json(), ensure_ascii=False, allow_nan=False)
         return Done([discrepancy_row(str(file), search.result, message)], tuple(content.problems), tuple(content.notes))
@@ -175,18 +181,21 @@ class Identify(Task):
         What is known already; None for what a recording carries, or only name and sample period.
     systems
         Whether the laws of the switching systems are learned too.
+    decoding
+        As for `Diagnose`.
     """
 
     kind: ClassVar[str] = "wheel"
 
     start: Wheel | None = None
     systems: bool = True
+    decoding: Decoding = NO_DECODING
 
     def settings(self) -> list[str | None]:
-        return [self.start.sha256() if self.start else None, str(self.systems)]
+        return [self.start.sha256() if self.start else None, str(self.systems), self.decoding.sha256()]
 
     def __call__(self, file: Path) -> Done:
-        content, samples = _one_wheel(file)
+        content, samples = _one_wheel(file, self.decoding)
         start = self.start or content.wheel or bare_wheel(file.stem, samples[1])
         learned = identify([samples], start, systems=self.systems)
         return Done([wheel_row(str(file), learned)], tuple(content.problems), (*content.notes, *learned.notes))
@@ -227,6 +236,6 @@ class ReadFeatures:
         return wheel
 
 
-def _one_wheel(file: Path) -> tuple[TelemetryFile, tuple[str, Any]]:
-    content = read_telemetry(file)
+def _one_wheel(file: Path, decoding: Decoding) -> tuple[TelemetryFile, tuple[str, Any]]:
+    content = read_telemetry(file, decoding)
     return content, (str(file), joined(only_wheel(content, display_name(file))))

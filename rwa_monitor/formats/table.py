@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Final, Literal
 
 from rwa_monitor.errors import InputError
+from rwa_monitor.formats.ccsds_example import write_packets
 from rwa_monitor.formats.columns import SampleTable
 from rwa_monitor.formats.csv_table import read_csv, write_csv
 from rwa_monitor.formats.files import display_name, unreadable
@@ -21,11 +22,18 @@ from rwa_monitor.samples import Samples
 PARQUET_MAGIC: Final = b"PAR1"
 MCAP_MAGIC: Final = b"\x89MCAP0\r\n"
 
-WRITERS: Final[dict[str, Callable[[Samples, Path], None]]] = {".csv": write_csv, ".parquet": write_parquet}
+PACKET_SUFFIXES: Final = (".ccsds", ".bin")  # space packets have no first bytes of their own either
+
+FileFormat = Literal["csv", "parquet", "mcap", "packets"]
+WRITERS: Final[dict[str, Callable[[Samples, Path], None]]] = {
+    ".csv": write_csv,
+    ".parquet": write_parquet,
+    ".ccsds": write_packets,
+}
 
 
-def file_format(path: Path) -> Literal["csv", "parquet", "mcap"]:
-    """Return "parquet", "mcap" or "csv", by a file's first bytes; a CSV has none of its own.
+def file_format(path: Path) -> FileFormat:
+    """Return a file's format: by its first bytes, and where it has none of its own, by its suffix; else it is CSV.
 
     Raises
     ------
@@ -46,7 +54,7 @@ def file_format(path: Path) -> Literal["csv", "parquet", "mcap"]:
     suffix = path.suffix.lower()
     if suffix in (".parquet", ".mcap"):
         raise InputError(display_name(path), f"is no {suffix[1:]} file (its first bytes are {head[:8]!r})")
-    return "csv"
+    return "packets" if suffix in PACKET_SUFFIXES else "csv"
 
 
 def read_table(path: Path) -> SampleTable:
@@ -61,14 +69,16 @@ def read_table(path: Path) -> SampleTable:
 
 
 def table_writer(path: Path) -> Callable[[Samples, Path], None]:
-    """Return the function that writes a table of the kind that the file's suffix names.
+    """Return the function that writes samples in the format that the file's suffix names.
 
     Raises
     ------
     InputError
-        If the suffix is neither .csv nor .parquet.
+        If no format has the suffix.
     """
     writer = WRITERS.get(path.suffix.lower())
     if writer is None:
-        raise InputError(display_name(path), f"must end in {' or '.join(WRITERS)}: the suffix chooses the format")
+        *others, last = WRITERS
+        suffixes = f"{', '.join(others)} or {last}"
+        raise InputError(display_name(path), f"must end in {suffixes}: the suffix chooses the format")
     return writer

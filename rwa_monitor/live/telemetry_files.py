@@ -1,92 +1,59 @@
-"""Telemetry from files, as the monitor core takes it: a table is one batch of one wheel, a recording many of many."""
+"""Telemetry from files of every format: which reader a file needs, and recordings of the bus."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Final
 
 from rwa_monitor.diagnosis.model import Model
 from rwa_monitor.errors import InputError
+from rwa_monitor.formats.ccsds_packets import read_packets
 from rwa_monitor.formats.files import decode_utf8, display_name
-from rwa_monitor.formats.table import file_format, read_table
+from rwa_monitor.formats.table import FileFormat, file_format, read_table
+from rwa_monitor.formats.telemetry import Decoding, Reader, SampleBatch, TelemetryFile, WheelTelemetry
 from rwa_monitor.live.recording import Recording, read_recording
 from rwa_monitor.messages import SamplesMessage, split_key
 from rwa_monitor.physics.wheel import Wheel
-from rwa_monitor.samples import Samples, concatenate
+
+NO_DECODING: Final = Decoding()
 
 
-@dataclass(frozen=True, slots=True)
-class SampleBatch:
-    """Samples that came together; publisher and batch number where they came as a message."""
+def read_telemetry(path: Path, decoding: Decoding = NO_DECODING) -> TelemetryFile:
+    """Read a file of telemetry whole.
 
-    samples: Samples
-    publisher: str = ""
-    batch: int | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class WheelTelemetry:
-    """All telemetry of one wheel in one file.
-
-    Attributes
+    Parameters
     ----------
-    source
-        The file, for messages.
-    spacecraft, wheel
-        From the bus key; "" and None for a table, which does not say.
-    batches
-        In the order in which they came.
-    """
-
-    source: str
-    spacecraft: str
-    wheel: str | None
-    batches: Sequence[SampleBatch]
-
-
-@dataclass(frozen=True, slots=True)
-class TelemetryFile:
-    """A file of telemetry.
-
-    Attributes
-    ----------
-    telemetry
-        One entry for each wheel in it.
-    wheel, model
-        What a recording carries; None for a table.
-    problems
-        What of the file could not be read, a sentence each.
-    notes
-        What was read and left out on purpose, a sentence each.
-    """
-
-    telemetry: Sequence[WheelTelemetry]
-    wheel: Wheel | None = None
-    model: Model | None = None
-    problems: Sequence[str] = ()
-    notes: Sequence[str] = ()
-
-
-def read_telemetry(path: Path) -> TelemetryFile:
-    """Read a CSV, Parquet or MCAP file whole.
+    path
+        A file of any format in `READERS`, told by its first bytes, else by its suffix.
+    decoding
+        What it takes to understand space packets and ROS 2 bags.
 
     Raises
     ------
     InputError
         If the file cannot be used, or holds no samples.
     """
+    kind = file_format(path)
+    if kind == "csv" and decoding.xtce is not None and path.suffix.lower() != ".csv":
+        kind = "packets"  # neither says what it is, but somebody said what packets look like
+    return READERS[kind](path, decoding)
+
+
+def _read_table(path: Path, decoding: Decoding) -> TelemetryFile:
+    """Read a sample table, CSV or Parquet: its columns say what they are."""
+    del decoding
     source = display_name(path)
-    if file_format(path) == "mcap":
-        return _read_mcap(path, source)
     table = read_table(path)
     ignored = table.ignored_columns
     notes = [f"{source}: columns ignored: {', '.join(ignored)}"] if ignored else []
     return TelemetryFile([WheelTelemetry(source, "", None, [SampleBatch(table.samples)])], notes=notes)
 
 
-def _read_mcap(path: Path, source: str) -> TelemetryFile:
+def _read_mcap(path: Path, decoding: Decoding) -> TelemetryFile:
     """Read a recording: the samples, and the wheel and model that it carries if it is one of ours."""
+    del decoding
+    source = display_name(path)
     recording = read_recording(path)
     wheel, model = (recording.attachments.get(name) for name in ("wheel.toml", "model.json"))
     telemetry, notes = _recorded(recording, source)
@@ -97,6 +64,14 @@ def _read_mcap(path: Path, source: str) -> TelemetryFile:
         [f"{source}: {problem}" for problem in recording.problems],
         notes,
     )
+
+
+READERS: Final[Mapping[FileFormat, Reader]] = {
+    "csv": _read_table,
+    "parquet": _read_table,
+    "mcap": _read_mcap,
+    "packets": read_packets,
+}
 
 
 def _recorded(recording: Recording, source: str) -> tuple[list[WheelTelemetry], list[str]]:
@@ -127,16 +102,3 @@ def _of_topic(source: str, topic: str, batches: list[SampleBatch]) -> WheelTelem
     except InputError as error:
         raise InputError(source, error.reason, f"topic {topic}") from error
     return WheelTelemetry(source, spacecraft, wheel, batches)
-
-
-def only_wheel(content: TelemetryFile, source: str) -> WheelTelemetry:
-    """Return the telemetry of a file that must hold one wheel; raises InputError where it holds several."""
-    if len(content.telemetry) != 1:
-        wheels = ", ".join(f"{entry.spacecraft}/{entry.wheel}" for entry in content.telemetry)
-        raise InputError(source, f"holds {len(content.telemetry)} wheels ({wheels}); one is wanted")
-    return content.telemetry[0]
-
-
-def joined(telemetry: WheelTelemetry) -> Samples:
-    """Return all samples of a wheel as one table, in the order in which they came."""
-    return concatenate([batch.samples for batch in telemetry.batches])

@@ -93,3 +93,33 @@ def test_training_again_gives_the_same_model(files: Path, tmp_path: Path) -> Non
         contents.append(model.read_bytes())
     assert contents[0] == contents[1]
     assert read_model(model).trained.windows == 8  # two full windows of each file; the half one is left out
+
+
+def test_packets_are_diagnosed_as_the_table_is(files: Path, tmp_path: Path) -> None:
+    packets = tmp_path / "day.ccsds"
+    made = run(
+        "simulate", "recording", "--scenario", files / "scenario.toml", "--wheel", files / "wheel.toml", "--seed", 5,
+        "-o", packets,
+    )  # fmt: skip
+    assert made.exit_code == 0, made.stderr
+    how = ("--xtce", f"{packets}.xtce.xml", "--map", f"{packets}.map.toml", "--wheel", files / "wheel.toml", "--json")
+    diagnosed, table = run("diagnose", packets, *how), run("diagnose", files / "given.csv", *how)
+    assert (diagnosed.exit_code, table.exit_code) == (0, 0), diagnosed.stderr
+    for one, two in zip(diagnosed.stdout.splitlines(), table.stdout.splitlines(), strict=True):
+        found, expected = json.loads(one), json.loads(two)
+        assert (found["spacecraft"], found["wheel"], found["source"]) == ("simulated", "wheel_1", str(packets))
+        assert found["verdict"] == expected["verdict"]
+        assert found["window_start_ns"] == expected["window_start_ns"]
+
+
+def test_packets_cut_at_the_end_are_diagnosed_and_the_exit_code_is_3(tmp_path: Path) -> None:
+    packets = tmp_path / "day.ccsds"
+    assert run("simulate", "recording", "-o", packets).exit_code == 0
+    packets.write_bytes(packets.read_bytes()[:100_001])
+    result = run("diagnose", packets, "--xtce", f"{packets}.xtce.xml", "--map", f"{packets}.map.toml", "--json")
+    assert result.exit_code == 3
+    assert "are no whole packet" in result.stderr
+    assert len(result.stdout.splitlines()) == 1
+    refused = run("diagnose", packets)
+    assert refused.exit_code == 2
+    assert "--xtce says what is in them" in refused.stderr

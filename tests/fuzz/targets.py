@@ -21,10 +21,13 @@ from rwa_monitor.dashboard.fleet import Fleet, Received
 from rwa_monitor.dashboard.recordings import replay_json
 from rwa_monitor.diagnosis.model import built_in_model, models_for
 from rwa_monitor.errors import RwaMonitorError
+from rwa_monitor.formats.ccsds_packets import PacketDecoder, read_packets
+from rwa_monitor.formats.files import read_text
 from rwa_monitor.formats.labels import read_labels, write_labels
 from rwa_monitor.formats.model_file import read_model
 from rwa_monitor.formats.scenario_file import read_scenario
 from rwa_monitor.formats.table import read_table, table_writer
+from rwa_monitor.formats.telemetry import Decoding, TextFile
 from rwa_monitor.formats.wheel_file import read_wheel
 from rwa_monitor.history.store import History
 from rwa_monitor.live.bus import BusOptions, session_config
@@ -51,6 +54,7 @@ from rwa_monitor.messages import (
 from rwa_monitor.physics.scenario import Scenario
 from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import Samples
+from tests.formats import packets as made
 from tests.live.support import telemetry, wheel
 
 KEY: Final = "rwa/sat/wheel_1/samples"
@@ -236,6 +240,43 @@ def configuration_seeds() -> list[bytes]:
     return [(docker / name).read_bytes() for name in ("router.json5", "client.json5")]
 
 
+# ---- space packets ---------------------------------------------------------------------------------------------------
+
+
+def read_some_packets(data: bytes) -> None:
+    """Read as a file, and each piece of it as a datagram would come: what gives samples must be counted so."""
+    decoder = PacketDecoder(made.decoding(), "test")
+    for start in range(0, len(data), 36):
+        decoder.take(data[start : start + 36])
+    counts = decoder.counts
+    assert counts.packets == counts.decoded + counts.bad + counts.unknown + counts.idle + counts.other
+    for wheel_of_file in read_packets(kept("packets.ccsds", data), made.decoding()).telemetry:
+        for batch in wheel_of_file.batches:
+            core = WheelCore(small_wheel(), built_in_model())
+            core.feed(batch.samples)
+            core.finish()
+
+
+def read_a_definition(data: bytes) -> None:
+    """Read bytes as an XTCE definition, as a file of one would come, and packets by it."""
+    text = read_text(kept("x.xml", data), 100_000)
+    decoder = PacketDecoder(Decoding(made.decoding().map, TextFile("x.xml", text)), "test")
+    for packet in made.packets(4):
+        decoder.take(packet)
+
+
+def read_a_map(data: bytes) -> None:
+    text = read_text(kept("map.toml", data), 100_000)
+    decoder = PacketDecoder(Decoding(TextFile("map.toml", text), made.decoding().xtce), "test")
+    for packet in made.packets(4):
+        decoder.take(packet)
+
+
+def text_of(file: TextFile | None) -> bytes:
+    assert file is not None
+    return file.text.encode()
+
+
 # ---- recordings ------------------------------------------------------------------------------------------------------
 
 
@@ -315,6 +356,9 @@ TARGETS: Final[dict[str, Target]] = {
     "model": Target(read_a_model, lambda: [built_in_model().to_json().encode()]),
     "labels": Target(read_some_labels, label_seeds),
     "configuration": Target(read_a_configuration, configuration_seeds),
+    "packets": Target(read_some_packets, lambda: [b"".join(made.packets(20))]),
+    "xtce": Target(read_a_definition, lambda: [text_of(made.decoding().xtce)]),
+    "map": Target(read_a_map, lambda: [text_of(made.decoding().map)]),
     "mcap": Target(read_bytes_of_a_recording, lambda: [with_part(-1, b"").read_bytes()]),
     "replay": Target(read_a_part, lambda: [bytes([at]) + part[2] for at, part in enumerate(parts())]),
 }

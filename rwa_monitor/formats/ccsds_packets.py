@@ -1,0 +1,459 @@
+"""CCSDS space packets (133.0-B-2): what an XTCE definition says is in them, as samples; from a file or one by one.
+
+A packet is six bytes of header, which count its length, and a content that an XTCE definition (CCSDS 660.1-G)
+describes: parameters, their bits, calibrators and units. A telemetry map says which of them are which channels of which
+wheel. The definition is read by `space_packet_parser`; what could make that work without end is refused before.
+
+A packet that cannot be believed is counted and left out: another version, another length than its header says, a
+content that the definition does not describe. Nothing in a packet shows a flipped bit; the frames below it do.
+"""
+
+from __future__ import annotations
+
+import warnings
+from array import array
+from collections.abc import Iterator, Mapping
+from contextlib import redirect_stdout
+from dataclasses import dataclass, field
+from fractions import Fraction
+from functools import cache, lru_cache
+from io import BytesIO, StringIO
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from rwa_monitor.errors import InputError, RwaMonitorError
+from rwa_monitor.formats.columns import MAX_ROWS
+from rwa_monitor.formats.files import display_name, first_line, read_bytes
+from rwa_monitor.formats.telemetry import (
+    Decoding,
+    SampleBatch,
+    TelemetryFile,
+    TextFile,
+    WheelTelemetry,
+)
+from rwa_monitor.formats.telemetry_map import PacketWheel, conversion, packet_wheels, time_conversion
+from rwa_monitor.samples import Samples
+
+MAX_PACKET_FILE_BYTES: Final = 1_000_000_000
+HEADER_BYTES: Final = 6
+MAX_PACKET_BYTES: Final = HEADER_BYTES + 65_536
+IDLE_APID: Final = 2_047
+UNSEGMENTED: Final = 0b11
+SEQUENCE_MODULUS: Final = 2**14
+MAX_ENTRIES: Final = 10_000  # of a packet, with all containers in containers
+MAX_DEPTH: Final = 50  # of containers in containers
+MAX_EXPONENT: Final = 16  # of a polynomial calibrator
+MAX_TIME_NS: Final = 2**62  # 146 years: beyond, a difference of two times would leave int64
+
+
+@dataclass(slots=True)
+class PacketCounts:
+    """What became of packets: packets = decoded + bad + unknown + idle + other.
+
+    Attributes
+    ----------
+    packets
+        All that came.
+    decoded
+        Gave a sample to one wheel or more.
+    bad
+        Cannot be believed, or cannot be read as the definition says.
+    unknown
+        Of an application process (APID) that the map does not name, or telecommands.
+    idle
+        Fill, APID 2047.
+    other
+        Of a known APID, but of another kind: without the parameters that the map names.
+    gaps, missing
+        Where the sequence count does not go on by one, and how many packets lie in between where it goes forward.
+    unknown_apids
+        Their numbers.
+    first_bad
+        What was wrong with the first bad one.
+    """
+
+    packets: int = 0
+    decoded: int = 0
+    bad: int = 0
+    unknown: int = 0
+    idle: int = 0
+    other: int = 0
+    gaps: int = 0
+    missing: int = 0
+    unknown_apids: set[int] = field(default_factory=set)
+    first_bad: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class PacketSample:
+    """One sample of one wheel: its place in `PacketDecoder.wheels`, its time and a value for each of its channels."""
+
+    wheel: int
+    time_ns: int
+    values: tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class _Channel:
+    """A channel and how to get it: calibrated value × factor + offset, NaN where `valid` is 0."""
+
+    name: str
+    parameter: str
+    factor: float
+    offset: float
+    valid: str | None
+
+
+@dataclass(frozen=True, slots=True)
+class _Wheel:
+    time: tuple[tuple[str, Fraction], ...]  # parameter and the nanoseconds of its unit
+    channels: tuple[_Channel, ...]
+
+
+class PacketDecoder:
+    """Turns packets into samples, one by one, and counts what it cannot use.
+
+    Parameters
+    ----------
+    decoding
+        XTCE definition and telemetry map.
+    source
+        What the packets come from, for messages.
+
+    Attributes
+    ----------
+    wheels
+        Those of the map, in its order.
+    counts
+        What became of the packets so far.
+
+    Raises
+    ------
+    InputError
+        If map or definition is missing or wrong, or they do not fit: a parameter that does not exist, is no number, or
+        has a unit of another quantity.
+    """
+
+    def __init__(self, decoding: Decoding, source: str) -> None:
+        if decoding.map is None or decoding.xtce is None:
+            raise InputError(
+                source, "holds space packets: --xtce says what is in them, and --map what of it is which channel"
+            )
+        self._definition = _definition(decoding.xtce)
+        self.wheels = packet_wheels(decoding.map)
+        self.counts = PacketCounts()
+        self._by_apid: dict[int, list[tuple[int, _Wheel]]] = {}
+        self._last_count: dict[int, int] = {}
+        for number, wheel in enumerate(self.wheels):
+            found = _resolved(wheel, self._definition, decoding)
+            self._by_apid.setdefault(wheel.apid, []).append((number, found))
+
+    def take(self, packet: bytes) -> list[PacketSample]:
+        """Return the samples of one packet; none where it is counted as something else."""
+        counts = self.counts
+        counts.packets += 1
+        reason = _no_packet(packet)
+        if reason is not None:
+            return self._bad(reason)
+        apid = int.from_bytes(packet[:2], "big") & 0x7FF
+        telecommand = packet[0] & 0x10
+        if apid == IDLE_APID:
+            counts.idle += 1
+            return []
+        if telecommand or apid not in self._by_apid:
+            counts.unknown += 1
+            counts.unknown_apids.add(apid)
+            return []
+        self._follow(apid, int.from_bytes(packet[2:4], "big") % SEQUENCE_MODULUS)
+        if packet[2] >> 6 != UNSEGMENTED:
+            return self._bad(f"APID {apid}: a segment of a packet, which are not put together here")
+        try:
+            parameters = self._parsed(packet)
+            samples = [
+                sample for number, wheel in self._by_apid[apid] if (sample := _sample(parameters, number, wheel))
+            ]
+        except _parser_errors() as error:
+            return self._bad(f"APID {apid}: {first_line(error)}")
+        if samples:
+            counts.decoded += 1
+        else:
+            counts.other += 1
+        return samples
+
+    def _parsed(self, packet: bytes) -> Mapping[str, Any]:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", UserWarning)  # a length other than the definition's is no packet of it
+            parsed: Mapping[str, Any] = self._definition.parse_bytes(packet)
+        return parsed
+
+    def _bad(self, reason: str) -> list[PacketSample]:
+        self.counts.bad += 1
+        if self.counts.first_bad is None:
+            self.counts.first_bad = f"packet {self.counts.packets}: {reason}"
+        return []
+
+    def _follow(self, apid: int, count: int) -> None:
+        """Compare a packet's sequence count with that of the one before."""
+        last = self._last_count.get(apid)
+        self._last_count[apid] = count
+        if last is None:
+            return
+        step = (count - last) % SEQUENCE_MODULUS
+        if step != 1:
+            self.counts.gaps += 1
+            # Half the circle: further is a packet that comes late, again, or from a counter that began anew.
+            self.counts.missing += step - 1 if 1 < step <= SEQUENCE_MODULUS // 2 else 0
+
+
+# ---- one packet ------------------------------------------------------------------------------------------------------
+
+
+def _no_packet(packet: bytes) -> str | None:
+    """Return why bytes are no space packet; None where they are one."""
+    if len(packet) <= HEADER_BYTES:
+        return f"{len(packet)} bytes; a packet has seven or more"
+    if packet[0] >> 5:
+        return f"version {packet[0] >> 5} of the packet protocol; there is only 0"
+    stated = HEADER_BYTES + int.from_bytes(packet[4:6], "big") + 1
+    if stated != len(packet):
+        return f"{len(packet)} bytes, and its header says {stated}"
+    return None
+
+
+def _sample(parameters: Mapping[str, Any], number: int, wheel: _Wheel) -> PacketSample | None:
+    """Return a wheel's sample; None where the packet has other parameters. Raises ValueError where one is no number."""
+    wanted = (*(name for name, _ in wheel.time), *(channel.parameter for channel in wheel.channels))
+    if any(name not in parameters for name in wanted):
+        return None
+    time_ns = round(sum((Fraction(parameters[name]) * unit for name, unit in wheel.time), Fraction()))
+    if abs(time_ns) > MAX_TIME_NS:
+        raise ValueError(f"a time of {time_ns / 1e9:.3g} s, beyond 146 years")
+    return PacketSample(number, time_ns, tuple(_value(parameters, channel) for channel in wheel.channels))
+
+
+def _value(parameters: Mapping[str, Any], channel: _Channel) -> float:
+    if channel.valid is not None and not parameters[channel.valid]:
+        return float("nan")
+    return float(parameters[channel.parameter]) * channel.factor + channel.offset
+
+
+# ---- the definition --------------------------------------------------------------------------------------------------
+
+
+@cache
+def _parser_errors() -> tuple[type[Exception], ...]:
+    """Return what the parser raises where a definition or a packet is not as it should be: it checks little itself."""
+    from lxml import etree
+    from space_packet_parser import exceptions
+
+    return (
+        ArithmeticError,
+        AssertionError,
+        AttributeError,
+        LookupError,
+        RuntimeError,  # a recursion without end among them
+        TypeError,
+        UserWarning,  # a length that does not agree
+        ValueError,
+        etree.LxmlError,
+        exceptions.CalibrationError,
+        exceptions.ComparisonError,
+        exceptions.DynamicLengthBinaryParameterError,
+        exceptions.ElementNotFoundError,
+        exceptions.FormatStringError,
+        exceptions.InvalidParameterTypeError,
+        exceptions.UnrecognizedPacketTypeError,
+    )
+
+
+@lru_cache(maxsize=8)
+def _definition(file: TextFile) -> Any:
+    """Return an XTCE definition, a `space_packet_parser.XtcePacketDefinition`.
+
+    Raises
+    ------
+    InputError
+        If it is none, is not plain (a document type could name other files and grow without end), or could make the
+        parser work without end.
+    """
+    try:
+        from lxml import etree
+        from space_packet_parser import XtcePacketDefinition
+    except ImportError as error:
+        raise RwaMonitorError(f"{error.name} is missing: pip install 'rwa-monitor[ccsds]'") from error
+    plain = etree.XMLParser(resolve_entities=False, no_network=True, load_dtd=False, huge_tree=False)
+    try:
+        root = etree.fromstring(file.text.encode("utf-8"), plain)
+        if root.getroottree().docinfo.doctype:
+            raise InputError(file.source, "has a document type (<!DOCTYPE …>), which no XTCE definition needs")
+        _check_containers(root)
+        with redirect_stdout(StringIO()), warnings.catch_warnings():
+            warnings.simplefilter("error", UserWarning)  # no XTCE namespace
+            definition = XtcePacketDefinition.from_xtce(BytesIO(etree.tostring(root)))
+        _check_definition(definition)
+    except _parser_errors() as error:
+        raise InputError(file.source, f"is no XTCE definition that can be used: {first_line(error)}") from error
+    return definition
+
+
+def _check_containers(root: Any) -> None:
+    """Raise ValueError where containers hold each other or too much: thirty that hold the next twice are a billion."""
+    entries = {
+        container.get("name"): [entry.get("containerRef") for entry in container.iterfind("{*}EntryList/*")]
+        for container in root.iterfind("{*}TelemetryMetaData/{*}ContainerSet/{*}SequenceContainer")
+    }
+    sizes: dict[str | None, int] = {}
+
+    def size(name: str | None, above: tuple[str | None, ...]) -> int:
+        if name in above or len(above) > MAX_DEPTH:
+            raise ValueError(f"container {name} holds itself, or others more than {MAX_DEPTH} deep")
+        if name not in sizes:
+            sizes[name] = 1 + sum(size(inner, (*above, name)) if inner else 1 for inner in entries.get(name, []))
+        return sizes[name]
+
+    if sum(size(name, ()) for name in entries) > MAX_ENTRIES:
+        raise ValueError(f"its containers hold more than {MAX_ENTRIES:,} entries")
+
+
+def _check_definition(definition: Any) -> None:
+    """Raise ValueError where parsing has no beginning, or a calibrator a power that takes long to reckon."""
+    if definition.root_container_name not in definition.containers:
+        raise ValueError(f"there is no container {definition.root_container_name}, where parsing begins")
+    for kind in definition.parameter_types.values():
+        context = getattr(kind.encoding, "context_calibrators", None) or ()
+        calibrators = (getattr(kind.encoding, "default_calibrator", None), *(entry.calibrator for entry in context))
+        for calibrator in calibrators:
+            for term in getattr(calibrator, "coefficients", ()):
+                if not 0 <= term.exponent <= MAX_EXPONENT:
+                    raise ValueError(f"{kind.name}: a calibrator with exponent {term.exponent}")
+
+
+def _resolved(wheel: PacketWheel, definition: Any, decoding: Decoding) -> _Wheel:
+    """Find the parameters of a wheel in the definition, with factors for their units."""
+    assert decoding.map is not None
+    assert decoding.xtce is not None
+    source, xtce = decoding.map.source, decoding.xtce.source
+
+    def type_of(name: str, allowed: tuple[str, ...], place: str) -> Any:
+        if name not in definition.parameters:
+            raise InputError(source, f"there is no parameter {name} in {xtce}", place)
+        kind = definition.parameters[name].parameter_type
+        if type(kind).__name__ not in allowed:
+            raise InputError(source, f"{name} is a {type(kind).__name__} in {xtce}; {allowed[0]} is wanted", place)
+        return kind
+
+    where = f"{wheel.spacecraft}/{wheel.wheel}"
+    time: list[tuple[str, Fraction]] = []
+    for name in wheel.time:
+        place = f"{where}: time: {name}"
+        time.append((name, time_conversion(_unit(type_of(name, _NUMBERS, place)), source, place)))
+    channels: list[_Channel] = []
+    for channel, spec in wheel.channels.items():
+        place = f"{where}: {channel}: {spec.parameter}"
+        unit = _unit(type_of(spec.parameter, _NUMBERS, place))
+        factor, offset = conversion(channel, spec.unit or unit, source, place)
+        if spec.valid is not None:
+            type_of(spec.valid, _FLAGS, place)
+        channels.append(_Channel(channel, spec.parameter, factor, offset, spec.valid))
+    return _Wheel(tuple(time), tuple(channels))
+
+
+_TIMES: Final = ("AbsoluteTimeParameterType", "RelativeTimeParameterType")
+_NUMBERS: Final = ("IntegerParameterType", "FloatParameterType", *_TIMES)
+_FLAGS: Final = ("BooleanParameterType", "IntegerParameterType")
+
+
+def _unit(kind: Any) -> str | None:
+    """Return the unit that the definition gives; none where it is in parts, of which the parser loses the powers."""
+    return kind.unit if isinstance(kind.unit, str) else None
+
+
+# ---- a file ----------------------------------------------------------------------------------------------------------
+
+
+def read_packets(path: Path, decoding: Decoding) -> TelemetryFile:
+    """Read a file of space packets, one after the other, as a ground station or an EGSE keeps them.
+
+    Raises
+    ------
+    InputError
+        If map or definition cannot be used, or no packet gives a sample.
+    """
+    source = display_name(path)
+    decoder = PacketDecoder(decoding, source)
+    data = read_bytes(path, MAX_PACKET_FILE_BYTES)
+    columns = [_Columns(wheel) for wheel in decoder.wheels]
+    stop = 0
+    for packet in _packets(data):
+        stop += len(packet)
+        for sample in decoder.take(packet):
+            columns[sample.wheel].append(sample)
+        if decoder.counts.packets > MAX_ROWS:
+            raise InputError(source, f"has more than {MAX_ROWS:,} packets: split it, and use --carry")
+    problems = _problems(decoder.counts)
+    if stop < len(data):
+        problems.append(f"bytes {stop} to {len(data)} of {len(data)} are no whole packet")
+    telemetry = [entry.telemetry(source) for entry in columns if entry.times]
+    if not telemetry:
+        apids = ", ".join(str(apid) for apid in sorted({wheel.apid for wheel in decoder.wheels})[:8])
+        because = f" ({problems[0]})" if problems else ""
+        raise InputError(source, f"holds no packet that the map can use, of APID {apids}{because}")
+    return TelemetryFile(
+        telemetry,
+        problems=[f"{source}: {problem}" for problem in problems],
+        notes=[f"{source}: {note}" for note in packet_notes(decoder.counts)],
+    )
+
+
+def _packets(data: bytes) -> Iterator[bytes]:
+    """Yield packet after packet, as their headers count; ends where none can begin or the last is cut."""
+    position = 0
+    while len(data) - position > HEADER_BYTES and not data[position] >> 5:
+        length = HEADER_BYTES + int.from_bytes(data[position + 4 : position + 6], "big") + 1
+        if position + length > len(data):
+            return
+        yield data[position : position + length]
+        position += length
+
+
+class _Columns:
+    """The samples of one wheel, as they come."""
+
+    def __init__(self, wheel: PacketWheel) -> None:
+        self.wheel = wheel
+        self.times = array("q")
+        self.values = {str(name): array("d") for name in wheel.channels}
+
+    def append(self, sample: PacketSample) -> None:
+        self.times.append(sample.time_ns)
+        for column, value in zip(self.values.values(), sample.values, strict=True):
+            column.append(value)
+
+    def telemetry(self, source: str) -> WheelTelemetry:
+        return WheelTelemetry(source, self.wheel.spacecraft, self.wheel.wheel, [SampleBatch(self.samples())])
+
+    def samples(self) -> Samples:
+        channels = {name: np.array(column) for name, column in self.values.items()}
+        return Samples(time_ns=np.array(self.times), **channels)
+
+
+def _problems(counts: PacketCounts) -> list[str]:
+    if not counts.bad:
+        return []
+    return [f"{counts.bad} of {counts.packets} packets cannot be read, the first: {counts.first_bad}"]
+
+
+def packet_notes(counts: PacketCounts) -> list[str]:
+    """Say what was left out of packets, and what is missing between them, a sentence each."""
+    notes: list[str] = []
+    if counts.unknown:
+        apids = ", ".join(str(apid) for apid in sorted(counts.unknown_apids)[:8])
+        more = ", …" if len(counts.unknown_apids) > 8 else ""
+        notes.append(f"{counts.unknown} packets of APIDs that the map does not name ({apids}{more})")
+    if counts.other:
+        notes.append(f"{counts.other} packets of a known APID without the parameters of the map")
+    if counts.gaps:
+        notes.append(f"the sequence count breaks {counts.gaps} times; {counts.missing} packets are missing")
+    return notes

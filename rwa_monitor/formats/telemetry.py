@@ -1,0 +1,139 @@
+"""Telemetry from files, as the monitor core takes it, and the one interface through which every format is read.
+
+A table is one batch of one wheel, a recording many of many. A reader takes a path and what is needed to understand
+telemetry that does not name its channels, and returns a `TelemetryFile`; `rwa_monitor.live.telemetry_files` chooses it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final, Protocol
+
+from rwa_monitor.diagnosis.model import Model
+from rwa_monitor.errors import InputError
+from rwa_monitor.formats.files import display_name, read_checked_text
+from rwa_monitor.physics.wheel import Wheel
+from rwa_monitor.samples import Samples, concatenate
+
+MAX_MAP_BYTES: Final = 1_000_000
+MAX_XTCE_BYTES: Final = 4_000_000  # the telemetry of a whole satellite has some thousand parameters
+
+
+@dataclass(frozen=True, slots=True)
+class SampleBatch:
+    """Samples that came together; publisher and batch number where they came as a message."""
+
+    samples: Samples
+    publisher: str = ""
+    batch: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class WheelTelemetry:
+    """All telemetry of one wheel in one file.
+
+    Attributes
+    ----------
+    source
+        The file, for messages.
+    spacecraft, wheel
+        From the bus key or the map; "" and None for a table, which does not say.
+    batches
+        In the order in which they came.
+    """
+
+    source: str
+    spacecraft: str
+    wheel: str | None
+    batches: Sequence[SampleBatch]
+
+
+@dataclass(frozen=True, slots=True)
+class TelemetryFile:
+    """A file of telemetry.
+
+    Attributes
+    ----------
+    telemetry
+        One entry for each wheel in it.
+    wheel, model
+        What a recording carries; None for every other file.
+    problems
+        What of the file could not be read, a sentence each.
+    notes
+        What was read and left out on purpose, a sentence each.
+    """
+
+    telemetry: Sequence[WheelTelemetry]
+    wheel: Wheel | None = None
+    model: Model | None = None
+    problems: Sequence[str] = ()
+    notes: Sequence[str] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class TextFile:
+    """A text and the file it came from, for messages."""
+
+    source: str
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Decoding:
+    """What it takes to understand telemetry that does not name its channels; texts, so that it travels to workers.
+
+    Attributes
+    ----------
+    map
+        Which parameter or topic is which channel of which wheel (`telemetry_map`).
+    xtce
+        What space packets look like.
+    """
+
+    map: TextFile | None = None
+    xtce: TextFile | None = None
+
+    def sha256(self) -> str | None:
+        """Return a hash of both texts; None where there is none."""
+        texts = [file.text if file else None for file in (self.map, self.xtce)]
+        return hashlib.sha256(json.dumps(texts).encode()).hexdigest() if any(texts) else None
+
+
+class Reader(Protocol):
+    """A format: reads a file whole, or refuses it with an InputError that names file, place and reason."""
+
+    def __call__(self, path: Path, decoding: Decoding) -> TelemetryFile:
+        """Read a file.
+
+        Raises
+        ------
+        InputError
+            If the file cannot be used, or holds no samples.
+        """
+
+
+def read_decoding(map_file: Path | None, xtce_file: Path | None) -> Decoding:
+    """Read a map and an XTCE definition, where given; raises InputError where one cannot be read."""
+
+    def text_of(path: Path | None, limit: int) -> TextFile | None:
+        return None if path is None else TextFile(display_name(path), read_checked_text(path, limit))
+
+    return Decoding(text_of(map_file, MAX_MAP_BYTES), text_of(xtce_file, MAX_XTCE_BYTES))
+
+
+def only_wheel(content: TelemetryFile, source: str) -> WheelTelemetry:
+    """Return the telemetry of a file that must hold one wheel; raises InputError where it holds several."""
+    if len(content.telemetry) != 1:
+        wheels = ", ".join(f"{entry.spacecraft}/{entry.wheel}" for entry in content.telemetry)
+        raise InputError(source, f"holds {len(content.telemetry)} wheels ({wheels}); one is wanted")
+    return content.telemetry[0]
+
+
+def joined(telemetry: WheelTelemetry) -> Samples:
+    """Return all samples of a wheel as one table, in the order in which they came."""
+    return concatenate([batch.samples for batch in telemetry.batches])
