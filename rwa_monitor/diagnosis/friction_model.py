@@ -228,19 +228,9 @@ def solve(
     design = _design(story, borders, priors)
     cases, log_prior = _case_table(priors.base, priors.anomaly)
     rest = np.array([priors.unattributed_std, priors.slope.mean, priors.slope.std])
-    laws = np.stack([design.owner.astype(np.float64), design.mid, design.scatter])
-    log_evidences, means, covariances = _condition_cases(
-        design.levels, segments.table, cases, laws, rest, variance, scatter
-    )
-    scores = log_evidences + log_prior
-    best = scores.max()
-    weights = np.exp(scores - best)
-    log_evidence = float(best + np.log(weights.sum()))
-    weights /= weights.sum()
-    mean = weights @ means
-    apart = means - mean
-    covariance = np.tensordot(weights, covariances, axes=1) + (apart * weights[:, None]).T @ apart
-    return Posterior(log_evidence, mean, np.sqrt(np.maximum(np.diag(covariance), 0.0)), covariance, design.column)
+    conditioned = _condition_cases(design.levels, segments.table, cases, design.laws, rest, variance, scatter)
+    log_evidence, mean, std, covariance = _mix(*conditioned, log_prior)
+    return Posterior(float(log_evidence), mean, std, covariance, design.column)
 
 
 def _cases(base: tuple[Case, ...], anomaly: tuple[tuple[Case, ...], ...]) -> list[tuple[Case, ...]]:
@@ -314,6 +304,31 @@ def _condition_cases(
     return log_evidence, means, covariances
 
 
+@njit(cache=True)
+def _mix(
+    log_evidences: FloatArray, means: FloatArray, covariances: FloatArray, log_prior: FloatArray
+) -> tuple[float, FloatArray, FloatArray, FloatArray]:
+    """Mix the posteriors of all cases; return log evidence, mean, standard deviation and covariance of the mixture."""
+    scores = log_evidences + log_prior
+    best = scores.max()
+    weights = np.exp(scores - best)
+    log_evidence = best + np.log(weights.sum())
+    weights /= weights.sum()
+    unknowns = means.shape[1]
+    mean, covariance = np.zeros(unknowns), np.zeros((unknowns, unknowns))
+    for c in range(weights.size):
+        mean += weights[c] * means[c]
+    for c in range(weights.size):
+        for a in range(unknowns):
+            apart = weights[c] * (means[c, a] - mean[a])
+            for b in range(unknowns):
+                covariance[a, b] += weights[c] * covariances[c, a, b] + apart * (means[c, b] - mean[b])
+    std = np.empty(unknowns)
+    for a in range(unknowns):
+        std[a] = np.sqrt(max(covariance[a, a], 0.0))
+    return log_evidence, mean, std, covariance
+
+
 def measure(
     story: Story, borders: IntArray, segments: Moments, priors: Priors, variance: float, scatter: float
 ) -> Posterior:
@@ -330,9 +345,9 @@ def measure(
         See `solve`; of the priors, those of the slope and of unattributed jumps count.
     """
     design = _design(story, borders, priors)
-    free = 1 + design.owner.size
+    free = 1 + design.laws.shape[1]
     mean, std = np.zeros(design.levels.shape[1] + 1), np.full(design.levels.shape[1] + 1, priors.unattributed_std)
-    mean[0], mean[1:free], std[:free] = priors.base[0].mean, design.mid, FLAT_STD
+    mean[0], mean[1:free], std[:free] = priors.base[0].mean, design.laws[1], FLAT_STD
     mean[-1], std[-1] = priors.slope.mean, priors.slope.std
     log_evidence, mean, covariance = _condition(design.levels, segments.table, mean, np.diag(std**2), variance, scatter)
     # The sojourns of the systems that never rest: along such a direction all of them rise and the base falls.
@@ -444,49 +459,97 @@ class _Design:
         float64 (segments, unknowns - 1), the slope's column left out.
     column
         For each system: int64 (sojourns,), column of each sojourn's friction, -1 where it is 0 by law.
-    owner
-        int64 (free sojourns,), system of each column that holds a sojourn's friction; these follow the base's.
-    mid, scatter
-        float64 (free sojourns,), their friction laws.
+    laws
+        float64 (3, free sojourns), of each column that holds a sojourn's friction, which follow the base's: its system,
+        mean and standard deviation of its friction law.
     """
 
     levels: FloatArray
     column: tuple[IntArray, ...]
-    owner: IntArray
-    mid: FloatArray
-    scatter: FloatArray
+    laws: FloatArray
 
 
 def _design(story: Story, borders: IntArray, priors: Priors) -> _Design:
     """Return the linear model of a story; columns are base, sojourns, unattributed jumps."""
-    last_slot = borders[1:] - 1  # a segment belongs to the sojourns that hold at its end
-    owner: list[int] = []
-    laws: list[FrictionLaw] = []
-    places: list[IntArray] = []
-    for s, configurations in enumerate(story.configurations):
-        place = []
-        for q in configurations.tolist():
-            law = priors.laws[s][q]
-            if law.fixed_at_zero:
-                place.append(-1)
-            else:
-                owner.append(s)
-                laws.append(law)
-                place.append(len(owner))
-        places.append(np.array(place, dtype=np.int64))
-    levels = np.zeros((last_slot.size, 1 + len(owner) + story.unattributed.size))
-    levels[:, 0] = 1.0
-    segment = np.arange(last_slot.size)
-    for of_sojourn, starts in zip(places, story.starts, strict=True):
-        column = of_sojourn[np.searchsorted(starts, last_slot, side="right") - 1]
-        free = column >= 0
-        levels[segment[free], column[free]] = 1.0
-    if story.unattributed.size:
-        levels[:, 1 + len(owner) :] = last_slot[:, None] >= story.unattributed[None, :]
-    return _Design(
-        levels=levels,
-        column=tuple(places),
-        owner=np.array(owner, dtype=np.int64),
-        mid=np.array([law.mid for law in laws], dtype=np.float64),
-        scatter=np.array([law.scatter for law in laws], dtype=np.float64),
+    sojourns = np.array([configurations.size for configurations in story.configurations], dtype=np.int64)
+    none = np.zeros(0, dtype=np.int64)
+    levels, column, laws = _lay_out(
+        np.concatenate((none, *story.configurations)),
+        np.concatenate((none, *story.starts)),
+        sojourns,
+        story.unattributed,
+        borders,
+        _law_table(priors.laws),
     )
+    ends = np.cumsum(sojourns).tolist()
+    return _Design(
+        levels, tuple(column[end - count : end] for end, count in zip(ends, sojourns.tolist(), strict=True)), laws
+    )
+
+
+@lru_cache(maxsize=256)
+def _law_table(laws: tuple[tuple[FrictionLaw, ...], ...]) -> FloatArray:
+    """Return mean and standard deviation of all friction laws, float64 (systems, configurations, 2); padded."""
+    table = np.zeros((len(laws), max((len(of_system) for of_system in laws), default=1), 2))
+    for s, of_system in enumerate(laws):
+        table[s, : len(of_system)] = [(law.mid, law.scatter) for law in of_system]
+    return table
+
+
+@njit(cache=True)
+def _lay_out(
+    configurations: IntArray,
+    starts: IntArray,
+    sojourns: IntArray,
+    unattributed: IntArray,
+    borders: IntArray,
+    table: FloatArray,
+) -> tuple[FloatArray, IntArray, FloatArray]:
+    """Lay out the linear model of a story.
+
+    Parameters
+    ----------
+    configurations, starts
+        int64 (all sojourns,), of all systems one after the other.
+    sojourns
+        int64 (systems,), how many of these each has.
+    unattributed, borders
+        See `Story` and `solve`.
+    table
+        See `_law_table`.
+
+    Returns
+    -------
+    levels, column, laws
+        See `_Design`; `column` of all systems one after the other.
+    """
+    column = np.full(configurations.size, -1)
+    laws = np.empty((3, configurations.size))
+    free = 0
+    at = 0
+    for s in range(sojourns.size):
+        for _ in range(sojourns[s]):
+            mid, scatter = table[s, configurations[at]]
+            if mid != 0.0 or scatter != 0.0:
+                laws[0, free], laws[1, free], laws[2, free] = s, mid, scatter
+                free += 1
+                column[at] = free
+            at += 1
+    segments = borders.size - 1
+    levels = np.zeros((segments, 1 + free + unattributed.size))
+    levels[:, 0] = 1.0
+    first = 0
+    for s in range(sojourns.size):
+        own = first
+        for segment in range(segments):
+            # A segment belongs to the sojourns that hold at its end.
+            while own + 1 < first + sojourns[s] and starts[own + 1] < borders[segment + 1]:
+                own += 1
+            if column[own] >= 0:
+                levels[segment, column[own]] = 1.0
+        first += sojourns[s]
+    for j in range(unattributed.size):
+        for segment in range(segments):
+            if borders[segment + 1] > unattributed[j]:
+                levels[segment, 1 + free + j] = 1.0
+    return levels, column, np.ascontiguousarray(laws[:, :free])

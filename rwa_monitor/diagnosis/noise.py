@@ -395,15 +395,29 @@ def mean_variance_factor(noise: NoiseEstimate, count: FloatArray) -> FloatArray:
 
     For long ranges it tends to the long-run factor.
     """
-    n = np.maximum(np.asarray(count, dtype=np.float64), 1.0)
-    lags = np.arange(1, noise.autocovariance.size)
-    correlation = noise.autocovariance[1:] / noise.autocovariance[0]
-    within = np.minimum(lags, n[..., None]) / n[..., None]
-    short = 1.0 + 2.0 * ((1.0 - within) * correlation).sum(axis=-1)
-    missing = noise.long_run_factor - (1.0 + 2.0 * correlation.sum())
-    # What the autocovariance does not show of the long run comes in once a range is longer than its lags.
-    factor: FloatArray = np.maximum(short + missing * n / (n + noise.autocovariance.size), 1e-3)
-    return factor
+    n = np.asarray(count, dtype=np.float64)
+    return np.asarray(_mean_variance_factors(n.ravel(), noise.autocovariance, noise.long_run_factor)).reshape(n.shape)
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def _mean_variance_factors(count: FloatArray, autocovariance: FloatArray, long_run_factor: float) -> FloatArray:
+    """See `mean_variance_factor`; float64 (n,)."""
+    factors = np.empty(count.size)
+    correlation = autocovariance / autocovariance[0]
+    last = 0  # beyond, the noise remembers nothing
+    missing = long_run_factor - 1.0
+    for lag in range(1, correlation.size):
+        if correlation[lag] != 0.0:
+            last = lag
+            missing -= 2.0 * correlation[lag]
+    for i in range(count.size):
+        n = max(count[i], 1.0)
+        short = 1.0
+        for lag in range(1, min(last, int(min(n, last))) + 1):
+            short += 2.0 * (1.0 - lag / n) * correlation[lag]
+        # What the autocovariance does not show of the long run comes in once a range is longer than its lags.
+        factors[i] = max(short + missing * n / (n + autocovariance.size), 1e-3)
+    return factors
 
 
 def ar_coefficient(noise: NoiseEstimate) -> float:
