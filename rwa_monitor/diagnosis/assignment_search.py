@@ -30,7 +30,7 @@ from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 
 __all__ = ["NO_SYSTEM", "REJECT", "Bounds", "Path", "Problem", "SearchResult", "bounds", "search", "step_of"]
 
-QUICK_BUDGET: Final = 32  # width of the first pass, which only finds a good complete path
+QUICK_BUDGET: Final = 16  # width of the first pass, which only finds a good complete path
 KEPT_PER_STATE: Final = 4
 ROUNDING: Final = 1e-6  # bounds and scores add up the same terms in different orders [log-likelihood]
 
