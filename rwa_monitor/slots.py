@@ -8,7 +8,7 @@ agree to the last bit.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, overload
 
 import numpy as np
 
@@ -32,8 +32,12 @@ class SlotGrid:
     origin_ns: int
     period_ns: int
 
-    def slot_of(self, time_ns: IntArray) -> IntArray:
-        """Return the slot of each time, int64 (n,); the nearest, the later one when exactly between two."""
+    @overload
+    def slot_of(self, time_ns: int) -> int: ...
+    @overload
+    def slot_of(self, time_ns: IntArray) -> IntArray: ...
+    def slot_of(self, time_ns: int | IntArray) -> int | IntArray:
+        """Return the slot of each time, int64 (n,), or of one; the nearest, the later when exactly between two."""
         return (2 * (time_ns - self.origin_ns) + self.period_ns) // (2 * self.period_ns)
 
     def time_of(self, slot: int) -> int:

@@ -95,7 +95,10 @@ class PeakList:
 
     def confirmed(self) -> list[tuple[int, int, float, float]]:
         """Return (scale's place, index, statistic, jump) of the peaks that the last scan confirmed."""
-        rows = self.arrays.confirmed[: self.arrays.counters[COUNT_CONFIRMED]]
+        count = int(self.arrays.counters[COUNT_CONFIRMED])
+        if count == 0:
+            return []
+        rows = self.arrays.confirmed[:count]
         slots, values = self.arrays.slots, self.arrays.values
         return [
             (

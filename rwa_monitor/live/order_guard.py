@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import Final, Self
 
+import numba
 import numpy as np
 
 from rwa_monitor.live.sequencer import Counts
@@ -133,7 +134,8 @@ class OrderGuard:
 
     def reject_beyond_limits(self, samples: Samples) -> BoolArray:
         """Return which samples can be telemetry of this wheel, bool (n,), and count the others as rejected."""
-        wrong = (samples.time_ns < MIN_TIME_NS) | (samples.time_ns > MAX_TIME_NS)
+        wrong = np.zeros(len(samples), dtype=np.bool_)
+        count = _mark_times(samples.time_ns, wrong)
         for values, limit in (
             (samples.speed_rad_s, self.limits.max_speed_rad_s),
             (samples.motor_current_A, self.limits.max_current_A),
@@ -143,8 +145,7 @@ class OrderGuard:
             (samples.bearing_temperature_degC, None),
         ):
             if values is not None:
-                wrong |= np.isfinite(values) & (np.abs(values) > (MAX_MAGNITUDE if limit is None else limit))
-        count = int(wrong.sum())
+                count += _mark_beyond(values, MAX_MAGNITUDE if limit is None else limit, wrong)
         self.counts.rejected += count
         self.counts.queued -= count
         return ~wrong
@@ -214,12 +215,12 @@ class OrderGuard:
 
     def _agree(self, grid: SlotGrid, next_ns: int) -> bool:
         """Tell whether the next sample lies near slot 0 of a new grid, and nearer than to the last sample."""
-        distance = abs(_slot(grid, next_ns))
+        distance = abs(grid.slot_of(next_ns))
         return distance <= self.window_slots and (self.grid is None or distance < self._distance(self.grid, next_ns))
 
     def _distance(self, grid: SlotGrid, time_ns: int) -> int:
         """Count the slots between the last sample and a time."""
-        return abs(_slot(grid, time_ns) - (self.frontier - 1))
+        return abs(grid.slot_of(time_ns) - (self.frontier - 1))
 
     def _go_on(
         self,
@@ -234,21 +235,18 @@ class OrderGuard:
         """Place the rows from `start` on into the running grid, up to the next clock step."""
         counts = self.counts
         slots = grid.slot_of(time_ns[start : start + PIECE_SLOTS])
-        before = np.maximum.accumulate(np.concatenate(([self.frontier - 1], slots[:-1])))
-        count = self._piece_length(slots, before, passed=passed)
-        rows, slots, before = start + np.arange(count), slots[:count], before[:count]
-
-        ahead = slots > before
-        if passed:
-            ahead &= slots - before <= self.window_slots
+        ahead = np.empty(slots.size, dtype=np.bool_)
+        count = _lay(slots, self.frontier, self.window_slots, passed, ahead)
+        rows, slots, ahead = np.arange(start, start + count), slots[:count], ahead[:count]
         if not ahead.all():
             behind = slots[~ahead]
             rows, slots = rows[ahead], slots[ahead]
             taken = is_filled(behind) | np.isin(behind, slots)
             counts.duplicate += int(taken.sum())
             counts.late += int(behind.size - taken.sum())
-        counts.used += int(good[rows].sum())
-        counts.masked += int(rows.size - good[rows].sum())
+        used = int(np.count_nonzero(good[rows]))
+        counts.used += used
+        counts.masked += rows.size - used
         counts.queued -= count
         if rows.size:
             counts.slots_missed += int(slots[-1]) + 1 - self.frontier - int(rows.size)
@@ -256,17 +254,51 @@ class OrderGuard:
             self.last_ns = int(time_ns[rows[-1]])
         return Piece(start + count, rows=rows, slots=slots)
 
-    def _piece_length(self, slots: IntArray, before: IntArray, *, passed: bool) -> int:
-        """Count the rows up to the next clock step, or up to where the piece gets too long; at least one."""
-        ends = slots > self.frontier + PIECE_SLOTS
-        if not passed:
-            ends |= np.abs(slots - before) > self.window_slots
-        ends[0] = False
-        return int(np.argmax(ends)) if ends.any() else int(slots.size)
+
+@numba.njit(cache=True, nogil=True)
+def _mark_times(time_ns: IntArray, wrong: BoolArray) -> int:
+    """Mark the samples whose time the slot arithmetic does not hold; return how many."""
+    count = 0
+    for k in range(time_ns.size):
+        if not MIN_TIME_NS <= time_ns[k] <= MAX_TIME_NS:
+            wrong[k] = True
+            count += 1
+    return count
 
 
-def _slot(grid: SlotGrid, time_ns: int) -> int:
-    return int(grid.slot_of(np.array([time_ns]))[0])
+@numba.njit(cache=True, nogil=True)
+def _mark_beyond(values: FloatArray, limit: float, wrong: BoolArray) -> int:
+    """Mark the samples with a finite value beyond `limit`, in absolute value; return how many were not marked yet."""
+    count = 0
+    for k in range(values.size):
+        if limit < abs(values[k]) < np.inf and not wrong[k]:
+            wrong[k] = True
+            count += 1
+    return count
+
+
+@numba.njit(cache=True, nogil=True)
+def _lay(slots: IntArray, frontier: int, window_slots: int, passed: bool, ahead: BoolArray) -> int:
+    """Mark which samples go on from all before them; return how many belong to the piece, at least one.
+
+    Parameters
+    ----------
+    slots
+        int64 (n,), the slot of each sample.
+    frontier, window_slots, passed
+        As `OrderGuard` has them. The piece ends before a clock step, and where it gets too long.
+    ahead
+        bool (n,), output in the piece's part.
+    """
+    before = frontier - 1  # the last slot so far
+    for k in range(slots.size):
+        step = slots[k] - before
+        far = abs(step) > window_slots
+        if k > 0 and (slots[k] > frontier + PIECE_SLOTS or (far and not passed)):
+            return k
+        ahead[k] = step > 0 and not (passed and far)
+        before = max(before, slots[k])
+    return slots.size
 
 
 def _next_time(time_ns: IntArray, start: int) -> int:

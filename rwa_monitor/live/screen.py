@@ -232,7 +232,6 @@ class Screen:
         if stop <= start:
             return 0, []
         speed, torque = ring.read(SPEED, start, stop + 1), ring.read(TORQUE, start, stop + 1)
-        turning = speed[:-1] != 0.0  # a tachometer at rest shows zero, and so may the current: that is no fault
         held = max(start - LAG_SLOTS, ring.values_begin)  # the first slot that may still be masked
         good: BoolArray | None = None  # before anything was masked
         faults = []
@@ -240,7 +239,10 @@ class Screen:
             (SPEED, self.speed.judge(speed, self.speed_limit_rad_s)),
             (TORQUE, self.torque.judge(torque, self.torque_limit_Nm)),
         ):
-            wrong = (kind == STANDS_OUT) | ((kind == HANGS) & turning)
+            if not kind.any():
+                continue
+            # A tachometer at rest shows zero, and so may the current: that is no fault.
+            wrong = (kind == STANDS_OUT) | ((kind == HANGS) & (speed[:-1] != 0.0))
             if not wrong.any():
                 continue
             good = _good(ring, held, stop) if good is None else good
