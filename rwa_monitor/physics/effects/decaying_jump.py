@@ -43,8 +43,9 @@ class DecayingJump(SwitchingEffect):
     confused_with = ("extra_switching_system", "lubricant_lag")
     separate_by = "Constant speed: a lag of the lubricant rests then, jumps still relax."
     source = (
-        "Pockets of oil in wheel bearings: the paper, section III, and Lee 2015 cited there. That their drag "
-        "relaxes exponentially is a working assumption."
+        "Pockets of oil in wheel bearings: the paper, section III, and its reference of 2015, taken to be A. Y. Lee, "
+        "E. K. Wang, In-flight performance of Cassini reaction wheel bearing drag in 1997–2013, Journal of Spacecraft "
+        "and Rockets 52(2), 2015. That their drag relaxes exponentially is a working assumption."
     )
     parameters = (
         Parameter("strength", "-", 0.0, 1.0, 0.5, linear=True),

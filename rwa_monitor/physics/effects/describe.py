@@ -8,9 +8,9 @@ from collections.abc import Iterable
 from rwa_monitor.physics.effects.base import Effect, MeanEffect, Parameter
 
 PARITY = {
-    "odd": "flips with the direction of rotation",
-    "even": "does not flip with the direction of rotation",
-    "none": "has no symmetry between the two directions of rotation",
+    "odd": "changes sign when the whole motion is mirrored (speed, acceleration and current)",
+    "even": "keeps its sign when the whole motion is mirrored (speed, acceleration and current)",
+    "none": "has no symmetry between a motion and its mirror image",
 }
 
 

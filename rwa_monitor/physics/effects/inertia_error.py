@@ -18,9 +18,14 @@ class InertiaError(MeanEffect):
     title = "Wrong inertia"
     formula = r"\tau = \delta J\, \dot\omega, \qquad \delta J = J_{\mathrm{true}} - J_{\mathrm{assumed}}"
     description = (
-        "Friction is K_T I − J dω/dt; where J is too small, a part of the accelerating torque is taken for friction."
+        "Friction is K_T I − J dω/dt; where J is too small, a part of the accelerating torque is taken for friction. "
+        "At a given dω/dt it is the same whichever way the wheel turns; it changes sign with dω/dt, so also when the "
+        "whole motion is mirrored."
     )
-    signature = "A torque that follows dω/dt and changes sign between acceleration and braking."
+    signature = (
+        "A torque that follows dω/dt, not the direction of rotation: in one direction it changes sign between "
+        "speeding up and braking."
+    )
     confused_with = ("torque_constant_error", "load_dependence", "lubricant_lag", "current_delay")
     separate_by = (
         "From current and speed alone never from `torque_constant_error`: the motor voltage (K_E = K_T) or the "

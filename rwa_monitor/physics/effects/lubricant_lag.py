@@ -27,8 +27,10 @@ class LubricantLag(MeanEffect):
     confused_with = ("viscosity_temperature", "inertia_error", "run_in_drift")
     separate_by = "Speed steps after dwells of different length."
     source = (
-        "That lubricant distribution governs the drag of wheels in flight: Lee 2015, cited in the paper. The "
-        "first-order form and its range, 10 s to 30 min, are working assumptions."
+        "That lubricant distribution governs the drag of wheels in flight: the paper, section III, and its reference "
+        "of 2015, taken to be A. Y. Lee, E. K. Wang, In-flight performance of Cassini reaction wheel bearing drag in "
+        "1997–2013, Journal of Spacecraft and Rockets 52(2), 2015. The first-order form and its range, 10 s to 30 "
+        "min, are working assumptions."
     )
     parameters = (
         Parameter("strength_Nm_s_rad", "N m s/rad", -np.inf, np.inf, 1.0e-6, linear=True),

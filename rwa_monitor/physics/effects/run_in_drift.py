@@ -22,9 +22,11 @@ class RunInDrift(MeanEffect):
         r"\operatorname{sign}(\omega) \text{ for } T_d \to \infty"
     )
     description = (
-        "Surfaces run in and lubricant migrates: the level of the dry friction drifts, at first with the rate a "
-        "(falling in run-in, rising in wear), and settles with a time constant. A time constant beyond the record "
-        "is a plain ramp."
+        "Surfaces run in and lubricant migrates: the level of the dry friction drifts, at first with the rate a. In "
+        "run-in it falls and settles with a time constant. Wear or loss of lubricant makes it rise and does not "
+        "settle: that is the plain ramp of a time constant beyond the record. Time starts with the record, not with "
+        "the bearing's life: a is the rate at the first sample, and records of different age need strengths of their "
+        "own."
     )
     signature = "A slow ramp of the level, which a segmentation otherwise follows by many small jumps."
     confused_with = ("viscosity_temperature", "lubricant_lag")

@@ -24,11 +24,18 @@ class SpeedDeadZone(MeanEffect):
     title = "Dead zone of the speed reading"
     formula = r"\tau = -\tau_0\, \operatorname{sign}(\omega) \text{ where } |\omega| < \omega_{dz}, \text{ else } 0"
     description = (
-        "Below a smallest speed the tachometer reads nothing: whatever is computed with that speed, friction "
-        "included, loses its part that follows the sign, and a plateau appears around zero. `read_speed` gives what "
-        "such a tachometer reads; `plateau_speed` finds it in a record of the speed alone."
+        "Below a smallest speed the tachometer reads nothing. What that does depends on how the record came to be. "
+        "Where friction is computed from the speed by a friction model, or estimated with the speed read, its part "
+        "that follows the sign is lost inside the zone: this is the plateau of the formula. A torque balance K_T I − "
+        "J dω/dt does not lose it: the current still carries the friction, and as the dω/dt of the reading is zero "
+        "inside, J dω/dt of the true motion is added to it, with a pulse of the opposite sign where the reading jumps "
+        "at the ends. There the zone shows in the speed readings, not as this plateau. `read_speed` gives what such a "
+        "tachometer reads; `plateau_speed` finds it in a record of the speed alone."
     )
-    signature = "A plateau around zero speed with sharp ends; a speed that reads exactly zero while the wheel reverses."
+    signature = (
+        "A plateau around zero speed with sharp ends, in friction that was computed with the speed read; a speed that "
+        "reads exactly zero while the wheel reverses, in any record."
+    )
     confused_with = ("stribeck", "presliding", "sublinear_viscous")
     separate_by = "A slow zero crossing: a plateau has sharp ends, a Stribeck peak fades out and has the other sign."
     source = (

@@ -26,16 +26,20 @@ class SpeedDependentNoise(NoiseEffect):
         r"/ 2 w^2}\right)"
     )
     description = (
-        "Imbalance, bearing geometry and structural resonances shake the wheel and its sensors: the noise grows "
-        "with the speed, or in a band where a harmonic meets a resonance."
+        "Imbalance, bearing geometry and structural resonances shake the wheel and its sensors: the noise grows with "
+        "the speed, or in a band where a harmonic meets a resonance. Forces on the mounting grow with ω² (Masterson); "
+        "what is modelled here is another quantity, the spread of a sampled torque residual, made of sensor noise, "
+        "tachometer jitter (a share of the speed) and aliased ripple. A line in |ω| is the simplest growth over a "
+        "constant floor; where the spread grows with ω², c is the slope of the line that fits best and depends on the "
+        "range of speeds in the record."
     )
     signature = "The variance of the residual follows |ω|, its mean does not."
     confused_with = ("torque_ripple", "cage_instability", "heavy_tailed_noise")
     separate_by = "Dwells at several speeds, sampled fast enough to see ripple as ripple."
     source = (
         "R. A. Masterson, D. W. Miller, R. L. Grogan, Development and validation of reaction wheel disturbance "
-        "models: empirical model, Journal of Sound and Vibration 249(3), 2002 (disturbances grow with the square of "
-        "the speed and at resonances). Sizes in telemetry are a working assumption."
+        "models: empirical model, Journal of Sound and Vibration 249(3), 2002 (harmonic disturbances with amplitudes "
+        "∝ ω², and resonances). That the spread grows linearly, and its size in telemetry, are working assumptions."
     )
     parameters = (
         Parameter("strength_s_rad", "s/rad", 0.0, np.inf, 3.0e-3),

@@ -21,9 +21,11 @@ class SublinearViscous(MeanEffect):
         r"1\,\mathrm{rad/s}"
     )
     description = (
-        "The hydrodynamic rolling torque of an oil-lubricated bearing grows as a power of the speed below one "
-        "(Palmgren 2/3, SKF 0.6), as starvation and shear heating thin the film. The strength is the drag at 1 "
-        "rad/s."
+        "The rolling torque of an oil-lubricated bearing grows as a power of the speed below one. Palmgren's law is "
+        "empirical: ∝ (νn)^(2/3) from νn = 2000 mm²/s·r/min on, constant below. In SKF's model the rolling term is ∝ "
+        "(νn)^0.6, with inlet shear heating and replenishment or starvation as two further factors, both falling with "
+        "the speed: they lower the apparent exponent and are not where the 0.6 comes from. The strength is the drag "
+        "at 1 rad/s."
     )
     signature = "A residual that is concave in |ω|: steep near zero, bent towards the slope at high speed."
     confused_with = ("stribeck", "quadratic_drag", "presliding", "speed_dead_zone")
@@ -31,8 +33,10 @@ class SublinearViscous(MeanEffect):
         "Dwells over the whole speed range (the sign of the curvature), and whether it scales with temperature."
     )
     source = (
-        "A. Palmgren, Ball and Roller Bearing Engineering, 3rd ed., 1959 (exponent 2/3); SKF, Rolling Bearings "
-        "catalogue, the SKF model for the frictional moment (exponent 0.6 in the rolling term)."
+        "A. Palmgren, Ball and Roller Bearing Engineering, 3rd ed., 1959 (exponent 2/3, constant below νn = 2000); "
+        "SKF, Rolling Bearings catalogue, the SKF model for the frictional moment (G_rr (νn)^0.6 with the factors "
+        "φ_ish and φ_rs). Both laws are for bearings of machines; that they hold for lightly loaded, sparsely oiled "
+        "wheel bearings is an assumption."
     )
     parameters = (
         Parameter("strength_Nm", "N m", 0.0, np.inf, 1.0e-4, linear=True),

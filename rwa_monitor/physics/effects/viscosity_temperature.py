@@ -26,8 +26,10 @@ class ViscosityTemperature(MeanEffect):
     )
     description = (
         "The lubricant's viscosity falls with temperature, after Andrade's (Arrhenius') law. The strength is the "
-        "viscous coefficient at 20 °C that scales with it. Over a few kelvin only the product of strength and B "
-        "shows; over ten kelvin and more the curvature gives both."
+        "viscous coefficient at 20 °C that scales with it. Drag is taken in proportion to the viscosity. Where a "
+        "bearing's drag goes with (νn)^0.6 to (νn)^(2/3) (see `sublinear_viscous`) the B found here is 0.6 to 0.67 of "
+        "the oil's: it is an apparent B, not the one of the oil's data sheet. Over a few kelvin only the product of "
+        "strength and B shows; over ten kelvin and more the curvature gives both."
     )
     signature = "A slope that follows the bearing temperature, with its thermal lag."
     confused_with = ("lubricant_lag", "torque_constant_temperature", "run_in_drift")
