@@ -307,19 +307,21 @@ def solve_bounded(
         gram[0, 0] += weight
         moment[0] += weight * problem.nominal_viscous
         scale[0] = np.sqrt(gram[0, 0])
+    normalised, target = gram / (scale[:, None] * scale), moment / scale
+    solution = np.linalg.lstsq(normalised, target, rcond=1e-10)[0] / scale
+    if np.all((solution >= low) & (solution <= high)):
+        return solution
     free = np.ones(scale.size, dtype=bool)
-    solution = np.zeros(scale.size)
-    while free.any():
-        at = np.flatnonzero(free)
-        normalised = gram[np.ix_(at, at)] / np.outer(scale[at], scale[at])
-        target = (moment[at] - gram[np.ix_(at, np.flatnonzero(~free))] @ solution[~free]) / scale[at]
-        solution[at] = np.linalg.lstsq(normalised, target, rcond=1e-10)[0] / scale[at]
-        excess = np.maximum(low[at] - solution[at], solution[at] - high[at]) * scale[at]
+    while free.any():  # the slope has no bounds and stays free
+        excess = np.where(free, np.maximum(low - solution, solution - high) * scale, -np.inf)
         worst = int(np.argmax(excess))
         if excess[worst] <= 0:
             break
-        solution[at[worst]] = np.clip(solution[at[worst]], low[at[worst]], high[at[worst]])
-        free[at[worst]] = False
+        solution[worst] = np.clip(solution[worst], low[worst], high[worst])
+        free[worst] = False
+        held = normalised[np.ix_(free, ~free)] @ (solution[~free] * scale[~free])
+        left = np.linalg.lstsq(normalised[np.ix_(free, free)], target[free] - held, rcond=1e-10)[0]
+        solution[free] = left / scale[free]
     return solution
 
 
