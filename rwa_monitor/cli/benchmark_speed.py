@@ -26,7 +26,7 @@ from rwa_monitor.cli.options import FILE
 def command(
     ctx: click.Context, windows: int, seed: int, json_file: Path | None, page: Path | None, kept: Path | None
 ) -> None:
-    """Measure speed and memory beside peers and limits; takes about five minutes with all peers.
+    """Measure speed and memory beside peers and limits; takes about eight minutes with all peers.
 
     Peers are optional packages (skchange, ruptures, river); what is not installed is left out and said. Prints the
     ratios that count; exit code 1 when a target is missed.

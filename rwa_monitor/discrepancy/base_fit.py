@@ -308,7 +308,7 @@ def solve_bounded(
         moment[0] += weight * problem.nominal_viscous
         scale[0] = np.sqrt(gram[0, 0])
     normalised, target = gram / (scale[:, None] * scale), moment / scale
-    solution = np.linalg.lstsq(normalised, target, rcond=1e-10)[0] / scale
+    solution: FloatArray = np.linalg.lstsq(normalised, target, rcond=1e-10)[0] / scale
     if np.all((solution >= low) & (solution <= high)):
         return solution
     free = np.ones(scale.size, dtype=bool)

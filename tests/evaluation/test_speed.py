@@ -12,7 +12,7 @@ import pytest
 from rwa_monitor.cli import first_use
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.diagnosis.wglr import wglr
-from rwa_monitor.evaluation.speed import benchmark, detection, live, peers, plain_paper
+from rwa_monitor.evaluation.speed import benchmark, detection, live, peers, plain_paper, search
 from rwa_monitor.evaluation.speed.detection import Window
 from rwa_monitor.evaluation.speed.race import Runner, laps
 from rwa_monitor.evaluation.speed.report import SpeedReport, Target, to_markdown
@@ -123,6 +123,30 @@ def test_a_window_of_many_alike_jumps_is_bounded_and_says_that_it_pruned() -> No
 
 
 # ---- what is kept ----------------------------------------------------------------------------------------------------
+
+
+def test_a_search_in_a_process_of_its_own_says_what_it_cost() -> None:
+    costs = [search.measure_apart(4000, 1, threads=2), search.measure(8000, 1, threads=1)]
+    assert [cost.named for cost in costs] == [("stribeck",), ("stribeck",)]
+    assert costs[0].memory_GB < 2.0
+    assert search.growth(costs) < SLACK * search.MOST_GROWTH
+
+
+def test_the_search_is_held_against_its_targets() -> None:
+    costs = [
+        search.SearchCost(samples, hidden, 4, wall_s, processor_s, 1.0, ())
+        for samples, hidden, wall_s, processor_s in (
+            (20_000, 1, 3.0, 6.0),
+            (80_000, 1, 8.0, 20.0),
+            (320_000, 1, 40.0, 120.0),
+            (80_000, 0, 3.0, 6.0),
+            (80_000, 2, 21.0, 40.0),
+        )
+    ]
+    slowest, memory, growth = search.search_section(costs).targets
+    assert (slowest.reached, slowest.met) == (21.0, False)
+    assert memory.met
+    assert (growth.reached, growth.met) == (pytest.approx(1.25), False)
 
 
 def test_help_imports_nothing_heavy() -> None:

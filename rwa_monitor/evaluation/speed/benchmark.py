@@ -20,6 +20,7 @@ from rwa_monitor.evaluation.speed.machine import describe_machine
 from rwa_monitor.evaluation.speed.peers import installed
 from rwa_monitor.evaluation.speed.race import Lap
 from rwa_monitor.evaluation.speed.report import MILLI, Section, SpeedReport, Target
+from rwa_monitor.evaluation.speed.search import search_costs, search_section
 from rwa_monitor.evaluation.speed.windows import HardWindow, WindowTimes, time_hard_window, time_windows, window_of
 from rwa_monitor.physics.datasets import LabelledWindow, generate
 from rwa_monitor.physics.wheel import built_in_wheel
@@ -74,6 +75,7 @@ def run(windows: int = WINDOWS, seed: int = SEED, progress: Progress = _untracke
         step_section(live.step_laps(live_window, model), live.cost_by_length(live_window, model, LENGTHS)),
         pipe_section(*live.race_pipes(live_window, PIPE_MESSAGES, PIPE_ROUNDS)),
         memory_section([live.memory_of(live_window, count, all_channels=every) for count, every in MEMORIES]),
+        search_section(search_costs()),
         help_section(),
     )
     return SpeedReport(machine, {"windows": windows, "seed": seed}, sections, tuple(missing))
