@@ -39,6 +39,7 @@ COMMANDS: Final = (
     "tune",
     "replay",
     "recover",
+    "bridge",
     "foxglove",
     "dashboard",
     "benchmark",

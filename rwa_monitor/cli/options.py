@@ -59,6 +59,11 @@ method_option = click.option(
 )
 
 
+def udp_option(*, required: bool, help: str) -> Callable[[Decorated], Decorated]:  # noqa: A002 - as click names it
+    """Return the option for an address of datagrams; the command gets it as `udp`."""
+    return click.option("--udp", required=required, metavar="[HOST:]PORT", help=help)
+
+
 def decoding_options(command: Decorated) -> Decorated:
     """Add what packets and bags are read with; the command gets it as `decoding`, a `formats.telemetry.Decoding`."""
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
 import click
 
-from rwa_monitor.cli.options import FILE, bus_options, not_nan, speed_option, warn_if_alone, wheel_option
+from rwa_monitor.cli.options import FILE, bus_options, not_nan, speed_option, udp_option, warn_if_alone, wheel_option
 from rwa_monitor.cli.progress import track
 from rwa_monitor.cli.talk import say
 
@@ -125,6 +126,7 @@ def dataset(recipe: str, count: int, seed: int, output: Path, suffix: str) -> No
     show_default=True,
     help="Stay on at the end [s].",
 )
+@udp_option(required=False, help="Send CCSDS space packets there instead, as `bridge` takes them.")
 @bus_options
 def publish(
     scenario_file: Path | None,
@@ -135,18 +137,27 @@ def publish(
     count: int,
     batch: int,
     linger: float,
+    udp: str | None,
     bus: BusOptions,
 ) -> None:
     """Publish one recording on the bus in the pace of its own time, as a satellite's computer would.
 
     Ends when the scenario does, or on SIGINT or SIGTERM. The same scenario, wheel and seed give the samples of
     `simulate recording`; with --count the second wheel has the next seed, and so on.
+
+    With --udp nothing goes onto the bus: the samples are sent as the packets of `simulate recording -o FILE.ccsds`, one
+    a datagram, from APID 416 on.
     """
     from rwa_monitor.cli.signals import stop_on_signals
+    from rwa_monitor.formats.ccsds_example import FIRST_APID, MAX_EXAMPLE_WHEELS
+    from rwa_monitor.live.bridge import PacketSender, UdpAddress
     from rwa_monitor.live.bus import open_session
-    from rwa_monitor.live.publisher import publish as publish_samples
+    from rwa_monitor.live.publisher import SamplesPublisher, SamplesSink, send
 
-    warn_if_alone(bus)
+    if udp is None:
+        warn_if_alone(bus)
+    elif count > MAX_EXAMPLE_WHEELS:
+        raise click.BadParameter(f"with --udp {MAX_EXAMPLE_WHEELS} at most", param_hint="--count")
     if count > 1 and "{n}" not in key:
         raise click.BadParameter("with --count, KEY needs {n} where the number of the wheel stands", param_hint="--key")
     keys = [key.replace("{n}", str(number)) for number in range(1, count + 1)]
@@ -154,8 +165,15 @@ def publish(
         key: _simulate(scenario_file, wheel_file, seed + number, "published").telemetry.samples
         for number, key in enumerate(keys)
     }
-    with stop_on_signals() as stop, open_session(bus) as session:
-        sent = publish_samples(telemetry, session, speed=speed, batch_samples=batch, linger_s=linger, stop=stop)
+    sinks: dict[str, SamplesSink]
+    with stop_on_signals() as stop, ExitStack() as stack:
+        if udp is not None:
+            address = UdpAddress.parse(udp, "--udp")
+            sinks = {key: PacketSender(address, FIRST_APID + number) for number, key in enumerate(keys)}
+        else:
+            session = stack.enter_context(open_session(bus))
+            sinks = {key: SamplesPublisher(session, key) for key in keys}
+        sent = send(telemetry, sinks, speed=speed, batch_samples=batch, linger_s=linger, stop=stop)
     total = sum(len(samples) for samples in telemetry.values())
     say(f"{sent} of {total} samples published on {keys[0]}{f' … {keys[-1]}' if count > 1 else ''}")
 

@@ -34,18 +34,17 @@ from rwa_monitor.formats.telemetry import (
     WheelTelemetry,
 )
 from rwa_monitor.formats.telemetry_map import PacketWheel, conversion, packet_wheels, time_conversion
+from rwa_monitor.messages import MAX_TIME_NS
 from rwa_monitor.samples import Samples
 
 MAX_PACKET_FILE_BYTES: Final = 1_000_000_000
 HEADER_BYTES: Final = 6
-MAX_PACKET_BYTES: Final = HEADER_BYTES + 65_536
 IDLE_APID: Final = 2_047
 UNSEGMENTED: Final = 0b11
 SEQUENCE_MODULUS: Final = 2**14
 MAX_ENTRIES: Final = 10_000  # of a packet, with all containers in containers
 MAX_DEPTH: Final = 50  # of containers in containers
 MAX_EXPONENT: Final = 16  # of a polynomial calibrator
-MAX_TIME_NS: Final = 2**62  # 146 years: beyond, a difference of two times would leave int64
 
 
 @dataclass(slots=True)
@@ -228,8 +227,8 @@ def _sample(parameters: Mapping[str, Any], number: int, wheel: _Wheel) -> Packet
     if any(name not in parameters for name in wanted):
         return None
     time_ns = round(sum((Fraction(parameters[name]) * unit for name, unit in wheel.time), Fraction()))
-    if abs(time_ns) > MAX_TIME_NS:
-        raise ValueError(f"a time of {time_ns / 1e9:.3g} s, beyond 146 years")
+    if not 0 <= time_ns <= MAX_TIME_NS:
+        raise ValueError(f"a time of {time_ns / 1e9:.3g} s; the bus takes 0 to {MAX_TIME_NS / 1e9:.0e} s")
     return PacketSample(number, time_ns, tuple(_value(parameters, channel) for channel in wheel.channels))
 
 
@@ -384,9 +383,9 @@ def read_packets(path: Path, decoding: Decoding) -> TelemetryFile:
     source = display_name(path)
     decoder = PacketDecoder(decoding, source)
     data = read_bytes(path, MAX_PACKET_FILE_BYTES)
-    columns = [_Columns(wheel) for wheel in decoder.wheels]
+    columns = [SampleColumns(wheel) for wheel in decoder.wheels]
     stop = 0
-    for packet in _packets(data):
+    for packet in split_packets(data):
         stop += len(packet)
         for sample in decoder.take(packet):
             columns[sample.wheel].append(sample)
@@ -395,7 +394,11 @@ def read_packets(path: Path, decoding: Decoding) -> TelemetryFile:
     problems = _problems(decoder.counts)
     if stop < len(data):
         problems.append(f"bytes {stop} to {len(data)} of {len(data)} are no whole packet")
-    telemetry = [entry.telemetry(source) for entry in columns if entry.times]
+    telemetry = [
+        WheelTelemetry(source, wheel.spacecraft, wheel.wheel, [SampleBatch(entry.samples())])
+        for wheel, entry in zip(decoder.wheels, columns, strict=True)
+        if len(entry)
+    ]
     if not telemetry:
         apids = ", ".join(str(apid) for apid in sorted({wheel.apid for wheel in decoder.wheels})[:8])
         because = f" ({problems[0]})" if problems else ""
@@ -407,7 +410,7 @@ def read_packets(path: Path, decoding: Decoding) -> TelemetryFile:
     )
 
 
-def _packets(data: bytes) -> Iterator[bytes]:
+def split_packets(data: bytes) -> Iterator[bytes]:
     """Yield packet after packet, as their headers count; ends where none can begin or the last is cut."""
     position = 0
     while len(data) - position > HEADER_BYTES and not data[position] >> 5:
@@ -418,25 +421,27 @@ def _packets(data: bytes) -> Iterator[bytes]:
         position += length
 
 
-class _Columns:
-    """The samples of one wheel, as they come."""
+class SampleColumns:
+    """Gathers the samples of one wheel of a map."""
 
     def __init__(self, wheel: PacketWheel) -> None:
-        self.wheel = wheel
-        self.times = array("q")
-        self.values = {str(name): array("d") for name in wheel.channels}
+        self._times = array("q")
+        self._values = {str(name): array("d") for name in wheel.channels}
+
+    def __len__(self) -> int:
+        """Count the samples."""
+        return len(self._times)
 
     def append(self, sample: PacketSample) -> None:
-        self.times.append(sample.time_ns)
-        for column, value in zip(self.values.values(), sample.values, strict=True):
+        """Add a sample of this wheel."""
+        self._times.append(sample.time_ns)
+        for column, value in zip(self._values.values(), sample.values, strict=True):
             column.append(value)
 
-    def telemetry(self, source: str) -> WheelTelemetry:
-        return WheelTelemetry(source, self.wheel.spacecraft, self.wheel.wheel, [SampleBatch(self.samples())])
-
     def samples(self) -> Samples:
-        channels = {name: np.array(column) for name, column in self.values.items()}
-        return Samples(time_ns=np.array(self.times), **channels)
+        """Return all of them, in the order in which they came."""
+        channels = {name: np.array(column) for name, column in self._values.items()}
+        return Samples(time_ns=np.array(self._times), **channels)
 
 
 def _problems(counts: PacketCounts) -> list[str]:

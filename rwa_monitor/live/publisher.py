@@ -7,7 +7,7 @@ import secrets
 import time
 from collections.abc import Callable, Iterator, Mapping
 from threading import Event
-from typing import Any, Final
+from typing import Any, Final, Protocol
 
 import zenoh
 from zenoh import ext
@@ -53,6 +53,16 @@ class ReliablePublisher:
     def close(self) -> None:
         """Leave the bus; the history is gone then."""
         self._publisher.undeclare()
+
+
+class SamplesSink(Protocol):
+    """Where the samples of one wheel go."""
+
+    def put(self, samples: Samples) -> None:
+        """Send samples on."""
+
+    def close(self) -> None:
+        """Leave."""
 
 
 class SamplesPublisher:
@@ -107,8 +117,24 @@ def publish(
     int
         Samples sent.
     """
+    sinks = {key: SamplesPublisher(session, key) for key in telemetry}
+    return send(
+        telemetry, sinks, speed=speed, batch_samples=batch_samples, linger_s=linger_s, stop=stop, on_batch=on_batch
+    )
+
+
+def send(
+    telemetry: Mapping[str, Samples],
+    sinks: Mapping[str, SamplesSink],
+    *,
+    speed: float,
+    batch_samples: int,
+    linger_s: float,
+    stop: Event | None = None,
+    on_batch: Callable[[str, int], None] | None = None,
+) -> int:
+    """Send samples to the sinks of their wheels in the pace of their own time, and close these; see `publish`."""
     stop = Event() if stop is None else stop
-    publishers = {key: SamplesPublisher(session, key) for key in telemetry}
     sent = dict.fromkeys(telemetry, 0)
     first_ns = min((int(samples.time_ns[0]) for samples in telemetry.values() if len(samples)), default=0)
     begin_s = time.monotonic()
@@ -118,14 +144,14 @@ def publish(
             wait_s = 0.0 if math.isinf(speed) else max(0.0, due_s - time.monotonic())
             if stop.wait(wait_s):
                 break
-            publishers[key].put(batch)
+            sinks[key].put(batch)
             sent[key] += len(batch)
             if on_batch is not None:
                 on_batch(key, sent[key])
         stop.wait(linger_s)
     finally:
-        for publisher in publishers.values():
-            publisher.close()
+        for sink in sinks.values():
+            sink.close()
     return sum(sent.values())
 
 

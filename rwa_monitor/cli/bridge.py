@@ -1,0 +1,63 @@
+"""`bridge`: space packets from UDP onto the bus, until SIGINT or SIGTERM."""
+
+from __future__ import annotations
+
+import ipaddress
+import json
+from typing import TYPE_CHECKING
+
+import click
+
+from rwa_monitor.cli.options import bus_options, decoding_options, udp_option, warn_if_alone
+from rwa_monitor.cli.talk import say
+
+if TYPE_CHECKING:
+    from rwa_monitor.formats.telemetry import Decoding
+    from rwa_monitor.live.bus import BusOptions
+
+
+@click.command(name="bridge", short_help="Bring CCSDS space packets from UDP onto the bus.")
+@udp_option(required=True, help="Where packets come in.  [HOST: 127.0.0.1 unless told]")
+@decoding_options
+@click.option(
+    "--batch", type=click.IntRange(1, 10_000), default=256, show_default=True, help="Samples of one message at most."
+)
+@bus_options
+def command(udp: str, decoding: Decoding, batch: int, bus: BusOptions) -> None:
+    """Bring CCSDS space packets from UDP onto the bus, as samples of the wheels that the map names.
+
+    A datagram holds one packet or several. What cannot be read, is unknown or missing is said on stderr as it comes;
+    at the end, on SIGINT or SIGTERM, all counts are printed as one JSON object.
+    """
+    from contextlib import ExitStack
+
+    from rwa_monitor.cli.signals import stop_on_signals
+    from rwa_monitor.formats.ccsds_packets import PacketDecoder
+    from rwa_monitor.live.bridge import Bridge, UdpAddress, listening, run_bridge
+    from rwa_monitor.live.bus import open_session
+    from rwa_monitor.live.publisher import LINGER_S, SamplesPublisher
+
+    address = UdpAddress.parse(udp, "--udp")
+    decoder = PacketDecoder(decoding, "bridge")
+    warn_if_alone(bus)
+    if not _is_loopback(address.host):
+        say(f"--udp {udp} takes packets from everybody who reaches it: UDP does not say who sends")
+    with stop_on_signals() as stop, ExitStack() as stack:
+        receiver = stack.enter_context(listening(address))
+        session = stack.enter_context(open_session(bus))
+        publishers = {wheel.key: SamplesPublisher(session, wheel.key) for wheel in decoder.wheels}
+        for publisher in publishers.values():
+            stack.callback(publisher.close)
+        bridge = Bridge(decoder, publishers, batch)
+        say(f"bridging UDP {address.host} port {address.port} to {', '.join(list(publishers)[:4])}")
+        run_bridge(bridge, receiver, stop, say)
+        stop.clear()
+        stop.wait(LINGER_S)  # the last message goes out; a second signal ends at once
+    click.echo(json.dumps(bridge.counts(), ensure_ascii=False))
+
+
+def _is_loopback(host: str) -> bool:
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return host == "localhost"
