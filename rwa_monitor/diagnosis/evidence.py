@@ -13,13 +13,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Final
 
-import numba
 import numpy as np
 from scipy import special
 
 from rwa_monitor.diagnosis.changepoints import (
     TESTS_PER_SLOT,
-    contrast,
     join,
     peaks_behind_gaps,
     select_candidates,
@@ -33,6 +31,7 @@ from rwa_monitor.diagnosis.estimation import (
     estimate_slope,
     nominal_slope_prior,
 )
+from rwa_monitor.diagnosis.evidence_kernel import Judge, judge_confirmed, mark_used, normalise
 from rwa_monitor.diagnosis.noise import (
     BLOCK,
     LAGS,
@@ -50,7 +49,17 @@ from rwa_monitor.diagnosis.peaks import PeakList
 from rwa_monitor.diagnosis.results import Candidates, Evidence, Method, NoiseEstimate
 from rwa_monitor.diagnosis.running_sums import RunningSums
 from rwa_monitor.diagnosis.structure import StructureSums
-from rwa_monitor.diagnosis.wglr import BINS, CHUNK, HISTORY, PREFIXES, STEP, ScanSettings, ScanState, scan
+from rwa_monitor.diagnosis.wglr import (
+    BINS,
+    CHUNK,
+    COUNT_CONFIRMED,
+    HISTORY,
+    PREFIXES,
+    STEP,
+    ScanSettings,
+    ScanState,
+    scan,
+)
 from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 
@@ -67,7 +76,6 @@ CERTAIN_STATISTIC: Final = 30.0  # peaks that split the window while its slope i
 SMALLEST_SLOPE_SPREAD: Final = 0.05  # [of the slope] the slope known so far is never trusted further than that
 ANY_SLOPE: Final = 3.0  # times the slope learned or nominal: no anomaly of viscous friction is further off
 SMALLEST_SLOPE: Final = 0.1  # of the dry torque at nominal speed, for a wheel with next to no viscous friction
-LARGEST_VALUE: Final = 1e4  # normalised speed or friction beyond is a broken word of telemetry, not a wheel's
 LEAST_SHARE: Final = 0.8  # of the variance by mean squares that a robust one may be: heavy tails make it smaller
 FAR_AWAY: Final = -(2**40)  # a slot that lies near none
 SPEED_NOISES: Final = 5.0  # dead band in standard deviations of the speed's noise: the sign of ω is certain beyond
@@ -177,8 +185,8 @@ class WindowAccumulator:
         self._scales: IntArray = np.array(scales, dtype=np.int64)
         self._strides: IntArray = np.maximum(self._scales // 4, 1)
         self._peaks = PeakList(self._scales)
-        self._announced: IntArray = np.full(STEP, FAR_AWAY, dtype=np.int64)  # the last ones, in turns
-        self._announcements = 0
+        self._announced: IntArray = np.full(STEP + 1, FAR_AWAY, dtype=np.int64)  # the last ones, in turns; how many
+        self._announced[STEP] = 0
         self._variances: FloatArray = np.full(self._scales.size, np.nan)
         self._floors: FloatArray = np.full(self._scales.size, np.inf)
         self._sure: FloatArray = np.full(self._scales.size, np.inf)
@@ -222,7 +230,7 @@ class WindowAccumulator:
         count = speed_rad_s.size
         if self._closed or self.filled + count > self.slots:
             raise ValueError(f"{count} more slots do not fit into a window with {self.filled} of {self.slots}")
-        self.good += _normalise(
+        self.good += normalise(
             speed_rad_s,
             torque_Nm,
             good,
@@ -359,7 +367,7 @@ class WindowAccumulator:
 
     def _mark_used(self, start: int, stop: int) -> None:
         """Decide which slots are used: good, outside the dead band, turning."""
-        _mark_used(self._x, self._good, self._band, start, stop, self._used)
+        mark_used(self._x, self._good, self._band, start, stop, self._used)
 
     def _scan(self, start: int, stop: int, count_bins: bool) -> int:
         """Scan the slots [start, stop), as far as there is room for peaks; return where it ended."""
@@ -426,35 +434,34 @@ class WindowAccumulator:
 
     def _announce(self) -> list[ConfirmedCandidate]:
         """Return the newly confirmed peaks, unless a narrower scale has announced the same jump."""
+        confirmed = self._peaks.confirmed() if self.method == "paper" else self._confirmed_for_any_slope()
         events = []
-        for s, index, statistic, jump in self._peaks.confirmed():
-            scale, variance = int(self._scales[s]), float(self._variances[s])
-            if self.method == "joint":
-                if _near_any(self._announced, index, scale):
-                    continue
-                statistic, jump = self._for_any_slope(index, scale, variance)
-                if statistic <= self._sure[s]:
-                    continue
-            self._announced[self._announcements % STEP] = index
-            self._announcements += 1
-            normalised = statistic / variance
+        for s, index, statistic, jump in confirmed:
+            normalised = statistic / float(self._variances[s])
             chance = PEAK_TESTS_PER_SLOT * self.slots * float(special.chdtrc(1, normalised))
             std = abs(jump) / float(np.sqrt(normalised))
             events.append(ConfirmedCandidate(index, jump, std, confidence=max(0.0, 1.0 - chance)))
         return events
 
-    def _for_any_slope(self, index: int, scale: int, variance: float) -> tuple[float, float]:
-        """Return statistic and jump of a contrast whose own samples tell the slope, whatever was learned before.
+    def _confirmed_for_any_slope(self) -> list[tuple[int, int, float, float]]:
+        """Return the confirmed peaks that are none of a jump announced before, judged by their own samples' slope.
 
         In a slew, a slope that is off by some per cent looks like jumps: that of the nominal wheel while viscous
         friction is anomalous, that of an earlier part of the window while the anomaly grows. Only a peak that stays one
         for any slope is certain while the window is open; at its close the window's own slope decides.
+
+        Rows as those of `PeakList.confirmed`.
         """
+        most = int(self._peaks.arrays.counters[COUNT_CONFIRMED])
+        if most == 0:
+            return []
         nominal = self.slope_prior.mean if self.slope_prior else 0.0
         largest = ANY_SLOPE * max(abs(self._slope), abs(nominal), SMALLEST_SLOPE)
-        weight = min(self._weight, variance / largest**2)
-        statistic, jump = contrast(index, scale, self._slope, weight, self._sums.arrays)
-        return float(statistic), float(jump)
+        weights = np.minimum(self._weight, self._variances / largest**2)
+        places, values = np.empty((most, 2), dtype=np.int64), np.empty((most, 2))
+        judge = Judge(self._scales, self._sure, weights, self._slope)
+        count = judge_confirmed(self._peaks.arrays, judge, self._sums.arrays, self._announced, places, values)
+        return [(*place, *value) for place, value in zip(places[:count].tolist(), values[:count].tolist(), strict=True)]
 
     # ---- at the close ----------------------------------------------------------------------------------------------
 
@@ -492,44 +499,3 @@ def _settings_change(slot: int) -> int:
 
 
 _NORMAL_MEDIAN: Final = float(special.ndtri(0.75))  # median of |N(0, 1)|
-
-
-@numba.njit(cache=True, error_model="numpy", nogil=True)
-def _normalise(
-    speed: FloatArray,
-    torque: FloatArray,
-    good: BoolArray,
-    speed_unit: float,
-    torque_unit: float,
-    x: FloatArray,
-    z: FloatArray,
-    is_good: BoolArray,
-) -> int:
-    """Write x = |ω|/unit, z = sign(ω)·torque/unit and whether the slot is good; return the number of good slots."""
-    count = 0
-    for k in range(speed.size):
-        # Written so that NaN fails.
-        is_good[k] = (
-            good[k] and abs(speed[k]) <= LARGEST_VALUE * speed_unit and abs(torque[k]) <= LARGEST_VALUE * torque_unit
-        )
-        if is_good[k]:
-            count += 1
-            x[k] = abs(speed[k]) / speed_unit
-            z[k] = np.sign(speed[k]) * torque[k] / torque_unit
-    return count
-
-
-@numba.njit(cache=True, error_model="numpy", nogil=True)
-def _near_any(slots: IntArray, slot: int, reach: int) -> bool:
-    """Tell whether any of the slots lies within `reach` of `slot`."""
-    for k in range(slots.size):  # noqa: SIM110  (compiled: a generator would allocate)
-        if abs(slots[k] - slot) <= reach:
-            return True
-    return False
-
-
-@numba.njit(cache=True, error_model="numpy", nogil=True)
-def _mark_used(x: FloatArray, good: BoolArray, band: float, start: int, stop: int, used: BoolArray) -> None:
-    """Mark the slots of [start, stop) that are good and turn faster than the dead band."""
-    for k in range(start, stop):
-        used[k] = good[k] and x[k] >= band and x[k] > 0.0

@@ -97,23 +97,32 @@ def scale_variances(
     float64 (S,), v with statistic / v ~ χ² with one degree of freedom. With few independent contrasts it leans on the
     next narrower scale's (the narrowest: on `start_variance`). NaN where nothing was counted and nothing is known.
     """
-    variances = np.full(scales.size, np.nan)
     borrowed = np.nan if start_variance is None else start_variance
-    totals, of_scales = _trimmed_variances(histogram, _BIN_EDGES, _BIN_WIDTHS, _KEPT_MEAN, _JUMPED_RATE)
-    for s, (total, trimmed) in enumerate(zip(totals.tolist(), of_scales.tolist(), strict=True)):
+    return np.asarray(_scale_variances(histogram, strides / scales, borrowed, _BIN_EDGES, _BIN_WIDTHS))
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def _scale_variances(
+    histogram: IntArray, independent: FloatArray, borrowed: float, edges: FloatArray, widths: FloatArray
+) -> FloatArray:
+    """See `scale_variances`; `independent` contrasts a count, float64 (S,), and edges and widths of the bins."""
+    variances = np.empty(independent.size)
+    for s in range(independent.size):
+        total, trimmed = _trimmed_variance(histogram[s], edges, widths)
         if total > 0:
             measured = max(trimmed, SMALLEST_STD**2)
             if np.isnan(borrowed):
                 borrowed = measured
-            borrowed = lean(measured, borrowed, total * strides[s] / scales[s])
+            borrowed = lean(measured, borrowed, total * independent[s])
         variances[s] = borrowed
     return variances
 
 
+@numba.njit(cache=True, error_model="numpy", nogil=True)
 def lean(measured: float, borrowed: float, independent: float) -> float:
     """Return a scale's variance, measured on so many independent contrasts, leaning on the next narrower scale's."""
     share = independent / (independent + _BORROWED)
-    return float(np.exp(share * np.log(measured) + (1 - share) * np.log(borrowed)))
+    return float(np.exp(share * np.log(measured) + (1.0 - share) * np.log(borrowed)))
 
 
 def chi_variance(statistic: FloatArray) -> float:
@@ -133,21 +142,7 @@ def chi_variance(statistic: FloatArray) -> float:
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
-def _trimmed_variances(
-    histogram: IntArray, edges: FloatArray, widths: FloatArray, kept_mean: float, jumped_rate: float
-) -> tuple[IntArray, FloatArray]:
-    """Return `_trimmed_variance` of each scale, (S,) each."""
-    scales = histogram.shape[0]
-    totals, variances = np.zeros(scales, dtype=np.int64), np.zeros(scales)
-    for s in range(scales):
-        totals[s], variances[s] = _trimmed_variance(histogram[s], edges, widths, kept_mean, jumped_rate)
-    return totals, variances
-
-
-@numba.njit(cache=True, error_model="numpy", nogil=True)
-def _trimmed_variance(
-    counts: IntArray, edges: FloatArray, widths: FloatArray, kept_mean: float, jumped_rate: float
-) -> tuple[int, float]:
+def _trimmed_variance(counts: IntArray, edges: FloatArray, widths: FloatArray) -> tuple[int, float]:
     """Return how many were counted, and v from the mean of the lowest three quarters, jumps set aside.
 
     A first estimate shows how many statistics lie beyond _JUMPED v; more than the noise's share are jumps, and the
@@ -158,11 +153,14 @@ def _trimmed_variance(
     variance = 0.0
     if total == 0:
         return 0, 0.0
+    first = 0  # bin that holds anything
+    while counts[first] == 0:
+        first += 1
     for _ in range(4):
         kept = _KEPT * (1.0 - jumped) * total
         seen = 0.0
         weighted = 0.0
-        place = 0
+        place = first
         while seen + counts[place] < kept:
             seen += counts[place]
             weighted += counts[place] * (edges[place] + 0.5 * widths[place])
@@ -170,13 +168,13 @@ def _trimmed_variance(
         # Within a bin counts are taken as evenly spread.
         rest = kept - seen
         weighted += rest * (edges[place] + 0.5 * rest / counts[place] * widths[place])
-        variance = weighted / kept / kept_mean
+        variance = weighted / kept / _KEPT_MEAN
         while place < counts.size and edges[place] + widths[place] <= _JUMPED * variance:
             seen += counts[place]
             place += 1
         if place < counts.size:
             seen += counts[place] * max(_JUMPED * variance - edges[place], 0.0) / widths[place]
-        jumped = min(max(1.0 - seen / total - jumped_rate, 0.0), _MOST_JUMPED)
+        jumped = min(max(1.0 - seen / total - _JUMPED_RATE, 0.0), _MOST_JUMPED)
     return total, variance
 
 
@@ -242,6 +240,7 @@ def block_differences(
     length = BLOCK + LAGS
     e = np.zeros(length)
     good = np.zeros(length)
+    total = np.zeros(LAGS)
     for b in range(first, last):
         start = b * hop
         n, sx, sz, sxx, sxz = 0.0, 0.0, 0.0, 0.0, 0.0
@@ -259,20 +258,24 @@ def block_differences(
         own = (sxz - sx * sz * share + weight * slope) / (max(sxx - sx * sx * share, 0.0) + weight)
         for i in range(length):
             e[i] = good[i] * ((z[start + i] - z_centre) - own * (x[start + i] - x_centre))
+        # Lags in the inner loop: neighbouring sums, which the compiler can advance together.
+        if n == length:  # the same as below, where nothing is masked
+            total[:] = 0.0
+            for i in range(BLOCK):
+                for lag in range(LAGS):
+                    difference = e[i + 1 + lag] - e[i]
+                    total[lag] += 0.5 * difference * difference
+            sums[b] = total
+            pairs[b] = BLOCK
+            continue
         sums[b] = 0.0
         pairs[b] = 0.0
-        # Lags in the inner loop: neighbouring sums, which the compiler can advance together.
         for i in range(BLOCK):
             if good[i] > 0.0:
                 for lag in range(LAGS):
                     difference = e[i + 1 + lag] - e[i]
                     sums[b, lag] += good[i + 1 + lag] * (0.5 * difference * difference)
                     pairs[b, lag] += good[i + 1 + lag]
-
-
-def _full_blocks(pairs: FloatArray) -> BoolArray:
-    """Return which blocks have enough pairs of used samples at every lag."""
-    return np.asarray((pairs >= _LEAST_PAIRS).all(axis=1), dtype=np.bool_)
 
 
 def quiet_levels(sums: FloatArray, pairs: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -288,24 +291,26 @@ def quiet_levels(sums: FloatArray, pairs: FloatArray) -> tuple[FloatArray, Float
     levels, counts
         float64 (LAGS,): γ(0) - γ(l) at the lags 1 … LAGS, and the pairs behind it; NaN and 0 without a full block.
     """
-    full = _full_blocks(pairs)
-    if not full.any():
-        return np.full(LAGS, np.nan), np.zeros(LAGS)
-    if not full.all():
-        sums, pairs = sums[full], pairs[full]
-    level, counts = _sum_quiet_blocks(sums, pairs, sums.sum(axis=1) / pairs.sum(axis=1))
+    level, counts = _sum_quiet_blocks(sums, pairs)
     return level / counts, counts
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
-def _sum_quiet_blocks(sums: FloatArray, pairs: FloatArray, score: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Add up, in their order, the blocks whose score does not stand out upwards, (LAGS,) each."""
-    middle = np.median(score)
-    most = middle + 4.0 * (1.4826 * np.median(np.abs(score - middle)))
-    total, counts = np.zeros(sums.shape[1]), np.zeros(sums.shape[1])
-    for b in range(score.size):
+def _sum_quiet_blocks(sums: FloatArray, pairs: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Add up, in their order, the full blocks that do not stand out upwards, (LAGS,) each; NaN and 0 without any."""
+    blocks, lags = sums.shape
+    score = np.empty(blocks)
+    for b in range(blocks):
+        score[b] = sums[b].sum() / pairs[b].sum() if pairs[b].min() >= _LEAST_PAIRS else np.nan
+    full = score[np.isfinite(score)]
+    total, counts = np.zeros(lags), np.zeros(lags)
+    if full.size == 0:
+        return np.full(lags, np.nan), counts
+    middle = np.median(full)
+    most = middle + 4.0 * (1.4826 * np.median(np.abs(full - middle)))
+    for b in range(blocks):
         if score[b] <= most:
-            for lag in range(total.size):
+            for lag in range(lags):
                 total[lag] += sums[b, lag]
                 counts[lag] += pairs[b, lag]
     return total, counts
@@ -335,10 +340,10 @@ def contrast_variances(levels: FloatArray, scales: IntArray) -> FloatArray:
 
 
 @lru_cache(maxsize=16)
-def _contrast_correlations(scales: tuple[int, ...]) -> IntArray:
-    """Return w² r(l) of the weights -1/w (w times), +1/w (w times) at the lags 1 … LAGS, int64 (S, LAGS)."""
+def _contrast_correlations(scales: tuple[int, ...]) -> FloatArray:
+    """Return w² r(l) of the weights -1/w (w times), +1/w (w times) at the lags 1 … LAGS, float64 (S, LAGS)."""
     w, lag = np.array(scales, dtype=np.int64)[:, None], np.arange(1, LAGS + 1)
-    return np.where(lag < w, 2 * w - 3 * lag, np.minimum(lag - 2 * w, 0))
+    return np.where(lag < w, 2 * w - 3 * lag, np.minimum(lag - 2 * w, 0)).astype(np.float64)
 
 
 def estimate_noise(
@@ -358,11 +363,11 @@ def estimate_noise(
         Standard deviation expected before any data; used when there are no blocks and no variances.
     """
     autocovariance = np.zeros(LAGS)
-    if not _full_blocks(pairs).any():
+    levels, counts = quiet_levels(sums, pairs)
+    if not counts.any():
         known = [value for value in (float(variances[0]), (start_std or np.nan) ** 2) if np.isfinite(value)]
         autocovariance[0] = max(known[0] if known else 0.0, SMALLEST_STD**2)
         return NoiseEstimate(float(np.sqrt(autocovariance[0])), autocovariance, 1.0)
-    levels, counts = quiet_levels(sums, pairs)
     variance = float(levels[3 * LAGS // 4 :].mean())
     last = 0  # the last lag whose correlation is certain
     for _ in range(2):

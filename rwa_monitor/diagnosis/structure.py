@@ -131,11 +131,18 @@ class StructureSums:
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
 def _count_signs(first: int, speed: FloatArray, good: BoolArray, signs: IntArray, counts: IntArray) -> None:
-    for k in range(speed.size):
-        if good[k]:
-            block = (first + k) // BLOCK
-            counts[block] += 1
-            signs[block] += 1 if speed[k] > 0.0 else -1
+    """Add the slots that are good, and those forward less those backward, to their blocks."""
+    start = 0
+    while start < speed.size:
+        block = (first + start) // BLOCK
+        stop = min((block + 1) * BLOCK - first, speed.size)
+        count = forward = 0
+        for k in range(start, stop):
+            count += good[k]
+            forward += good[k] & (speed[k] > 0.0)
+        counts[block] += count
+        signs[block] += 2 * forward - count
+        start = stop
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
