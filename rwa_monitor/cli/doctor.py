@@ -6,12 +6,14 @@ import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from threading import Event
 from typing import TYPE_CHECKING
 
 import click
 
 from rwa_monitor import __version__
 from rwa_monitor.cli.exit_codes import FAILED
+from rwa_monitor.cli.first_use import tell_of_compiling
 from rwa_monitor.cli.options import bus_options, model_option, wheel_option
 from rwa_monitor.errors import RwaMonitorError
 
@@ -19,6 +21,7 @@ if TYPE_CHECKING:
     from rwa_monitor.live.bus import BusOptions
 
 MIN_PYTHON = (3, 11)
+CONNECT_S = 3.0  # how long a router or peer has to answer
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,6 +42,7 @@ def command(ctx: click.Context, wheel_file: Path | None, model_file: Path | None
 
     One line for each check on stdout. Exit code 1 if one failed.
     """
+    tell_of_compiling()
     checks = [
         Check("python", _python),
         Check("packages", _packages),
@@ -152,8 +156,19 @@ def _model(model_file: Path | None, wheel_file: Path | None) -> str:
 
 def _bus(bus: BusOptions) -> str:
     """Check that the bus can be reached as the options say."""
-    from rwa_monitor.live.bus import open_session
+    import time
+
+    from rwa_monitor.live.bus import endpoints, open_session
+    from rwa_monitor.live.bus_watch import BusWatch
 
     with open_session(bus) as session:
+        watch = BusWatch(session, endpoints(bus))
+        patient_until_s = time.monotonic() + CONNECT_S
+        while watch.trouble() and time.monotonic() < patient_until_s:
+            Event().wait(0.1)
+        if watch.trouble():
+            raise RwaMonitorError(
+                f"nothing answers at {', '.join(bus.connect) or bus.config}; is a router or peer there?"
+            )
         routers, peers = list(session.info.routers_zid()), list(session.info.peers_zid())
         return f"open, with {len(routers)} routers and {len(peers)} peers connected"

@@ -114,6 +114,10 @@ def main(ctx: click.Context, settings: Path | None) -> None:
         click.echo(ctx.get_help(), err=True)
         ctx.exit(WRONG_USE)
     if settings is not None or any(name.startswith("RWA_MONITOR_") for name in os.environ):
-        from rwa_monitor.cli.settings import read_settings
+        from rwa_monitor.cli.settings import read_settings, unknown_variables
 
         ctx.default_map = read_settings(settings, os.environ, main, ctx)
+        ours = f"RWA_MONITOR_{ctx.invoked_subcommand.upper()}_"
+        for name in unknown_variables(os.environ, main, ctx):
+            if name.startswith(ours):
+                say(f"{name} sets no option of {ctx.invoked_subcommand}; it is ignored")

@@ -38,7 +38,7 @@ def read_settings(
     """Return what the file and, before it, the environment say.
 
     Variables that set no option are left alone, since other programs make some that begin like ours; `doctor` names
-    them.
+    them all, a command those that begin with its name.
 
     Raises
     ------
@@ -94,6 +94,8 @@ def _of_tables(tables: dict[str, Any], group: click.Group, ctx: click.Context, s
 
 
 def _check(option: click.Option, value: Any, ctx: click.Context, source: str, place: str) -> None:
+    if isinstance(option.type, click.Path) and not isinstance(value, str):
+        raise InputError(source, f"{value!r} is no name of a file or folder", place)
     try:
         option.type_cast_value(ctx, value)
     except click.BadParameter as error:

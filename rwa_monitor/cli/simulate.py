@@ -151,7 +151,8 @@ def publish(
     from rwa_monitor.cli.signals import stop_on_signals
     from rwa_monitor.formats.ccsds_example import FIRST_APID, MAX_EXAMPLE_WHEELS
     from rwa_monitor.live.bridge import PacketSender, UdpAddress
-    from rwa_monitor.live.bus import open_session
+    from rwa_monitor.live.bus import endpoints, open_session
+    from rwa_monitor.live.bus_watch import BusWatch
     from rwa_monitor.live.publisher import SamplesPublisher, SamplesSink, send
 
     if udp is None:
@@ -167,13 +168,18 @@ def publish(
     }
     sinks: dict[str, SamplesSink]
     with stop_on_signals() as stop, ExitStack() as stack:
+        watch: BusWatch | None = None
         if udp is not None:
             address = UdpAddress.parse(udp, "--udp")
             sinks = {key: PacketSender(address, FIRST_APID + number) for number, key in enumerate(keys)}
         else:
             session = stack.enter_context(open_session(bus))
             sinks = {key: SamplesPublisher(session, key) for key in keys}
+            watch = BusWatch(session, endpoints(bus))
         sent = send(telemetry, sinks, speed=speed, batch_samples=batch, linger_s=linger, stop=stop)
+        trouble = watch.trouble() if watch else ""
+    if trouble:
+        say(f"{trouble.removesuffix(' Trying again.')} Nobody can have heard the last samples.")
     total = sum(len(samples) for samples in telemetry.values())
     say(f"{sent} of {total} samples published on {keys[0]}{f' … {keys[-1]}' if count > 1 else ''}")
 

@@ -16,7 +16,6 @@ from typing import Final, Self
 import zenoh
 
 from rwa_monitor.dashboard.bus_thread import BusThread
-from rwa_monitor.dashboard.bus_watch import BusWatch
 from rwa_monitor.dashboard.course import REMEMBERED
 from rwa_monitor.dashboard.feed import Hub
 from rwa_monitor.dashboard.fleet import Fleet, Received, Wheel
@@ -28,6 +27,7 @@ from rwa_monitor.errors import InputError
 from rwa_monitor.history.database import HistoryError
 from rwa_monitor.history.records import AlarmRecord
 from rwa_monitor.history.store import History
+from rwa_monitor.live.bus_watch import BusWatch
 from rwa_monitor.messages import (
     Changepoints,
     Diagnosis,

@@ -59,6 +59,8 @@ _FIXED: Final[tuple[tuple[str, Any], ...]] = (
     ("plugins_loading/enabled", False),
 )
 _JSON5_STRING_OR_COMMENT: Final = re.compile(r"""//[^\n]*|/\*.*?\*/|"(?:\\.|[^"\\])*"|'(?:\\.|[^'\\])*'""", re.DOTALL)
+# Protocol and address; those of an internet protocol name a port. Zenoh takes ?metadata and #config behind them.
+_ENDPOINT: Final = re.compile(r"(?:tcp|udp|tls|quic|ws)/\S+:\d{1,5}(?:[?#]\S*)?|(?!tcp|udp|tls|quic|ws)[a-z0-9_-]+/\S+")
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,11 +112,21 @@ def session_config(options: BusOptions) -> zenoh.Config:
     for option, (key, value) in settings.items():
         if value is None:
             continue
+        for endpoint in value if isinstance(value, list) else ():
+            if not _ENDPOINT.fullmatch(endpoint):
+                raise InputError(
+                    option, f"{endpoint!r} is no endpoint: write tcp/HOST:PORT, such as tcp/127.0.0.1:7447"
+                )
         try:
             config.insert_json5(key, json.dumps(value))
         except zenoh.ZError as error:
-            raise InputError(option, f"{value} is not understood: {error}") from error
+            raise InputError(option, f"{value} is not understood: {_plain(error)}") from error
     return config
+
+
+def _plain(error: zenoh.ZError) -> str:
+    """Return what Zenoh says without the places of its sources."""
+    return re.sub(r" at /\S+\.rs:\d+\.?", "", str(error))
 
 
 def _depth(json5: str) -> int:
@@ -152,7 +164,7 @@ def open_session(options: BusOptions) -> zenoh.Session:
         return zenoh.open(config)
     except zenoh.ZError as error:
         where = ", ".join((*options.connect, *options.listen)) or str(options.config or "embedded")
-        raise RwaMonitorError(f"the bus cannot be opened ({where}): {error}") from error
+        raise RwaMonitorError(f"the bus cannot be opened ({where}): {_plain(error)}") from error
 
 
 # ---- in --------------------------------------------------------------------------------------------------------------

@@ -42,6 +42,7 @@ class _Served:
     last_sample_ns: int | None = None
     publisher: str = ""
     diagnosis: Output | None = None
+    verdict: tuple[str, ...] = ()  # and what is anomalous, as it was told last
     health: Output | None = None
     windows: int = 0
     diagnosis_s: float | None = None
@@ -151,6 +152,8 @@ class Monitor:
 
     def close(self) -> None:
         """Write the last status of each wheel and the end of the recording."""
+        windows = sum(served.windows for served in self._served.values())
+        self.say(f"stopped: {windows} windows of {len(self._served)} wheels diagnosed")
         self.searches.close()
         for key, served in self._served.items():
             self._status(key, served, record=True)
@@ -214,8 +217,18 @@ class Monitor:
             served.windows += sum(isinstance(event, WindowDiagnosed) for event in events)
             self._status((spacecraft, wheel), served, record=True)
         for event in events:
+            if isinstance(event, WindowDiagnosed):
+                self._tell_verdict(served, spacecraft, wheel, event)
             if isinstance(event, WindowDiagnosed) and not event.partial:
                 self.searches.take_diagnosis(spacecraft, wheel, adequate=event.diagnosis.model_adequate)
+
+    def _tell_verdict(self, served: _Served, spacecraft: str, wheel: str, event: WindowDiagnosed) -> None:
+        """Say what a window amounts to where that is news; a line for each window of a fleet would hide it."""
+        diagnosis = event.diagnosis
+        verdict = (diagnosis.verdict, *(anomaly.name for anomaly in diagnosis.anomalies if anomaly.active))
+        if verdict != served.verdict:
+            self.say(f"{spacecraft}/{wheel}: {diagnosis.verdict}: {diagnosis.reason}")
+        served.verdict = verdict
 
     def _refuse(self, key: str, payload: bytes, error: InputError) -> None:
         """Count and record a message that cannot be used; it changes nothing else."""

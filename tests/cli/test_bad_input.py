@@ -49,6 +49,18 @@ CASES: dict[str, tuple[str, bytes | None, str, str]] = {
     "unknown recipe": ("t.csv", HEAD, "simulate dataset --recipe no --count 1 -o d", "'no' is none of paper"),
     "nowhere to write": ("t.csv", HEAD, "simulate recording -o no/folder/x.csv", "cannot be written: No such file"),
     "unknown format": ("t.csv", HEAD, "simulate recording -o x.xls", "must end in .csv, .parquet or .ccsds"),
+    "endpoint without a port": (
+        "x",
+        b"",
+        "simulate publish -l tcp/127.0.0.1",
+        "--listen: 'tcp/127.0.0.1' is no endpoint: write tcp/",
+    ),
+    "endpoint without a protocol": (
+        "x",
+        b"",
+        "simulate publish -e 127.0.0.1:1",
+        "--connect: '127.0.0.1:1' is no endpoint",
+    ),
     "kept out of order": ("x", b"", "dashboard --keep 10 5 1 1", "must be positive and in this order"),
     "labels without header": ("l.csv", b"a,b\n", "train {file} --wheel {wheel} -o m.json", "row 1: the header must"),
     "labels name no file": (

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 from rwa_monitor.cli.main import main
 from tests.cli.conftest import run
+from tests.live.support import free_port
 
 
 def tuned(monkeypatch: pytest.MonkeyPatch, *words: str, **environment: str) -> str:
@@ -52,6 +53,7 @@ def test_the_command_line_goes_before_the_environment_before_the_file(
         ("[diagnoze]\n", "diagnoze: no command has this name; there are demo, run,"),
         ("[run]\nrecrod = 'x'\n", "run.recrod: no option has this name; there are "),
         ("[run]\nrecord-limit = 'much'\n", "run.record-limit: 'much' is not a valid float"),
+        ("[run]\nrecord = 5\n", "run.record: 5 is no name of a file or folder"),
         ("[simulate.publish]\nspeed = -1.0\n", "simulate.publish.speed: -1.0 is not in the range"),
         ("run = 3\n", "run: is no table of options, such as [run]"),
         ("[run\n", "is no valid TOML"),
@@ -84,6 +86,21 @@ def test_doctor_names_what_is_set_and_what_sets_nothing(settings: Path, monkeypa
     told = run("doctor")
     assert told.exit_code == 1
     assert "FAILED  settings: RWA_MONITOR_RUN_CONECT set no option" in told.stdout
+
+
+def test_a_command_names_the_variable_that_sets_nothing_of_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("RWA_MONITOR_TUNE_JUMPP", "8")
+    monkeypatch.setenv("RWA_MONITOR_RUN_RECROD", "x")  # of another command
+    told = run("tune", "--missed", "0.002", "--run-length", "2e6", "--jump", "9")
+    assert told.exit_code == 0
+    assert told.stderr.count("RWA_MONITOR_TUNE_JUMPP sets no option of tune; it is ignored") == 1
+    assert "RECROD" not in told.stderr
+
+
+def test_doctor_does_not_take_an_empty_line_for_a_bus() -> None:
+    told = run("doctor", "-e", f"tcp/127.0.0.1:{free_port()}")
+    assert told.exit_code == 1
+    assert "FAILED  bus: nothing answers at tcp/127.0.0.1:" in told.stdout
 
 
 NAMES = st.text(st.characters(codec="utf-8", exclude_characters="\0="), min_size=1)

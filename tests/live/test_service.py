@@ -10,6 +10,7 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 from threading import Event, Thread
 from typing import Any
@@ -84,7 +85,7 @@ def test_an_embedded_monitor_says_what_the_batch_says_and_its_recording_replays(
     telemetries = {f"rwa/sat/wheel_{n}/samples": spoiled(telemetry(3 * WINDOW, n), n) for n in (1, 2)}
     with open_session(BusOptions()) as session:
         listener = Listener(session)
-        with monitor(session, options(record=tmp_path)):
+        with monitor(session, options(record=tmp_path)) as talk:
             sent = publish(telemetries, session, speed=math.inf, linger_s=0.0)
             wait_for(lambda: len(listener.kind("diagnosis")) >= 4, "four diagnoses")
             replies = {str(reply.ok.key_expr): reply.ok.payload.to_bytes() for reply in session.get("rwa/**/health")}
@@ -101,6 +102,21 @@ def test_an_embedded_monitor_says_what_the_batch_says_and_its_recording_replays(
     assert report.equal, report.long()
     assert report.bytes_equal
     assert report.compared["rwa.Diagnosis"] == 4
+    told = [line for line in talk if line.startswith("sat/wheel_1: ")]
+    verdicts = [json.loads(payload)["verdict"] for payload in first]
+    assert len(told) == 1 + sum(before != after for before, after in pairwise(verdicts))  # what is news, nothing twice
+    assert told[0].startswith(f"sat/wheel_1: {verdicts[0]}: {json.loads(first[0])['reason']}")
+    assert talk[-1] == "stopped: 4 windows of 2 wheels diagnosed"
+
+
+def test_a_bus_that_is_gone_is_told_once_and_so_is_its_return() -> None:
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    bus = BusOptions(connect=(endpoint,))
+    with open_session(bus) as session, monitor(session, options(bus=bus)) as talk:
+        wait_for(lambda: any("The bus is gone" in line for line in talk), "the word that nobody is there")
+        with open_session(BusOptions(listen=(endpoint,))):
+            wait_for(lambda: "connected to the bus again" in talk, "the word that somebody is")
+    assert sum(endpoint in line for line in talk) == 1
 
 
 BAD = (

@@ -1,13 +1,10 @@
-"""Tells whether the bus is there: a dashboard that hears nothing should know whether there is anybody to hear."""
+"""Tells whether the bus is there: who hears nothing should know whether there is anybody to hear."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final
 
 import zenoh
-
-NOBODY: Final = "The bus is gone: there is no connection to {where}. Trying again; all wheels are stale until then."
 
 
 class BusWatch:
@@ -34,4 +31,5 @@ class BusWatch:
             connected = any((*info.routers_zid(), *info.peers_zid()))
         except zenoh.ZError as error:
             return f"The bus is gone: {error}."
-        return "" if connected else NOBODY.format(where=" or ".join(self._where))
+        where = " or ".join(self._where)
+        return "" if connected else f"The bus is gone: there is no connection to {where}. Trying again."
