@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from rwa_monitor.discrepancy.find import Search, find_discrepancy
-from rwa_monitor.evaluation.measured import PUBLISHED, basic_law, load
+from rwa_monitor.evaluation.measured import PUBLISHED, basic_law, bias_beside, load
 from rwa_monitor.formats.table import read_table
 from rwa_monitor.formats.wheel_file import read_wheel
 from rwa_monitor.samples import Samples
@@ -35,8 +35,19 @@ def names(number: int) -> set[str]:
 def test_the_basic_law_is_the_published_one(number: int) -> None:
     law = basic_law(joint(number)[0])
     # Published: all parameters of the robot fitted at once; here one joint by itself, rest left out.
-    for value, std, known in zip(law.values, law.std, PUBLISHED[number], strict=True):
+    for value, std, known in zip(law.values, law.independent_std, PUBLISHED[number], strict=True):
         assert value == pytest.approx(known, abs=4 * std)
+
+
+def test_an_offset_that_others_explain_is_not_named() -> None:
+    search, _ = joint(4)
+    law = basic_law(search)
+    # Six errors of independent samples, but no more than three of noise that remembers.
+    assert abs(law.values[2]) > 6 * law.independent_std[2]
+    assert abs(law.values[2]) < 3 * law.std[2]
+    gain, strength = bias_beside(search, search.extended)
+    assert gain < 0
+    assert abs(strength) < 0.1 * abs(law.values[2])
 
 
 @pytest.mark.parametrize("number", [2, 3])
