@@ -309,12 +309,20 @@ def _slow_system(chains: list[list[_Sojourn]]) -> _Visits:
 
 
 def _too_little(what: str, durations: list[list[int]]) -> InputError:
+    """Say what was seen and how much more is needed, without claiming that there is such a system at all."""
     counts = ", ".join(f"q = {q}: {len(of_one)}" for q, of_one in enumerate(durations))
-    fewest = max(min(len(of_one) for of_one in durations), 1)
+    fewest = min(len(of_one) for of_one in durations)
+    more = (
+        f"about {int(np.ceil(2 * MIN_SOJOURNS / fewest))} times as many recordings"
+        if fewest
+        else "longer recordings, in which each of its configurations is seen from beginning to end"
+    )
     return InputError(
         "identify",
         f"too little data to learn {what}: complete sojourns seen {counts}, at least {MIN_SOJOURNS} of each are "
-        f"needed; give about {int(np.ceil(2 * MIN_SOJOURNS / fewest))} times as many recordings",
+        "needed. So few jumps of the friction do not show that the wheel has such a system; a missing effect makes "
+        "jumps too. --no-systems (systems=False) learns nominal friction and noise without it; if the wheel has it, "
+        f"give {more}",
     )
 
 

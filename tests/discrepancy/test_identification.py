@@ -71,8 +71,23 @@ def test_the_learned_wheel_loads(learned: Wheel) -> None:
 
 
 def test_too_little_data_is_refused_with_what_is_needed() -> None:
-    with pytest.raises(InputError, match=r"too little data .* times as many recordings"):
+    with pytest.raises(InputError, match=r"too little data .* --no-systems .* give (about \d+ times|longer)"):
         identify(recordings(1, seed=5), Wheel(name="short", sample_period_s=0.125))
+
+
+def test_a_single_jump_is_not_said_to_be_a_switching_system() -> None:
+    # One step of 10 standard deviations in a record of 250 s: it may be anything, and no number of recordings follows.
+    rng = np.random.default_rng(11)
+    count, period_s = 2000, 0.125
+    speed = 200.0 + 50.0 * np.sin(np.arange(count) * period_s / 40.0)
+    level = np.where(np.arange(count) < 900, 1.6e-3, 2.0e-3)
+    friction = level + 5.3e-6 * speed + rng.normal(0.0, 4e-5, count)
+    samples = Samples((np.arange(count) * period_s * 1e9).astype(np.int64), speed, friction)
+    with pytest.raises(InputError, match="do not show that the wheel has such a system") as refused:
+        identify([("step", samples)], Wheel(name="step", sample_period_s=period_s))
+    assert "times as many" not in str(refused.value)
+    wheel = identify([("step", samples)], Wheel(name="step", sample_period_s=period_s), systems=False).wheel
+    assert wheel.fss == ()
 
 
 def test_without_systems_one_recording_is_enough() -> None:
