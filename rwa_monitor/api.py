@@ -290,6 +290,7 @@ def find_discrepancy(
     *,
     progress: Callable[[str], None] = lambda _: None,
     threads: int = 1,
+    held_out: Samples | Sequence[Samples] | Mapping[str, Samples] = (),
 ) -> Search:
     """Find what the simulation of a wheel gets wrong, name the cause, extend the model and measure the gain.
 
@@ -304,6 +305,9 @@ def find_discrepancy(
     threads
         How many candidates are tried at a time; the answer does not depend on it. More than one pays where the linear
         algebra underneath keeps to one thread (OPENBLAS_NUM_THREADS=1).
+    held_out
+        Further recordings of the wheel, on which nothing is searched or fitted: the gain is measured on them. None:
+        on blocks of the recordings, left out in turn.
 
     Returns
     -------
@@ -316,10 +320,15 @@ def find_discrepancy(
     InputError
         If a recording cannot be used: no friction, too few samples in motion, wrong units.
     """
-    if isinstance(recordings, Samples):
-        recordings = [recordings]
-    if not isinstance(recordings, Mapping):
-        recordings = {f"recording {number}": samples for number, samples in enumerate(recordings, start=1)}
-    if not recordings:
+    named, aside = _named(recordings, "recording"), _named(held_out, "held out")
+    if not named:
         raise InputError("recordings", "none given; one is needed")
-    return search_recordings(list(recordings.items()), wheel or built_in_wheel(), progress, on_threads(threads))
+    return search_recordings(named, wheel or built_in_wheel(), progress, on_threads(threads), aside)
+
+
+def _named(recordings: Samples | Sequence[Samples] | Mapping[str, Samples], word: str) -> list[tuple[str, Samples]]:
+    """Return recordings with names; those that have none are numbered."""
+    if isinstance(recordings, Mapping):
+        return list(recordings.items())
+    listed = [recordings] if isinstance(recordings, Samples) else recordings
+    return [(f"{word} {number}", samples) for number, samples in enumerate(listed, start=1)]

@@ -416,6 +416,12 @@ def strong_level(problem: Problem, level: FloatArray) -> FloatArray:
     return level - remove_levels(level, segment_starts(problem, jumps))
 
 
+def levels(problem: Problem, values: FloatArray) -> FloatArray:
+    """Return the piecewise constant levels of what a model leaves, float64 (n,), jumps at their full price [N m]."""
+    price = JUMP_PENALTY * problem.log_size * problem.noise.long_run_variance
+    return values - remove_levels(values, segment_starts(problem, _segment_records(problem, values, price)))
+
+
 def _segment_records(problem: Problem, values: FloatArray, penalty: float) -> IntArray:
     """Segment each record by itself; joined indices."""
     found = [

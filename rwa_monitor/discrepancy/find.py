@@ -11,7 +11,7 @@ from rwa_monitor.discrepancy.angle_drift import with_angle_drift
 from rwa_monitor.discrepancy.base_fit import Problem, fit, make_problem, with_noise_of
 from rwa_monitor.discrepancy.cage import cage_bursts
 from rwa_monitor.discrepancy.delay_term import DelayTerm
-from rwa_monitor.discrepancy.gain import HeldOut, held_out, holds_out
+from rwa_monitor.discrepancy.gain import HeldOut, held_out, holds_out, on_other_recordings
 from rwa_monitor.discrepancy.jump_terms import JUMP_TERMS
 from rwa_monitor.discrepancy.mapper import Mapper, in_turn
 from rwa_monitor.discrepancy.noise_effects import noise_effects
@@ -67,6 +67,7 @@ def find_discrepancy(
     wheel: Wheel,
     progress: Progress = lambda _: None,
     each: Mapper = in_turn,
+    held_out_recordings: Sequence[tuple[str, Samples]] = (),
 ) -> Search:
     """Find what the simulation of a wheel gets wrong.
 
@@ -80,14 +81,17 @@ def find_discrepancy(
         Called with a word on each step.
     each
         Applies a function to each candidate, in turn or side by side; the answer does not depend on it.
+    held_out_recordings
+        Name and samples of further recordings of the wheel: nothing is searched or fitted there, the gain is measured
+        on them. None: on held-out blocks of the searched ones.
 
     Raises
     ------
     InputError
         If a recording cannot be used: no friction, too few samples in motion, wrong units.
     """
-    records = [without_known_effects(make_record(samples, wheel, name), wheel) for name, samples in recordings]
-    problem = replace(prepare(records, wheel), each=each)
+    problem = replace(prepare(_records(recordings, wheel), wheel), each=each)
+    aside = prepare(_records(held_out_recordings, wheel), wheel) if held_out_recordings else None
     known = {block.name for block in wheel.effect}
     candidates = [effect for effect in CANDIDATES if effect.name not in known]
     problem, found, leftover, complete = _explain(problem, candidates, progress)
@@ -109,16 +113,18 @@ def find_discrepancy(
         found = without_rounding(problem, found)
     if not {effect.name for effect in others} & {"tachometer_quantisation", "cage_instability"}:
         leftover = leftover or wanders
-    progress("gain on held-out blocks")
-    scores = tuple(held_out(problem, model) for model in found.ladder)
+    progress("gain on held-out data")
+    scores = tuple(
+        held_out(problem, model) if aside is None else on_other_recordings(problem, aside, model)
+        for model in found.ladder
+    )
     mean = tuple(_describe(problem, found.ladder[-1], entry) for entry in found.found)
     effects = (*mean, *sorted(others, key=lambda effect: -effect.delta_deviance))
     verdict: Verdict = "inadequate" if effects or leftover is not None else "adequate"
     if verdict == "adequate" and _nothing_could_be_tested(problem, found):
         verdict = "untestable"
-    result = DiscrepancyResult(
-        verdict, effects, leftover, _untested(problem, found, candidates, wheel), _gain(problem, found, scores)
-    )
+    gain = replace(_gain(problem, found, scores), held_out=tuple(name for name, _ in held_out_recordings))
+    result = DiscrepancyResult(verdict, effects, leftover, _untested(problem, found, candidates, wheel), gain)
     return Search(wheel, problem, found, scores, result)
 
 
@@ -137,6 +143,10 @@ def _explain(
     progress("what is left")
     found, leftover, complete = judge_leftover(problem, found)
     return problem, found, leftover, complete
+
+
+def _records(recordings: Sequence[tuple[str, Samples]], wheel: Wheel) -> list[Record]:
+    return [without_known_effects(make_record(samples, wheel, name), wheel) for name, samples in recordings]
 
 
 def prepare(records: Sequence[Record], wheel: Wheel) -> Problem:

@@ -1,21 +1,30 @@
 """What an extension gains, measured on data that it was not fitted to.
 
 The record is cut into contiguous blocks; coefficients are fitted on every other block and judged on the rest, then the
-other way round. Levels and jumps are nuisances of each block: they are segmented afresh on the held-out data, at the
-same price in both models.
+other way round. Or other recordings are held out: then the models stand as they are, and nothing is fitted there.
+Levels and jumps are nuisances of each block: they are segmented afresh on the held-out data, at the same price in all
+models.
 """
 
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 
-from rwa_monitor.discrepancy.base_fit import JUMP_PENALTY, Problem, remove_levels, segment_starts, solve_bounded
+from rwa_monitor.discrepancy.base_fit import (
+    JUMP_PENALTY,
+    Problem,
+    levels,
+    remove_levels,
+    segment_starts,
+    solve_bounded,
+)
 from rwa_monitor.discrepancy.search import Model
 from rwa_monitor.discrepancy.segmentation import segment
+from rwa_monitor.discrepancy.terms import depends_on_level, design_of, make_term
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 
 BLOCKS: Final = 10  # contiguous blocks per search problem; even ones train for odd ones and back
@@ -25,6 +34,7 @@ KEPT_SHARE: Final = 0.2  # of the log-likelihood gained in sample that must rema
 CONFIRMABLE_SHARE: Final = 0.1  # of a term's energy that must lie in the blocks of either parity
 TRAINABLE_SHARE: Final = 0.01  # of a term's energy that the training blocks must hold
 SMOOTHNESS: Final = 1e-3  # of a knot's energy: weight of the differences between neighbouring heights
+LEVEL_ROUNDS: Final = 3  # of level and columns that follow it, on recordings where nothing is fitted
 TOLERATED_LOSS: Final = 5.0  # an effect seen in one block only cannot be confirmed by the others; it must not harm
 
 
@@ -56,10 +66,34 @@ def held_out(problem: Problem, model: Model, blocks: int = BLOCKS) -> HeldOut:
         train = block % 2 == parity
         coefficients = _train(problem, model, train)
         for b in range(1 - parity, blocks, 2):
-            squares[b], scores[b] = _judge(problem, model, coefficients, int(edges[b]), int(edges[b + 1]))
-    return HeldOut(
-        float(np.sqrt(squares.sum() / problem.size)), float(scores.sum() / problem.size), scores / np.maximum(counts, 1)
-    )
+            squares[b], scores[b] = _judge(problem, _design(problem, model), coefficients, edges[b : b + 2])
+    return _summary(squares, scores, counts)
+
+
+def on_other_recordings(problem: Problem, other: Problem, model: Model) -> HeldOut:
+    """Score a model on recordings that it was not found on: slope, strengths, shapes and noise as fitted on `problem`.
+
+    Columns that follow the dry level follow the level that the other recordings show with that model.
+    """
+    other = replace(other, noise=problem.noise)
+    coefficients = model.fit.coefficients
+    level = levels(other, other.z - coefficients[0] * other.speed)
+    terms = model.terms
+    for _ in range(LEVEL_ROUNDS):
+        terms = tuple(make_term(other, term.effect, term.shape, level) for term in model.terms)
+        if not any(depends_on_level(term.effect) for term in terms):
+            break
+        level = levels(other, other.z - design_of(other, terms) @ coefficients)
+    design = design_of(other, terms)
+    edges = np.linspace(0, other.size, BLOCKS + 1).astype(np.int64)
+    judged = [_judge(other, design, coefficients, edges[b : b + 2]) for b in range(BLOCKS)]
+    squares, scores = (np.array(values) for values in zip(*judged, strict=True))
+    return _summary(squares, scores, np.diff(edges))
+
+
+def _summary(squares: FloatArray, scores: FloatArray, counts: IntArray) -> HeldOut:
+    size = float(counts.sum())
+    return HeldOut(float(np.sqrt(squares.sum() / size)), float(scores.sum() / size), scores / np.maximum(counts, 1))
 
 
 def holds_out(problem: Problem, simpler: Model, richer: Model) -> bool:
@@ -91,7 +125,7 @@ def _block_of(problem: Problem, blocks: int) -> IntArray:
 
 
 def _design(problem: Problem, model: Model) -> FloatArray:
-    return np.column_stack([problem.speed, *(term.columns for term in model.terms)])
+    return design_of(problem, model.terms)
 
 
 def _train(problem: Problem, model: Model, train: BoolArray) -> FloatArray:
@@ -126,13 +160,14 @@ def _of_differences(count: int) -> FloatArray:
     return np.asarray(difference.T @ difference)
 
 
-def _judge(problem: Problem, model: Model, coefficients: FloatArray, begin: int, end: int) -> tuple[float, float]:
-    """Return the squared residual and the log-likelihood of one block, its levels segmented afresh."""
+def _judge(problem: Problem, design: FloatArray, coefficients: FloatArray, edges: IntArray) -> tuple[float, float]:
+    """Return the squared residual and the log-likelihood of the block between two edges, levels segmented afresh."""
+    begin, end = int(edges[0]), int(edges[1])
     variance = problem.noise.long_run_variance
     price = JUMP_PENALTY * problem.log_size
     cuts = [begin, *[int(s) for s in problem.starts if begin < s < end], end]
     total, jumps = 0.0, 0
-    rest = problem.z[begin:end] - _design(problem, model)[begin:end] @ coefficients
+    rest = problem.z[begin:end] - design[begin:end] @ coefficients
     for a, b in itertools.pairwise(cuts):
         piece = rest[a - begin : b - begin]
         found = segment(piece, price * variance)

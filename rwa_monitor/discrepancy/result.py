@@ -58,10 +58,11 @@ class Unexplained:
 
 @dataclass(frozen=True, slots=True)
 class Rates:
-    """Detection and false-positive rate of the diagnosis."""
+    """Detection and false-positive rate of the diagnosis, and false changepoints per window."""
 
     detection: float
     false_positive: float
+    false_changepoints: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,7 +75,11 @@ class DiagnosisGain:
 
 @dataclass(frozen=True, slots=True)
 class Gain:
-    """What the extension gains; RMSE and log score on held-out blocks, equal where the base model is adequate."""
+    """What the extension gains; RMSE and log score on held-out data, equal where the base model is adequate.
+
+    `held_out` names the recordings that RMSE and log score are of; where it is empty, held-out blocks of the searched
+    recordings.
+    """
 
     rmse_base_Nm: float
     rmse_extended_Nm: float
@@ -84,6 +89,7 @@ class Gain:
     changepoints_base: int
     changepoints_extended: int
     diagnosis: DiagnosisGain | None = None
+    held_out: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,8 +138,13 @@ class DiscrepancyResult:
                 "diagnosis": None
                 if gain.diagnosis is None
                 else {
-                    when: {"detection": rates.detection, "false_positive": rates.false_positive}
+                    when: {
+                        "detection": rates.detection,
+                        "false_positive": rates.false_positive,
+                        "false_changepoints": rates.false_changepoints,
+                    }
                     for when, rates in (("before", gain.diagnosis.before), ("after", gain.diagnosis.after))
                 },
+                "held_out": list(gain.held_out),
             },
         }

@@ -147,6 +147,11 @@ def _evaluate_with_level(
     return np.nan_to_num(np.concatenate(per_record)) * problem.sign[:, None]
 
 
+def design_of(problem: Problem, terms: Sequence[Term]) -> FloatArray:
+    """Return the columns of a model, float64 (n, 1 + p): speed, then the terms'."""
+    return np.column_stack([problem.speed, *(term.columns for term in terms)])
+
+
 def available(problem: Problem, effect: type[MeanEffect]) -> str | None:
     """Return which channel an effect lacks in these records, or None when it has all."""
     for channel in sorted(effect.needs):
@@ -200,14 +205,13 @@ class Background:
 def make_background(problem: Problem, chosen: Sequence[Term], jumps: IntArray) -> Background:
     """Prepare the model made of `chosen` with the given jumps."""
     first = segment_starts(problem, jumps)
-    design = remove_levels(np.column_stack([problem.speed, *(term.columns for term in chosen)]), first)
+    whole = design_of(problem, chosen)
+    design = remove_levels(whole, first)
     z = remove_levels(problem.z, first)
     gram, moment = design.T @ design, design.T @ z
     low = np.concatenate([[-np.inf], *(term.low for term in chosen)])
     high = np.concatenate([[np.inf], *(term.high for term in chosen)])
-    rest = problem.z - np.column_stack([problem.speed, *(term.columns for term in chosen)]) @ solve_bounded(
-        problem, gram, moment, low, high
-    )
+    rest = problem.z - whole @ solve_bounded(problem, gram, moment, low, high)
     return Background(
         problem,
         first,

@@ -6,19 +6,21 @@ the recorded one. Seeds are fixed: the same extension gives the same rates.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
 from rwa_monitor.diagnosis.model import Model
 from rwa_monitor.discrepancy.find import Search, extended_wheel
 from rwa_monitor.discrepancy.result import DiagnosisGain, Rates
+from rwa_monitor.evaluation.outcome import score_jumps
 from rwa_monitor.live.core import diagnose_samples
 from rwa_monitor.physics.scenario import Anomaly, Scenario
 from rwa_monitor.physics.speed import SpeedProfile
-from rwa_monitor.physics.telemetry import simulate
+from rwa_monitor.physics.telemetry import Telemetry, simulate
 from rwa_monitor.physics.wheel import Wheel
+
+Counts = np.ndarray[Any, np.dtype[np.int64]]
 
 SEED: Final = 41_000  # of the first window; no other part of the project uses 41,000 … 41,999
 WINDOWS: Final = 16
@@ -27,10 +29,8 @@ FACTORS: Final = {"dry": 1.6, "viscous": 1.3}
 FACTOR_OF_SYSTEMS: Final = 2.0
 
 
-def diagnosis_gain(
-    search: Search, model: Model | None, progress: Callable[[str], None], windows: int = WINDOWS
-) -> DiagnosisGain | None:
-    """Return detection and false-positive rates before and after the extension.
+def diagnosis_gain(search: Search, model: Model | None, windows: int = WINDOWS) -> DiagnosisGain | None:
+    """Return detection, false-positive rate and false changepoints before and after the extension.
 
     None where the wheel's file does not allow it to be simulated and classified, or nothing was added.
 
@@ -40,8 +40,6 @@ def diagnosis_gain(
         A finished search.
     model
         The classifiers.
-    progress
-        Called with a word on each window.
     windows
         How many windows are simulated.
     """
@@ -54,26 +52,34 @@ def diagnosis_gain(
     crosses = any(np.ptp(record.channels.direction[record.used]) > 0 for record in search.problem.records)
     speed = SpeedProfile(kind="rich" if crosses else "one_direction")
     statuses = [name for anomaly in wheel.anomalies for name in ("nominal", anomaly)]
-    counts = {"before": np.zeros(4, dtype=np.int64), "after": np.zeros(4, dtype=np.int64)}
-    for i in range(windows):
-        progress(f"window {i + 1} of {windows}")
-        status = statuses[i % len(statuses)]
-        anomalies = {} if status == "nominal" else {status: Anomaly(factor=FACTORS.get(status, FACTOR_OF_SYSTEMS))}
-        duration_s = wheel.window.samples * wheel.sample_period_s
-        scenario = Scenario(duration_s=duration_s, speed=speed, anomalies=anomalies)
-        samples = simulate(scenario, extended, np.random.default_rng(SEED + i)).samples
-        for when, used in (("before", wheel), ("after", extended)):
-            active = next(iter(diagnose_samples(samples, used, model))).diagnosis
-            counts[when] += _count(used, {entry.name for entry in active.anomalies if entry.active}, status)
-    return DiagnosisGain(_rates(counts["before"]), _rates(counts["after"]))
+
+    def diagnosed(i: int) -> Counts:
+        return _diagnosed(wheel, extended, speed, statuses[i % len(statuses)], SEED + i, model)
+
+    counts = np.sum(search.problem.each(diagnosed, range(windows)), axis=0)
+    return DiagnosisGain(_rates(counts[0], windows), _rates(counts[1], windows))
 
 
-def _count(wheel: Wheel, active: set[str], status: str) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
-    """Return anomalies present, those detected, anomalies absent, those named all the same."""
+def _diagnosed(wheel: Wheel, extended: Wheel, speed: SpeedProfile, status: str, seed: int, model: Model) -> Counts:
+    """Simulate one window with the effects in it and return the counts without and with them known, int64 (2, 5)."""
+    anomalies = {} if status == "nominal" else {status: Anomaly(factor=FACTORS.get(status, FACTOR_OF_SYSTEMS))}
+    duration_s = wheel.window.samples * wheel.sample_period_s
+    scenario = Scenario(duration_s=duration_s, speed=speed, anomalies=anomalies)
+    telemetry = simulate(scenario, extended, np.random.default_rng(seed))
+    return np.array([_count(telemetry, used, status, model) for used in (wheel, extended)])
+
+
+def _count(telemetry: Telemetry, wheel: Wheel, status: str, model: Model) -> Counts:
+    """Return anomalies present, those detected, anomalies absent, those named all the same, and false changepoints."""
+    diagnosis = next(iter(diagnose_samples(telemetry.samples, wheel, model))).diagnosis
+    active = {entry.name for entry in diagnosis.anomalies if entry.active}
     present = {status} - {"nominal"}
     absent = set(wheel.anomalies) - present
-    return np.array([len(present), len(present & active), len(absent), len(absent & active)])
+    false = score_jumps(diagnosis.changepoints, telemetry.truth.changepoints, wheel).false
+    return np.array([len(present), len(present & active), len(absent), len(absent & active), false])
 
 
-def _rates(count: np.ndarray[tuple[int], np.dtype[np.int64]]) -> Rates:
-    return Rates(float(count[1] / max(count[0], 1)), float(count[3] / max(count[2], 1)))
+def _rates(count: Counts, windows: int) -> Rates:
+    return Rates(
+        float(count[1] / max(count[0], 1)), float(count[3] / max(count[2], 1)), float(count[4] / max(windows, 1))
+    )

@@ -44,10 +44,11 @@ class Untested(Message):
 
 
 class DiagnosisQuality(Message):
-    """Detection and false positive rates of the diagnosis."""
+    """Detection and false positive rates of the diagnosis, and false changepoints per window where counted."""
 
     detection: Number
     false_positive: Number
+    false_changepoints: Number | None = None
 
 
 class DiagnosisGain(Message):
@@ -58,7 +59,7 @@ class DiagnosisGain(Message):
 
 
 class Gain(Message):
-    """What the effects found are worth on held-out data."""
+    """What the effects found are worth on held-out data: recordings named, or blocks of the searched ones."""
 
     rmse_base_Nm: Number
     rmse_extended_Nm: Number
@@ -68,6 +69,7 @@ class Gain(Message):
     changepoints_base: Count
     changepoints_extended: Count
     diagnosis: DiagnosisGain | None
+    held_out: tuple[str, ...] = ()
 
 
 class Discrepancy(Message):

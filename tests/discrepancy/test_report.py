@@ -158,6 +158,9 @@ def test_command_writes_report_and_json(tmp_path: Path) -> None:
     assert result.exit_code == 0
     answer = json.loads(result.stdout)
     assert answer["effects"][0]["name"] == "stribeck"
+    before, after = (answer["gain"]["diagnosis"][when] for when in ("before", "after"))
+    assert after["detection"] > before["detection"]
+    assert after["false_changepoints"] < 1.0 < before["false_changepoints"]
     assert answer["plan"][0]["separation_nats"] >= answer["plan"][-1]["separation_nats"]
     assert {path.name for path in (tmp_path / "out").iterdir()} == {
         "report.html",

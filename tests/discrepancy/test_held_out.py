@@ -1,0 +1,91 @@
+"""The gain on recordings that nothing was searched or fitted on."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from rwa_monitor.discrepancy.find import Search, find_discrepancy, prepare
+from rwa_monitor.discrepancy.gain import HeldOut, on_other_recordings
+from rwa_monitor.discrepancy.record import make_record
+from rwa_monitor.samples import Samples
+from tests.discrepancy.simple import NOISE_NM, WHEEL, Array, record, swing
+
+STRIBECK_NM, WIDTH_RAD_S = 6e-4, 15.0
+ASYMMETRY = 0.1
+
+
+def stribeck(speed: Array, level: Array) -> Array:
+    del level
+    return np.asarray(np.sign(speed) * STRIBECK_NM * np.exp(-((speed / WIDTH_RAD_S) ** 2)))
+
+
+def asymmetry(speed: Array, level: Array) -> Array:
+    return np.asarray(ASYMMETRY * level * (speed < 0) * np.sign(speed))
+
+
+def other_motion() -> Array:
+    return swing(6000, top=150.0, period_s=400.0)
+
+
+def aside(seed: int, *, hidden: bool = True) -> Samples:
+    return record(other_motion(), (2000, 4500), stribeck if hidden else None, seed=seed)[0]
+
+
+@pytest.fixture(scope="module")
+def searched() -> Samples:
+    return record(swing(), effect=stribeck)[0]
+
+
+@pytest.fixture(scope="module")
+def found(searched: Samples) -> Search:
+    return find_discrepancy([("searched", searched)], WHEEL, held_out_recordings=[("aside", aside(1))])
+
+
+def score(found: Search, *recordings: Samples) -> tuple[HeldOut, HeldOut]:
+    """Score the base model and the extended one on other recordings."""
+    other = prepare([make_record(samples, WHEEL, "aside") for samples in recordings], WHEEL)
+    base, extended = (on_other_recordings(found.problem, other, model) for model in (found.base, found.extended))
+    return base, extended
+
+
+def test_what_is_true_of_one_recording_gains_on_another(found: Search) -> None:
+    gain = found.result.gain
+    assert gain is not None
+    assert gain.held_out == ("aside",)
+    # Levels cost a few of 6000 degrees of freedom; the strength is known to a few per cent.
+    assert gain.rmse_extended_Nm == pytest.approx(NOISE_NM, rel=5 / np.sqrt(2 * 6000))
+    assert gain.log_score_extended - gain.log_score_base > 0.01
+
+
+def test_nothing_is_fitted_there(found: Search) -> None:
+    # In a recording without the effect the extension must lose what it gains with it: a fit would set it to zero.
+    base, extended = score(found, aside(1, hidden=False))
+    assert extended.log_score < base.log_score - 0.01
+
+
+def test_the_search_does_not_look_at_them(searched: Samples, found: Search) -> None:
+    alone = find_discrepancy([("searched", searched)], WHEEL)
+    assert found.result.effects == alone.result.effects
+    assert alone.result.gain is not None
+    assert alone.result.gain.held_out == ()
+
+
+def test_several_recordings_are_one_score(found: Search) -> None:
+    recordings = [aside(seed) for seed in (1, 2)]
+    _, both = score(found, *recordings)
+    each = [score(found, samples)[1].rmse_Nm ** 2 for samples in recordings]
+    assert both.rmse_Nm**2 == pytest.approx(np.mean(each), rel=0.01)  # blocks begin elsewhere, with levels of their own
+
+
+def test_a_column_that_follows_the_level_follows_that_of_the_other_recording() -> None:
+    found = find_discrepancy(
+        [("searched", record(swing(), effect=asymmetry)[0])],
+        WHEEL,
+        held_out_recordings=[("aside", record(other_motion(), (1200, 3500), asymmetry, seed=3)[0])],
+    )
+    assert found.extended.names == ("coulomb_asymmetry",)
+    gain = found.result.gain
+    assert gain is not None
+    assert gain.rmse_extended_Nm == pytest.approx(NOISE_NM, rel=5 / np.sqrt(2 * 6000))
+    assert gain.log_score_extended > gain.log_score_base
