@@ -6,18 +6,13 @@ Measured values are compared with the learned bands (`model.Levels`), each with 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Final
 
 import numpy as np
-from scipy import special
 
+from rwa_monitor.diagnosis.densities import level_densities
 from rwa_monitor.diagnosis.features import SystemFeatures
 from rwa_monitor.diagnosis.model import AnomalyModel, Levels
 from rwa_monitor.samples import FloatArray, IntArray
-
-# Share of anomalies that have another size than those learned. A wheel that is a third of the way to the learned
-# anomaly, or far beyond it, is anomalous too.
-OTHER_SIZE: Final = 0.05
 
 
 def log_densities(levels: Levels, value: FloatArray, std: FloatArray) -> FloatArray:
@@ -28,16 +23,9 @@ def log_densities(levels: Levels, value: FloatArray, std: FloatArray) -> FloatAr
     Both classes share the stray values of earlier stages' errors: heavy tails (Lomax, shape 1) around the nominal
     band. The anomalous class also has values beyond the nominal bound that are no learned anomaly's.
     """
-    reach = np.hypot(levels.reach, std)
-    distance = np.abs(value - levels.nominal.middle)
-    stray = 0.5 / reach / (1.0 + distance / reach) ** 2
-    excess = value - levels.nominal_high
-    other = special.ndtr(excess / np.hypot(levels.nominal.soft, std)) / reach
-    other /= (1.0 + np.maximum(excess, 0.0) / reach) ** 2
-    nominal = (1.0 - levels.stray) * levels.nominal.density(value, std) + levels.stray * stray
-    learned = levels.anomalous.density(value, std) if levels.anomalous else other
-    anomalous = (1.0 - levels.stray - OTHER_SIZE) * learned + OTHER_SIZE * other + levels.stray * stray
-    return np.log(np.stack([nominal, anomalous]))
+    if value.shape != std.shape:
+        value, std = np.broadcast_arrays(value, std)
+    return np.log(level_densities(value.ravel(), std.ravel(), levels.numbers)[:2]).reshape(2, *value.shape)
 
 
 def system_evidence(model: AnomalyModel | None, system: SystemFeatures, shift: FloatArray) -> FloatArray:
@@ -79,10 +67,7 @@ def stray_probabilities(
     """
     stray, relative = np.full(value.size, np.nan), np.full(value.size, np.nan)
     for levels, at in _sojourns_known(model, configuration, value, std):
-        inside = levels.nominal.density(value[at], std[at])
-        if levels.anomalous is not None:
-            inside = inside + levels.anomalous.density(value[at], std[at])
-        nominal, anomalous = np.exp(log_densities(levels, value[at], std[at]))
+        nominal, anomalous, inside = level_densities(value[at], std[at], levels.numbers)
         everything = 0.5 * (nominal + anomalous)
         with np.errstate(divide="ignore", invalid="ignore"):
             outside = np.maximum(0.0, 1.0 - 0.5 * inside / everything)

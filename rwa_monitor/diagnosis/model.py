@@ -14,9 +14,9 @@ from typing import Annotated, Final, Self
 import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
-from scipy import special
 
 from rwa_monitor.diagnosis.canonical import Rounded, canonical_json, content_sha256
+from rwa_monitor.diagnosis.densities import band_densities
 from rwa_monitor.errors import InputError
 from rwa_monitor.physics.wheel import RESERVED_ANOMALIES, SwitchingSystem, Wheel
 from rwa_monitor.samples import FloatArray
@@ -64,17 +64,8 @@ class Band(_Part):
 
     def density(self, value: ArrayLike, std: ArrayLike) -> FloatArray:
         """Return the density of measuring `value` with standard deviation `std`; arrays of one shape."""
-        at = np.asarray(value, dtype=np.float64)
-        sigma = np.hypot(self.soft, np.asarray(std, dtype=np.float64))
-        width = self.high - self.low
-        # A band narrower than its softness is a Gaussian; the difference below would lose all digits.
-        gaussian = np.exp(-0.5 * ((at - self.middle) / sigma) ** 2) / (sigma * np.sqrt(2.0 * np.pi))
-        if width < 1e-3 * self.soft:
-            return np.asarray(gaussian)
-        # The tail with both arguments of one sign, so that the difference keeps its digits on either side.
-        distance = np.abs(at - self.middle)
-        inside = special.ndtr((0.5 * width - distance) / sigma) - special.ndtr((-0.5 * width - distance) / sigma)
-        return np.asarray(inside / width)
+        at, sigma = np.asarray(value, dtype=np.float64), np.asarray(std, dtype=np.float64)
+        return np.asarray(band_densities(at.ravel(), sigma.ravel(), self.low, self.high, self.soft)).reshape(at.shape)
 
 
 class Levels(_Part):
@@ -99,6 +90,13 @@ class Levels(_Part):
     stray: Annotated[Rounded, Field(gt=0, lt=0.5)]
     reach: Positive
     median: Finite | None
+
+    @property
+    def numbers(self) -> FloatArray:
+        """All that densities need, as compiled code takes it: float64 (LEVEL_NUMBERS,)."""
+        nominal, anomalous = self.nominal, self.anomalous
+        learned = (anomalous.low, anomalous.high, anomalous.soft) if anomalous else (np.nan,) * 3
+        return np.array([nominal.low, nominal.high, nominal.soft, *learned, self.stray, self.reach])
 
     @property
     def nominal_low(self) -> float:
