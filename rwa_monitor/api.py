@@ -26,7 +26,8 @@ import numpy as np
 
 from rwa_monitor.diagnosis.model import Model, built_in_model
 from rwa_monitor.diagnosis.state import CarriedState
-from rwa_monitor.discrepancy.find import Search, extended_wheel
+from rwa_monitor.discrepancy.extended import extended_wheel
+from rwa_monitor.discrepancy.find import Search
 from rwa_monitor.discrepancy.find import find_discrepancy as search_recordings
 from rwa_monitor.errors import InputError
 from rwa_monitor.formats.files import display_name

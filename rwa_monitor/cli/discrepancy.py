@@ -205,14 +205,14 @@ def _with_diagnosis_gain(found: Search, progress: Callable[[str], None]) -> Sear
 
 
 def _write_report(found: Search, sources: list[str], folder: Path) -> None:
-    from rwa_monitor.discrepancy.find import extended_wheel
+    from rwa_monitor.discrepancy.extended import extend
     from rwa_monitor.discrepancy.report import html
     from rwa_monitor.formats.files import write_text
 
     folder.mkdir(parents=True, exist_ok=True)
     report = json.dumps(found.result.to_json(), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
     write_text(folder / "report.json", report)
-    write_text(folder / "extended_wheel.toml", extended_wheel(found).to_toml())
+    write_text(folder / "extended_wheel.toml", extend(found).to_toml())
     write_text(folder / "report.html", html(found, sources))
 
 
@@ -221,15 +221,14 @@ def _print_details(found: Search) -> None:
     from rich.console import Console
     from rich.table import Table
 
+    from rwa_monitor.discrepancy.extended import extend, laws_in_words
+
     console = Console(width=None if sys.stdout.isatty() else 120)
     result = found.result
     if result.effects:
         table = Table("effect", "parameters", "gain", "p", "cannot be told from", "what would tell", box=None)
         for effect in result.effects:
-            parameters = "\n".join(
-                f"{name} = {p.value:.4g}" + (f" ± {p.std:.2g}" if p.std is not None else "") + f" {p.unit}".rstrip(" -")
-                for name, p in effect.parameters.items()
-            )
+            parameters = "\n".join(f"{name} = {p.in_words()}" for name, p in effect.parameters.items())
             table.add_row(
                 effect.name,
                 parameters,
@@ -255,6 +254,9 @@ def _print_details(found: Search) -> None:
                 f"{after.detection:.0%}, false positives {before.false_positive:.1%} → {after.false_positive:.1%}, "
                 f"false changepoints a window {before.false_changepoints:.1f} → {after.false_changepoints:.1f}"
             )
+    if found.extended.terms:
+        for line in laws_in_words(extend(found)):
+            console.print(line)
     for name, missing in result.untested:
         console.print(f"not tested: {name} (needs {missing})")
 

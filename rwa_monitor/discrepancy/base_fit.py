@@ -88,6 +88,9 @@ class Problem:
         Of the filter through which noise of the speed enters friction that is derived.
     each
         Applies a function to each candidate; the answer does not depend on how.
+    lowest_viscous
+        Lower bound of the viscous coefficient [N m s/rad]: zero where the base model's own is positive, so that no
+        effect is propped up by a negative viscosity.
     """
 
     records: tuple[Record, ...]
@@ -103,6 +106,7 @@ class Problem:
     columns: ColumnCache = field(default_factory=ColumnCache)
     derivative_taps: FloatArray = field(default_factory=lambda: np.ones(1))
     each: Mapper = in_turn
+    lowest_viscous: float = -np.inf
 
     @property
     def size(self) -> int:
@@ -298,8 +302,12 @@ def least_squares(
 def solve_bounded(
     problem: Problem, gram: FloatArray, moment: FloatArray, low: FloatArray, high: FloatArray
 ) -> FloatArray:
-    """Solve the normal equations under bounds by fixing, one after the other, what violates them most."""
+    """Solve the normal equations under bounds by fixing, one after the other, what violates them most.
+
+    The first coefficient is that of viscous friction; the problem itself bounds it from below.
+    """
     gram, moment = gram.copy(), moment.copy()
+    low = np.concatenate([np.maximum(low[:1], problem.lowest_viscous), low[1:]])
     scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
     # A prior on the slope as weak as one sample at the largest speed: it decides only where the data cannot.
     if problem.nominal_viscous is not None:

@@ -21,17 +21,17 @@ from rwa_monitor.discrepancy.result import (
     DiscrepancyResult,
     FoundEffect,
     Gain,
-    ParameterValue,
     Unexplained,
     Verdict,
 )
 from rwa_monitor.discrepancy.rounding import without_rounding
-from rwa_monitor.discrepancy.search import Found, Model, Progress, SearchResult, coefficient_covariance, grow, rank
+from rwa_monitor.discrepancy.search import Found, Model, Progress, SearchResult, grow, rank
 from rwa_monitor.discrepancy.switching_effects import switching_effects
+from rwa_monitor.discrepancy.uncertainty import described, spread
 from rwa_monitor.discrepancy.unexplained import judge_leftover, wandering
 from rwa_monitor.discrepancy.untested import too_weak_to_show, untested_others
 from rwa_monitor.physics.effects.base import MeanEffect
-from rwa_monitor.physics.effects.catalogue import CATALOGUE, MEAN_EFFECTS, mean_effects, to_block
+from rwa_monitor.physics.effects.catalogue import CATALOGUE, MEAN_EFFECTS, mean_effects
 from rwa_monitor.physics.effects.removal import effect_torque
 from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import Samples
@@ -158,7 +158,10 @@ def prepare(records: Sequence[Record], wheel: Wheel) -> Problem:
         If too few samples are in motion.
     """
     problem = make_problem(records, wheel)
-    return with_angle_drift(problem, fit(problem, np.zeros((problem.size, 0))))
+    base = fit(problem, np.zeros((problem.size, 0)))
+    if base.coefficients[0] > 0:
+        problem = replace(problem, lowest_viscous=0.0)
+    return with_angle_drift(problem, base)
 
 
 def without_known_effects(record: Record, wheel: Wheel) -> Record:
@@ -171,32 +174,11 @@ def without_known_effects(record: Record, wheel: Wheel) -> Record:
     return replace(record, friction_torque_Nm=record.friction_torque_Nm - np.nan_to_num(torque))
 
 
-def extended_wheel(search: Search) -> Wheel:
-    """Return the wheel with the mean effects found added, and the noise and nominal friction left as they were."""
-    model = search.extended
-    blocks = []
-    for index, term in enumerate(model.terms):
-        names = [parameter.name for parameter in term.effect.strength_parameters()]
-        strengths = dict(zip(names, model.strengths(index).tolist(), strict=True))
-        effect = CATALOGUE[term.effect.name]
-        shape = {parameter.name: term.shape[parameter.name] for parameter in effect.shape_parameters()}
-        blocks.append(to_block(effect(**{**shape, **strengths})))
-    return search.wheel.model_copy(update={"effect": (*search.wheel.effect, *blocks)})
-
-
 def _describe(problem: Problem, model: Model, found: Found) -> FoundEffect:
     index = model.names.index(found.name)
     term = model.terms[index]
-    covariance = coefficient_covariance(problem, model)
-    at = 1 + sum(other.columns.shape[1] for other in model.terms[:index])
-    parameters: dict[str, ParameterValue] = {}
-    strengths = iter(zip(model.strengths(index), np.sqrt(np.diag(covariance))[at:], strict=False))
-    for parameter in CATALOGUE[found.name].parameters:
-        if parameter.linear:
-            value, std = next(strengths)
-            parameters[parameter.name] = ParameterValue(float(value), float(std), parameter.unit)
-        else:
-            parameters[parameter.name] = ParameterValue(float(term.shape[parameter.name]), None, parameter.unit)
+    std = spread(problem, model).terms[index]
+    parameters = described(problem, term, model.strengths(index), std, CATALOGUE[found.name].parameters)
     return FoundEffect(
         found.name,
         term.effect.family,
@@ -242,4 +224,4 @@ def _gain(problem: Problem, found: SearchResult, scores: tuple[HeldOut, ...]) ->
     )
 
 
-__all__ = ["Search", "Unexplained", "extended_wheel", "find_discrepancy"]
+__all__ = ["Search", "Unexplained", "find_discrepancy"]

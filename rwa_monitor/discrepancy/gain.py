@@ -47,7 +47,9 @@ class HeldOut:
     rmse_Nm
         Root mean square residual [N m].
     log_score
-        Mean log density per sample, jumps charged [nats].
+        Mean log density per sample, jumps charged [nats]: that of white noise with the long-run variance, the variance
+        that the search counts with, in norm and squares alike. Where noise is coloured that density is wider than the
+        residual, the same for all models.
     block_log_scores
         float64 (blocks,), the same per block, for intervals of a difference.
     """
@@ -174,5 +176,5 @@ def _judge(problem: Problem, design: FloatArray, coefficients: FloatArray, edges
         for first, last in zip([0, *found], [*found, piece.size], strict=True):
             total += float(np.sum((piece[first:last] - piece[first:last].mean()) ** 2))
         jumps += found.size
-    density = 0.5 * np.log(2 * np.pi * problem.noise.std**2)
+    density = 0.5 * np.log(2 * np.pi * variance)
     return total, -(end - begin) * density - 0.5 * (total / variance + price * jumps)

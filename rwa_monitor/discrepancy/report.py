@@ -9,7 +9,8 @@ import jinja2
 import numpy as np
 
 from rwa_monitor.discrepancy import figures
-from rwa_monitor.discrepancy.find import CANDIDATES, Search, extended_wheel
+from rwa_monitor.discrepancy.extended import extend, laws_in_words
+from rwa_monitor.discrepancy.find import CANDIDATES, Search
 from rwa_monitor.discrepancy.gain import BLOCKS
 from rwa_monitor.discrepancy.nulls import built_in_nulls
 from rwa_monitor.discrepancy.plan import PlannedManoeuvre, rank_manoeuvres
@@ -85,6 +86,7 @@ def html(search: Search, sources: list[str]) -> str:
     """Return the report as an HTML page; `sources` names the recordings."""
     views = all_views(search.problem, search.base, search.extended)
     extended = bool(search.extended.terms)
+    extension = extend(search)
     environment = jinja2.Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
     environment.filters["torque"] = _torque
     environment.filters["number"] = lambda value: "–" if value is None else f"{value:.4g}"
@@ -113,7 +115,8 @@ def html(search: Search, sources: list[str]) -> str:
         "overlay": figures.svg(figures.overlay(search)),
         "ladder_picture": figures.svg(figures.ladder_picture(search)) if extended else "",
         "views": [(view, figures.svg(figures.view_picture(view, both=extended))) for view in views],
-        "extended_toml": extended_wheel(search).to_toml() if extended else "",
+        "extended_toml": extension.to_toml() if extended else "",
+        "laws": laws_in_words(extension) if extended else [],
     }
     return environment.from_string(PAGE).render(facts)
 

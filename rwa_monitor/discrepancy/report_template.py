@@ -44,8 +44,7 @@ rest left out{% endif %}{% if clipped %}, {{ clipped }} outliers pulled in{% end
 {% for effect in result.effects %}
 <tr><td><strong>{{ effect.name }}</strong><br>
 <span class="small">{{ catalogue[effect.name].title }}; {{ effect.family }}</span></td>
-<td>{% for name, p in effect.parameters.items() %}{{ name }} = {{ p.value | number }}
-{% if p.std is not none %} ± {{ p.std | number }}{% endif %} {{ p.unit if p.unit != "-" }}<br>{% endfor %}</td>
+<td>{% for name, p in effect.parameters.items() %}{{ name }} = {{ p.in_words() }}<br>{% endfor %}</td>
 <td class="n">{{ "%.0f" | format(effect.delta_deviance) }}</td><td class="n">{{ "≤ " if effect.p_value <=
 floor_p[effect.family] }}{{ "%.1e" | format(effect.p_value) }}</td>
 <td>{{ effect.equivalent | join(", ") or "–" }}</td><td>{{ effect.separate_by }}</td></tr>
@@ -134,6 +133,8 @@ of what this motion can show, and how much of all friction (rms) that is; to wit
 {% if extended_toml %}
 <h2>The extended wheel</h2>
 <p class="small">Also beside this page as <code>extended_wheel.toml</code>; it loads wherever a wheel loads.</p>
+{% for line in laws %}<p>{{ line }}</p>
+{% endfor %}
 <pre>{{ extended_toml }}</pre>
 {% endif %}
 </body>

@@ -12,11 +12,18 @@ Verdict = Literal["adequate", "inadequate", "untestable"]
 
 @dataclass(frozen=True, slots=True)
 class ParameterValue:
-    """A fitted parameter; `std` is None where the likelihood does not give one."""
+    """A fitted parameter; `std` is None where the data do not determine it, and `note` then says so in words."""
 
     value: float
     std: float | None
     unit: str
+    note: str = ""
+
+    def in_words(self) -> str:
+        """Return value, uncertainty and unit, or that it is not determined."""
+        unit = "" if self.unit == "-" else f" {self.unit}"
+        error = "" if self.std is None else f" ± {self.std:.2g}"
+        return f"{self.value:.4g}{error}{unit}" + (f" ({self.note})" if self.note else "")
 
 
 @dataclass(frozen=True, slots=True)

@@ -19,7 +19,6 @@ from rwa_monitor.discrepancy.base_fit import (
     fit,
     jump_sets,
     remove_levels,
-    segment_starts,
     strong_jumps,
 )
 from rwa_monitor.discrepancy.coloured import coloured_gain, is_coloured
@@ -414,15 +413,3 @@ def effect_torque(problem: Problem, model: Model) -> FloatArray:
     for index, term in enumerate(model.terms):
         total += term.columns @ model.strengths(index)
     return total
-
-
-def coefficient_covariance(problem: Problem, model: Model) -> FloatArray:
-    """Return the covariance of (viscous, strengths), levels eliminated, noise as coloured as it is.
-
-    Diagonal terms use each coefficient's own noise variance along its orthogonalised column.
-    """
-    first = segment_starts(problem, model.fit.jumps)
-    design = remove_levels(np.column_stack([problem.speed, *(term.columns for term in model.terms)]), first)
-    inverse = np.linalg.pinv(design.T @ design, rcond=1e-12, hermitian=True)
-    variance = np.array([problem.noise.variance_along(design @ inverse[:, j]) for j in range(design.shape[1])])
-    return np.asarray(inverse * np.sqrt(np.outer(variance, variance)), dtype=np.float64)

@@ -19,7 +19,8 @@ from typing import Final
 
 import numpy as np
 
-from rwa_monitor.discrepancy.find import extended_wheel, find_discrepancy
+from rwa_monitor.discrepancy.extended import extend
+from rwa_monitor.discrepancy.find import find_discrepancy
 from rwa_monitor.errors import RwaMonitorError
 from rwa_monitor.formats.files import write_text
 from rwa_monitor.live.outputs import Output
@@ -89,7 +90,7 @@ def _search(job: SearchJob, *, with_report: bool = False) -> tuple[Discrepancy, 
 
     report = {
         "report.html": html(search, [f"{job.spacecraft}/{job.wheel}, live"]),
-        "extended_wheel.toml": extended_wheel(search).to_toml(),
+        "extended_wheel.toml": extend(search).to_toml(),
     }
     return message, report
 

@@ -13,7 +13,8 @@ from click.testing import CliRunner
 from rwa_monitor.cli.main import main
 from rwa_monitor.discrepancy import report
 from rwa_monitor.discrepancy.bootstrap import with_bootstrap
-from rwa_monitor.discrepancy.find import Search, extended_wheel, find_discrepancy
+from rwa_monitor.discrepancy.extended import extended_wheel
+from rwa_monitor.discrepancy.find import Search, find_discrepancy
 from rwa_monitor.discrepancy.plan import rank_manoeuvres
 from rwa_monitor.discrepancy.views import all_views
 from rwa_monitor.formats.table import table_writer

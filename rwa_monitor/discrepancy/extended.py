@@ -1,0 +1,182 @@
+"""The extended wheel: the effects found, and a base law that goes with them.
+
+An effect is seldom orthogonal to dry and viscous friction: fitted beside it, the base law is another. The effects alone
+would add to a base law that already holds a part of them. Whether it does depends on how the wheel's file was made: a
+coefficient from the makers, or from records without the effect, is that of the wheel without it; one that was learned
+(`identify`) from records with the effect in them holds a part of it. The record tells which: the base law fitted with
+the effects lies nearer the file's in the one case, that fitted without them in the other.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Final, Literal
+
+import numpy as np
+
+from rwa_monitor.discrepancy.base_fit import Problem, remove_levels, segment_starts
+from rwa_monitor.discrepancy.find import Search
+from rwa_monitor.discrepancy.search import Model
+from rwa_monitor.discrepancy.uncertainty import spread
+from rwa_monitor.physics.effects.catalogue import CATALOGUE, mean_effects, to_block
+from rwa_monitor.physics.wheel import Nominal, Wheel
+from rwa_monitor.samples import FloatArray
+
+Treatment = Literal["kept", "shifted", "absent"]
+LOWEST_SHARE: Final = 0.05  # of the samples: the dry friction is the lowest level that lasts, jumps lie above
+LEAST_DRY: Final = 1e-3  # of the file's: a dry torque scales the friction of the systems and cannot vanish
+COMMENTS: Final[dict[Treatment, str]] = {
+    "kept": "dry and viscous friction are the wheel file's: it holds the wheel without the effects",
+    "shifted": "dry and viscous friction were learned with the effects in them; what the effects now say is taken out",
+    "absent": "the wheel file has no nominal friction; identify would learn it",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class BaseLaw:
+    """Dry [N m] and viscous [N m s/rad] friction of a fitted model, and whether the latter is at its bound."""
+
+    dry_Nm: float
+    viscous_Nm_s_rad: float
+    viscous_std: float
+    at_bound: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Extension:
+    """The extended wheel and where its base law comes from.
+
+    Attributes
+    ----------
+    wheel
+        With the effects.
+    treatment
+        What was done with the nominal friction of the file.
+    before, after
+        The base law fitted to these records without the effects and with them.
+    rmse_before_Nm, rmse_after_Nm
+        Friction less what the two wheel files say on the record's own speed, the same segments in both, each at its own
+        level [N m].
+    rmse_simulated_Nm
+        The same of the extended file with its own dry friction as the level; NaN without a nominal one [N m].
+    """
+
+    wheel: Wheel
+    treatment: Treatment
+    before: BaseLaw
+    after: BaseLaw
+    rmse_before_Nm: float
+    rmse_after_Nm: float
+    rmse_simulated_Nm: float
+
+    @property
+    def comment(self) -> str:
+        """What was done with the nominal friction, in words."""
+        return COMMENTS[self.treatment]
+
+    def to_toml(self) -> str:
+        """Write the wheel file, with the comment on top."""
+        return f"# In [nominal], {self.comment}.\n{self.wheel.to_toml()}"
+
+
+def extended_wheel(search: Search) -> Wheel:
+    """Return the wheel with the mean effects found added, its nominal friction as it is beside them."""
+    return extend(search).wheel
+
+
+def extend(search: Search) -> Extension:
+    """Return the extended wheel, what was done with its nominal friction, and how it fits the records."""
+    base, model = search.base, search.extended
+    before, after = base_law(search.problem, base), base_law(search.problem, model)
+    # By how much the level falls at the same samples: false jumps of the base model then do not count as friction.
+    before = replace(before, dry_Nm=after.dry_Nm + float(np.median(base.fit.level - model.fit.level)))
+    nominal, treatment = _nominal(search.wheel.nominal, before, after)
+    blocks = []
+    for index, term in enumerate(model.terms):
+        names = [parameter.name for parameter in term.effect.strength_parameters()]
+        strengths = dict(zip(names, model.strengths(index).tolist(), strict=True))
+        effect = CATALOGUE[term.effect.name]
+        shape = {parameter.name: term.shape[parameter.name] for parameter in effect.shape_parameters()}
+        blocks.append(to_block(effect(**{**shape, **strengths})))
+    wheel = search.wheel.model_copy(update={"effect": (*search.wheel.effect, *blocks), "nominal": nominal})
+    return Extension(
+        wheel,
+        treatment,
+        before,
+        after,
+        _rmse(search, search.wheel, before),
+        _rmse(search, wheel, after),
+        _rmse(search, wheel, after, nominal.dry_torque_Nm) if nominal else float("nan"),
+    )
+
+
+def base_law(problem: Problem, model: Model) -> BaseLaw:
+    """Return the dry and viscous friction of a fitted model."""
+    dry = float(np.quantile(model.fit.level, LOWEST_SHARE, method="nearest"))
+    viscous = float(model.fit.coefficients[0])
+    return BaseLaw(dry, viscous, spread(problem, model).viscous, viscous <= problem.lowest_viscous)
+
+
+def laws_in_words(extension: Extension) -> list[str]:
+    """Return what became of the base law, and the check of the extended file on the records' own speed, a line each."""
+    before, after = extension.before, extension.after
+    dry = f"dry {before.dry_Nm:.4g} → {after.dry_Nm:.4g} N m (lowest lasting level)"
+    check = f"RMSE {extension.rmse_before_Nm:.4g} → {extension.rmse_after_Nm:.4g} N m with the effects"
+    if not extension.wheel.fss and np.isfinite(extension.rmse_simulated_Nm):
+        check += f", at the file's own dry friction {extension.rmse_simulated_Nm:.4g} N m"
+    return [
+        f"base law fitted to these records: {dry}, viscous {_with_std(before)} → {_with_std(after)} N m s/rad",
+        f"extended wheel file: {extension.comment}",
+        f"the wheel file, simulated on this record's speed, at the levels of its segments: {check}",
+    ]
+
+
+def _with_std(law: BaseLaw) -> str:
+    at_bound = " (friction cannot be less)" if law.at_bound else ""
+    return f"{law.viscous_Nm_s_rad:.4g} ± {law.viscous_std:.2g}{at_bound}"
+
+
+def _nominal(nominal: Nominal | None, before: BaseLaw, after: BaseLaw) -> tuple[Nominal | None, Treatment]:
+    """Return the nominal friction of the extended wheel.
+
+    One answer for both coefficients: the file was learned with the effects or it was not. Each distance counts in units
+    of the file's own coefficient, in which an anomaly of either is about as likely.
+    """
+    if nominal is None:
+        return None, "absent"
+    to_before = to_after = 0.0
+    for known, without, beside in (
+        (nominal.dry_torque_Nm, before.dry_Nm, after.dry_Nm),
+        (nominal.viscous_Nm_s_rad, before.viscous_Nm_s_rad, after.viscous_Nm_s_rad),
+    ):
+        unit = max(abs(known), 1e-300)
+        to_before += ((known - without) / unit) ** 2
+        to_after += ((known - beside) / unit) ** 2
+    if to_after <= to_before:
+        return nominal, "kept"
+    dry = nominal.dry_torque_Nm + after.dry_Nm - before.dry_Nm
+    viscous = nominal.viscous_Nm_s_rad + after.viscous_Nm_s_rad - before.viscous_Nm_s_rad
+    shifted = {"dry_torque_Nm": max(dry, LEAST_DRY * nominal.dry_torque_Nm), "viscous_Nm_s_rad": max(viscous, 0.0)}
+    return nominal.model_copy(update=shifted), "shifted"
+
+
+def _rmse(search: Search, wheel: Wheel, law: BaseLaw, dry_Nm: float | None = None) -> float:
+    """Return the RMS of friction less the wheel's law, at one dry level or each segment at its own [N m]."""
+    problem = search.problem
+    viscous = wheel.nominal.viscous_Nm_s_rad if wheel.nominal else law.viscous_Nm_s_rad
+    level = search.extended.fit.level if dry_Nm is None else np.full(problem.size, dry_Nm)
+    torques = []
+    for record, dry in zip(problem.records, problem.spread(level), strict=True):
+        channels = replace(record.channels, dry_level_Nm=dry)
+        torque = viscous * channels.speed_rad_s
+        for effect in mean_effects(_added(wheel, search.wheel)):
+            torque = torque + np.nan_to_num(effect.torque(channels)[0])
+        torques.append(torque)
+    rest: FloatArray = problem.z - problem.sign * problem.gather(torques)
+    inner = remove_levels(rest, segment_starts(problem, search.extended.fit.jumps)) if dry_Nm is None else rest - dry_Nm
+    return float(np.sqrt(np.mean(inner**2)))
+
+
+def _added(wheel: Wheel, known: Wheel) -> Wheel:
+    """Return the wheel without the effects that the records are free of already (`without_known_effects`)."""
+    return wheel.model_copy(update={"effect": wheel.effect[len(known.effect) :]})

@@ -1,0 +1,138 @@
+"""How well the parameters of a fitted model are known: strengths, shapes and slope together.
+
+A strength given the shape is known far better than a strength whose shape is fitted too: the two trade. So the
+derivatives of the model by its shape parameters enter the design beside the columns (Gauss–Newton; Seber & Wild,
+Nonlinear Regression, 1989, chapter 5), with levels eliminated and the noise as coloured as it is. A parameter whose
+interval of two standard deviations reaches the end of what the record can show is not determined by it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from rwa_monitor.discrepancy.base_fit import Problem, remove_levels, segment_starts, with_noise_of
+from rwa_monitor.discrepancy.result import ParameterValue
+from rwa_monitor.discrepancy.search import Model
+from rwa_monitor.discrepancy.terms import LOG_SPACING_FROM, Term, make_term, shape_limits
+from rwa_monitor.physics.effects.base import Parameter
+from rwa_monitor.samples import FloatArray
+
+STEP: Final = 1e-3  # of a shape parameter's range, for the derivative
+WIDTH: Final = 2.0  # standard deviations each way: 95 %
+
+
+@dataclass(frozen=True, slots=True)
+class Spread:
+    """Standard deviations of a model's parameters.
+
+    Attributes
+    ----------
+    viscous
+        Of the viscous coefficient [N m s/rad], as if it had no bound.
+    terms
+        For each term, by parameter name; NaN for a discrete parameter.
+    """
+
+    viscous: float
+    terms: tuple[dict[str, float], ...]
+
+
+def spread(problem: Problem, model: Model) -> Spread:
+    """Return the standard deviations of the slope and of all strengths and shapes, each with all others free."""
+    problem = with_noise_of(problem, model.fit.residual)  # what an effect adds to the base's is not noise
+    # The slope counts as free even at its bound: a shape known only because the slope cannot fall further is not known.
+    columns: list[FloatArray] = [problem.speed]
+    owners: list[tuple[int, str]] = [(-1, "")]
+    for index, term in enumerate(model.terms):
+        for j, parameter in enumerate(term.effect.strength_parameters()):
+            columns.append(term.columns[:, j])
+            owners.append((index, parameter.name))
+        strengths = model.strengths(index)
+        for parameter in _continuous(term):
+            slope = _derivative(problem, model, term, parameter, strengths)
+            if slope is not None:
+                columns.append(slope)
+                owners.append((index, parameter.name))
+    std = _standard_deviations(problem, model, np.column_stack(columns))
+    known = dict(zip(owners, std.tolist(), strict=True))
+    return Spread(
+        known[-1, ""],
+        tuple(
+            {parameter.name: known.get((index, parameter.name), float("nan")) for parameter in term.effect.parameters}
+            for index, term in enumerate(model.terms)
+        ),
+    )
+
+
+def described(
+    problem: Problem, term: Term, strengths: FloatArray, std: dict[str, float], parameters: tuple[Parameter, ...]
+) -> dict[str, ParameterValue]:
+    """Return the parameters of a fitted term by name, in the given order, those not determined marked as such."""
+    limits = shape_limits(problem, term.effect)
+    strength = dict(zip([p.name for p in term.effect.strength_parameters()], strengths.tolist(), strict=True))
+    values = {}
+    for parameter in parameters:
+        name, error = parameter.name, std.get(parameter.name, float("nan"))
+        if parameter.linear:
+            values[name] = ParameterValue(strength[name], error if np.isfinite(error) else None, parameter.unit)
+        elif parameter.choices:
+            note = f"one of {len(parameter.choices)} values tried"
+            values[name] = ParameterValue(float(term.shape[name]), None, parameter.unit, note)
+        else:
+            values[name] = _shape(float(term.shape[name]), error, parameter.unit, limits[name])
+    return values
+
+
+def _shape(value: float, std: float, unit: str, limits: tuple[float, float]) -> ParameterValue:
+    low, high = limits
+    if not np.isfinite(std):
+        return ParameterValue(value, None, unit, "not determined by these data")
+    if _is_logarithmic(low, high):
+        factor = np.exp(min(WIDTH * std / value, 50.0))
+        interval = value / factor, value * factor
+    else:
+        interval = value - WIDTH * std, value + WIDTH * std
+    if interval[0] > low and interval[1] < high:
+        return ParameterValue(value, std, unit)
+    from_, to = max(interval[0], low), min(interval[1], high)
+    return ParameterValue(value, None, unit, f"not determined: {from_:.3g} to {to:.3g} fit about as well")
+
+
+def _continuous(term: Term) -> tuple[Parameter, ...]:
+    return tuple(parameter for parameter in term.effect.shape_parameters() if not parameter.choices)
+
+
+def _is_logarithmic(low: float, high: float) -> bool:
+    return low > 0 and high / low > LOG_SPACING_FROM
+
+
+def _derivative(
+    problem: Problem, model: Model, term: Term, parameter: Parameter, strengths: FloatArray
+) -> FloatArray | None:
+    """Return the derivative of a term's s·torque by a shape parameter; None where the record leaves it no range."""
+    low, high = shape_limits(problem, term.effect)[parameter.name]
+    if not low < high:
+        return None
+    value = float(term.shape[parameter.name])
+    step = STEP * (value if _is_logarithmic(low, high) else high - low)
+    ends = max(value - step, low), min(value + step, high)
+    torque = [
+        make_term(problem, term.effect, {**term.shape, parameter.name: end}, model.fit.level).columns @ strengths
+        for end in ends
+    ]
+    return np.asarray((torque[1] - torque[0]) / (ends[1] - ends[0]), dtype=np.float64)
+
+
+def _standard_deviations(problem: Problem, model: Model, columns: FloatArray) -> FloatArray:
+    """Return the standard deviation of each coefficient; columns of any scale, levels free."""
+    design = remove_levels(columns, segment_starts(problem, model.fit.jumps))
+    scale = np.sqrt(np.sum(design**2, axis=0))
+    scale[scale == 0] = 1.0
+    design = design / scale
+    inverse = np.linalg.pinv(design.T @ design, rcond=1e-14, hermitian=True)
+    variance = np.array([problem.noise.variance_along(design @ inverse[:, j]) for j in range(scale.size)])
+    std: FloatArray = np.sqrt(np.maximum(np.diag(inverse), 0.0) * variance) / scale
+    return std

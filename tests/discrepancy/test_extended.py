@@ -1,0 +1,80 @@
+"""The extended wheel is the model that was fitted, whichever way the wheel's file came about."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from rwa_monitor.discrepancy.base_fit import remove_levels, segment_starts
+from rwa_monitor.discrepancy.extended import extend, laws_in_words
+from rwa_monitor.discrepancy.find import Search, find_discrepancy
+from rwa_monitor.discrepancy.identification import identify
+from rwa_monitor.physics.effects.catalogue import mean_effects
+from rwa_monitor.physics.scenario import Anomaly, Scenario
+from rwa_monitor.physics.speed import SpeedProfile
+from rwa_monitor.physics.telemetry import simulate
+from rwa_monitor.physics.wheel import EffectBlock, Wheel, built_in_wheel
+from rwa_monitor.samples import Samples
+
+VISCOUS = built_in_wheel().nominal.viscous_Nm_s_rad  # type: ignore[union-attr]
+CONCAVE = EffectBlock(name="sublinear_viscous", parameters={"strength_Nm": 2.0e-5, "exponent": 0.667})
+
+
+def record(seed: int, **anomalies: float) -> Samples:
+    """Simulate 1500 s of rich motion with a concave drag, and with anomalies."""
+    factors = {name: Anomaly(factor=factor) for name, factor in anomalies.items()}
+    scenario = Scenario(duration_s=1500.0, speed=SpeedProfile(kind="rich"), effect=(CONCAVE,), anomalies=factors)
+    return simulate(scenario, built_in_wheel(), np.random.default_rng(seed)).samples
+
+
+def searched(samples: Samples, wheel: Wheel) -> Search:
+    search = find_discrepancy([("record", samples)], wheel)
+    assert search.extended.names == ("sublinear_viscous",)
+    return search
+
+
+def left_by(search: Search, wheel: Wheel) -> float:
+    """Return the RMS of friction less viscous friction and effects of a wheel, levels free: written a second time."""
+    channels = search.problem.records[0].channels
+    assert wheel.nominal is not None
+    law = wheel.nominal.viscous_Nm_s_rad * channels.speed_rad_s
+    for effect in mean_effects(wheel):
+        law = law + effect.torque(channels)[0]
+    rest = search.problem.z - (np.sign(channels.speed_rad_s) * law)[search.problem.records[0].used]
+    inner = remove_levels(rest, segment_starts(search.problem, search.extended.fit.jumps))
+    return float(np.sqrt(np.mean(inner**2)))
+
+
+@pytest.mark.parametrize("factor", [1.0, 1.4])
+def test_a_file_that_holds_the_wheel_without_the_effect_is_kept_and_takes_up_no_anomaly(factor: float) -> None:
+    extension = extend(searched(record(11, viscous=factor), built_in_wheel()))
+    assert extension.treatment == "kept"
+    assert extension.wheel.nominal == built_in_wheel().nominal
+    assert abs(extension.after.viscous_Nm_s_rad - factor * VISCOUS) < 4 * extension.after.viscous_std
+    assert extension.to_toml().startswith("# In [nominal]")
+    assert Wheel.from_toml(extension.to_toml(), "extended") == extension.wheel
+
+
+def test_a_file_learned_with_the_effect_in_it_gives_back_what_the_effect_takes_over() -> None:
+    learned = identify([("first", record(12))], built_in_wheel(), systems=False).wheel
+    assert learned.nominal is not None
+    assert learned.nominal.viscous_Nm_s_rad > 1.2 * VISCOUS  # the slope of the concave drag is in it
+    search = searched(record(13), learned)
+    extension = extend(search)
+    assert extension.treatment == "shifted"
+    assert extension.wheel.nominal is not None
+    assert abs(extension.wheel.nominal.viscous_Nm_s_rad - VISCOUS) < 0.4 * (learned.nominal.viscous_Nm_s_rad - VISCOUS)
+    # Simulated on the record's own speed it leaves hardly more than noise; the file as it was leaves more.
+    gain = search.result.gain
+    assert gain is not None
+    assert extension.rmse_after_Nm == pytest.approx(left_by(search, extension.wheel), rel=1e-9)
+    assert extension.rmse_after_Nm < 1.05 * gain.rmse_extended_Nm
+    assert extension.rmse_before_Nm > extension.rmse_after_Nm
+    assert any("learned with the effects in them" in line for line in laws_in_words(extension))
+
+
+def test_no_effect_is_propped_up_by_a_negative_viscosity() -> None:
+    search = searched(record(14), built_in_wheel())
+    assert search.base.fit.coefficients[0] > 0
+    assert search.problem.lowest_viscous == 0
+    assert search.extended.fit.coefficients[0] >= 0

@@ -1,0 +1,61 @@
+"""Stated errors hold what they say: strengths and shapes of simulated effects, over seeds."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from rwa_monitor.discrepancy.base_fit import fit
+from rwa_monitor.discrepancy.find import prepare
+from rwa_monitor.discrepancy.record import make_record
+from rwa_monitor.discrepancy.result import ParameterValue
+from rwa_monitor.discrepancy.search import Model, extensions
+from rwa_monitor.discrepancy.uncertainty import described, spread
+from rwa_monitor.physics.effects.catalogue import MEAN_EFFECTS
+from rwa_monitor.physics.scenario import Scenario
+from rwa_monitor.physics.speed import SpeedProfile
+from rwa_monitor.physics.telemetry import simulate
+from rwa_monitor.physics.wheel import EffectBlock, built_in_wheel
+
+SEEDS = range(3000, 3020)
+TRUTH = {
+    "sublinear_viscous": {"strength_Nm": 2.0e-5, "exponent": 0.667},
+    "stribeck": {"strength_Nm": 6.0e-4, "stribeck_speed_rad_s": 10.0, "exponent": 2.0},
+    "lubricant_lag": {"strength_Nm_s_rad": 2.0e-6, "time_constant_s": 60.0},
+    "presliding": {"strength_Nm": 1.6e-3, "breakaway_angle_rad": 0.2},
+}
+
+
+def fitted(name: str, seed: int, **changes: float) -> dict[str, ParameterValue]:
+    """Simulate 1500 s with one effect, and fit that effect with jumps unknown."""
+    wheel = built_in_wheel()
+    block = EffectBlock(name=name, parameters={**TRUTH[name], **changes})
+    scenario = Scenario(duration_s=1500.0, speed=SpeedProfile(kind="rich"), effect=(block,))
+    samples = simulate(scenario, wheel, np.random.default_rng(seed)).samples
+    problem = prepare([make_record(samples, wheel, "simulated")], wheel)
+    base = Model((), fit(problem, np.zeros((problem.size, 0))))
+    effect = MEAN_EFFECTS[name]
+    model = extensions(problem, base, [effect], lambda _: None)[0]
+    return described(problem, model.terms[0], model.strengths(0), spread(problem, model).terms[0], effect.parameters)
+
+
+@pytest.mark.parametrize("name", TRUTH)
+def test_truth_lies_within_three_stated_errors(name: str) -> None:
+    off: dict[str, list[float]] = {}
+    for seed in SEEDS:
+        for parameter, value in fitted(name, seed).items():
+            if value.std is not None:
+                off.setdefault(parameter, []).append((value.value - TRUTH[name][parameter]) / value.std)
+    assert set(off) == {parameter for parameter in TRUTH[name] if (name, parameter) != ("stribeck", "exponent")}
+    for sigmas in off.values():
+        assert len(sigmas) == len(SEEDS)
+        assert np.mean(np.abs(sigmas) <= 3.0) >= 0.9
+        # And no wider than they must be: the root mean square of 20 normal deviates is above 0.54 in 99.9 %.
+        assert np.sqrt(np.mean(np.square(sigmas))) > 0.54
+
+
+def test_a_shape_that_the_record_does_not_determine_has_no_error_and_says_so() -> None:
+    # A fifth of the strength: the drag is seen to bend, but hardly how.
+    exponent = fitted("sublinear_viscous", 3000, strength_Nm=4.0e-6)["exponent"]
+    assert exponent.std is None
+    assert "not determined" in exponent.in_words()
