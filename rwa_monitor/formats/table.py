@@ -21,10 +21,13 @@ from rwa_monitor.samples import Samples
 
 PARQUET_MAGIC: Final = b"PAR1"
 MCAP_MAGIC: Final = b"\x89MCAP0\r\n"
+# The record that follows: its opcode, its length, and as its first field the profile, a text after its length.
+ROS2_PROFILE: Final = b"\x04\x00\x00\x00ros2"
+_PROFILE_AT: Final = len(MCAP_MAGIC) + 1 + 8
 
 PACKET_SUFFIXES: Final = (".ccsds", ".bin")  # space packets have no first bytes of their own either
 
-FileFormat = Literal["csv", "parquet", "mcap", "packets"]
+FileFormat = Literal["csv", "parquet", "mcap", "packets", "ros2"]
 WRITERS: Final[dict[str, Callable[[Samples, Path], None]]] = {
     ".csv": write_csv,
     ".parquet": write_parquet,
@@ -42,15 +45,15 @@ def file_format(path: Path) -> FileFormat:
     """
     try:
         with path.open("rb") as file:
-            head = file.read(len(MCAP_MAGIC))
+            head = file.read(_PROFILE_AT + len(ROS2_PROFILE))
     except OSError as error:
         raise unreadable(path, error) from error
     if not head:
         raise InputError(display_name(path), "is empty")
     if head.startswith(PARQUET_MAGIC):
         return "parquet"
-    if head == MCAP_MAGIC:
-        return "mcap"
+    if head.startswith(MCAP_MAGIC):
+        return "ros2" if head[_PROFILE_AT:] == ROS2_PROFILE else "mcap"
     suffix = path.suffix.lower()
     if suffix in (".parquet", ".mcap"):
         raise InputError(display_name(path), f"is no {suffix[1:]} file (its first bytes are {head[:8]!r})")

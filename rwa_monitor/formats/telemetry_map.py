@@ -133,7 +133,7 @@ class TopicChannel(_Part):
     """
 
     topic: Name
-    field: Name
+    field: Annotated[str, Field(max_length=500, pattern=r"^[a-z][A-Za-z0-9_]*(\.[a-z][A-Za-z0-9_]*)*$")]
     joint: Name | None = None
     unit: Name | None = None
     time: Literal["header", "log", "publish"] = "header"

@@ -10,6 +10,7 @@ from rwa_monitor.diagnosis.model import Model
 from rwa_monitor.errors import InputError
 from rwa_monitor.formats.ccsds_packets import read_packets
 from rwa_monitor.formats.files import decode_utf8, display_name
+from rwa_monitor.formats.ros2_bag import read_bag
 from rwa_monitor.formats.table import FileFormat, file_format, read_table
 from rwa_monitor.formats.telemetry import Decoding, Reader, SampleBatch, TelemetryFile, WheelTelemetry
 from rwa_monitor.live.recording import Recording, read_recording
@@ -71,6 +72,7 @@ READERS: Final[Mapping[FileFormat, Reader]] = {
     "parquet": _read_table,
     "mcap": _read_mcap,
     "packets": read_packets,
+    "ros2": read_bag,
 }
 
 

@@ -23,6 +23,7 @@ from rwa_monitor.live.recorder import RecordingWriter
 from rwa_monitor.live.telemetry_files import READERS, read_telemetry
 from rwa_monitor.messages import SamplesMessage, samples_json
 from rwa_monitor.samples import Samples
+from tests.formats import bags
 from tests.live.support import KEY, telemetry, wheel
 
 ROWS = 2_300  # two windows of the test wheel, and a part of one
@@ -53,12 +54,17 @@ def written_packets(samples: Samples, folder: Path) -> tuple[Path, Decoding]:
     return path, read_decoding(Path(f"{path}.map.toml"), Path(f"{path}.xtce.xml"))
 
 
+def written_bag(samples: Samples, folder: Path) -> tuple[Path, Decoding]:
+    return bags.write_bag(samples, folder / "bag.mcap"), bags.decoding(bags.map_of(samples))
+
+
 # How to write each format, and what is lost of a value by it, relative and absolute.
 FORMATS: dict[FileFormat, tuple[Callable[[Samples, Path], tuple[Path, Decoding]], float, float]] = {
     "csv": (written_csv, 0, 0),
     "parquet": (written_parquet, 0, 0),
     "mcap": (written_mcap, 0, 0),
     "packets": (written_packets, 2**-23, 0.0026),
+    "ros2": (written_bag, 1e-15, 0),  # mA and back
 }
 
 

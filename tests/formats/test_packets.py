@@ -61,11 +61,18 @@ def test_samples_come_back_within_what_a_packet_resolves(tmp_path: Path) -> None
         assert np.nanmax(np.abs(one - two)) <= 0.51 * step, entry.channel
 
 
-def test_the_time_of_a_packet_is_exact_to_the_nanosecond_after_136_years() -> None:
-    times = np.array([0, 125_000_000, (2**32 - 1) * 10**9 + 875_000_000])
+def test_the_time_of_a_packet_is_exact_to_the_nanosecond_after_a_century() -> None:
+    times = np.array([0, 125_000_000, 3_999_999_999 * 10**9 + 875_000_000])
     samples = Samples(time_ns=times, speed_rad_s=np.ones(3))
     read = [sample.time_ns for packet in packets_of(samples, FIRST_APID) for sample in decoder().take(packet)]
     assert read == times.tolist()
+
+
+def test_a_time_that_the_bus_does_not_take_is_bad() -> None:
+    samples = Samples(time_ns=np.array([4_000_000_001 * 10**9]), speed_rad_s=np.ones(1))
+    under_test = decoder()
+    assert under_test.take(next(packets_of(samples, FIRST_APID))) == []
+    assert (under_test.counts.bad, under_test.counts.decoded) == (1, 0)
 
 
 def test_a_definition_of_another_house_days_rpm_kelvin_and_splines(tmp_path: Path) -> None:

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Final
 
 import numpy as np
+from mcap.writer import CompressionType
 
 from rwa_monitor.dashboard.fleet import Fleet, Received
 from rwa_monitor.dashboard.recordings import replay_json
@@ -25,6 +26,7 @@ from rwa_monitor.formats.ccsds_packets import PacketDecoder, read_packets
 from rwa_monitor.formats.files import read_text
 from rwa_monitor.formats.labels import read_labels, write_labels
 from rwa_monitor.formats.model_file import read_model
+from rwa_monitor.formats.ros2_bag import read_bag
 from rwa_monitor.formats.scenario_file import read_scenario
 from rwa_monitor.formats.table import read_table, table_writer
 from rwa_monitor.formats.telemetry import Decoding, TextFile
@@ -54,6 +56,7 @@ from rwa_monitor.messages import (
 from rwa_monitor.physics.scenario import Scenario
 from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import Samples
+from tests.formats import bags
 from tests.formats import packets as made
 from tests.live.support import telemetry, wheel
 
@@ -240,7 +243,7 @@ def configuration_seeds() -> list[bytes]:
     return [(docker / name).read_bytes() for name in ("router.json5", "client.json5")]
 
 
-# ---- space packets ---------------------------------------------------------------------------------------------------
+# ---- space packets and ROS 2 bags ------------------------------------------------------------------------------------
 
 
 def read_some_packets(data: bytes) -> None:
@@ -255,6 +258,22 @@ def read_some_packets(data: bytes) -> None:
             core = WheelCore(small_wheel(), built_in_model())
             core.feed(batch.samples)
             core.finish()
+
+
+def read_a_bag(data: bytes) -> None:
+    for wheel_of_file in read_bag(kept("bag.mcap", data), bags.decoding(bags.map_of(small_samples()))).telemetry:
+        for batch in wheel_of_file.batches:
+            core = WheelCore(small_wheel(), built_in_model())
+            core.feed(batch.samples)
+            core.finish()
+
+
+def bag_seeds() -> list[bytes]:
+    """Return bags in chunks, whose checksum the reader believes only when it is there, and without chunks."""
+    samples = small_samples()[:40]
+    return [bags.write_bag(samples, scratch() / "seed.mcap", how).read_bytes() for how in CompressionType] + [
+        bags.write_bag(samples, scratch() / "seed.mcap", chunk_size=0).read_bytes()
+    ]
 
 
 def read_a_definition(data: bytes) -> None:
@@ -357,6 +376,7 @@ TARGETS: Final[dict[str, Target]] = {
     "labels": Target(read_some_labels, label_seeds),
     "configuration": Target(read_a_configuration, configuration_seeds),
     "packets": Target(read_some_packets, lambda: [b"".join(made.packets(20))]),
+    "ros2": Target(read_a_bag, bag_seeds),
     "xtce": Target(read_a_definition, lambda: [text_of(made.decoding().xtce)]),
     "map": Target(read_a_map, lambda: [text_of(made.decoding().map)]),
     "mcap": Target(read_bytes_of_a_recording, lambda: [with_part(-1, b"").read_bytes()]),
