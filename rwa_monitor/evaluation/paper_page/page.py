@@ -30,6 +30,10 @@ from rwa_monitor.evaluation.report import (
     with_interval,
 )
 
+PAPER: Final = (
+    "A. Penacho Riveiros, N. Bastianello, K. H. Johansson, M. Barreau, *Physics-Informed Detection of Friction "
+    "Anomalies in Satellite Reaction Wheels*, [arXiv:2509.04060](https://arxiv.org/abs/2509.04060), 2025"
+)
 NOT_GIVEN: Final = "not given"
 NONE: Final = "–"
 WORTH_IT: Final = 0.005  # share of jumps recovered from which a second source would be worth a second pass
@@ -52,6 +56,7 @@ def to_markdown(found: PaperBenchmark, command: str, pictures: str) -> str:
     impossible = sum(not one.possible for one in found.examined)
     introduction = (
         "# Every table and figure of the paper\n\n"
+        f"The paper is {PAPER}.\n\n"
         f"Made by `{command}`: {size.windows} simulated windows of 80,000 samples, recipe `{RECIPE}`, seed "
         f"{size.seed}, {size.splits} random splits into 20 % for training and 80 % for validation, as in the paper. "
         "Its own data are not public; the recipe has their statistics (docs/benchmark.md has the other recipes). "
