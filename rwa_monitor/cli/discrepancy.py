@@ -139,12 +139,14 @@ def _search(recordings: WheelRecordings, aside: WheelRecordings, wheel: Wheel, w
     from rwa_monitor.cli.progress import status_line
     from rwa_monitor.discrepancy.find import find_discrepancy
     from rwa_monitor.discrepancy.record import unusual
+    from rwa_monitor.discrepancy.saturation import end_stops_in_words
     from rwa_monitor.threads import on_threads
 
     with status_line("searching") as progress:
         for name, samples in (*recordings.samples, *aside.samples):
-            if (words := unusual(samples, wheel)) is not None:
-                say(f"{name}: {words}")
+            for words in (unusual(samples, wheel), *end_stops_in_words(samples)):
+                if words is not None:
+                    say(f"{name}: {words}")
         side_by_side = on_threads(os.cpu_count() or 1)
         found = find_discrepancy(recordings.samples, wheel, progress, side_by_side, aside.samples)
         if wanted.bootstrap:

@@ -16,6 +16,7 @@ from typing import Final
 import numpy as np
 from scipy.ndimage import correlate1d
 
+from rwa_monitor.discrepancy.saturation import without_end_stops
 from rwa_monitor.errors import InputError
 from rwa_monitor.physics import torque_balance
 from rwa_monitor.physics.effects.base import Channels
@@ -30,7 +31,6 @@ BIAS_REACH: Final = 20  # slots beyond the derivative filter that tell its bias,
 SHORT_BIAS_REACH: Final = 12  # slots, of a second opinion
 BENT: Final = 2.0  # standard deviations of the friction from which the bias must be known well
 BIAS_KNOWN_TO: Final = 0.05  # of the bias: at a corner of the speed no polynomial agrees with the next
-SATURATED_SHARE: Final = 0.2  # of the values at the ends of their range: an end stop, not a measurement
 WRONG_UNIT_FACTOR: Final = (
     100.0  # of nominal friction: mN m read as N m are a thousand; no bearing gets there and turns
 )
@@ -102,10 +102,11 @@ def make_record(samples: Samples, wheel: Wheel, source: str) -> Record:
     Raises
     ------
     InputError
-        If friction is neither given nor derivable, the record is far sparser than the wheel's sample period, or
-        values lie beyond the wheel's limits (wrong units).
+        If friction is neither given nor derivable, the record is far sparser than the wheel's sample period,
+        values lie beyond the wheel's limits (wrong units), or a channel is at its end stop most of the time.
     """
     check_plausible(samples, wheel, source)
+    samples = without_end_stops(samples, source)
     grid = SlotGrid(int(samples.time_ns[0]), wheel.period_ns)
     slot = grid.slot_of(samples.time_ns)
     count = int(slot[-1]) + 1
@@ -187,10 +188,6 @@ def check_plausible(samples: Samples, wheel: Wheel, source: str) -> None:
         largest = float(np.nanmax(np.abs(values)))
         if largest > limit:
             raise InputError(source, f"reaches {largest:.6g}, the wheel's limit is {limit:.6g}; wrong unit?", name)
-    share = _share_at_end_stop(samples)
-    if share > SATURATED_SHARE:
-        words = f"is saturated: {share:.0%} of the values, at many speeds, are its largest or its smallest"
-        raise InputError(source, words, "friction_torque_Nm")
     ratio = friction_over_nominal(samples, wheel)
     if ratio is not None and not 1 / WRONG_UNIT_FACTOR < ratio < WRONG_UNIT_FACTOR:
         raise InputError(
@@ -212,19 +209,6 @@ def check_plausible(samples: Samples, wheel: Wheel, source: str) -> None:
                 "contradicts R·I + K_E·ω of the wheel file by more than half; is a unit or a constant wrong?",
                 "motor_voltage_V",
             )
-
-
-def _share_at_end_stop(samples: Samples) -> float:
-    """Return the share of samples whose friction is the largest or the smallest of all, to the last digit.
-
-    Only at speeds of which most differ: at one speed friction without noise may well be one value.
-    """
-    friction = samples.friction_torque_Nm
-    if friction is None or not np.isfinite(friction).any():
-        return 0.0
-    at_end = (friction == np.nanmax(friction)) | (friction == np.nanmin(friction))
-    speeds = np.unique(samples.speed_rad_s[at_end])
-    return float(np.mean(at_end)) if speeds.size > 0.5 * np.count_nonzero(at_end) else 0.0
 
 
 def friction_over_nominal(samples: Samples, wheel: Wheel) -> float | None:

@@ -116,6 +116,31 @@ def test_a_saturated_channel_is_no_discovery(tmp_path: Path) -> None:
     assert "saturated" in done.stderr
 
 
+def test_a_current_at_its_end_stop_now_and_then_is_left_out_and_said(tmp_path: Path) -> None:
+    table = with_current(columns())
+    limit = float(np.quantile(np.abs(table["motor_current_A"]), 0.95))
+    table["motor_current_A"] = np.clip(table["motor_current_A"], -limit, limit)
+    done = run(write(tmp_path / "t.csv", table), "--json")
+    assert done.returncode == 0, done.stderr
+    assert "motor_current_A is at its end stop in 5.0% of the samples; these are left out" in done.stderr
+    assert json.loads(done.stdout)["verdict"] == "adequate"
+
+
+def test_a_current_mostly_at_its_end_stop_is_refused_where_friction_hangs_on_it(tmp_path: Path) -> None:
+    table = with_current(columns())
+    limit = float(np.quantile(np.abs(table["motor_current_A"]), 0.6))
+    clipped = np.clip(table["motor_current_A"], -limit, limit)
+    done = run(write(tmp_path / "t.csv", {**table, "motor_current_A": clipped}), "--json")
+    assert done.returncode == 2
+    assert "motor_current_A: is saturated: 40% of the values" in done.stderr
+    given = {**columns(), "motor_current_A": clipped}
+    done = run(write(tmp_path / "given.csv", given), "--json")
+    assert done.returncode == 0, done.stderr
+    assert "the channel is not used" in done.stderr
+    untested = {entry["effect"]: entry["missing"] for entry in json.loads(done.stdout)["untested"]}
+    assert untested["torque_constant_error"] == "motor_torque_Nm"
+
+
 def test_unusual_friction_is_a_warning_and_two_recordings_are_one_report(tmp_path: Path) -> None:
     assert WHEEL.nominal is not None
     dry, viscous = WHEEL.nominal.dry_torque_Nm / 8, WHEEL.nominal.viscous_Nm_s_rad / 8
