@@ -167,17 +167,19 @@ fleet: $(VENV)/.installed-dev ## diagnosis of many recordings on 1, 2 and 4 work
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.fleet -o docs/fleet.md
 
 .PHONY: package
-package: $(VENV)/.installed-dev ## builds sdist and wheel, and tries the wheel in an empty environment
+package: $(VENV)/.installed-dev sbom ## builds sdist and wheel, tries the wheel in an empty environment; and sbom
 	PYTHON=$(BIN)/python tools/check_package.sh
 
-# Needs the network: known vulnerabilities of what is locked, and a software bill of materials.
+.PHONY: sbom
+sbom: $(VENV)/.installed-dev ## writes the software bill of materials (CycloneDX) of what is locked: build/sbom.json
+	@$(BIN)/python -m tools.sbom -o build/sbom.json
+
+# Needs the network: known vulnerabilities of what is locked.
 AUDIT_VENV := .audit-venv
 .PHONY: audit
-audit: $(VENV)/.installed-dev ## asks for known vulnerabilities of the locked packages; writes build/sbom.json
+audit: ## asks for known vulnerabilities of the locked packages
 	@test -x $(AUDIT_VENV)/bin/python || "$$(tools/find_python.sh)" -m venv $(AUDIT_VENV)
-	$(AUDIT_VENV)/bin/python -m pip install --quiet pip-audit==2.10.1 cyclonedx-bom==7.5.0
-	mkdir -p build
-	$(AUDIT_VENV)/bin/cyclonedx-py requirements requirements.txt --pyproject pyproject.toml --output-reproducible -o build/sbom.json
+	$(AUDIT_VENV)/bin/python -m pip install --quiet pip-audit==2.10.1
 	$(AUDIT_VENV)/bin/pip-audit --disable-pip --require-hashes --strict -r requirements.txt
 
 # atheris is a fuzzer guided by what an input reaches, in an environment of its own; it sees the packages of the other.
