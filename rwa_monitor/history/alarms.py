@@ -33,6 +33,34 @@ class Level(IntEnum):
         return self.name.lower()
 
 
+# What to do at each level; the mission's own rules go before it. The levels are severities of friction, not orders.
+ADVICE: Final = {
+    Level.NORMAL: "Acknowledge it, and note what was the matter.",
+    Level.WATCH: "Today: look at the next windows and the trend. Change nothing in operations.",
+    Level.WARNING: (
+        "In this shift: tell the attitude control engineer. Compare with temperature, with the other wheels and with"
+        " the current at the same speed; look whether the wheel's trend has begun to rise."
+    ),
+    Level.DISTRESS: (
+        "Within hours: unload this wheel to the speeds where its friction is least and away from zero crossings, check"
+        " that the spacecraft points without it (redundant wheel, other actuators), and call in the bearing's maker."
+    ),
+    Level.CRITICAL: (
+        "Now: go by the mission's procedure for a failing wheel (hand over to the redundant one, or safe mode, before"
+        " it stops by itself)."
+    ),
+}
+ADVICE_MODEL: Final = (
+    "The friction model does not fit: read the discrepancy report below the wheel, or run rwa-monitor discrepancy."
+    " While friction grows, do not extend the wheel file: a drift can be the fault itself."
+)
+
+
+def advice(name: str, level: Level) -> str:
+    """Return what to do about an alarm."""
+    return ADVICE_MODEL if name == MODEL_ALARM and level > Level.NORMAL else ADVICE[level]
+
+
 class Phase(StrEnum):
     """Where an alarm stands between its rise and its end."""
 

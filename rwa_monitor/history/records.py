@@ -27,7 +27,7 @@ class AlarmLine(Message):
 
 
 class AlarmRecord(Message):
-    """One alarm from its rise to its end; `closed_ns` is null while it is open.
+    """One alarm from its rise to its end; `closed_ns` is null while it is open, `advice` what to do about it.
 
     Until `shelved_until_wall_ns`, on this machine's clock, somebody has set it aside.
     """
@@ -40,6 +40,7 @@ class AlarmRecord(Message):
     level: LevelWord
     peak: LevelWord
     reason: str
+    advice: str
     raised_ns: int
     changed_ns: int
     closed_ns: int | None

@@ -26,6 +26,7 @@ from rwa_monitor.history.alarms import (
     Policy,
     acknowledge,
     advance,
+    advice,
     observe,
 )
 from rwa_monitor.history.database import Database
@@ -407,6 +408,7 @@ def _records(session: Session, rows: Sequence[AlarmRow]) -> list[AlarmRecord]:
         AlarmRecord.model_validate(
             {name: getattr(row, name) for name in _SAME_IN_RECORD}
             | {"level": Level(row.level).word, "peak": Level(row.peak).word, "trail": trails[row.id]}
+            | {"advice": advice(row.name, Level(row.level))}
         )
         for row in rows
     ]

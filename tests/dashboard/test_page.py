@@ -89,6 +89,7 @@ def test_an_operator_sees_the_demos_wheel_fail_and_acknowledges(chromium: Any, t
         alarm = page.get_by_role("region", name=re.compile(f"viscous of {FAILING}"))
         alarm.get_by_label("Your name").fill("Ann", timeout=ALARM_MS)
         alarm.get_by_label("Note").fill("<b>seen</b>")
+        expect(alarm.get_by_text("To do: ")).to_be_visible()
         alarm.get_by_role("button", name="Acknowledge").click()
         expect(alarm.get_by_text("Acknowledged by Ann")).to_be_visible()
         page.reload()

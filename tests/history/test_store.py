@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rwa_monitor.errors import InputError
+from rwa_monitor.history.alarms import MODEL_ALARM, Level, advice
 from rwa_monitor.history.database import HistoryError
 from rwa_monitor.history.retention import DAY_NS, Retention
 from rwa_monitor.history.store import History
@@ -46,6 +47,13 @@ def test_what_was_acknowledged_is_kept_and_clears_when_normal(place: Path | str)
         (alarm,) = history.alarms()
         assert alarm.closed_ns is not None
         assert [line.event for line in alarm.trail] == ["raised", "acknowledged", "eased", "returned", "cleared"]
+
+
+def test_an_alarm_says_what_to_do_at_its_level() -> None:
+    said = {advice(name, level) for name in ("dry", MODEL_ALARM) for level in Level}
+    assert len(said) == len(Level) + 1  # of the model, the same at each level but normal
+    assert advice("dry", Level.CRITICAL).startswith("Now")
+    assert "do not extend" in advice(MODEL_ALARM, Level.WATCH)
 
 
 def test_a_locked_database_is_said_and_nothing_is_half_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

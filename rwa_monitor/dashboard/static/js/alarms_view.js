@@ -34,6 +34,7 @@ export function alarmsView(store) {
     return h("section", { class: "card", "aria-label": `Alarm ${alarm.name} of ${alarm.wheel}` },
       h("h2", { class: group === 0 && alarm.level !== "normal" ? "anomalous" : "soft" }, `${sign} · ${alarm.spacecraft} / ${alarm.wheel} · ${alarm.name}`),
       h("p", {}, alarm.reason),
+      open ? h("p", { class: "advice" }, h("strong", {}, "To do: "), alarm.advice) : null,
       h("p", { class: "soft" }, `Worst so far: ${alarm.peak}. Raised with the window to ${wheelTime(alarm.raised_ns)}. ${phase(alarm)}${group === 1 ? ` Shelved by ${lastOf(alarm, "shelved").person} until ${utc(alarm.shelved_until_wall_ns)}, or until it gets worse.` : ""}`),
       h("a", { href: `#/wheel/${alarm.spacecraft}/${alarm.wheel}` }, "Show the wheel"),
       open ? form(alarm, group) : null,
