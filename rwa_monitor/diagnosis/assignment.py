@@ -16,7 +16,7 @@ from typing import Final
 import numpy as np
 
 from rwa_monitor.diagnosis import segments
-from rwa_monitor.diagnosis.assignment_search import NO_SYSTEM, REJECT, Path, Problem, Sizes, search, step_of
+from rwa_monitor.diagnosis.assignment_search import NO_SYSTEM, REJECT, Path, Problem, Sizes, log_laws, search, step_of
 from rwa_monitor.diagnosis.estimation import estimate, jump_std
 from rwa_monitor.diagnosis.friction_model import Posterior, Priors, priors_of, solve
 from rwa_monitor.diagnosis.laws import Onset, law_tables, onsets
@@ -232,7 +232,7 @@ def _rank(case: _Case, problem: Problem, paths: tuple[Path, ...], level: _Level)
         story, system, direction = _tell(path, actions, index)
         borders = np.concatenate([[0], index[accepted], [case.evidence.slots]])
         posterior = solve(story, borders, segments.chain_of(level.pairs, nodes), case.priors, level.variance, scatter)
-        laws = path.score - float(problem.fit[nodes[:-1], nodes[1:]].sum())
+        laws = log_laws(problem, path)
         ranked.append(_Ranked(story, system, direction, posterior, laws + posterior.log_evidence))
     return sorted(ranked, key=lambda one: -one.score)
 

@@ -28,7 +28,18 @@ from rwa_monitor.diagnosis.assignment_kernel import NO_SYSTEM, REJECT, STEPS, Ta
 from rwa_monitor.diagnosis.laws import LawTables
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 
-__all__ = ["NO_SYSTEM", "REJECT", "Bounds", "Path", "Problem", "SearchResult", "bounds", "search", "step_of"]
+__all__ = [
+    "NO_SYSTEM",
+    "REJECT",
+    "Bounds",
+    "Path",
+    "Problem",
+    "SearchResult",
+    "bounds",
+    "log_laws",
+    "search",
+    "step_of",
+]
 
 QUICK_BUDGET: Final = 16  # width of the first pass, which only finds a good complete path
 KEPT_PER_STATE: Final = 4
@@ -110,6 +121,34 @@ class Problem:
         rows += [(s, step, -1, -1) for s in systems for step in range(STEPS)]
         rows += [(s, step, t, other) for s, t in combinations(systems, 2) for step in (0, 1) for other in (0, 1)]
         return np.array(rows, dtype=np.int64)
+
+
+def log_laws(problem: Problem, path: Path) -> float:
+    """Return the part of a path's score that comes from laws and priors of rare events: no fits, no sizes.
+
+    Whoever weighs paths by a likelihood of their own, which holds levels and friction, must not count these twice.
+    """
+    laws, actions = problem.laws, problem.actions.tolist()
+    configuration, since, total = list(path.start), [0] * len(path.start), 0.0
+    for node, action in enumerate(path.actions.tolist(), start=1):
+        if action in (REJECT, NO_SYSTEM):
+            total += problem.reject if action == REJECT else problem.unattributed
+            continue
+        row = actions[action]
+        for s, number in (row[:2], row[2:]):
+            if s < 0:
+                continue
+            step, skipped = step_of(number)
+            before, begun = configuration[s], since[s]
+            total += float(
+                laws.missed[s, before, (skipped + 1) // 2, begun, node]
+                if skipped
+                else laws.jump[s, before, begun, node]
+            )
+            total += float(laws.turn[s, before + skipped, (step + 1) // 2])
+            configuration[s], since[s] = before + skipped + step, node
+        total += problem.simultaneous if row[2] >= 0 else 0.0
+    return total + sum(float(laws.stay[s, q, since[s]]) for s, q in enumerate(configuration))
 
 
 def step_of(number: int) -> tuple[int, int]:

@@ -16,7 +16,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -219,7 +219,7 @@ def classify(
         base = history.dry.after(features.base_dry, features.base_dry_std) if history.dry else base
     else:
         number = shift.number(combinations)
-        features = shift.apply(features, posterior, number)
+        features = _widened(shift.apply(features, posterior, number), told, by_story.sum(axis=1))
         # The window showed only its sum with the friction of a system: no value to take the old one's place.
         base = base and base.model_copy(update={"held": shift.held_after(posterior, number)})
 
@@ -236,6 +236,17 @@ def classify(
         to_carry[name] = float(special.expit(_logit(before) + gained))
     viscous = history.viscous.after(features.viscous, features.viscous_std) if history.viscous else None
     return Judgement(tuple(judged), features, to_carry, configurations, (base, viscous))
+
+
+def _widened(features: Features, told: Sequence[FeaturesOfStory], weights: FloatArray) -> Features:
+    """Return the features with a base as uncertain as the stories make it in which all systems rest.
+
+    `weights` (stories,) are their probabilities. A base higher by what a system's step is worth, with the system a
+    configuration lower, is another story of the same samples.
+    """
+    apart = [(one.features.base_dry - features.base_dry) * one.features.base_known for one in told]
+    spread = float(np.sqrt(weights @ np.square(apart)))
+    return replace(features, base_dry_std=math.hypot(features.base_dry_std, spread))
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import multiprocessing
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import chain, islice
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -30,6 +30,14 @@ STAGES = ("changepoints", "assignment", "classification")
 
 Given = TypeVar("Given")
 Found = TypeVar("Found")
+# Called with results as they come, their number and a description; passes them on.
+Progress = Callable[[Iterable[Any], int, str], Iterable[Any]]
+
+
+def untracked(items: Iterable[Any], total: int, description: str) -> Iterable[Any]:
+    """Pass the items on and tell nobody."""
+    del total, description
+    return items
 
 
 @dataclass(frozen=True, slots=True)

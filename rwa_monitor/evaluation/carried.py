@@ -16,7 +16,7 @@ import numpy as np
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.diagnosis.state import CarriedState
 from rwa_monitor.diagnosis.window_diagnosis import WindowDiagnosis
-from rwa_monitor.evaluation.campaign import in_processes
+from rwa_monitor.evaluation.campaign import Progress, in_processes, untracked
 from rwa_monitor.live.core import diagnose_samples
 from rwa_monitor.physics.datasets import FLEET_WINDOWS, RECIPES, Recipe, wheel_windows
 from rwa_monitor.physics.scenario import Scenario
@@ -119,7 +119,9 @@ def _recipe(story: StoryName) -> Recipe:
     return Recipe("sudden", STORIES[story], mild.wheel, sudden, windows=EARLIER + 1)
 
 
-def judge_story(story: StoryName, wheels: int, seed: int, workers: int) -> JudgedWindows:
+def judge_story(
+    story: StoryName, wheels: int, seed: int, workers: int, progress: Progress = untracked
+) -> JudgedWindows:
     """Judge the windows of a story.
 
     Parameters
@@ -130,8 +132,10 @@ def judge_story(story: StoryName, wheels: int, seed: int, workers: int) -> Judge
         How many wheels, and the seed of all randomness.
     workers
         Processes; 0 works in this one. The result does not depend on it.
+    progress
+        See `campaign.Progress`.
     """
     tasks = [_Task(story, number, seed) for number in range(wheels)]
-    rows = list(chain.from_iterable(in_processes(_Task.run, tasks, workers)))
+    rows = list(chain.from_iterable(progress(in_processes(_Task.run, tasks, workers), wheels, f"story {story}")))
     columns = [np.array(column, dtype=np.bool_) for column in zip(*rows, strict=True)]
     return JudgedWindows(next(wheel_windows("mild", 0, seed)).wheel.anomalies, *columns)

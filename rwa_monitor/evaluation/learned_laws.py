@@ -14,7 +14,7 @@ import numpy as np
 from rwa_monitor.diagnosis.model import Model, built_in_model
 from rwa_monitor.discrepancy.identification import identify
 from rwa_monitor.errors import InputError
-from rwa_monitor.evaluation.campaign import in_processes
+from rwa_monitor.evaluation.campaign import Progress, in_processes, untracked
 from rwa_monitor.evaluation.outcome import JumpScore, score_jumps
 from rwa_monitor.live.core import diagnose_samples
 from rwa_monitor.physics.datasets import RECIPES, LabelledWindow, Recipe, wheel_windows
@@ -135,7 +135,7 @@ def _diagnose(samples: Samples, wheel: Wheel, model: Model, window: LabelledWind
     return diagnosed, score_jumps(event.diagnosis.changepoints, truth.changepoints, window.wheel, truth.used)
 
 
-def compare_laws(wheels: int, seed: int, workers: int) -> LawsResult:
+def compare_laws(wheels: int, seed: int, workers: int, progress: Progress = untracked) -> LawsResult:
     """Diagnose with true and with identified laws.
 
     Parameters
@@ -144,8 +144,11 @@ def compare_laws(wheels: int, seed: int, workers: int) -> LawsResult:
         How many wheels, and the seed of all randomness.
     workers
         Processes; 0 works in this one. The result does not depend on it.
+    progress
+        See `campaign.Progress`.
     """
-    found = list(in_processes(_Task.run, [_Task(number, seed) for number in range(wheels)], workers))
+    tasks = [_Task(number, seed) for number in range(wheels)]
+    found = list(progress(in_processes(_Task.run, tasks, workers), wheels, "identified laws"))
     rows = [row for one in found for row in one.rows]
     truth, with_true, with_identified = (np.array(column, dtype=np.bool_) for column in zip(*rows, strict=True))
     return LawsResult(

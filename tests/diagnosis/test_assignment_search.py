@@ -9,7 +9,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from rwa_monitor.diagnosis.assignment_search import NO_SYSTEM, REJECT, Problem, Sizes, bounds, search, step_of
+from rwa_monitor.diagnosis.assignment_search import (
+    NO_SYSTEM,
+    REJECT,
+    Problem,
+    Sizes,
+    bounds,
+    log_laws,
+    search,
+    step_of,
+)
 from rwa_monitor.diagnosis.laws import law_tables
 from rwa_monitor.physics.durations import Geometric, Lognormal, Uniform
 from rwa_monitor.physics.wheel import SwitchingSystem
@@ -199,6 +208,20 @@ def test_with_sizes_equals_exhaustive_search(systems, candidates, exact, capsys)
     with capsys.disabled():
         print(f"\n  with sizes: search = exhaustive optimum in {agree} of {trials} windows", end="")
     assert agree == trials if exact else agree >= trials - 1
+
+
+def test_laws_of_a_path_are_its_score_without_fits_and_know_no_sizes():
+    rng = np.random.default_rng(11)
+    kinds = set()
+    for _ in range(40):
+        sized = random_problem(rng, (SHORT, LONG), 6, sized=True)
+        for path in search(replace(sized, sizes=None), paths=8, margin=8.0, budget=20_000).paths:
+            nodes = np.concatenate([[0], np.flatnonzero(path.actions != REJECT) + 1, [path.actions.size + 1]])
+            fits = float(sized.fit[nodes[:-1], nodes[1:]].sum())
+            assert log_laws(sized, path) == pytest.approx(path.score - fits, abs=1e-9)
+            kinds.update(path.actions.tolist())
+    assert {REJECT, NO_SYSTEM} < kinds
+    assert len(kinds) >= 8  # with missed jumps or two at once: the sum holds for all
 
 
 def test_narrow_margin_does_not_lose_the_best():
