@@ -29,9 +29,9 @@ class CoulombAsymmetry(MeanEffect):
         "B. Armstrong-Hélouvry, P. Dupont, C. Canudas de Wit, A survey of models, analysis tools and compensation "
         "methods for the control of machines with friction, Automatica 30(7), 1994 (direction-dependent Coulomb "
         "friction). The range of 1–10 % for wheels is a working assumption: a wheel is nearly symmetric about its "
-        "plane of rotation. Much more is plausible in geared drives (a robot joint came out at 0.38, see Measured "
-        "data); in a wheel it rather points to an offset of the current or the torque (`torque_bias`), which looks "
-        "the same where the level hardly changes."
+        "plane of rotation. In geared drives more is plausible (a robot joint came out at 0.38, where an offset "
+        "explains as much: see Measured data); in a wheel much more rather points to an offset of current or torque "
+        "(`torque_bias`), which looks the same where the level hardly changes."
     )
     parity = "even"
     uses_level = True
