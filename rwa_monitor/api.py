@@ -17,10 +17,10 @@ from __future__ import annotations
 
 import os
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -29,8 +29,9 @@ from rwa_monitor.diagnosis.state import CarriedState
 from rwa_monitor.discrepancy.extended import extended_wheel
 from rwa_monitor.discrepancy.find import Search
 from rwa_monitor.discrepancy.find import find_discrepancy as search_recordings
-from rwa_monitor.errors import InputError
+from rwa_monitor.errors import InputError, RwaMonitorError
 from rwa_monitor.formats.files import display_name
+from rwa_monitor.formats.results import diagnosis_row
 from rwa_monitor.formats.scenario_file import read_scenario
 from rwa_monitor.formats.telemetry import joined, only_wheel, read_decoding
 from rwa_monitor.formats.wheel_file import read_wheel as read_wheel_file
@@ -48,6 +49,9 @@ from rwa_monitor.samples import Samples
 from rwa_monitor.threads import on_threads
 from rwa_monitor.version import SOFTWARE
 
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
 __all__ = [
     "CoefficientTrend",
     "Diagnosis",
@@ -60,6 +64,7 @@ __all__ = [
     "diagnose",
     "extended_wheel",
     "find_discrepancy",
+    "frame",
     "read",
     "read_wheel",
     "simulate",
@@ -280,6 +285,32 @@ def diagnose(
     """
     monitor = Monitor(wheel, model, method=method, carried=carried)
     return [*monitor.feed(samples), *monitor.finish()]
+
+
+def frame(diagnoses: Iterable[Diagnosis]) -> DataFrame:
+    """Return diagnoses as a pandas frame, a row for each; `to_parquet` writes it.
+
+    Parameters
+    ----------
+    diagnoses
+        Of one wheel or of many.
+
+    Returns
+    -------
+    pandas.DataFrame
+        Units stand in the names of the columns; those of an anomaly begin with its name (`dry_probability`,
+        `fss_1_active`), and `message` is the whole diagnosis as JSON. The same columns as `diagnose --results` keeps.
+
+    Raises
+    ------
+    RwaMonitorError
+        If pandas is not installed (`pip install 'rwa-monitor[fleet]'`).
+    """
+    try:
+        import pandas as pd
+    except ImportError as error:
+        raise RwaMonitorError(f"{error.name} is missing: pip install 'rwa-monitor[fleet]'") from error
+    return pd.DataFrame([diagnosis_row(diagnosis) for diagnosis in diagnoses])
 
 
 # ---- what the simulation gets wrong ----------------------------------------------------------------------------------

@@ -44,6 +44,22 @@ def test_importing_the_package_imports_nothing_heavy() -> None:
     assert done.stdout.strip() == "[]"
 
 
+def test_a_frame_has_a_row_for_each_diagnosis_and_survives_parquet(
+    wheel: rwa.Wheel, telemetry: rwa.Telemetry, tmp_path: Path
+) -> None:
+    import pandas as pd
+
+    diagnoses = rwa.diagnose(telemetry.samples, wheel)
+    frame = rwa.frame(diagnoses)
+    assert frame["window_start_ns"].tolist() == [d.window_start_ns for d in diagnoses]
+    assert frame["viscous_Nm_s_rad"].tolist() == [d.friction.viscous.value for d in diagnoses]
+    assert frame["dry_probability"].tolist() == [d.anomalies["dry"].probability for d in diagnoses]
+    assert [json.loads(text) for text in frame["message"]] == [json.loads(d.to_json()) for d in diagnoses]
+    frame.to_parquet(tmp_path / "d.parquet")
+    pd.testing.assert_frame_equal(pd.read_parquet(tmp_path / "d.parquet"), frame, check_dtype=False)
+    assert rwa.frame([]).empty
+
+
 def test_the_same_seed_gives_the_same_bytes(wheel: rwa.Wheel, telemetry: rwa.Telemetry) -> None:
     again = rwa.simulate(rwa.Scenario(duration_s=1600.0), wheel, seed=np.random.default_rng(SEED))
     for (name, values), (_, repeated) in zip(telemetry.samples.channels(), again.samples.channels(), strict=True):

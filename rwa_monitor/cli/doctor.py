@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from threading import Event
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import click
 
@@ -46,6 +46,7 @@ def command(ctx: click.Context, wheel_file: Path | None, model_file: Path | None
     checks = [
         Check("python", _python),
         Check("packages", _packages),
+        Check("extras", _extras),
         Check("kernels", _kernels),
         Check("settings", lambda: _settings(ctx)),
         Check("wheel", lambda: _wheel(wheel_file)),
@@ -78,23 +79,65 @@ def _python() -> str:
 
 def _packages() -> str:
     """Check that every package that the program needs is there."""
+    from importlib.metadata import version
+
+    needed = _required()[""]
+    missing = _missing(needed)
+    if missing:
+        raise RwaMonitorError(f"{', '.join(missing)} missing; run `pip install .` again")
+    return ", ".join(f"{name} {version(name)}" for name in needed)
+
+
+# What each extra is for, in the order in which a person meets them.
+EXTRAS: Final = {
+    "dashboard": "the page",
+    "postgresql": "its history in PostgreSQL",
+    "foxglove": "Foxglove live",
+    "fleet": "many recordings at once, pandas frames",
+    "ccsds": "space packets",
+    "ros2": "ROS 2 bags",
+}
+
+
+def _extras() -> str:
+    """Say which extras are there; a missing one is no fault, it only leaves something out."""
+    required = _required()
+    missing = {extra: _missing(required.get(extra, [extra])) for extra in EXTRAS}
+    found = [
+        f"{extra} ({purpose})" if not missing[extra] else f"no {extra} ({purpose}: pip install 'rwa-monitor[{extra}]')"
+        for extra, purpose in EXTRAS.items()
+    ]
+    return ", ".join(found)
+
+
+def _required() -> dict[str, list[str]]:
+    """Return the packages that the program needs ("") and that each extra does."""
     import re
-    from importlib.metadata import PackageNotFoundError, requires, version
+    from importlib.metadata import PackageNotFoundError, requires
 
     try:
         requirements = requires("rwa-monitor") or []
     except PackageNotFoundError as error:
         raise RwaMonitorError("rwa-monitor itself is not installed; run `pip install .` in its folder") from error
-    needed = [re.split(r"[^A-Za-z0-9._-]", line, maxsplit=1)[0] for line in requirements if "extra ==" not in line]
+    found: dict[str, list[str]] = {"": []}
+    for line in requirements:
+        extra = re.search(r"extra == ['\"]([^'\"]+)['\"]", line)
+        name = re.split(r"[^A-Za-z0-9._-]", line, maxsplit=1)[0]
+        found.setdefault(extra[1] if extra else "", []).append(name)
+    return found
+
+
+def _missing(names: Iterable[str]) -> list[str]:
+    """Return those of some packages that are not installed."""
+    from importlib.metadata import PackageNotFoundError, version
+
     missing = []
-    for name in needed:
+    for name in names:
         try:
             version(name)
         except PackageNotFoundError:
             missing.append(name)
-    if missing:
-        raise RwaMonitorError(f"{', '.join(missing)} missing; run `pip install .` again")
-    return ", ".join(f"{name} {version(name)}" for name in needed)
+    return missing
 
 
 def _kernels() -> str:

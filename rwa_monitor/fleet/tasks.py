@@ -17,8 +17,9 @@ from rwa_monitor.diagnosis.state import CarriedState
 from rwa_monitor.discrepancy.find import find_discrepancy
 from rwa_monitor.discrepancy.identification import bare_wheel, identify
 from rwa_monitor.errors import InputError
-from rwa_monitor.fleet.rows import Row, diagnosis_row, discrepancy_row, wheel_row
+from rwa_monitor.fleet.rows import discrepancy_row, wheel_row
 from rwa_monitor.formats.files import display_name
+from rwa_monitor.formats.results import Row, diagnosis_row
 from rwa_monitor.formats.table import read_table
 from rwa_monitor.formats.telemetry import Decoding, TelemetryFile, WheelTelemetry, joined, only_wheel
 from rwa_monitor.formats.truth import beside
