@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import argparse
+import hashlib
 import itertools
 import json
 import sys
 import tempfile
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import fields
 from multiprocessing import get_context
 from pathlib import Path
 
+import rwa_monitor
 from tests.blind.formulas import MEAN, OUTSIDE, PAIRS
 from tests.blind.generator import NOISE_EFFECTS, SWITCHING_EFFECTS, Case, plan
 from tests.blind.table import report
@@ -48,9 +51,35 @@ def _run(case: Case, folder: str) -> Outcome:
     return run_trial(case, Path(folder))
 
 
-def _write(outcomes: list[Outcome], path: Path) -> None:
+def _code() -> str:
+    """Return a digest of all that an outcome depends on: the package and the suite itself."""
+    digest = hashlib.sha256()
+    for root in (Path(rwa_monitor.__file__).parent, Path(__file__).parent):
+        for path in sorted([*root.rglob("*.py"), *root.rglob("*.json")]):
+            digest.update(path.read_bytes())
+    return digest.hexdigest()
+
+
+def _write(outcomes: list[Outcome], path: Path, code: str) -> None:
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text("\n".join(json.dumps(outcome.to_json()) for outcome in outcomes) + "\n")
+    lines = [json.dumps({**outcome.to_json(), "code": code}) for outcome in outcomes]
+    partial = path.with_suffix(".partial")
+    partial.write_text("\n".join(lines) + "\n")
+    partial.replace(path)  # a run that is killed leaves whole files
+
+
+def _done_before(path: Path, wanted: list[Case], code: str) -> list[Outcome]:
+    """Return the outcomes of an interrupted run of the same plan by the same code."""
+    if not path.exists():
+        return []
+    rows = [json.loads(line) for line in path.read_text().splitlines() if line]
+    names = {entry.name for entry in fields(Outcome)}
+    before = []
+    for row in rows:
+        case = Case(**{**row["case"], "effects": tuple(row["case"]["effects"])})
+        if row.get("code") == code and case in wanted:
+            before.append(Outcome(**{name: row[name] for name in names - {"case"}}, case=case))
+    return before
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -60,25 +89,35 @@ def main(argv: list[str] | None = None) -> int:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--only", default="", help="records that hide an effect whose name holds this")
     parser.add_argument("--out", type=Path, default=Path("docs/blind.md"))
-    parser.add_argument("--json", type=Path, default=Path("docs/blind.json"))
+    parser.add_argument("--json", type=Path, default=Path("docs/blind.json"), help="an interrupted run goes on from it")
     options = parser.parse_args(argv)
     wanted = [case for case in cases(options.seed) if options.only in " ".join((case.kind, *case.effects))]
     wanted = list(itertools.islice(wanted, options.records))
-    outcomes: list[Outcome] = []
+    code = _code()
+    outcomes = _done_before(options.json, wanted, code)
+    known = {outcome.case for outcome in outcomes}
+    left = [case for case in wanted if case not in known]
+    failed: list[str] = []
     with tempfile.TemporaryDirectory() as folder, ProcessPoolExecutor(options.jobs, get_context("spawn")) as pool:
-        running = [pool.submit(_run, case, folder) for case in wanted]
-        for done, future in enumerate(as_completed(running), start=1):
-            outcomes.append(future.result())
-            _write(outcomes, options.json)  # as they come: a long run that is cut short has not been for nothing
+        running = {pool.submit(_run, case, folder): case for case in left}
+        for done, future in enumerate(as_completed(running), start=1 + len(known)):
+            error = future.exception()
+            if error is None:
+                outcomes.append(future.result())
+                _write(outcomes, options.json, code)  # as they come: what is cut short has not been for nothing
+            else:
+                failed.append(f"{running[future]}: {error!r}")
             print(f"\r{done}/{len(wanted)} records", end="", file=sys.stderr, flush=True)
     print(file=sys.stderr)
     outcomes.sort(key=lambda outcome: (outcome.case.kind, outcome.case.effects, outcome.case.seed))
-    _write(outcomes, options.json)
+    _write(outcomes, options.json, code)
     options.out.parent.mkdir(parents=True, exist_ok=True)
     planned = len(cases(options.seed))
     options.out.write_text(report(outcomes, options.seed, planned) + "\n" + NOTES.read_text())
     print(options.out.read_text())
-    return 0
+    if failed:
+        print("without an answer:", *failed, sep="\n", file=sys.stderr)
+    return 1 if failed else 0
 
 
 if __name__ == "__main__":
