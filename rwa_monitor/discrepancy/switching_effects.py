@@ -34,6 +34,8 @@ EXTRA: Final = "extra_switching_system"
 WRONG_LAW: Final = "wrong_duration_law"
 SPEED: Final = "speed_triggered_jumps"
 MOST_JUMPS: Final = 400  # more are no jumps, and their attribution says nothing
+DOUBTFUL: Final = 2.0  # times as many candidates of the diagnosis as jumps of the search: the two do not agree
+FEW_MORE: Final = 8  # candidates that chance may add
 FEWEST_OF_EXTRA: Final = 3  # unattributed jumps that suggest a system
 ROUNDS: Final = 4  # of attribution and parameters in turn
 WORTH_A_ROUND: Final = 0.5  # of the log-likelihood
@@ -100,6 +102,9 @@ def _fit_record(problem: Problem, model: Model, wheel: Wheel, index: int) -> dic
     plain = wheel.model_copy(update={"effect": ()})
     if wheel.fss and wheel.nominal is not None and 0 < found.size <= MOST_JUMPS:
         gathered = _gather(problem, model, plain, index)
+        if len(gathered.candidates) > DOUBTFUL * found.size + FEW_MORE:
+            # What the one sees as a jump the other takes for noise: fast slews that the derivative does not follow.
+            return {name: SWITCHING_EFFECTS[name].nothing_found() for name in (EXTRA, WRONG_LAW, SPEED)}
         if len(gathered.candidates):
             return _compare(evidence, gathered, plain)
     return {name: SWITCHING_EFFECTS[name].fit(evidence) for name in (EXTRA, WRONG_LAW, SPEED)}
