@@ -252,6 +252,8 @@ def residual_on_slots(
     residual[slots] = measured * problem.sign[begin:end]
     good = record.used.copy()
     if not keep_jumps:
+        if record.bent is not None:
+            good &= ~record.bent
         # A few far outliers are sojourns too short to be segmented; many are heavy tails.
         outlier = good & (np.abs(np.nan_to_num(residual)) > OUTLIER_AT * problem.noise.std)
         if np.count_nonzero(outlier) <= FEW_OUTLIERS:

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from scipy.ndimage import correlate1d
+from scipy.ndimage import binary_dilation, correlate1d
 
 from rwa_monitor.discrepancy.saturation import without_end_stops
 from rwa_monitor.errors import InputError
@@ -31,6 +31,9 @@ BIAS_REACH: Final = 20  # slots beyond the derivative filter that tell its bias,
 SHORT_BIAS_REACH: Final = 12  # slots, of a second opinion
 BENT: Final = 2.0  # standard deviations of the friction from which the bias must be known well
 BIAS_KNOWN_TO: Final = 0.05  # of the bias: at a corner of the speed no polynomial agrees with the next
+CORNER: Final = 10.0  # standard deviations of the friction from which no bias is known well enough
+DOUBTED: Final = 4.0  # standard deviations of the friction between two opinions: one of them sees a corner
+CORNER_REACH: Final = 4  # slots on each side of such a corner
 WRONG_UNIT_FACTOR: Final = (
     100.0  # of nominal friction: mN m read as N m are a thousand; no bearing gets there and turns
 )
@@ -65,6 +68,9 @@ class Record:
         to be explained. None where there is no motor torque.
     angle_drift_rad
         float64 (n,), by how much the integral of the measured speed misses the angle; None where nothing tells it.
+    bent
+        bool (n,), slots where derived friction was corrected by more than its noise: what is left of that is no noise;
+        None where friction is given.
     """
 
     source: str
@@ -77,6 +83,7 @@ class Record:
     speed_step_rad_s: float
     accelerating_torque_Nm: FloatArray | None = None
     angle_drift_rad: FloatArray | None = None
+    bent: BoolArray | None = None
 
     @property
     def undrifted(self) -> Channels:
@@ -132,8 +139,9 @@ def make_record(samples: Samples, wheel: Wheel, source: str) -> Record:
         torque = wheel.torque_constant_Nm_A * current if current is not None else None
     friction = on_grid(samples.friction_torque_Nm)
     derived = friction is None
+    bent: BoolArray | None = None
     if friction is None:
-        friction, hole = _derived_friction(speed, torque, wheel, source)
+        friction, hole, bent = _derived_friction(speed, torque, wheel, source)
     else:
         hole = min(2, count // 8)
 
@@ -173,6 +181,7 @@ def make_record(samples: Samples, wheel: Wheel, source: str) -> Record:
         speed_noise_rad_s=noise,
         speed_step_rad_s=step,
         accelerating_torque_Nm=accelerating,
+        bent=bent,
     )
 
 
@@ -256,8 +265,8 @@ def _from_neighbours(values: FloatArray, hole: int, reach: int, order: int) -> F
 
 def _derived_friction(
     speed: FloatArray, torque: FloatArray | None, wheel: Wheel, source: str
-) -> tuple[FloatArray, int]:
-    """Return K_T·I - J·dω/dt [N m], NaN at corners of the speed, and the derivative filter's half-width [slots]."""
+) -> tuple[FloatArray, int, BoolArray]:
+    """Return K_T·I - J·dω/dt [N m], NaN at corners of the speed; the filter's half-width [slots]; where speed bends."""
     if torque is None or wheel.inertia_kg_m2 is None:
         raise InputError(
             source,
@@ -269,9 +278,11 @@ def _derived_friction(
     bias = wheel.inertia_kg_m2 * _derivative_bias(speed, wheel, BIAS_REACH)
     doubt = np.abs(bias - wheel.inertia_kg_m2 * _derivative_bias(speed, wheel, SHORT_BIAS_REACH))
     friction = friction + bias
-    bent = np.abs(bias) > BENT * _spread_between_neighbours(friction, 2 * hole + 1)
-    friction[bent & (doubt > BIAS_KNOWN_TO * np.abs(bias))] = np.nan
-    return friction, hole
+    sigma = _spread_between_neighbours(friction, 2 * hole + 1)
+    unknown = (np.abs(bias) > BENT * sigma) & (doubt > BIAS_KNOWN_TO * np.abs(bias))
+    corner = (np.abs(bias) > CORNER * sigma) | (doubt > DOUBTED * sigma)
+    friction[unknown | binary_dilation(corner, iterations=CORNER_REACH)] = np.nan
+    return friction, hole, binary_dilation(np.abs(bias) > sigma, iterations=CORNER_REACH)
 
 
 def _derivative_bias(speed: FloatArray, wheel: Wheel, reach: int) -> FloatArray:
