@@ -35,6 +35,7 @@ CONVERGED: Final = 0.1  # change of the criterion
 TUKEY: Final = 4.685  # scales of the residual: 95 % efficient for Gaussian noise (Huber, Robust Statistics, 1981)
 CACHE_BYTES: Final = 400_000_000
 MIN_USED: Final = 200  # fewer moving samples cannot tell anything apart
+DIGITS: Final = 1e-5  # of the RMS of the friction: what is smaller is no sensor's noise
 HEAVY_SHARE: Final = 1e-3  # of samples beyond four standard deviations; Gaussian noise has 6e-5
 NEAR_CROSSING: Final = 20  # samples: bristles and balls take a few slots to turn over
 LONG_LAG_SHARE: Final = 0.02  # of the record: a lag of a few per cent of a sojourn or more (effects.md, step 1)
@@ -117,6 +118,16 @@ class Problem:
     def friction_is_derived(self) -> bool:
         """Say whether friction was derived from current and speed in any of the records."""
         return any(record.friction_is_derived for record in self.records)
+
+    @property
+    def smallest_noise_Nm(self) -> float:
+        """Return the standard deviation below which noise is the digits of a table [N m]."""
+        return DIGITS * float(np.sqrt(np.mean(self.z_measured**2)))
+
+    @property
+    def has_noise(self) -> bool:
+        """Say whether there is noise beyond the digits of the table: a simulation may have none."""
+        return self.noise.std > self.smallest_noise_Nm
 
     @property
     def log_size(self) -> float:
@@ -205,7 +216,10 @@ def _with_noise_of_rest(problem: Problem) -> Problem:
 def with_noise_of(problem: Problem, residual: FloatArray) -> Problem:
     """Return the problem with the noise estimated from a model's residual, float64 (n,) [N m]."""
     pieces = [residual[a:b] for a, b in zip(problem.starts[:-1], problem.starts[1:], strict=True) if b > a]
-    return replace(problem, noise=estimate_noise(pieces))
+    noise, smallest = estimate_noise(pieces), problem.smallest_noise_Nm
+    if noise.std < smallest:
+        noise = Noise(smallest, np.append(smallest**2, np.zeros(noise.autocovariance.size - 1)), smallest**2)
+    return replace(problem, noise=noise)
 
 
 def _clip(problem: Problem) -> Problem:

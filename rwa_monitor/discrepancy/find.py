@@ -96,14 +96,17 @@ def find_discrepancy(
     candidates = [effect for effect in CANDIDATES if effect.name not in known]
     problem, found, leftover, complete = _explain(problem, candidates, progress)
     progress("noise and jumps")
-    cage = cage_bursts(problem, complete)
+    cage = cage_bursts(problem, complete) if problem.has_noise else None
     if cage is not None:
         # Bursts pass for jumps, and for laws of speed: what is said of anything else is said without them.
         problem = replace(prepare(cage.quiet(problem.records), wheel), each=each)
         problem, found, leftover, complete = _explain(problem, candidates, progress)
     in_band = cage.in_band if cage is not None else ()
-    others = noise_effects(problem, complete, explained=leftover is None, in_band=in_band)
-    wanders = wandering(problem, complete)
+    others: list[FoundEffect] = []
+    wanders = None
+    if problem.has_noise:
+        others += noise_effects(problem, complete, explained=leftover is None, in_band=in_band)
+        wanders = wandering(problem, complete)
     if leftover is None and wanders is None:
         others += switching_effects(problem, complete, wheel)
     if cage is not None:
