@@ -71,6 +71,8 @@ class Record:
     bent
         bool (n,), slots where derived friction was corrected by more than its noise: what is left of that is no noise;
         None where friction is given.
+    derivative_slots
+        Width of the filter with which friction is derived; 0 where it is given.
     """
 
     source: str
@@ -84,6 +86,7 @@ class Record:
     accelerating_torque_Nm: FloatArray | None = None
     angle_drift_rad: FloatArray | None = None
     bent: BoolArray | None = None
+    derivative_slots: int = 0
 
     @property
     def undrifted(self) -> Channels:
@@ -182,6 +185,7 @@ def make_record(samples: Samples, wheel: Wheel, source: str) -> Record:
         speed_step_rad_s=step,
         accelerating_torque_Nm=accelerating,
         bent=bent,
+        derivative_slots=2 * hole + 1 if derived else 0,
     )
 
 

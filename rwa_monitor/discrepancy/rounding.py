@@ -33,10 +33,11 @@ def without_rounding(problem: Problem, found: SearchResult) -> SearchResult:
     if not any(_is_coarse(problem, index) for index in range(len(problem.records))):
         return found
     model = found.ladder[-1]
-    kept = tuple(term for term in model.terms if term.effect.name not in FOLLOW_ACCELERATION)
-    withdrawn = tuple((term.effect.name, MISSING) for term in model.terms if term not in kept)
-    if not withdrawn:
+    follows = [term.effect.name in FOLLOW_ACCELERATION for term in model.terms]
+    if not any(follows):
         return found
+    kept = model.terms[: follows.index(True)]  # what came after was judged beside a wrong name
+    withdrawn = tuple((term.effect.name, MISSING) for term in model.terms[len(kept) :])
     reduced = refit(problem, kept, jump_sets(problem, model.fit)) if kept else found.ladder[0]
     names = {term.effect.name for term in kept}
     shorter = (m for m in found.ladder if set(m.names) <= names and len(m.terms) < len(kept))
@@ -54,6 +55,6 @@ def _is_coarse(problem: Problem, index: int) -> bool:
     step = lattice_step(record.channels.speed_rad_s[np.isfinite(record.channels.speed_rad_s)])
     if not record.friction_is_derived or step is None:
         return False
-    window_s = np.count_nonzero(problem.derivative_taps) * record.channels.sample_period_s
+    window_s = record.derivative_slots * record.channels.sample_period_s
     crossed = np.abs(record.channels.acceleration_rad_s2[record.used]) * window_s / step
     return bool(np.nanmedian(crossed) < 1.0)

@@ -112,7 +112,7 @@ def report(outcomes: Sequence[Outcome], seed: int, planned: int) -> str:
         "|---|---|---|---|---|",
         *_by_effect(one),
         "",
-        f"Time of a search: median {times[len(times) // 2]:.1f} s, longest {times[-1]:.1f} s, on a shared machine.",
+        f"Processor time of a search: median {times[len(times) // 2]:.1f} s, longest {times[-1]:.1f} s.",
         "",
     ]
     return "\n".join(lines)

@@ -35,6 +35,7 @@ NAMES = (
 RIGHT_FIRST = 0.92  # issue 3: the lower of the two targets
 FALSE_NAMES = 0.02
 CHANCE = 0.01  # of failing at exactly the target rate
+PROCESSOR_S = 240.0  # issue 3: a slice takes under four minutes
 
 
 def slice_of_the_suite() -> list[Case]:
@@ -42,34 +43,37 @@ def slice_of_the_suite() -> list[Case]:
     return [*hidden, *(plan("null", (), k, SEED) for k in range(6)), plan("outside", ("bump",), 2, SEED)]
 
 
-@pytest.fixture(scope="module")
-def outcomes(tmp_path_factory: pytest.TempPathFactory) -> list[Outcome]:
-    folder: Path = tmp_path_factory.mktemp("blind")
+def run_slice(folder: Path) -> list[Outcome]:
     cases = slice_of_the_suite()
     with ProcessPoolExecutor(2, get_context("spawn")) as pool:
         return list(pool.map(run_trial, cases, [folder] * len(cases)))
 
 
+# One test, since workers that share a module's tests out among them would each run the slice.
 @pytest.mark.slow
-@pytest.mark.timeout(400)
-def test_hidden_causes_are_named(outcomes: list[Outcome]) -> None:
-    judged = [o for o in outcomes if o.case.kind == "one" and o.testable]
+@pytest.mark.timeout(1800)  # of the clock, on a machine that does much else; what counts is the processor's time
+def test_a_slice_of_the_suite(tmp_path: Path) -> None:
+    outcomes = run_slice(tmp_path)
+    hidden_causes_are_named([o for o in outcomes if o.case.kind == "one" and o.testable])
+    nothing_is_named_where_nothing_is_hidden([o for o in outcomes if o.case.kind == "null"])
+    what_is_outside_the_catalogue_is_not_passed_over([o for o in outcomes if o.case.kind == "outside"])
+    assert sum(outcome.seconds for outcome in outcomes) < PROCESSOR_S
+
+
+def hidden_causes_are_named(judged: list[Outcome]) -> None:
     right = [o for o in judged if o.first_right]
     missed = [(o.case.effects, [e["name"] for e in o.named]) for o in judged if not o.first_right]
     # As few right ones as a search at its target would show once in a hundred slices.
     assert len(right) >= stats.binom.ppf(CHANCE, len(judged), RIGHT_FIRST), missed
 
 
-@pytest.mark.slow
-def test_nothing_is_named_where_nothing_is_hidden(outcomes: list[Outcome]) -> None:
-    nulls = [o for o in outcomes if o.case.kind == "null"]
-    false = [o for o in nulls if real_names(o)]
-    assert len(false) <= stats.binom.ppf(1 - CHANCE, len(nulls), FALSE_NAMES)
+def nothing_is_named_where_nothing_is_hidden(nulls: list[Outcome]) -> None:
+    false = [real_names(o) for o in nulls if real_names(o)]
+    assert len(false) <= stats.binom.ppf(1 - CHANCE, len(nulls), FALSE_NAMES), false
 
 
-@pytest.mark.slow
-def test_what_is_outside_the_catalogue_is_not_passed_over(outcomes: list[Outcome]) -> None:
-    (outside,) = [o for o in outcomes if o.case.kind == "outside"]
+def what_is_outside_the_catalogue_is_not_passed_over(outsiders: list[Outcome]) -> None:
+    (outside,) = outsiders
     assert outside.verdict == "inadequate"
     assert outside.unexplained is not None
 
