@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from scipy.ndimage import binary_dilation, correlate1d
+from scipy.ndimage import binary_dilation, correlate1d, maximum_filter
 
 from rwa_monitor.discrepancy.saturation import without_end_stops
 from rwa_monitor.errors import InputError
@@ -31,7 +31,8 @@ BIAS_REACH: Final = 20  # slots beyond the derivative filter that tell its bias,
 SHORT_BIAS_REACH: Final = 12  # slots, of a second opinion
 BENT: Final = 2.0  # standard deviations of the friction from which the bias must be known well
 BIAS_KNOWN_TO: Final = 0.05  # of the bias: at a corner of the speed no polynomial agrees with the next
-CORNER: Final = 10.0  # standard deviations of the friction from which no bias is known well enough
+CORNER: Final = 10.0  # standard deviations of the friction from which a bias must be known to AGREED_TO around it
+AGREED_TO: Final = 0.02  # of the largest bias around: so well do polynomials agree on a smooth bend
 DOUBTED: Final = 4.0  # standard deviations of the friction between two opinions: one of them sees a corner
 CORNER_REACH: Final = 4  # slots on each side of such a corner
 WRONG_UNIT_FACTOR: Final = (
@@ -284,7 +285,10 @@ def _derived_friction(
     friction = friction + bias
     sigma = _spread_between_neighbours(friction, 2 * hole + 1)
     unknown = (np.abs(bias) > BENT * sigma) & (doubt > BIAS_KNOWN_TO * np.abs(bias))
-    corner = (np.abs(bias) > CORNER * sigma) | (doubt > DOUBTED * sigma)
+    # Opinions may agree by chance in the middle of a corner, but not all around it.
+    largest, most_doubt = (maximum_filter(np.abs(values), 2 * hole + 1) for values in (bias, doubt))
+    corner = (np.abs(bias) > CORNER * sigma) & (most_doubt > AGREED_TO * largest)
+    corner |= (doubt > DOUBTED * sigma) & (doubt > AGREED_TO * largest)
     friction[unknown | binary_dilation(corner, iterations=CORNER_REACH)] = np.nan
     return friction, hole, binary_dilation(np.abs(bias) > sigma, iterations=CORNER_REACH)
 
