@@ -5,6 +5,7 @@ A format is in `READERS`, and here with a function that writes telemetry as some
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import get_args
@@ -12,8 +13,9 @@ from typing import get_args
 import numpy as np
 import pytest
 
-from rwa_monitor.errors import InputError
+from rwa_monitor.errors import InputError, RwaMonitorError
 from rwa_monitor.fleet.tasks import Diagnose, FindDiscrepancy, Identify
+from rwa_monitor.formats import ccsds_packets
 from rwa_monitor.formats.ccsds_example import write_packets
 from rwa_monitor.formats.csv_table import write_csv
 from rwa_monitor.formats.parquet_table import write_parquet
@@ -132,6 +134,19 @@ def test_a_file_that_is_not_there_is_refused(name: FileFormat, tmp_path: Path) -
     path, decoding = FORMATS[name][0](telemetry(ROWS)[:20], tmp_path)
     path.unlink()
     with pytest.raises(InputError, match="cannot be read: No such file"):
+        read_telemetry(path, decoding)
+
+
+@pytest.mark.parametrize(
+    ("name", "module", "extra"), [("packets", "space_packet_parser", "ccsds"), ("ros2", "mcap_ros2.decoder", "ros2")]
+)
+def test_without_its_extra_a_format_says_what_to_install(
+    name: FileFormat, module: str, extra: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, decoding = FORMATS[name][0](telemetry(ROWS)[:20], tmp_path)
+    ccsds_packets._definition.cache_clear()
+    monkeypatch.setitem(sys.modules, module, None)  # as if it were not installed
+    with pytest.raises(RwaMonitorError, match=rf"missing: pip install 'rwa-monitor\[{extra}\]'"):
         read_telemetry(path, decoding)
 
 
