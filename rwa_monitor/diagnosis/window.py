@@ -239,14 +239,21 @@ def _verdict(
         )
     low, high = case.model.undecided if case.method == "joint" else (0.5, 0.5)
     leaning = [entry.name for entry in judged if entry.leans]
-    certain = [a for a, entry in zip(anomalies, judged, strict=True) if entry.active and entry.probability >= high]
+    # Where the friction model lacks something, only what the window tells for sure counts as found: what is missing
+    # leaves base dry friction in doubt by its own size, and half of such a doubt lies above any nominal range.
+    open_to_doubt = [not (entry.telling or fits.adequate) for entry in judged]
+    certain = [
+        anomaly
+        for anomaly, entry, doubtful in zip(anomalies, judged, open_to_doubt, strict=True)
+        if entry.active and entry.probability >= high and not doubtful
+    ]
     if certain:
         shown_before = [anomaly.name for anomaly in certain if anomaly.name in leaning]
         return "anomalous", explanation.reason_anomalous(certain, shown_before)
     lacking = "" if fits.adequate else f" while the friction model lacks something ({fits.finding})"
-    for anomaly, entry in zip(anomalies, judged, strict=True):
+    for anomaly, entry, doubtful in zip(anomalies, judged, open_to_doubt, strict=True):
         what = explanation.title(entry.name)
-        if low < entry.probability < high:
+        if low < entry.probability and (entry.probability < high or doubtful):
             return "inconclusive", (
                 f"Whether {what} is anomalous cannot be decided{lacking}: it is"
                 f" {explanation.quantity(anomaly.estimate, anomaly.unit)}"
