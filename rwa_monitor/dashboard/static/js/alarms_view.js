@@ -1,10 +1,8 @@
 import { ask } from "./ask.js";
 import { h } from "./dom.js";
 import { utc, wheelTime } from "./format.js";
+import { LEVELS, MARK } from "./levels.js";
 import { setToken, token } from "./token.js";
-
-const MARK = { watch: "○ watch", warning: "◐ warning", distress: "● distress", critical: "⬤ critical", normal: "✓ normal again" };
-const LEVELS = ["normal", "watch", "warning", "distress", "critical"];
 
 const HOURS = [1, 8, 24, 168];
 
@@ -20,12 +18,12 @@ export function alarmsView(store) {
     const group = (alarm) => (alarm.closed_ns !== null ? 2 : shelved(alarm, store.now) ? 1 : 0);
     const all = [...store.alarms.values()].map((alarm) => ({ alarm, group: group(alarm) }));
     all.sort((a, b) => a.group - b.group || LEVELS.indexOf(b.alarm.level) - LEVELS.indexOf(a.alarm.level) || b.alarm.id - a.alarm.id);
-    const now = JSON.stringify(all);
+    const now = JSON.stringify([all, store.connected]);
     if (now === drawn) return;
     if (drawn && list.contains(document.activeElement) && document.activeElement.tagName === "INPUT") return; // somebody is writing
     drawn = now;
     list.replaceChildren(...all.map(({ alarm, group }) => card(alarm, group)));
-    if (!all.length) list.replaceChildren(h("p", { class: "empty" }, "No alarm so far."));
+    if (!all.length) list.replaceChildren(h("p", { class: "empty" }, store.connected ? "No alarm so far." : "Loading…"));
   }
 
   function card(alarm, group) {
@@ -53,6 +51,7 @@ export function alarmsView(store) {
         if (!secret.hidden) setToken(secret.value);
         const content = await ask(`/api/alarms/${alarm.id}/${what}`, { method: "POST", headers: { Authorization: `Bearer ${token()}`, "Content-Type": "application/json" }, body: JSON.stringify({ name: name.value, note: note.value, ...extra }) });
         store.alarms.set(content.id, content);
+        store.worst = null;
         name.blur();
         note.blur();
         refresh();

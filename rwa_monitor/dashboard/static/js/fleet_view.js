@@ -1,5 +1,6 @@
 import { h } from "./dom.js";
 import { SIGN, age, number, percent, span } from "./format.js";
+import { MARK } from "./levels.js";
 import { last } from "./store.js";
 
 const ORDER = { anomalous: 0, inconclusive: 2, nominal: 4 };
@@ -18,7 +19,7 @@ export function fleetView(store, base) {
   function refresh() {
     const wheels = [...store.wheels.values()].filter(matches).map((wheel) => {
       const state = store.state(wheel);
-      return { wheel, state, rank: rank(wheel, state), worst: worst(wheel) };
+      return { wheel, state, rank: rank(store, wheel, state), worst: worst(wheel) };
     });
     wheels.sort((a, b) => a.rank - b.rank || b.worst - a.worst || (a.wheel.name < b.wheel.name ? -1 : 1));
     place(wheels.map(({ wheel, state }) => row(wheel, state)));
@@ -28,7 +29,7 @@ export function fleetView(store, base) {
     }
     const heard = wheels.filter(({ state }) => state === "live");
     const bad = wheels.filter(({ wheel }) => last(wheel)?.verdict === "anomalous").length;
-    const text = store.live ? `${heard.length} of ${wheels.length} wheels reporting, ${bad} anomalous, ${store.openAlarms().length} open alarms` : `${wheels.length} wheels, ${bad} anomalous`;
+    const text = store.live && !store.connected && !wheels.length ? "Loading…" : store.live ? `${heard.length} of ${wheels.length} wheels reporting, ${bad} anomalous, ${store.openAlarms().length} open alarms` : `${wheels.length} wheels, ${bad} anomalous`;
     if (summary.textContent !== text) summary.textContent = text;
   }
 
@@ -61,7 +62,8 @@ export function fleetView(store, base) {
     let entry = rows.get(wheel.name);
     if (!entry) rows.set(wheel.name, (entry = newRow(wheel)));
     // Ages move without a message: those of what is stale every second, others with the next status.
-    const now = `${wheel.version} ${state} ${state === "live" ? "" : Math.floor(store.now / 1000)}`;
+    const alarm = store.worstAlarm(wheel.name);
+    const now = `${wheel.version} ${alarm?.id} ${alarm?.level} ${alarm?.phase} ${state} ${state === "live" ? "" : Math.floor(store.now / 1000)}`;
     if (entry.drawn !== now) {
       entry.drawn = now;
       drawRow(entry, wheel, state);
@@ -70,8 +72,8 @@ export function fleetView(store, base) {
   }
 
   function newRow(wheel) {
-    const parts = { verdict: h("span", {}), reason: h("span", {}), since: h("span", { class: "soft" }), age: h("span", { class: "age" }) };
-    const element = h("a", { href: `${base}/wheel/${wheel.name}` }, parts.verdict, h("b", {}, wheel.wheel, h("br"), h("span", { class: "soft" }, wheel.spacecraft)), h("span", { class: "reason" }, parts.reason, h("br"), parts.since), parts.age);
+    const parts = { verdict: h("span", {}), reason: h("span", {}), alarm: h("b", {}), since: h("span", { class: "soft" }), age: h("span", { class: "age" }) };
+    const element = h("a", { href: `${base}/wheel/${wheel.name}` }, parts.verdict, h("b", {}, wheel.wheel, h("br"), h("span", { class: "soft" }, wheel.spacecraft)), h("span", { class: "reason" }, parts.reason, h("br"), parts.alarm, parts.since), parts.age);
     return { element, parts, drawn: "", texts: {} };
   }
 
@@ -83,6 +85,8 @@ export function fleetView(store, base) {
     parts.verdict.className = `verdict ${stale ? "silent" : verdict}`;
     parts.verdict.textContent = `${SIGN[verdict] ?? "…"} ${verdict}${stale ? "\n◌ stale" : ""}${wheel.course?.change ? `\n${ARROW[wheel.course.change]}` : ""}`;
     parts.reason.textContent = `${LEAD[state]}${diagnosis?.reason ?? "The first window is being filled."}`;
+    const alarm = store.worstAlarm(wheel.name);
+    parts.alarm.textContent = alarm ? `${MARK[alarm.level]}${alarm.phase === "active" ? ", not acknowledged" : ""} · ` : "";
     parts.since.textContent = diagnosis ? since(wheel, diagnosis) : "";
     parts.age.textContent = staleness(store, wheel, state) ?? fill(wheel);
   }
@@ -117,6 +121,8 @@ function worst(wheel) {
   return Math.max(0, ...Object.values(diagnosis.anomalies).map((anomaly) => (anomaly.active ? anomaly.severity ?? 0 : 0)));
 }
 
-function rank(wheel, state) {
+/** A wheel with an alarm that nobody has acknowledged stands as high as an anomalous one, heard or not. */
+function rank(store, wheel, state) {
+  if (store.worstAlarm(wheel.name)?.phase === "active") return Math.min(1, ORDER[last(wheel)?.verdict] ?? 1);
   return (state === "past" ? 10 : state === "live" ? 0 : 1) + (ORDER[last(wheel)?.verdict] ?? 3);
 }

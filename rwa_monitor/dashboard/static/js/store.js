@@ -1,3 +1,5 @@
+import { LEVELS } from "./levels.js";
+
 /** What is known of the fleet, from the entries of the feed. Live and replay each have one, and nothing else differs. */
 const MAX_WINDOWS = 1000;
 const MAX_POINTS = 12000;
@@ -9,6 +11,7 @@ export class Store {
     this.live = live;
     this.wheels = new Map();
     this.alarms = new Map();
+    this.worst = null; // open alarm of each wheel, of the second worstOf
     this.now = 0; // time of the source, ms
   }
 
@@ -26,6 +29,7 @@ export class Store {
     const message = entry.message;
     if (parts[3] === "alarm") {
       this.alarms.set(message.id, message);
+      this.worst = null;
       return;
     }
     const wheel = this.wheel(`${parts[1]}/${parts[2]}`);
@@ -101,6 +105,22 @@ export class Store {
   /** Seconds since the last samples of a wheel came. */
   starvedFor(wheel) {
     return wheel.telemetry?.wall_ns == null ? 0 : this.now / 1e3 - wheel.telemetry.wall_ns / 1e9;
+  }
+
+  /** The open alarm of a wheel with the highest level, null where it has none or all are shelved. */
+  worstAlarm(name) {
+    const second = Math.floor(this.now / 1000);
+    if (this.worst === null || this.worstOf !== second) {
+      this.worst = new Map();
+      this.worstOf = second;
+      for (const alarm of this.openAlarms()) {
+        if ((alarm.shelved_until_wall_ns ?? 0) / 1e6 > this.now) continue;
+        const of = `${alarm.spacecraft}/${alarm.wheel}`;
+        const known = this.worst.get(of);
+        if (!known || LEVELS.indexOf(alarm.level) > LEVELS.indexOf(known.level)) this.worst.set(of, alarm);
+      }
+    }
+    return this.worst.get(name) ?? null;
   }
 
   openAlarms() {

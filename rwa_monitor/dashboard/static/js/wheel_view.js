@@ -80,7 +80,7 @@ export function wheelView(store, name, base) {
     const lines = [
       ["verdict " + (stale ? "silent" : verdict), `${SIGN[verdict] ?? "…"} ${verdict}${stale ? " (last known)" : ""}`],
       stale ? ["silent stale-note", `◌ ${stale}. This is the last known state, not the present one.`] : null,
-      ["strong", diagnosis?.reason ?? "The first window is being filled."],
+      ["strong", diagnosis?.reason ?? (store.connected || !store.live ? "The first window is being filled." : "Loading…")],
       diagnosis ? ["", diagnosis.explanation] : null,
       suspected ? ["inconclusive", suspected] : null,
       diagnosis ? ["soft", `Window ${wheelTime(diagnosis.window_start_ns)} to ${wheelTime(diagnosis.window_end_ns)}${since(diagnosis)}`] : null,
