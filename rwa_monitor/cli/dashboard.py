@@ -109,6 +109,8 @@ def command(
                 say(f"{error}; it is left out")
             else:
                 say(f"{imported.windows} windows in the recordings, {imported.new} of them new to the history")
+    elif not record.is_dir():
+        say(f"there is no folder {record} yet; it is made for the history")
     with stop_on_signals() as stop, open_session(bus) as session, serve(options, session, say) as running:
         show_page(running.address_with_token, no_browser=no_browser)
         stop.wait()

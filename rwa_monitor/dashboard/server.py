@@ -133,6 +133,8 @@ def serve(options: DashboardOptions, session: zenoh.Session, say: Callable[[str]
         )
         if options.foxglove is not None:
             say(f"Foxglove connects to {stack.enter_context(_foxglove(session, options)).address}")
+        if options.port is None and listening.getsockname()[1] != DEFAULT_PORT:
+            say(f"port {DEFAULT_PORT} is taken by another program; the page is elsewhere")
         address = f"http://{HOST}:{listening.getsockname()[1]}/"
         yield Running(address, f"{address}#token={token}", token)
 

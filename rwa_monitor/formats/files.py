@@ -92,7 +92,11 @@ def first_line(error: Exception) -> str:
 
 
 def unreadable(path: Path, error: OSError) -> InputError:
-    """Return the error to raise for a file that the system refuses to read."""
+    """Return the error to raise for a file that the system refuses to read; of a folder, with what lies in it."""
+    if isinstance(error, IsADirectoryError) and (inside := sorted(path.glob("*.mcap"))):
+        return InputError(
+            display_name(path), f"is a folder; give its recordings: {display_name(path)}/{inside[0].name} …"
+        )
     return InputError(display_name(path), f"cannot be read: {error.strerror or error}")
 
 

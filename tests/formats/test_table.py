@@ -250,6 +250,9 @@ def test_a_file_that_is_not_there_or_no_file_is_refused(tmp_path: Path) -> None:
         read_table(tmp_path / "nothing.csv")
     with pytest.raises(InputError, match="cannot be read: Is a directory"):
         read_table(tmp_path)
+    (tmp_path / "rwa-000001.mcap").touch()
+    with pytest.raises(InputError, match=r"is a folder; give its recordings: .*rwa-000001.mcap"):
+        read_table(tmp_path)
 
 
 @pytest.mark.parametrize("suffix", ["parquet", "mcap"])

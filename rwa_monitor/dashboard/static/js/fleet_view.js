@@ -29,7 +29,8 @@ export function fleetView(store, base) {
     }
     const heard = wheels.filter(({ state }) => state === "live");
     const bad = wheels.filter(({ wheel }) => last(wheel)?.verdict === "anomalous").length;
-    const text = store.live && !store.connected && !wheels.length ? "Loading…" : store.live ? `${heard.length} of ${wheels.length} wheels reporting, ${bad} anomalous, ${store.openAlarms().length} open alarms` : `${wheels.length} wheels, ${bad} anomalous`;
+    const alarms = store.openAlarms().length;
+    const text = store.live && !store.connected && !wheels.length ? "Loading…" : store.live ? `${heard.length} of ${wheels.length} wheels reporting, ${bad} anomalous, ${alarms} open alarm${alarms === 1 ? "" : "s"}` : `${wheels.length} wheels, ${bad} anomalous`;
     if (summary.textContent !== text) summary.textContent = text;
   }
 
