@@ -32,6 +32,7 @@ from rwa_monitor.formats.telemetry import (
     TelemetryFile,
     TextFile,
     WheelTelemetry,
+    disorder,
 )
 from rwa_monitor.formats.telemetry_map import PacketWheel, conversion, packet_wheels, time_conversion
 from rwa_monitor.messages import MAX_TIME_NS
@@ -399,6 +400,7 @@ def read_packets(path: Path, decoding: Decoding) -> TelemetryFile:
         for wheel, entry in zip(decoder.wheels, columns, strict=True)
         if len(entry)
     ]
+    unordered = [note for entry in telemetry for note in disorder(entry.batches[0].samples, str(entry.wheel))]
     if not telemetry:
         apids = ", ".join(str(apid) for apid in sorted({wheel.apid for wheel in decoder.wheels})[:8])
         because = f" ({problems[0]})" if problems else ""
@@ -406,7 +408,7 @@ def read_packets(path: Path, decoding: Decoding) -> TelemetryFile:
     return TelemetryFile(
         telemetry,
         problems=[f"{source}: {problem}" for problem in problems],
-        notes=[f"{source}: {note}" for note in packet_notes(decoder.counts)],
+        notes=[f"{source}: {note}" for note in (*packet_notes(decoder.counts), *unordered)],
     )
 
 

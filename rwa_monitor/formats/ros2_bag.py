@@ -33,7 +33,7 @@ from mcap.writer import MCAP0_MAGIC
 from rwa_monitor.errors import InputError, RwaMonitorError
 from rwa_monitor.formats.columns import MAX_ROWS
 from rwa_monitor.formats.files import display_name, first_line, unreadable
-from rwa_monitor.formats.telemetry import Decoding, SampleBatch, TelemetryFile, WheelTelemetry
+from rwa_monitor.formats.telemetry import Decoding, SampleBatch, TelemetryFile, WheelTelemetry, disorder
 from rwa_monitor.formats.telemetry_map import SI_UNITS, TopicChannel, TopicWheel, conversion, topic_wheels
 from rwa_monitor.messages import MAX_TIME_NS
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, FloatArray, IntArray, Samples
@@ -91,7 +91,12 @@ def read_bag(path: Path, decoding: Decoding) -> TelemetryFile:
     if not telemetry:
         because = f" ({bag.problems()[0]})" if bag.problems() else ""
         raise InputError(source, f"holds no sample of a wheel of the map{because}")
-    return TelemetryFile(telemetry, problems=[f"{source}: {problem}" for problem in bag.problems()])
+    unordered = [note for entry in telemetry for note in disorder(entry.batches[0].samples, str(entry.wheel))]
+    return TelemetryFile(
+        telemetry,
+        problems=[f"{source}: {problem}" for problem in bag.problems()],
+        notes=[f"{source}: {note}" for note in unordered],
+    )
 
 
 # ---- the wheels of the map -------------------------------------------------------------------------------------------

@@ -13,6 +13,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final, Protocol
 
+import numpy as np
+
 from rwa_monitor.diagnosis.model import Model
 from rwa_monitor.errors import InputError
 from rwa_monitor.formats.files import display_name, read_checked_text
@@ -135,5 +137,14 @@ def only_wheel(content: TelemetryFile, source: str) -> WheelTelemetry:
 
 
 def joined(telemetry: WheelTelemetry) -> Samples:
-    """Return all samples of a wheel as one table, in the order in which they came."""
-    return concatenate([batch.samples for batch in telemetry.batches])
+    """Return all samples of a wheel as one table, in the order of their time, of two with one time the first."""
+    samples = concatenate([batch.samples for batch in telemetry.batches])
+    if (np.diff(samples.time_ns) > 0).all():
+        return samples
+    return samples[np.unique(samples.time_ns, return_index=True)[1]]
+
+
+def disorder(samples: Samples, wheel: str) -> list[str]:
+    """Say how many samples of a wheel come late or again, which `diagnose` counts and `joined` puts in order."""
+    late = int(np.count_nonzero(np.diff(samples.time_ns) <= 0))
+    return [f"{late} samples of {wheel} come after one of the same time or a later one"] if late else []

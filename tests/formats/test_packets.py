@@ -186,6 +186,17 @@ def test_what_is_bad_in_a_file_is_a_problem_and_what_is_unknown_a_note(tmp_path:
     assert "the sequence count breaks 1 times; 1 packets are missing" in notes
 
 
+def test_packets_that_come_late_or_again_are_told_and_put_in_order(tmp_path: Path) -> None:
+    good = made.packets(8)
+    order = [0, 1, 4, 2, 3, 3, 5, 7, 6]
+    found = read_packets(made.write(tmp_path / "x.ccsds", [good[at] for at in order]), made.decoding())
+    assert any("3 samples of wheel_1 come after one of the same time or a later one" in note for note in found.notes)
+    entry = only_wheel(found, "test")
+    straight = [sample.time_ns for packet in good for sample in decoder().take(packet)]
+    assert entry.batches[0].samples.time_ns.tolist() == [straight[at] for at in order]  # as they came
+    assert joined(entry).time_ns.tolist() == straight
+
+
 def test_a_file_without_a_packet_of_the_map_is_refused(tmp_path: Path) -> None:
     for content in ([other(7)], [other(FIRST_APID)], [b"\x00" * 5], [b"time_s,speed_rad_s\n0,1\n"]):
         with pytest.raises(InputError, match="holds no packet that the map can use, of APID 416"):
