@@ -2,7 +2,7 @@
 
 A packet is six bytes of header, which count its length, and a content that an XTCE definition (CCSDS 660.1-G)
 describes: parameters, their bits, calibrators and units. A telemetry map says which of them are which channels of which
-wheel. The definition is read by `space_packet_parser`; what could make that work without end is refused before.
+wheel.
 
 A packet that cannot be believed is counted and left out: another version, another length than its header says, a
 content that the definition does not describe. Nothing in a packet shows a flipped bit; the frames below it do.
@@ -13,24 +13,21 @@ from __future__ import annotations
 import warnings
 from array import array
 from collections.abc import Iterator, Mapping
-from contextlib import redirect_stdout
 from dataclasses import dataclass, field
 from fractions import Fraction
-from functools import cache, lru_cache
-from io import BytesIO, StringIO
 from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
 
-from rwa_monitor.errors import InputError, RwaMonitorError
+from rwa_monitor.errors import InputError
+from rwa_monitor.formats.ccsds_definition import definition_of, parser_errors
 from rwa_monitor.formats.columns import MAX_ROWS
 from rwa_monitor.formats.files import display_name, first_line, read_bytes
 from rwa_monitor.formats.telemetry import (
     Decoding,
     SampleBatch,
     TelemetryFile,
-    TextFile,
     WheelTelemetry,
     disorder,
 )
@@ -43,9 +40,6 @@ HEADER_BYTES: Final = 6
 IDLE_APID: Final = 2_047
 UNSEGMENTED: Final = 0b11
 SEQUENCE_MODULUS: Final = 2**14
-MAX_ENTRIES: Final = 10_000  # of a packet, with all containers in containers
-MAX_DEPTH: Final = 50  # of containers in containers
-MAX_EXPONENT: Final = 16  # of a polynomial calibrator
 
 
 @dataclass(slots=True)
@@ -141,7 +135,7 @@ class PacketDecoder:
             raise InputError(
                 source, "holds space packets: --xtce says what is in them, and --map what of it is which channel"
             )
-        self._definition = _definition(decoding.xtce)
+        self._definition = definition_of(decoding.xtce)
         self.wheels = packet_wheels(decoding.map)
         self.counts = PacketCounts()
         self._by_apid: dict[int, list[tuple[int, _Wheel]]] = {}
@@ -174,7 +168,7 @@ class PacketDecoder:
             samples = [
                 sample for number, wheel in self._by_apid[apid] if (sample := _sample(parameters, number, wheel))
             ]
-        except _parser_errors() as error:
+        except parser_errors() as error:
             return self._bad(f"APID {apid}: {first_line(error)}")
         if samples:
             counts.decoded += 1
@@ -239,95 +233,7 @@ def _value(parameters: Mapping[str, Any], channel: _Channel) -> float:
     return float(parameters[channel.parameter]) * channel.factor + channel.offset
 
 
-# ---- the definition --------------------------------------------------------------------------------------------------
-
-
-@cache
-def _parser_errors() -> tuple[type[Exception], ...]:
-    """Return what the parser raises where a definition or a packet is not as it should be: it checks little itself."""
-    from lxml import etree
-    from space_packet_parser import exceptions
-
-    return (
-        ArithmeticError,
-        AssertionError,
-        AttributeError,
-        LookupError,
-        RuntimeError,  # a recursion without end among them
-        TypeError,
-        UserWarning,  # a length that does not agree
-        ValueError,
-        etree.LxmlError,
-        exceptions.CalibrationError,
-        exceptions.ComparisonError,
-        exceptions.DynamicLengthBinaryParameterError,
-        exceptions.ElementNotFoundError,
-        exceptions.FormatStringError,
-        exceptions.InvalidParameterTypeError,
-        exceptions.UnrecognizedPacketTypeError,
-    )
-
-
-@lru_cache(maxsize=8)
-def _definition(file: TextFile) -> Any:
-    """Return an XTCE definition, a `space_packet_parser.XtcePacketDefinition`.
-
-    Raises
-    ------
-    InputError
-        If it is none, is not plain (a document type could name other files and grow without end), or could make the
-        parser work without end.
-    """
-    try:
-        from lxml import etree
-        from space_packet_parser import XtcePacketDefinition
-    except ImportError as error:
-        raise RwaMonitorError(f"{error.name} is missing: pip install 'rwa-monitor[ccsds]'") from error
-    plain = etree.XMLParser(resolve_entities=False, no_network=True, load_dtd=False, huge_tree=False)
-    try:
-        root = etree.fromstring(file.text.encode("utf-8"), plain)
-        if root.getroottree().docinfo.doctype:
-            raise InputError(file.source, "has a document type (<!DOCTYPE …>), which no XTCE definition needs")
-        _check_containers(root)
-        with redirect_stdout(StringIO()), warnings.catch_warnings():
-            warnings.simplefilter("error", UserWarning)  # no XTCE namespace
-            definition = XtcePacketDefinition.from_xtce(BytesIO(etree.tostring(root)))
-        _check_definition(definition)
-    except _parser_errors() as error:
-        raise InputError(file.source, f"is no XTCE definition that can be used: {first_line(error)}") from error
-    return definition
-
-
-def _check_containers(root: Any) -> None:
-    """Raise ValueError where containers hold each other or too much: thirty that hold the next twice are a billion."""
-    entries = {
-        container.get("name"): [entry.get("containerRef") for entry in container.iterfind("{*}EntryList/*")]
-        for container in root.iterfind("{*}TelemetryMetaData/{*}ContainerSet/{*}SequenceContainer")
-    }
-    sizes: dict[str | None, int] = {}
-
-    def size(name: str | None, above: tuple[str | None, ...]) -> int:
-        if name in above or len(above) > MAX_DEPTH:
-            raise ValueError(f"container {name} holds itself, or others more than {MAX_DEPTH} deep")
-        if name not in sizes:
-            sizes[name] = 1 + sum(size(inner, (*above, name)) if inner else 1 for inner in entries.get(name, []))
-        return sizes[name]
-
-    if sum(size(name, ()) for name in entries) > MAX_ENTRIES:
-        raise ValueError(f"its containers hold more than {MAX_ENTRIES:,} entries")
-
-
-def _check_definition(definition: Any) -> None:
-    """Raise ValueError where parsing has no beginning, or a calibrator a power that takes long to reckon."""
-    if definition.root_container_name not in definition.containers:
-        raise ValueError(f"there is no container {definition.root_container_name}, where parsing begins")
-    for kind in definition.parameter_types.values():
-        context = getattr(kind.encoding, "context_calibrators", None) or ()
-        calibrators = (getattr(kind.encoding, "default_calibrator", None), *(entry.calibrator for entry in context))
-        for calibrator in calibrators:
-            for term in getattr(calibrator, "coefficients", ()):
-                if not 0 <= term.exponent <= MAX_EXPONENT:
-                    raise ValueError(f"{kind.name}: a calibrator with exponent {term.exponent}")
+# ---- the map against the definition ----------------------------------------------------------------------------------
 
 
 def _resolved(wheel: PacketWheel, definition: Any, decoding: Decoding) -> _Wheel:

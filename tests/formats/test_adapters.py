@@ -15,7 +15,7 @@ import pytest
 
 from rwa_monitor.errors import InputError, RwaMonitorError
 from rwa_monitor.fleet.tasks import Diagnose, FindDiscrepancy, Identify
-from rwa_monitor.formats import ccsds_packets
+from rwa_monitor.formats.ccsds_definition import definition_of
 from rwa_monitor.formats.ccsds_example import write_packets
 from rwa_monitor.formats.csv_table import write_csv
 from rwa_monitor.formats.parquet_table import write_parquet
@@ -144,7 +144,7 @@ def test_without_its_extra_a_format_says_what_to_install(
     name: FileFormat, module: str, extra: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     path, decoding = FORMATS[name][0](telemetry(ROWS)[:20], tmp_path)
-    ccsds_packets._definition.cache_clear()
+    definition_of.cache_clear()
     monkeypatch.setitem(sys.modules, module, None)  # as if it were not installed
     with pytest.raises(RwaMonitorError, match=rf"missing: pip install 'rwa-monitor\[{extra}\]'"):
         read_telemetry(path, decoding)
