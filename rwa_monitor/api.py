@@ -20,11 +20,12 @@ import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from rwa_monitor.diagnosis.model import Model, built_in_model
+from rwa_monitor.diagnosis.results import Method
 from rwa_monitor.diagnosis.state import CarriedState
 from rwa_monitor.discrepancy.extended import extended_wheel
 from rwa_monitor.discrepancy.find import Search
@@ -72,7 +73,6 @@ __all__ = [
 ]
 
 PathLike = str | os.PathLike[str]
-Method = Literal["joint", "paper"]
 
 
 # ---- in --------------------------------------------------------------------------------------------------------------

@@ -6,7 +6,7 @@ from collections import defaultdict
 from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Final, Literal
+from typing import TYPE_CHECKING, Final
 
 import click
 
@@ -25,6 +25,7 @@ from rwa_monitor.cli.talk import say
 from rwa_monitor.errors import InputError
 
 if TYPE_CHECKING:
+    from rwa_monitor.diagnosis.results import Method
     from rwa_monitor.fleet.tasks import CarriedStates, Diagnose
     from rwa_monitor.formats.telemetry import Decoding
     from rwa_monitor.live.trends import WindowFriction
@@ -48,7 +49,7 @@ def command(
     files: tuple[Path, ...],
     wheel_file: Path | None,
     model_file: Path | None,
-    method: Literal["joint", "paper"],
+    method: Method,
     as_json: bool,
     carry: bool,
     decoding: Decoding,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import click
 
@@ -14,6 +14,7 @@ from rwa_monitor.cli.options import FILE, bus_options, method_option, model_opti
 from rwa_monitor.cli.talk import say
 
 if TYPE_CHECKING:
+    from rwa_monitor.diagnosis.results import Method
     from rwa_monitor.live.bus import BusOptions
 
 
@@ -48,7 +49,7 @@ def command(
     wheels: str,
     wheel_file: Path | None,
     model_file: Path | None,
-    method: Literal["joint", "paper"],
+    method: Method,
     record: Path | None,
     record_limit: float | None,
     shard: tuple[int, int],

@@ -114,6 +114,11 @@ class WheelCore:
         self._waiting: Rows | None = None  # one sample that the next one judges
         self._begin_source("friction_torque_Nm")
 
+    @property
+    def last_sample_ns(self) -> int | None:
+        """Time of the latest sample that was taken into the wheel's grid; a wild time is none."""
+        return self._guard.last_ns
+
     # ---- in ---------------------------------------------------------------------------------------------------------
 
     def feed(self, samples: Samples, publisher: str = "", batch: int | None = None) -> list[Event]:

@@ -179,13 +179,13 @@ class Monitor:
             self._refuse(key, payload, error)
             return
         served.core = core
-        last_ns = message.time_ns[-1]
         if self.recorder is not None:
-            self.recorder.input(key, SamplesMessage.schema_name(), payload, last_ns)
-        served.last_sample_ns, served.publisher = last_ns, message.publisher
+            self.recorder.input(key, SamplesMessage.schema_name(), payload, message.time_ns[-1])
+        served.publisher = message.publisher
         self.searches.take_input(spacecraft, wheel, payload)
         begin_s = self.clock.monotonic_s()
         events = core.feed(samples, message.publisher, message.batch)
+        served.last_sample_ns = core.last_sample_ns
         if any(isinstance(event, WindowDiagnosed) for event in events):
             served.diagnosis_s = self.clock.monotonic_s() - begin_s
         self._handle(served, spacecraft, wheel, events)
@@ -338,7 +338,7 @@ class Monitor:
             diagnosis_s=served.diagnosis_s,
             now_wall_ns=self.clock.wall_ns(),
         )
-        topic = f"rwa/{spacecraft}/{wheel}/{Status.kind}"
+        topic = key_of(Status, spacecraft, wheel)
         payload = status.to_json()
         if record and self.recorder is not None:
             self.recorder.output(topic, Status.schema_name(), payload, None)

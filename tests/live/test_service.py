@@ -164,6 +164,20 @@ def test_a_sensor_that_jumps_again_and_again_is_told_once_a_window() -> None:
     assert 2 <= sum("stands out" in line for line in talk) <= 3
 
 
+def test_a_wild_time_is_not_told_as_that_of_the_latest_sample() -> None:
+    samples = telemetry(200)
+    wild = Samples(np.array([1_801_000_000_000_000_000]), np.ones(1), np.ones(1))
+    with open_session(BusOptions()) as session:
+        listener = Listener(session)
+        with monitor(session, options()):
+            publisher = SamplesPublisher(session, KEY)
+            publisher.put(samples)
+            publisher.put(wild)
+            wait_for(lambda: listener.status().get("samples_received") == 201, "all samples")
+            publisher.close()
+    assert listener.status()["last_sample_ns"] == int(samples.time_ns[-1])
+
+
 def test_a_wheel_that_cannot_be_served_is_told_in_its_status() -> None:
     samples = Samples(np.arange(50) * 125_000_000, np.ones(50))
     with open_session(BusOptions()) as session:
