@@ -285,6 +285,7 @@ def _describe(effect: type[Effect], fit: LikelihoodFit, gain: float, problem: Pr
             parameter.unit,
         )
         for parameter in effect.parameters
+        if parameter.name not in fit.undetermined  # what the data do not tell is not printed as if they did
     }
     derived = problem.friction_is_derived
     p_value = built_in_nulls().p_value(effect.family, gain, problem.log_size, derived=derived)

@@ -220,4 +220,5 @@ def _band_fit(
         log_likelihood_gain=gain,
         parameters=4,
         samples=count,
+        undetermined=frozenset({"burst_s", "quiet_s"}),
     )

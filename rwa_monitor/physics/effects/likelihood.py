@@ -26,6 +26,8 @@ class LikelihoodFit:
         Free parameters beyond those of the law without the effect.
     samples
         How many values entered: residuals, or jumps.
+    undetermined
+        Parameters that this fit says nothing of; their values are placeholders.
     """
 
     values: dict[str, float]
@@ -33,6 +35,7 @@ class LikelihoodFit:
     log_likelihood_gain: float
     parameters: int
     samples: int
+    undetermined: frozenset[str] = frozenset()
 
     @property
     def penalised_gain(self) -> float:

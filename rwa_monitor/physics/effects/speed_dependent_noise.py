@@ -42,7 +42,7 @@ class SpeedDependentNoise(NoiseEffect):
         "∝ ω², and resonances). That the spread grows linearly, and its size in telemetry, are working assumptions."
     )
     parameters = (
-        Parameter("strength_s_rad", "s/rad", 0.0, np.inf, 3.0e-3),
+        Parameter("strength_s_rad", "s/rad", 0.0, np.inf, 3.0e-3, default=0.0),
         Parameter("band_strength", "-", 0.0, 100.0, 0.0, default=0.0),
         Parameter("band_speed_rad_s", "rad/s", 0.0, 2000.0, 100.0, default=100.0),
         Parameter("band_width_rad_s", "rad/s", 1e-3, 500.0, 10.0, default=10.0),
@@ -103,6 +103,9 @@ def _values(growth: float, strength: float, speed: float, width: float) -> dict[
 
 
 _UNKNOWN: Final = float("nan")
+# The noise grows with the speed or it is raised in a band: a fit of one says nothing of the other.
+OF_GROWTH: Final = frozenset({"strength_s_rad"})
+OF_BAND: Final = frozenset({"band_strength", "band_speed_rad_s", "band_width_rad_s"})
 
 
 def _fit_growth(binned: _Binned) -> LikelihoodFit:
@@ -116,7 +119,7 @@ def _fit_growth(binned: _Binned) -> LikelihoodFit:
     found = optimize.minimize_scalar(lambda x: -gain(x), bounds=bounds, method="bounded")
     growth = float(np.exp(found.x))
     std = _values(growth * curvature_std(gain, float(found.x), 0.02), _UNKNOWN, _UNKNOWN, _UNKNOWN)
-    return LikelihoodFit(_values(growth, 0.0, 100.0, 10.0), std, max(-float(found.fun), 0.0), 1, binned.samples)
+    return LikelihoodFit(_values(growth, 0.0, 100.0, 10.0), std, max(-float(found.fun), 0.0), 1, binned.samples, OF_BAND)
 
 
 def _fit_band(binned: _Binned) -> LikelihoodFit:
@@ -140,6 +143,7 @@ def _fit_band(binned: _Binned) -> LikelihoodFit:
         max(-loss(best), 0.0),
         3,
         binned.samples,
+        OF_GROWTH,
     )
 
 
