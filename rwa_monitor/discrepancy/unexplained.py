@@ -27,17 +27,27 @@ STEPS_TO_JUMPS: Final = 2.0  # so many more small steps than jumps
 LASTING_LAGS: Final = range(64, 129, 4)  # slots: noise of the catalogue has forgotten itself to 4 %
 LASTING_SHARE: Final = 0.2  # of the residual's variance
 KNOTS: Final = 14  # of a free curve: a feature as wide as a tenth of the range is not missed
+FOLD_BINS: Final = 40  # parts of a period: what lasts a twentieth of it is seen
+MOST_HARMONICS: Final = 20  # of a period: a rub that lasts a twentieth of it has so many alike
+FEWEST_PERIODS: Final = 3  # in a record
+FOLDED_SHARE: Final = 0.9  # of the most power that any period folds up
+SHORT_SHARE: Final = 0.25  # of a period: what lasts longer is a wave, not a rub
+KNOTS_OF_TIME: Final = 7  # of the curve over time: what is faster is for jumps
+
+
+def _heights(knots: int) -> tuple[Parameter, ...]:
+    return tuple(Parameter(f"height_{i}_Nm", "N m", -np.inf, np.inf, 0.0, linear=True) for i in range(knots))
 
 
 class _FreeCurve(MeanEffect):
-    """A piecewise linear curve with KNOTS knots over the ranks of a quantity."""
+    """A piecewise linear curve over the ranks of a quantity."""
 
     formula = ""
     description = "A free curve, no physics."
     signature: ClassVar[str]
     source = "none"
     separate_by = ""
-    parameters = tuple(Parameter(f"height_{i}_Nm", "N m", -np.inf, np.inf, 0.0, linear=True) for i in range(KNOTS))
+    parameters = _heights(KNOTS)
     flips: ClassVar[bool]  # with the direction of rotation, as friction does
 
     @classmethod
@@ -53,15 +63,16 @@ class _FreeCurve(MeanEffect):
         quantity = cls.quantity(channels)
         assert quantity is not None
         known = quantity[channels.good & np.isfinite(quantity)]
-        knots = np.unique(np.quantile(known, np.linspace(0, 1, KNOTS)))
-        columns = np.zeros((quantity.size, KNOTS))
+        count = len(cls.parameters)
+        knots = np.unique(np.quantile(known, np.linspace(0, 1, count)))
+        columns = np.zeros((quantity.size, count))
         for i in range(knots.size):
             columns[:, i] = np.interp(quantity, knots, np.eye(knots.size)[i])
         return columns * (channels.direction[:, None] if cls.flips else 1.0), None
 
 
 def _curve(
-    name: str, signature: str, quantity: Callable[[Channels], FloatArray | None], *, flips: bool
+    name: str, signature: str, quantity: Callable[[Channels], FloatArray | None], *, flips: bool, knots: int = KNOTS
 ) -> type[_FreeCurve]:
     return type(
         name,
@@ -71,6 +82,7 @@ def _curve(
             "title": signature,
             "signature": signature,
             "flips": flips,
+            "parameters": _heights(knots),
             "quantity": classmethod(lambda _, channels: quantity(channels)),
         },
     )
@@ -91,6 +103,8 @@ CURVES: Final = (
         lambda c: np.abs(c.acceleration_rad_s2),
         flips=True,
     ),
+    # Jumps are dearer than knots: what many steps of one sign follow is a drift.
+    _curve("curve_time", "a drag that drifts with time", lambda c: c.time_s, flips=True, knots=KNOTS_OF_TIME),
     _curve("curve_temperature", "a drag that depends on temperature", lambda c: c.bearing_temperature_degC, flips=True),
 )
 
@@ -180,8 +194,9 @@ def judge_leftover(problem: Problem, found: SearchResult) -> tuple[SearchResult,
     kept = [i for i in range(len(model.terms)) if _needed(problem, best, i)]
     begin = 1 + sum(term.columns.shape[1] for term in best.terms[:-1])
     torque = curve.columns @ best.fit.coefficients[begin:]
-    size = float(np.std(torque))
-    unexplained = Unexplained(curve.effect.signature, size)
+    unexplained = Unexplained(curve.effect.signature, float(np.std(torque)))
+    if issubclass(curve.effect, _Periodic):
+        unexplained = _folded(problem, model, curve)
     if len(kept) == len(model.terms):
         return found, unexplained, best
     terms = tuple(model.terms[i] for i in kept)
@@ -193,6 +208,37 @@ def judge_leftover(problem: Problem, found: SearchResult) -> tuple[SearchResult,
         unexplained,
         best,
     )
+
+
+def _folded(problem: Problem, model: Model, curve: Term) -> Unexplained:
+    """Return what repeats in time with its period, how long it lasts in each, and its size.
+
+    The largest peak of a periodogram may be a harmonic, as of a short rub in a long period: the residual of the first
+    record is folded at multiples of the peak's period, and the shortest that holds nearly all there is to fold is told.
+    """
+    end = int(problem.starts[1])
+    time_s = problem.records[0].channels.time_s[problem.slot[:end]]
+    residual = model.fit.residual[:end]
+    if not curve.effect.flips:  # type: ignore[attr-defined]
+        residual = residual * problem.sign[:end]
+    longest = max(int(curve.shape["frequency_Hz"] * float(np.ptp(time_s)) / FEWEST_PERIODS), 1)
+    periods = [k / curve.shape["frequency_Hz"] for k in range(1, min(longest, MOST_HARMONICS) + 1)]
+    folds = [_fold(time_s, residual, period) for period in periods]
+    powers = [float(np.mean(mean**2)) for mean in folds]
+    at = next(i for i, power in enumerate(powers) if power >= FOLDED_SHARE * max(powers))
+    mean = folds[at] - np.median(folds[at])
+    lasting = float(np.count_nonzero(np.abs(mean) > 0.5 * np.max(np.abs(mean)))) / FOLD_BINS
+    short = f", {lasting * periods[at]:.2g} s long" if lasting < SHORT_SHARE else ""
+    noise = float(np.var(residual)) * FOLD_BINS / end
+    size = float(np.sqrt(max(powers[at] - noise, 0.0)))
+    return Unexplained(f"{curve.effect.signature}, every {periods[at]:.3g} s{short}", size)
+
+
+def _fold(time_s: FloatArray, values: FloatArray, period_s: float) -> FloatArray:
+    """Return the mean of values over FOLD_BINS parts of a period."""
+    part = np.minimum((np.mod(time_s / period_s, 1.0) * FOLD_BINS).astype(np.int64), FOLD_BINS - 1)
+    count = np.bincount(part, minlength=FOLD_BINS)
+    return np.asarray(np.bincount(part, values, FOLD_BINS) / np.maximum(count, 1), dtype=np.float64)
 
 
 def wandering(problem: Problem, model: Model) -> Unexplained | None:

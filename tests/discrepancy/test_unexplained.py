@@ -8,7 +8,7 @@ from scipy import signal
 
 from rwa_monitor.discrepancy.find import find_discrepancy
 from rwa_monitor.physics.wheel import Wheel
-from tests.discrepancy.simple import NOISE_NM, WHEEL, record, swing
+from tests.discrepancy.simple import NOISE_NM, PERIOD_S, WHEEL, record, swing
 
 COUNT = 8000
 # A wheel of which no switching system is known, as one that has just been put on the bench.
@@ -46,3 +46,25 @@ def test_many_true_jumps_are_no_wandering() -> None:
     assert result.unexplained is None
     assert result.gain is not None
     assert result.gain.changepoints_extended == 12
+
+
+def test_a_drift_that_grows_ever_faster_is_not_explained_away_by_jumps() -> None:
+    count = 20_000
+    time_s = np.arange(count) * PERIOD_S
+    ramp = 3.0e-4 * np.clip((time_s - 1000.0) / 1500.0, 0.0, None) ** 2
+    samples, _ = record(swing(count), jumps=(6000, 11_000, 16_500), effect=lambda speed, level: ramp * np.sign(speed))
+    result = find_discrepancy([("ramp", samples)], WHEEL).result
+    assert result.verdict == "inadequate"
+    assert result.unexplained is not None
+    assert "drifts with time" in result.unexplained.signature
+    assert 0.5 * ramp.std() < result.unexplained.size_Nm < 1.5 * ramp.std()
+
+
+def test_the_period_of_a_short_rub_is_told_not_that_of_a_harmonic() -> None:
+    count = 20_000
+    rub = 2 * NOISE_NM * (np.mod(np.arange(count) * PERIOD_S, 120.0) < 6.0)
+    samples, _ = record(swing(count), effect=lambda speed, level: rub * np.sign(speed))
+    result = find_discrepancy([("rub", samples)], WHEEL).result
+    assert result.unexplained is not None
+    assert "periodic in time, every 120 s" in result.unexplained.signature
+    assert 0.6 * rub.std() < result.unexplained.size_Nm < 1.5 * rub.std()
