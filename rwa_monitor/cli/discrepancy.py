@@ -224,6 +224,7 @@ def _print_details(found: Search) -> None:
     from rich.table import Table
 
     from rwa_monitor.discrepancy.extended import extend, laws_in_words
+    from rwa_monitor.discrepancy.report import noise_gains, p_in_words
 
     console = Console(width=None if sys.stdout.isatty() else 120)
     result = found.result
@@ -235,7 +236,7 @@ def _print_details(found: Search) -> None:
                 effect.name,
                 parameters,
                 f"{effect.delta_deviance:.0f}",
-                f"{effect.p_value:.1e}",
+                p_in_words(found, effect),
                 ", ".join(effect.equivalent) or "-",
                 effect.separate_by,
             )
@@ -249,6 +250,8 @@ def _print_details(found: Search) -> None:
             f"log score {gain.log_score_base:.4f} → {gain.log_score_extended:.4f} per sample, "
             f"jumps {gain.changepoints_base} → {gain.changepoints_extended}"
         )
+        for name, worth in noise_gains(found):
+            console.print(f"{name}: no less error; the right law of noise is worth {worth:.4f} nats per sample")
         if gain.diagnosis is not None:
             before, after = gain.diagnosis.before, gain.diagnosis.after
             console.print(

@@ -334,7 +334,7 @@ def solve_bounded(
     if np.all((solution >= low) & (solution <= high)):
         return solution
     free = np.ones(scale.size, dtype=bool)
-    while free.any():
+    while free.any():  # the slope has no bounds and stays free
         excess = np.where(free, np.maximum(low - solution, solution - high) * scale, -np.inf)
         worst = int(np.argmax(excess))
         if excess[worst] <= 0:

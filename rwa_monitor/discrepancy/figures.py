@@ -33,16 +33,19 @@ def overlay(search: Search) -> Figure:
     centre = int(np.argmax(apart))
     zoom = slice(max(centre - ZOOM_SLOTS // 2, 0), min(centre + ZOOM_SLOTS // 2, end))
 
+    factor, unit = torque_unit(float(np.max(np.abs(measured))))
     figure = Figure(figsize=(11, 7.2), layout="constrained")
     axes = figure.subplot_mosaic("A;B;C", height_ratios=[1, 1.3, 1.3])
     axes["A"].plot(*_thin(time_s, record.channels.speed_rad_s[problem.slot[:end]]), color="black", lw=0.8)
     axes["A"].set(ylabel="speed ω [rad/s]", title="Measured and simulated friction for the same manoeuvre")
     for axis, part, note in ((axes["B"], slice(0, end), ""), (axes["C"], zoom, "close-up where the models part most")):
-        axis.plot(*_thin(time_s[part], measured[part] * 1e3), color=MEASURED, lw=0.5, alpha=0.7, label="measured")
-        axis.plot(*_thin(time_s[part], base[part] * 1e3), color=BASE, lw=1.3, label="simulation as it is")
+        axis.plot(*_thin(time_s[part], measured[part] * factor), color=MEASURED, lw=0.5, alpha=0.7, label="measured")
+        axis.plot(*_thin(time_s[part], base[part] * factor), color=BASE, lw=1.3, label="simulation as it is")
         if search.extended.terms:
-            axis.plot(*_thin(time_s[part], extended[part] * 1e3), color=EXTENDED, lw=1.3, label="simulation extended")
-        axis.set(ylabel="friction torque [mN m]", title=note)
+            axis.plot(
+                *_thin(time_s[part], extended[part] * factor), color=EXTENDED, lw=1.3, label="simulation extended"
+            )
+        axis.set(ylabel=f"friction torque [{unit}]", title=note)
         axis.grid(alpha=0.25)
     axes["C"].set_xlabel("time [s]")
     axes["B"].legend(loc="upper right", ncols=3, fontsize=9)
@@ -75,13 +78,22 @@ def ladder_picture(search: Search) -> Figure:
     left, right = figure.subplots(1, 2, sharey=True)
     at = np.arange(len(names))
     colours = [BASE, *([EXTENDED] * (len(names) - 1))]
-    left.barh(at, [score.rmse_Nm * 1e6 for score in search.scores], color=colours)
-    left.axvline(search.problem.noise.std * 1e6, color="black", ls="--", lw=1)
-    left.set(xlabel="held-out RMSE [µN m] (dashed: noise)", yticks=at, yticklabels=names)
+    factor, unit = torque_unit(max(score.rmse_Nm for score in search.scores))
+    left.barh(at, [score.rmse_Nm * factor for score in search.scores], color=colours)
+    left.axvline(search.problem.noise.std * factor, color="black", ls="--", lw=1)
+    left.set(xlabel=f"held-out RMSE [{unit}] (dashed: noise)", yticks=at, yticklabels=names)
     left.invert_yaxis()
     right.barh(at, [model.fit.jumps.size for model in search.mean.ladder], color=colours)
     right.set(xlabel="jumps needed")
     return figure
+
+
+def torque_unit(size_Nm: float) -> tuple[float, str]:
+    """Return factor and name of the unit in which a torque [N m] has one to three digits before the point."""
+    for factor, unit in ((1.0, "N m"), (1e3, "mN m"), (1e6, "µN m")):
+        if abs(size_Nm) * factor >= 1.0:
+            return factor, unit
+    return 1e9, "nN m"
 
 
 def svg(figure: Figure) -> str:

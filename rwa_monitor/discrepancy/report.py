@@ -54,7 +54,27 @@ def sentence(result: DiscrepancyResult) -> str:
 
 def _name_in_words(effect: FoundEffect) -> str:
     others = f" or, as well as these data can tell, {', '.join(effect.equivalent)}" if effect.equivalent else ""
-    return f"{effect.name} ({CATALOGUE[effect.name].title.lower()}){others}"
+    name, title = effect.name, CATALOGUE[effect.name].title
+    words = title[:1].lower() + title[1:]
+    plain = name.replace("_", " ")
+    if words == plain:
+        return f"{name}{others}"
+    return f"{words if words.startswith(f'{plain} (') else f'{name} ({words})'}{others}"
+
+
+def p_in_words(search: Search, effect: FoundEffect) -> str:
+    """Return a p-value, with "≤" where the table of nulls tells no more."""
+    floor = built_in_nulls().floor(effect.family, derived=search.problem.friction_is_derived)
+    return f"{'≤ ' if effect.p_value <= floor else ''}{effect.p_value:.1e}"
+
+
+def noise_gains(search: Search) -> list[tuple[str, float]]:
+    """Return each noise effect found with what it is worth: nats per sample, in sample, by the right law of noise.
+
+    It moves no sample: the error of the model stays.
+    """
+    size = search.problem.size
+    return [(e.name, 0.5 * e.delta_deviance / size) for e in search.result.effects if e.family == "noise"]
 
 
 def ladder(search: Search) -> list[Rung]:
@@ -104,12 +124,12 @@ def html(search: Search, sources: list[str]) -> str:
         "rungs": ladder(search),
         "plan": plan(search),
         "detectable": [
-            entry for entry in detectable_strengths(search.problem, search.extended, CANDIDATES) if not entry.too_weak
+            entry
+            for entry in detectable_strengths(search.problem, search.extended, CANDIDATES)
+            if not entry.too_weak and entry.name not in dict(search.result.untested)
         ],
-        "floor_p": {
-            family: built_in_nulls().floor(family, derived=search.problem.friction_is_derived)
-            for family in ("mean", "noise", "switching")
-        },
+        "p_values": {effect.name: p_in_words(search, effect) for effect in search.result.effects},
+        "noise_gains": noise_gains(search),
         "sure_p": SURE_P,
         "accept_gain": f"{ACCEPT_GAIN:.0f}",
         "overlay": figures.svg(figures.overlay(search)),
@@ -123,7 +143,5 @@ def html(search: Search, sources: list[str]) -> str:
 
 def _torque(value: float) -> str:
     """Write a torque in the unit in which it has one to three digits before the point."""
-    for factor, unit in ((1.0, "N m"), (1e3, "mN m"), (1e6, "µN m")):
-        if abs(value) * factor >= 1.0:
-            return f"{value * factor:.3g} {unit}"
-    return f"{value * 1e9:.3g} nN m"
+    factor, unit = figures.torque_unit(value)
+    return f"{value * factor:.3g} {unit}"

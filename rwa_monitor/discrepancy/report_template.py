@@ -45,8 +45,7 @@ rest left out{% endif %}{% if clipped %}, {{ clipped }} outliers pulled in{% end
 <tr><td><strong>{{ effect.name }}</strong><br>
 <span class="small">{{ catalogue[effect.name].title }}; {{ effect.family }}</span></td>
 <td>{% for name, p in effect.parameters.items() %}{{ name }} = {{ p.in_words() }}<br>{% endfor %}</td>
-<td class="n">{{ "%.0f" | format(effect.delta_deviance) }}</td><td class="n">{{ "≤ " if effect.p_value <=
-floor_p[effect.family] }}{{ "%.1e" | format(effect.p_value) }}</td>
+<td class="n">{{ "%.0f" | format(effect.delta_deviance) }}</td><td class="n">{{ p_values[effect.name] }}</td>
 <td>{{ effect.equivalent | join(", ") or "–" }}</td><td>{{ effect.separate_by }}</td></tr>
 {% endfor %}
 </table>
@@ -76,6 +75,10 @@ at the same price in all models.</p>
 "%.4f" | format(rung.log_score) }}</td><td class="n">{% if rung.gain is not none %}{{ "%+.4f" | format(rung.gain) }}
 [{{ "%+.4f" | format(rung.gain_low) }}, {{ "%+.4f" | format(rung.gain_high) }}]{% else %}–{% endif %}</td>
 <td class="n">{{ rung.jumps }}</td></tr>
+{% endfor %}
+{% for name, worth in noise_gains %}
+<tr><td>+ {{ name }} (noise)</td><td class="n">the same</td><td class="n">–</td>
+<td class="n">{{ "%+.4f" | format(worth) }}, in sample</td><td class="n">the same</td></tr>
 {% endfor %}
 </table>
 {{ ladder_picture | safe }}

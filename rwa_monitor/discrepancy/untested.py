@@ -82,12 +82,18 @@ def too_weak_to_show(problem: Problem, model: Model, effects: Sequence[type[Mean
     return [
         (
             entry.name,
-            f"it would show only from {entry.parameter} = {entry.strength:.2g} {entry.unit}".rstrip(" -")
-            + f" on, {entry.share:.0%} of all friction; {separate_by[entry.name]}",
+            f"{_as_a_part(separate_by[entry.name])}; here it would show only from {entry.parameter} = "
+            + f"{entry.strength:.2g} {entry.unit}".rstrip(" -")
+            + f" on, {entry.share:.0%} of all friction",
         )
         for entry in detectable_strengths(problem, model, effects)
         if entry.too_weak and np.isfinite(entry.strength)
     ]
+
+
+def _as_a_part(sentence: str) -> str:
+    """Return a sentence as a part of a longer one."""
+    return sentence[:1].lower() + sentence[1:].rstrip(".")
 
 
 def untested_others(problem: Problem, model: Model, wheel: Wheel) -> list[tuple[str, str]]:

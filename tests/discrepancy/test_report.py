@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import html.parser
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -170,3 +171,15 @@ def test_command_writes_report_and_json(tmp_path: Path) -> None:
     }
     on_disk = json.loads((tmp_path / "out" / "report.json").read_text())
     assert on_disk["verdict"] == "inadequate"
+
+
+def test_words_say_each_thing_once(found: Search) -> None:
+    assert report.sentence(found.result) == "The simulation lacks stribeck (stribeck effect)."
+    dahl = replace(found.result.effects[0], name="presliding")
+    assert report.sentence(replace(found.result, effects=(dahl,))) == "The simulation lacks presliding (Dahl)."
+    assert report.p_in_words(found, found.result.effects[0]).startswith("≤ ")  # far beyond the largest null
+    untested = dict(found.result.untested)
+    page = report.html(found, ["hidden.csv"])
+    shown = page[page.index("What these data would have shown") :]
+    assert untested
+    assert not any(f"<td>{name}</td>" in shown for name in untested)

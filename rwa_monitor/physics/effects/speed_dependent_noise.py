@@ -119,7 +119,9 @@ def _fit_growth(binned: _Binned) -> LikelihoodFit:
     found = optimize.minimize_scalar(lambda x: -gain(x), bounds=bounds, method="bounded")
     growth = float(np.exp(found.x))
     std = _values(growth * curvature_std(gain, float(found.x), 0.02), _UNKNOWN, _UNKNOWN, _UNKNOWN)
-    return LikelihoodFit(_values(growth, 0.0, 100.0, 10.0), std, max(-float(found.fun), 0.0), 1, binned.samples, OF_BAND)
+    return LikelihoodFit(
+        _values(growth, 0.0, 100.0, 10.0), std, max(-float(found.fun), 0.0), 1, binned.samples, OF_BAND
+    )
 
 
 def _fit_band(binned: _Binned) -> LikelihoodFit:
