@@ -75,8 +75,8 @@ class Nulls:
 class NullTable:
     """Nulls by family and by whether friction was derived, at increasing lengths.
 
-    Derived friction has failures of its own: where a slew bends faster than the derivative follows, records that lack
-    nothing gain now and then by hundreds.
+    Derived friction has noise of its own, and fails in its own way: where a slew bends faster than the derivative
+    follows.
     """
 
     families: Mapping[tuple[Family, bool], tuple[Nulls, ...]]
