@@ -416,36 +416,34 @@ def _condition(
 def _inverse(matrix: FloatArray) -> tuple[FloatArray, float]:
     """Return inverse and log-determinant of a symmetric positive definite matrix, by its Cholesky factor."""
     size = matrix.shape[0]
-    factor = np.zeros((size, size))
+    factor, rest, column = np.zeros((size, size)), matrix.copy(), np.empty(size)
     log_determinant = 0.0
     for j in range(size):
-        rest = matrix[j, j]
-        for c in range(j):
-            rest -= factor[j, c] ** 2
         # A pivot smaller than its rounding is taken for that: noise a billionth of the friction leaves no digits in it.
-        rest = max(rest, PIVOT_ROUNDING * matrix[j, j], LEAST_PIVOT)
-        factor[j, j] = np.sqrt(rest)
-        log_determinant += np.log(rest)
+        pivot = max(rest[j, j], PIVOT_ROUNDING * matrix[j, j], LEAST_PIVOT)
+        log_determinant += np.log(pivot)
+        factor[j, j] = column[j] = np.sqrt(pivot)
         for i in range(j + 1, size):
-            rest = matrix[i, j]
-            for c in range(j):
-                rest -= factor[i, c] * factor[j, c]
-            factor[i, j] = rest / factor[j, j]
+            factor[i, j] = column[i] = rest[i, j] / column[j]
+        for i in range(j + 1, size):  # inner loops along rows, here and below: in the cache, several entries at once
+            for c in range(j + 1, i + 1):
+                rest[i, c] -= column[i] * column[c]
     lower = np.zeros((size, size))  # inverse of the factor
-    for j in range(size):
-        lower[j, j] = 1.0 / factor[j, j]
-        for i in range(j + 1, size):
-            total = 0.0
-            for c in range(j, i):
-                total -= factor[i, c] * lower[c, j]
-            lower[i, j] = total / factor[i, i]
-    inverse = np.zeros((size, size))
     for i in range(size):
-        for j in range(i + 1):
-            total = 0.0
-            for c in range(i, size):
-                total += lower[c, i] * lower[c, j]
-            inverse[i, j] = inverse[j, i] = total
+        for c in range(i):
+            for j in range(c + 1):
+                lower[i, j] -= factor[i, c] * lower[c, j]
+        for j in range(i):
+            lower[i, j] /= factor[i, i]
+        lower[i, i] = 1.0 / factor[i, i]
+    inverse = np.zeros((size, size))
+    for c in range(size):
+        for i in range(c + 1):
+            for j in range(i + 1):
+                inverse[i, j] += lower[c, i] * lower[c, j]
+    for i in range(size):
+        for j in range(i):
+            inverse[j, i] = inverse[i, j]
     return inverse, log_determinant
 
 
