@@ -47,11 +47,14 @@ def command(
     """Learn a wheel file from recordings of one healthy wheel.
 
     Where there is too little data to learn a switching system's law, nothing is written and the command says how much
-    more is needed. With --each the files are learned one by one, on Dask.
+    more is needed. What is learned is taken for nominal, so a failing wheel's recordings hide its failure: the command
+    says so where friction drifts, and diagnoses the recordings with the wheel file at the end. With --each the files
+    are learned one by one, on Dask.
     """
     from rwa_monitor.cli.progress import status_line
     from rwa_monitor.cli.recordings import read_recordings
     from rwa_monitor.discrepancy.identification import bare_wheel, identify
+    from rwa_monitor.fleet.tasks import not_nominal
     from rwa_monitor.formats.files import write_text
     from rwa_monitor.formats.wheel_file import read_wheel
 
@@ -72,6 +75,10 @@ def command(
     for note in learned.notes:
         say(note)
     say(f"written to {output}")
+    with status_line("diagnosing what was learned from"):
+        doubt = not_nominal(recordings.samples, learned.wheel)
+    if doubt:
+        say(doubt)
     ctx.exit(UNREADABLE if recordings.unreadable else 0)
 
 

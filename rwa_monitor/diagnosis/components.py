@@ -57,7 +57,8 @@ def split(
     Returns
     -------
     Components
-        Normalised. Jumps that no system made are part of the base: it is the mean over the window's samples.
+        Normalised. Jumps that no system made are part of the base: it is the mean over the window's samples. Where the
+        wheel names no system at all, they show that there is one; then any share of the level may be its friction.
     """
     story = Story(assignment.configurations, assignment.starts, assignment.index[assignment.system == UNATTRIBUTED])
     jumps = np.unique(assignment.index[assignment.system != REJECTED])
@@ -84,7 +85,12 @@ def split(
     weights /= weights.sum()
     return Components(
         base_dry=best.base,
-        base_dry_std=float(_spread(weights, np.array([v.base for v in views]), np.array([v.base_std for v in views]))),
+        base_dry_std=float(
+            np.hypot(
+                _spread(weights, np.array([v.base for v in views]), np.array([v.base_std for v in views])),
+                best.base if sizes.size and not wheel.fss else 0.0,
+            )
+        ),
         viscous=best.viscous,
         viscous_std=best.viscous_std,
         fss_friction=best.friction,

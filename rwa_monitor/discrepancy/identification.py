@@ -33,6 +33,13 @@ FAST_SHARE: Final = 0.25  # of the mean time between jumps: visits shorter than 
 CLOSED_WITHIN: Final = 4.5  # standard deviations by which a visit's way back may miss its entry
 JUMPS_INSIDE: Final = 1  # jumps of other systems that may fall into a visit
 VISIBLE_AT: Final = 5.0  # standard deviations of a jump below which nothing is made of it
+# A nominal value is good for something while its standard deviation is about half of what the built-in model's bands of
+# healthy wheels reach to either side: 6 % for base dry friction, 4 % for viscous friction.
+LARGEST_ERROR: Final = 0.025
+DRIFT_VISIBLE_AT: Final = 6.0  # standard deviations of a drift below which nothing is made of it
+# Of the base dry friction, over the recordings: a third of that band. Drift that is large also makes jumps, which take
+# most of it away from what is seen between jumps.
+LARGEST_DRIFT: Final = 0.02
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,7 +157,14 @@ def identify(recordings: Sequence[tuple[str, Samples]], start: Wheel, *, systems
             f"viscous friction comes out negative ({viscous:.3g} N m s/rad); is the sign of speed or friction right?",
         )
     chains = _chains(problem, fitted.jumps, fitted.level + fitted.residual)
-    found = _tell_apart(chains) if systems else []
+    lowest = _base_level([stay for chain in chains for stay in chain.stays()])
+    drift = _drift(problem, fitted.jumps, fitted.residual, lowest)
+    try:
+        found = _tell_apart(chains) if systems else []
+        if systems and not found:
+            raise _too_little("a switching system", [[]])
+    except InputError as error:
+        raise InputError(error.source, "; ".join((error.reason, *drift)), error.place) from error
     base = _base_level([stay for chain in chains for stay in chain.stays()])
     if base <= 0:
         raise InputError(
@@ -158,13 +172,13 @@ def identify(recordings: Sequence[tuple[str, Samples]], start: Wheel, *, systems
             f"dry friction comes out negative ({base:.3g} N m); is the sign of speed or friction right?",
         )
     nominal_speed = _round_to_two_digits(float(np.quantile(problem.speed, 0.95)))
+    _check_enough(problem, base, viscous, ", ".join(name for name, _ in recordings))
     blocks, notes = [], []
     for number, visits in enumerate(found, start=1):
         blocks.append(_system(f"fss_{number}", visits, base))
         notes.append(_note(blocks[-1], visits))
     slots = sum(record.used.size for record in problem.records)
-    inner = problem.speed - problem.speed.mean()
-    viscous_std = float(np.sqrt(problem.noise.long_run_variance / max(float(inner @ inner), 1e-300)))
+    dry_std, viscous_std = _errors(problem)
     wheel = bare.model_copy(
         update={
             "nominal": Nominal(dry_torque_Nm=base, viscous_Nm_s_rad=viscous, nominal_speed_rad_s=nominal_speed),
@@ -176,10 +190,70 @@ def identify(recordings: Sequence[tuple[str, Samples]], start: Wheel, *, systems
     colour = problem.noise.long_run_variance / problem.noise.std**2
     head = (
         f"learned from {len(recordings)} recording(s), {slots} slots, {problem.size} samples in motion",
-        f"viscous {viscous:.5g} ± {viscous_std:.2g} N m s/rad, base dry {base:.5g} N m",
+        f"viscous {viscous:.5g} ± {viscous_std:.2g} N m s/rad, base dry {base:.5g} ± {dry_std:.2g} N m",
         f"noise {problem.noise.std:.3g} N m; the variance of a long mean is {colour:.1f} times that of white noise",
     )
-    return Learned(Wheel.from_tables(wheel.to_tables(), "learned wheel"), (*head, *notes))
+    doubts = [*drift, *_unnamed(problem, fitted.jumps, blocks)]
+    return Learned(Wheel.from_tables(wheel.to_tables(), "learned wheel"), (*head, *notes, *doubts))
+
+
+def _errors(problem: Problem) -> tuple[float, float]:
+    """Return the standard deviations of base dry [N m] and of viscous friction [N m s/rad] that noise leaves."""
+    variance, mean = problem.noise.long_run_variance, float(problem.speed.mean())
+    inner = problem.speed - mean
+    viscous_std = float(np.sqrt(variance / max(float(inner @ inner), 1e-300)))
+    return float(np.hypot(np.sqrt(variance / problem.size), mean * viscous_std)), viscous_std
+
+
+def _check_enough(problem: Problem, base: float, viscous: float, names: str) -> None:
+    """Refuse records that leave the nominal friction too uncertain to tell a healthy wheel from a failing one."""
+    errors = dict(zip(("base dry", "viscous"), np.array(_errors(problem)) / (base, max(viscous, 1e-300)), strict=True))
+    worst = max(errors, key=lambda name: errors[name])
+    if errors[worst] > LARGEST_ERROR:
+        raise InputError(
+            names,
+            f"too little data to learn a wheel: {problem.size} samples in motion leave {worst} friction uncertain by"
+            f" {100.0 * errors[worst]:.2g} % ({100.0 * LARGEST_ERROR:.2g} % at most); give about"
+            f" {int(np.ceil((errors[worst] / LARGEST_ERROR) ** 2))} times as many, or a wider range of speeds",
+        )
+
+
+def _drift(problem: Problem, jumps: IntArray, residual: FloatArray, base: float) -> list[str]:
+    """Say whether friction drifts between jumps, where a healthy wheel's stays: nothing if not.
+
+    The common slope in time of what levels and viscous friction leave, each interval taken by itself.
+    """
+    cuts = np.unique(np.concatenate([problem.starts, jumps])).astype(np.int64)
+    interval = np.repeat(np.arange(cuts.size - 1), np.diff(cuts))
+    count = np.maximum(np.diff(cuts), 1)
+    time = problem.slot.astype(np.float64)
+    time -= (np.bincount(interval, time) / count)[interval]
+    spread = float(time @ time)
+    if not spread > 0.0:
+        return []
+    per_slot = float(time @ residual) / spread
+    over_all = per_slot * sum(record.used.size for record in problem.records)
+    certain = abs(per_slot) > DRIFT_VISIBLE_AT * float(np.sqrt(problem.noise.long_run_variance / spread))
+    if not certain or abs(over_all) < LARGEST_DRIFT * base:
+        return []
+    return [
+        f"friction drifts within these recordings (between its jumps by {1e3 * over_all:+.2g} mN m in all,"
+        f" {100.0 * over_all / base:+.2g} % of base dry friction): is the wheel healthy? A wheel file learned from a"
+        " failing wheel calls the failure nominal"
+    ]
+
+
+def _unnamed(problem: Problem, jumps: IntArray, systems: Sequence[SwitchingSystem]) -> list[str]:
+    """Say what base dry friction may hold where no system is learned."""
+    inside = np.setdiff1d(jumps, problem.starts).size
+    if systems:
+        return []
+    if not inside:
+        return ["no jumps are seen: if the wheel has switching systems, what friction they add is in base dry friction"]
+    return [
+        f"{inside} jumps are left without a switching system: base dry friction is learned from the lowest level, and"
+        " not judged in windows that hold such jumps"
+    ]
 
 
 def _window(known: Window, problem: Problem) -> Window:
@@ -310,7 +384,7 @@ def _slow_system(chains: list[list[_Sojourn]]) -> _Visits:
 
 def _too_little(what: str, durations: list[list[int]]) -> InputError:
     """Say what was seen and how much more is needed, without claiming that there is such a system at all."""
-    counts = ", ".join(f"q = {q}: {len(of_one)}" for q, of_one in enumerate(durations))
+    counts = ", ".join(f"q = {q}: {len(of_one)}" for q, of_one in enumerate(durations) if any(durations)) or "none"
     fewest = min(len(of_one) for of_one in durations)
     more = (
         f"about {int(np.ceil(2 * MIN_SOJOURNS / fewest))} times as many recordings"

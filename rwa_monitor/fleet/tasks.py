@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 from abc import ABC, abstractmethod
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar, Final
@@ -25,9 +26,11 @@ from rwa_monitor.formats.telemetry import Decoding, TelemetryFile, WheelTelemetr
 from rwa_monitor.formats.truth import beside
 from rwa_monitor.formats.wheel_file import read_wheel
 from rwa_monitor.live.core import diagnose_samples
+from rwa_monitor.live.events import WindowDiagnosed
 from rwa_monitor.live.telemetry_files import NO_DECODING, read_telemetry
 from rwa_monitor.messages import Diagnosis
 from rwa_monitor.physics.wheel import Wheel, built_in_wheel
+from rwa_monitor.samples import Samples
 from rwa_monitor.version import SOFTWARE
 
 CarriedStates = dict[tuple[str, str], CarriedState]  # by spacecraft and wheel
@@ -199,7 +202,41 @@ class Identify(Task):
         content, samples = _one_wheel(file, self.decoding)
         start = self.start or content.wheel or bare_wheel(file.stem, samples[1])
         learned = identify([samples], start, systems=self.systems)
-        return Done([wheel_row(str(file), learned)], tuple(content.problems), (*content.notes, *learned.notes))
+        doubt = not_nominal([samples], learned.wheel)
+        notes = (*content.notes, *learned.notes, *((doubt,) if doubt else ()))
+        return Done([wheel_row(str(file), learned)], tuple(content.problems), notes)
+
+
+def not_nominal(recordings: Sequence[tuple[str, Samples]], wheel: Wheel) -> str:
+    """Say which windows of the recordings that a wheel was learned from are not nominal with it; "" if all are.
+
+    Parameters
+    ----------
+    recordings
+        Name and samples of each.
+    wheel
+        What `identify` made of them.
+    """
+    model = built_in_model()
+    windows = [
+        (name, window.diagnosis)
+        for name, samples in recordings
+        for window in _full_ones(diagnose_samples(samples, wheel, model))
+    ]
+    others = [(name, diagnosis) for name, diagnosis in windows if diagnosis.verdict != "nominal"]
+    if not others:
+        return ""
+    name, first = next((other for other in others if other[1].verdict == "anomalous"), others[0])
+    return (
+        f"with this wheel file {len(others)} of {len(windows)} windows of these recordings are not nominal; {name},"
+        f" {first.verdict}: {first.reason}"
+    )
+
+
+def _full_ones(windows: Iterable[WindowDiagnosed]) -> list[WindowDiagnosed]:
+    """Return the windows without the partial one at the end, if there are others."""
+    found = list(windows)
+    return [window for window in found if not window.partial] or found
 
 
 @dataclass(frozen=True, slots=True)

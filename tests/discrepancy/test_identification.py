@@ -10,11 +10,14 @@ import pytest
 from click.testing import CliRunner
 
 from rwa_monitor.cli.main import main
+from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.discrepancy.identification import duration_law, identify
 from rwa_monitor.errors import InputError
+from rwa_monitor.fleet.tasks import not_nominal
 from rwa_monitor.formats.table import table_writer
+from rwa_monitor.live.core import diagnose_samples
 from rwa_monitor.physics.durations import Uniform
-from rwa_monitor.physics.scenario import Scenario
+from rwa_monitor.physics.scenario import Anomaly, Scenario
 from rwa_monitor.physics.speed import SpeedProfile
 from rwa_monitor.physics.telemetry import simulate
 from rwa_monitor.physics.wheel import Wheel, built_in_wheel
@@ -94,6 +97,43 @@ def test_without_systems_one_recording_is_enough() -> None:
     wheel = identify(recordings(1, seed=5), Wheel(name="short", sample_period_s=0.125), systems=False).wheel
     assert wheel.fss == ()
     assert wheel.nominal is not None
+
+
+@pytest.mark.parametrize("systems", [True, False])
+def test_a_minute_of_data_is_refused(systems: bool) -> None:
+    name, samples = recordings(1, seed=5)[0]
+    minute = samples[:500]
+    with pytest.raises(InputError, match="too little data"):
+        identify([(name, minute)], Wheel(name="minute", sample_period_s=0.125), systems=systems)
+
+
+def test_a_failing_wheel_s_drift_is_asked_about() -> None:
+    failing = Scenario(
+        speed=SpeedProfile(kind="orbit"), anomalies={"dry": Anomaly(factor=1.6, onset_s=2000.0, growth_s=40_000.0)}
+    )
+    samples = simulate(failing, built_in_wheel(), np.random.default_rng(8)).samples
+    bare = Wheel(name="failing", sample_period_s=0.125)
+    assert any("is the wheel healthy?" in note for note in identify([("f", samples)], bare, systems=False).notes)
+    with pytest.raises(InputError, match="is the wheel healthy"):
+        identify([("f", samples)], bare)
+
+
+def test_healthy_recordings_are_not_said_to_drift() -> None:
+    for seed in range(5, 10):
+        found = identify(recordings(1, seed=seed), Wheel(name="healthy", sample_period_s=0.125), systems=False)
+        assert not any("drifts" in note for note in found.notes)
+
+
+@pytest.mark.parametrize("seed", [11, 12, 13])
+def test_a_wheel_without_its_systems_is_not_called_anomalous_by_their_jumps(seed: int) -> None:
+    # Friction of systems that the wheel file does not name is in the level: 2.4 mN m where the base is 1.6 mN m.
+    found = recordings(1, seed=seed)
+    wheel = identify(found, Wheel(name="bare", sample_period_s=0.125), systems=False).wheel
+    (window,) = diagnose_samples(found[0][1], wheel, built_in_model())
+    dry = window.diagnosis.anomalies[0]
+    assert window.diagnosis.verdict == "inconclusive"
+    assert not dry.active
+    assert "inconclusive" in not_nominal(found, wheel)
 
 
 def test_a_reversed_sign_is_refused() -> None:
