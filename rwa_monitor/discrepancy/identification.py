@@ -237,9 +237,11 @@ def _drift(problem: Problem, jumps: IntArray, residual: FloatArray, base: float)
     if not certain or abs(over_all) < LARGEST_DRIFT * base:
         return []
     return [
-        f"friction drifts within these recordings (between its jumps by {1e3 * over_all:+.2g} mN m in all,"
-        f" {100.0 * over_all / base:+.2g} % of base dry friction): is the wheel healthy? A wheel file learned from a"
-        " failing wheel calls the failure nominal"
+        (
+            f"friction drifts within these recordings (between its jumps by {1e3 * over_all:+.2g} mN m in all,"
+            f" {100.0 * over_all / base:+.2g} % of base dry friction): is the wheel healthy? A wheel file learned from a"
+            " failing wheel calls the failure nominal"
+        )
     ]
 
 
@@ -251,8 +253,10 @@ def _unnamed(problem: Problem, jumps: IntArray, systems: Sequence[SwitchingSyste
     if not inside:
         return ["no jumps are seen: if the wheel has switching systems, what friction they add is in base dry friction"]
     return [
-        f"{inside} jumps are left without a switching system: base dry friction is learned from the lowest level, and"
-        " not judged in windows that hold such jumps"
+        (
+            f"{inside} jumps are left without a switching system: base dry friction is learned from the lowest level, and"
+            " not judged in windows that hold such jumps"
+        )
     ]
 
 

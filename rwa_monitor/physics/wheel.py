@@ -198,8 +198,8 @@ class Wheel(_Part):
             notes.append("no [nominal]: no classification of anomalies, torque is not normalised")
         if not self.fss:
             notes.append(
-                "no [[fss]]: friction changes are found but not attributed, and base dry friction is not judged in a window"
-                " that holds any"
+                "no [[fss]]: friction changes are found but not attributed, and base dry friction is not judged in a"
+                " window that holds any"
             )
         return notes
 
