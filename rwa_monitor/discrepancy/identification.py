@@ -236,13 +236,12 @@ def _drift(problem: Problem, jumps: IntArray, residual: FloatArray, base: float)
     certain = abs(per_slot) > DRIFT_VISIBLE_AT * float(np.sqrt(problem.noise.long_run_variance / spread))
     if not certain or abs(over_all) < LARGEST_DRIFT * base:
         return []
-    return [
-        (
-            f"friction drifts within these recordings (between its jumps by {1e3 * over_all:+.2g} mN m in all,"
-            f" {100.0 * over_all / base:+.2g} % of base dry friction): is the wheel healthy? A wheel file learned from a"
-            " failing wheel calls the failure nominal"
-        )
-    ]
+    note = (
+        f"friction drifts within these recordings (between jumps by {1e3 * over_all:+.2g} mN m in all,"
+        f" {100.0 * over_all / base:+.2g} % of base dry friction): is the wheel healthy? A wheel file learned from a"
+        " failing wheel calls the failure nominal"
+    )
+    return [note]
 
 
 def _unnamed(problem: Problem, jumps: IntArray, systems: Sequence[SwitchingSystem]) -> list[str]:
@@ -252,12 +251,11 @@ def _unnamed(problem: Problem, jumps: IntArray, systems: Sequence[SwitchingSyste
         return []
     if not inside:
         return ["no jumps are seen: if the wheel has switching systems, what friction they add is in base dry friction"]
-    return [
-        (
-            f"{inside} jumps are left without a switching system: base dry friction is learned from the lowest level, and"
-            " not judged in windows that hold such jumps"
-        )
-    ]
+    note = (
+        f"{inside} jumps are left without a switching system: base dry friction is learned from the lowest level and"
+        " not judged in windows that hold such jumps"
+    )
+    return [note]
 
 
 def _window(known: Window, problem: Problem) -> Window:

@@ -47,6 +47,7 @@ from rwa_monitor.live.order_guard import PIECE_SLOTS, OrderGuard, Rows
 from rwa_monitor.live.ring_buffer import RingBuffer
 from rwa_monitor.live.screen import LAG_SLOTS, TORQUE, Fault, Screen, friction_limit, speed_limit
 from rwa_monitor.live.sequencer import Batch, Counts, Sequencer
+from rwa_monitor.live.settings_check import SettingsCheck
 from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import FloatArray, IntArray, Samples
 from rwa_monitor.slots import SlotGrid
@@ -111,6 +112,7 @@ class WheelCore:
         self._grid = SlotGrid(0, wheel.period_ns)  # of the running epoch
         self._source: Source | Literal[""] = ""  # the channel that friction comes from; the first message decides
         self._said_missing = False
+        self._settings_check = SettingsCheck(wheel)
         self._waiting: Rows | None = None  # one sample that the next one judges
         self._begin_source("friction_torque_Nm")
 
@@ -204,7 +206,7 @@ class WheelCore:
 
     def _take(self, message: Batch) -> list[Event]:
         samples = message.samples
-        events: list[Event] = []
+        events: list[Event] = self._settings_check.look(samples)
         torque = self._friction.torque(samples)
         if torque is None:
             torque = np.full(len(samples), np.nan)

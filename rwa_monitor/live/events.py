@@ -115,6 +115,34 @@ class SensorFault:
     time_ns: int
 
 
+@dataclass(frozen=True, slots=True)
+class SamplePeriodDiffers:
+    """The samples come in other steps than the wheel file says.
+
+    Attributes
+    ----------
+    period_s, expected_s
+        Median step of the first samples, and the wheel file's sample period [s].
+    """
+
+    period_s: float
+    expected_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class SpeedsBeyondLimit:
+    """Many speeds are beyond the wheel's limit, where their samples are rejected.
+
+    Attributes
+    ----------
+    limit_rad_s, largest_rad_s
+        The limit, and the largest so far, as if it were in rad/s.
+    """
+
+    limit_rad_s: float
+    largest_rad_s: float
+
+
 Event = (
     EpochStarted
     | ProvisionalChangepoint
@@ -122,6 +150,8 @@ Event = (
     | ChannelMissing
     | StraySamples
     | SensorFault
+    | SamplePeriodDiffers
+    | SpeedsBeyondLimit
     | PublisherChanged
     | PublisherConflict
     | MessagesMissed

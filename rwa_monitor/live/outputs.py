@@ -11,7 +11,9 @@ from rwa_monitor.live.events import (
     EpochStarted,
     Event,
     ProvisionalChangepoint,
+    SamplePeriodDiffers,
     SensorFault,
+    SpeedsBeyondLimit,
     StraySamples,
     WindowDiagnosed,
 )
@@ -134,6 +136,16 @@ def trouble_in(event: Event) -> str | None:
     if isinstance(event, SensorFault):
         what = "repeats one value, as a sensor that hangs" if event.hangs else "stands out from the samples around it"
         return f"{event.channel} {what}, at {event.time_ns} ns: masked"
+    if isinstance(event, SamplePeriodDiffers):
+        return (
+            f"is sample_period_s = {event.expected_s:.6g} of the wheel file right? The samples come every"
+            f" {event.period_s:.3g} s"
+        )
+    if isinstance(event, SpeedsBeyondLimit):
+        return (
+            f"speeds beyond max_speed_rad_s = {event.limit_rad_s:.6g}, up to {event.largest_rad_s:.6g}, are rejected:"
+            " is it rpm?"
+        )
     if isinstance(event, PublisherConflict):
         return (
             f"two live publishers on one wheel: {event.samples} samples of {event.refused!r} were rejected, "

@@ -1,0 +1,72 @@
+"""Whether samples fit the wheel file at all: the sample period, the unit of speed.
+
+Either mistake leaves diagnoses that look like any other, of half the samples or fewer; each is told once.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from rwa_monitor.live.events import Event, SamplePeriodDiffers, SpeedsBeyondLimit
+from rwa_monitor.physics.wheel import Wheel
+from rwa_monitor.samples import NANOSECONDS_PER_SECOND, IntArray, Samples
+
+STEPS: Final = 64  # steps of time from which the period of the samples is told
+PERIOD_DIFFERS: Final = 1.25  # ratio of the periods: jitter and single missing samples make less of the quantile
+SLOW_QUANTILE: Final = 0.1  # nearly all steps are longer: the samples come slowly, not just with gaps
+MANY_BEYOND: Final = 64  # samples beyond the limit that are no single wild readings
+SHARE_BEYOND: Final = 0.1  # of all samples
+
+
+class SettingsCheck:
+    """Looks at a wheel's samples as they arrive.
+
+    Parameters
+    ----------
+    wheel
+        What the samples should fit.
+    """
+
+    def __init__(self, wheel: Wheel) -> None:
+        self._expected_s = wheel.sample_period_s
+        limit = wheel.limits.max_speed_rad_s
+        self._limit = float("inf") if limit is None else limit
+        self._times: IntArray | None = np.zeros(0, dtype=np.int64)  # the first ones; None when all is said
+        self._seen = self._beyond = 0
+        self._largest = 0.0
+        self._speed_said = False
+
+    def look(self, samples: Samples) -> list[Event]:
+        """Return what these samples show for the first time."""
+        return [*self._look_at_times(samples.time_ns), *self._look_at_speed(samples)]
+
+    def _look_at_times(self, time_ns: IntArray) -> list[Event]:
+        if self._times is None:
+            return []
+        self._times = np.concatenate([self._times, time_ns[: STEPS + 1 - self._times.size]])
+        if self._times.size <= STEPS:
+            return []
+        steps = np.diff(self._times)
+        self._times = None
+        steps = steps[steps > 0] / NANOSECONDS_PER_SECOND  # repeated messages and clock steps back tell no period
+        if steps.size < STEPS // 2:
+            return []
+        period_s = float(np.median(steps))
+        fast = period_s * PERIOD_DIFFERS < self._expected_s
+        slow = float(np.quantile(steps, SLOW_QUANTILE)) > self._expected_s * PERIOD_DIFFERS
+        return [SamplePeriodDiffers(period_s, self._expected_s)] if fast or slow else []
+
+    def _look_at_speed(self, samples: Samples) -> list[Event]:
+        if self._speed_said:
+            return []
+        speed = np.abs(samples.speed_rad_s)
+        beyond = speed[np.isfinite(speed) & (speed > self._limit)]
+        self._seen += speed.size
+        self._beyond += beyond.size
+        self._largest = max(self._largest, float(beyond.max(initial=0.0)))
+        if self._beyond < max(MANY_BEYOND, SHARE_BEYOND * self._seen):
+            return []
+        self._speed_said = True
+        return [SpeedsBeyondLimit(self._limit, self._largest)]
