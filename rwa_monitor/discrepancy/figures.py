@@ -10,57 +10,76 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from rwa_monitor.discrepancy.engineering import scaled
 from rwa_monitor.discrepancy.find import Search
+from rwa_monitor.discrepancy.ladder import ladder
 from rwa_monitor.discrepancy.views import View, base_residual
 from rwa_monitor.samples import FloatArray
 
-BASE, EXTENDED, MEASURED = "#c1440e", "#1f6f8b", "#7a7a7a"  # orange-red, teal, grey: apart for colour-blind eyes too
+BASE, EXTENDED, MEASURED = "#c1440e", "#1f6f8b", "#8a8a8a"  # orange-red, teal, grey: apart for colour-blind eyes too
+LINES: Final = {"simulation as it is": "--", "simulation extended": "-"}  # apart without colour, too
 MAX_POINTS: Final = 2500  # of a line in a picture
 STANDARD_ERRORS: Final = 2.0  # that the bars of all views show
 ZOOM_SLOTS: Final = 1200  # of the close-up
 
 
 def overlay(search: Search) -> Figure:
-    """Draw measured friction and both simulations for the same manoeuvre, with a close-up where they part most."""
+    """Draw measured friction and both simulations for the same manoeuvre, what is left, and where they part most."""
     problem, record = search.problem, search.problem.records[0]
     end = int(problem.starts[1])
     time_s = record.channels.time_s[problem.slot[:end]]
     sign = problem.sign[:end]
     measured = (problem.z_measured[:end]) * sign
-    extended = measured - (search.extended.fit.residual[:end] + (problem.z_measured - problem.z)[:end]) * sign
-    base = measured - (base_residual(problem, search.extended)[:end] + (problem.z_measured - problem.z)[:end]) * sign
-    apart = np.convolve((extended - base) ** 2, np.ones(min(200, end)), mode="same")
-    centre = int(np.argmax(apart))
-    zoom = slice(max(centre - ZOOM_SLOTS // 2, 0), min(centre + ZOOM_SLOTS // 2, end))
+    pulled_in = (problem.z_measured - problem.z)[:end]
+    left = {"simulation as it is": (base_residual(problem, search.extended)[:end] + pulled_in) * sign}
+    if search.extended.terms:
+        left["simulation extended"] = (search.extended.fit.residual[:end] + pulled_in) * sign
+    parting = (np.array(list(left.values())) - left["simulation as it is"])[-1]
+    width = min(ZOOM_SLOTS, max(end // 6, 2))
+    centre = int(np.argmax(np.convolve(parting**2, np.ones(max(width // 6, 1)), mode="same")))
+    zoom = slice(max(centre - width // 2, 0), min(centre + width // 2, end))
+    colours = dict(zip(left, (BASE, EXTENDED), strict=False))
 
-    factor, unit = torque_unit(float(np.max(np.abs(measured))))
-    figure = Figure(figsize=(11, 7.2), layout="constrained")
-    axes = figure.subplot_mosaic("A;B;C", height_ratios=[1, 1.3, 1.3])
+    figure = Figure(figsize=(11, 9.6), layout="constrained")
+    axes = figure.subplot_mosaic("A;B;D;C", height_ratios=[0.8, 1.2, 1.2, 1.3])
     axes["A"].plot(*_thin(time_s, record.channels.speed_rad_s[problem.slot[:end]]), color="black", lw=0.8)
-    axes["A"].set(ylabel="speed ω [rad/s]", title="Measured and simulated friction for the same manoeuvre")
-    for axis, part, note in ((axes["B"], slice(0, end), ""), (axes["C"], zoom, "close-up where the models part most")):
-        axis.plot(*_thin(time_s[part], measured[part] * factor), color=MEASURED, lw=0.5, alpha=0.7, label="measured")
-        axis.plot(*_thin(time_s[part], base[part] * factor), color=BASE, lw=1.3, label="simulation as it is")
-        if search.extended.terms:
-            axis.plot(
-                *_thin(time_s[part], extended[part] * factor), color=EXTENDED, lw=1.3, label="simulation extended"
-            )
-        axis.set(ylabel=f"friction torque [{unit}]", title=note)
+    axes["A"].set(ylabel="speed ω [rad/s]", title="the manoeuvre")
+    label, factor = scaled("friction torque [N m]", float(np.max(np.abs(measured))))
+    axes["B"].plot(*_thin(time_s, measured * factor), color=MEASURED, lw=2.0, label="measured")
+    axes["C"].plot(time_s[zoom], measured[zoom] * factor, ".", color=MEASURED, ms=2.5)
+    for axis, part, title in (
+        (axes["B"], slice(0, end), "friction, measured and simulated"),
+        (axes["C"], zoom, "close-up where the simulations part most"),
+    ):
+        for name, residual in left.items():
+            simulated = (measured - residual)[part] * factor
+            axis.plot(*_thin(time_s[part], simulated), color=colours[name], lw=1.3, ls=LINES[name], label=name)
+        axis.set(ylabel=label, title=title)
+    label, factor = scaled("difference [N m]", float(np.max(np.abs(left["simulation as it is"]))))
+    for name, residual in left.items():
+        axes["D"].plot(*_thin(time_s, residual * factor), color=colours[name], lw=0.7, label=name)
+    axes["D"].set(ylabel=label, title="measured less simulated")
+    for name in "ABD":
+        axes[name].sharex(axes["B"])
+    for axis in axes.values():
+        axis.set_xlabel("time [s]")
         axis.grid(alpha=0.25)
-    axes["C"].set_xlabel("time [s]")
-    axes["B"].legend(loc="upper right", ncols=3, fontsize=9)
+    figure.legend(*axes["B"].get_legend_handles_labels(), loc="outside upper center", ncols=3)
     return figure
 
 
 def view_picture(view: View, both: bool) -> Figure:
     """Draw one residual view: the base model's residual and, if `both`, the extended model's."""
-    figure = Figure(figsize=(5.4, 3.2), layout="constrained")
+    figure = Figure(figsize=(5.4, 3.4), layout="constrained")
     axis = figure.subplots()
-    axis.plot(view.base.x, view.expected, color="black", lw=0.8, ls="--", label="if nothing were missing")
+    y_label, y = scaled(view.y_label, float(np.max(np.abs(view.base.y), initial=0.0)))
+    x_label, x = scaled(view.x_label, float(np.max(np.abs(view.base.x), initial=0.0)))
+    axis.plot(view.base.x * x, view.expected * y, color="black", lw=0.8, ls="--", label="if nothing were missing")
     if both:
-        _bars(axis, view.extended.x, view.extended.y, view.extended.error, EXTENDED, "s", "extended")
-    _bars(axis, view.base.x, view.base.y, view.base.error, BASE, "o", "as it is")
-    axis.set(xlabel=view.x_label, ylabel=view.y_label, title=view.title)
+        _bars(axis, view.extended.x * x, view.extended.y * y, view.extended.error * y, EXTENDED, "s", "extended")
+    _bars(axis, view.base.x * x, view.base.y * y, view.base.error * y, BASE, "o", "as it is")
+    axis.set(xlabel=x_label, ylabel=y_label)
+    axis.set_title(view.title, fontweight="bold")
     if view.name == "tails":
         axis.set_yscale("log")
         axis.set_ylim(bottom=1e-6)
@@ -72,28 +91,28 @@ def view_picture(view: View, both: bool) -> Figure:
 
 
 def ladder_picture(search: Search) -> Figure:
-    """Draw the held-out RMSE and the number of jumps of each model of the ladder."""
-    names = ["as it is", *(f"+ {search.mean.ladder[i].names[-1]}" for i in range(1, len(search.mean.ladder)))]
-    figure = Figure(figsize=(7, 0.6 * len(names) + 1.4), layout="constrained")
+    """Draw what each model of the ladder gains on held-out data over the base model, and how many jumps it needs."""
+    rungs = ladder(search)
+    figure = Figure(figsize=(9, 0.55 * len(rungs) + 1.3), layout="constrained")
     left, right = figure.subplots(1, 2, sharey=True)
-    at = np.arange(len(names))
-    colours = [BASE, *([EXTENDED] * (len(names) - 1))]
-    factor, unit = torque_unit(max(score.rmse_Nm for score in search.scores))
-    left.barh(at, [score.rmse_Nm * factor for score in search.scores], color=colours)
-    left.axvline(search.problem.noise.std * factor, color="black", ls="--", lw=1)
-    left.set(xlabel=f"held-out RMSE [{unit}] (dashed: noise)", yticks=at, yticklabels=names)
+    at = np.arange(len(rungs))
+    colours = [BASE, *([EXTENDED] * (len(rungs) - 1))]
+    for k, rung in enumerate(rungs):
+        half = 0.0 if rung.total_half is None else rung.total_half
+        left.errorbar(rung.total, k, xerr=half, fmt="o" if k == 0 else "s", color=colours[k], capsize=4, ms=6)
+    left.axvline(0.0, color="black", lw=0.8)
+    left.set(
+        xlabel="log score gained [nats per sample], 95 %",
+        yticks=at,
+        yticklabels=[rung.name for rung in rungs],
+    )
     left.invert_yaxis()
-    right.barh(at, [model.fit.jumps.size for model in search.mean.ladder], color=colours)
-    right.set(xlabel="jumps needed")
+    left.grid(alpha=0.25)
+    bars = right.barh(at, [rung.jumps for rung in rungs], color=colours, height=0.55)
+    right.bar_label(bars, padding=3)
+    right.set(xlabel="jumps needed [-]")
+    right.margins(x=0.12)
     return figure
-
-
-def torque_unit(size_Nm: float) -> tuple[float, str]:
-    """Return factor and name of the unit in which a torque [N m] has one to three digits before the point."""
-    for factor, unit in ((1.0, "N m"), (1e3, "mN m"), (1e6, "µN m")):
-        if abs(size_Nm) * factor >= 1.0:
-            return factor, unit
-    return 1e9, "nN m"
 
 
 def svg(figure: Figure) -> str:

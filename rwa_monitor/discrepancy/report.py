@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any, Final
 
 import jinja2
-import numpy as np
 
-from rwa_monitor.discrepancy import figures
+from rwa_monitor.discrepancy import engineering, figures
 from rwa_monitor.discrepancy.extended import extend, laws_in_words
 from rwa_monitor.discrepancy.find import CANDIDATES, Search
-from rwa_monitor.discrepancy.gain import BLOCKS
+from rwa_monitor.discrepancy.ladder import ladder
 from rwa_monitor.discrepancy.nulls import built_in_nulls
 from rwa_monitor.discrepancy.plan import PlannedManoeuvre, rank_manoeuvres
 from rwa_monitor.discrepancy.report_template import PAGE
@@ -22,20 +20,9 @@ from rwa_monitor.discrepancy.views import all_views
 from rwa_monitor.physics.effects.catalogue import CATALOGUE, MEAN_EFFECTS
 from rwa_monitor.version import SOFTWARE
 
+KINDS: Final = {"mean": "a torque", "noise": "of the noise", "switching": "of the jumps"}
+PROPER: Final = "Stribeck"  # a name: it keeps its capital
 SURE_P: Final = 1e-4  # below which a view's test calls its deviation no chance
-
-
-@dataclass(frozen=True, slots=True)
-class Rung:
-    """One model of the ladder, with the gain over the one before and its 95 % interval."""
-
-    name: str
-    rmse_Nm: float
-    log_score: float
-    gain: float | None
-    gain_low: float | None
-    gain_high: float | None
-    jumps: int
 
 
 def sentence(result: DiscrepancyResult) -> str:
@@ -48,6 +35,7 @@ def sentence(result: DiscrepancyResult) -> str:
     if result.unexplained is not None:
         parts.append(
             f"{result.unexplained.signature}, {result.unexplained.size_Nm:.2g} N m rms, that no known effect explains"
+            + (" (what is named here may stand in for it)" if parts else "")
         )
     return f"The simulation lacks {'; and '.join(parts)}."
 
@@ -55,7 +43,7 @@ def sentence(result: DiscrepancyResult) -> str:
 def _name_in_words(effect: FoundEffect) -> str:
     others = f" or, as well as these data can tell, {', '.join(effect.equivalent)}" if effect.equivalent else ""
     name, title = effect.name, CATALOGUE[effect.name].title
-    words = title[:1].lower() + title[1:]
+    words = title if title.startswith(PROPER) else title[:1].lower() + title[1:]
     plain = name.replace("_", " ")
     if words == plain:
         return f"{name}{others}"
@@ -65,7 +53,7 @@ def _name_in_words(effect: FoundEffect) -> str:
 def p_in_words(search: Search, effect: FoundEffect) -> str:
     """Return a p-value, with "≤" where the table of nulls tells no more."""
     floor = built_in_nulls().floor(effect.family, derived=search.problem.friction_is_derived)
-    return f"{'≤ ' if effect.p_value <= floor else ''}{effect.p_value:.1e}"
+    return f"{'≤ ' if effect.p_value <= floor else ''}{engineering.probability(effect.p_value)}"
 
 
 def noise_gains(search: Search) -> list[tuple[str, float]]:
@@ -75,21 +63,6 @@ def noise_gains(search: Search) -> list[tuple[str, float]]:
     """
     size = search.problem.size
     return [(e.name, 0.5 * e.delta_deviance / size) for e in search.result.effects if e.family == "noise"]
-
-
-def ladder(search: Search) -> list[Rung]:
-    """Return the ladder of models with held-out gains; intervals from the spread over held-out blocks."""
-    rungs = []
-    for i, (model, score) in enumerate(zip(search.mean.ladder, search.scores, strict=True)):
-        gain = low = high = None
-        if i > 0:
-            per_block = score.block_log_scores - search.scores[i - 1].block_log_scores
-            gain = float(per_block.mean())
-            half = 1.96 * float(per_block.std(ddof=1)) / float(np.sqrt(BLOCKS))
-            low, high = gain - half, gain + half
-        name = "simulation as it is" if i == 0 else f"+ {model.names[-1]}"
-        rungs.append(Rung(name, score.rmse_Nm, score.log_score, gain, low, high, int(model.fit.jumps.size)))
-    return rungs
 
 
 def plan(search: Search) -> list[PlannedManoeuvre]:
@@ -108,8 +81,11 @@ def html(search: Search, sources: list[str]) -> str:
     extended = bool(search.extended.terms)
     extension = extend(search)
     environment = jinja2.Environment(autoescape=True, trim_blocks=True, lstrip_blocks=True)
-    environment.filters["torque"] = _torque
-    environment.filters["number"] = lambda value: "–" if value is None else f"{value:.4g}"
+    environment.filters["torque"] = lambda value: engineering.measure(value, None, "N m")
+    environment.filters["probability"] = engineering.probability
+    environment.globals["measure"] = engineering.measure
+    environment.globals["in_words"] = engineering.in_words
+    rungs = ladder(search)
     facts: dict[str, Any] = {
         "result": search.result,
         "sentence": sentence(search.result),
@@ -121,7 +97,8 @@ def html(search: Search, sources: list[str]) -> str:
         "noise_std_Nm": search.problem.noise.std,
         "software": SOFTWARE,
         "catalogue": CATALOGUE,
-        "rungs": ladder(search),
+        "kinds": KINDS,
+        "rungs": rungs,
         "plan": plan(search),
         "detectable": [
             entry
@@ -139,9 +116,3 @@ def html(search: Search, sources: list[str]) -> str:
         "laws": laws_in_words(extension) if extended else [],
     }
     return environment.from_string(PAGE).render(facts)
-
-
-def _torque(value: float) -> str:
-    """Write a torque in the unit in which it has one to three digits before the point."""
-    factor, unit = figures.torque_unit(value)
-    return f"{value * factor:.3g} {unit}"

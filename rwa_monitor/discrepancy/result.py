@@ -78,6 +78,7 @@ class DiagnosisGain:
 
     before: Rates
     after: Rates
+    windows: int
 
 
 @dataclass(frozen=True, slots=True)

@@ -364,7 +364,8 @@ def _lattice_view(problem: Problem) -> View:
     """Show how the last digits of the measured speed are spread: even, or on a lattice."""
     speed = np.concatenate([record.channels.speed_rad_s[record.used] for record in problem.records])
     step = max(record.speed_step_rad_s for record in problem.records)
-    unit = step if step > 0 else max(float(np.ptp(speed)) / 1000, 1e-12)
+    # Where no lattice is known: a step as small as the noise, within which the speed would be spread evenly.
+    unit = step if step > 0 else max(*(record.speed_noise_rad_s for record in problem.records), 1e-12)
     phase = np.mod(speed / unit, 1.0)
     count, edges = np.histogram(phase, bins=20, range=(0.0, 1.0))
     expected = speed.size / 20

@@ -58,7 +58,7 @@ def diagnosis_gain(search: Search, model: Model | None, windows: int = WINDOWS) 
         return _diagnosed(wheel, extended, speed, statuses[i % len(statuses)], SEED + i, model)
 
     counts = np.sum(search.problem.each(diagnosed, range(windows)), axis=0)
-    return DiagnosisGain(_rates(counts[0], windows), _rates(counts[1], windows))
+    return DiagnosisGain(_rates(counts[0], windows), _rates(counts[1], windows), windows)
 
 
 def _diagnosed(wheel: Wheel, extended: Wheel, speed: SpeedProfile, status: str, seed: int, model: Model) -> Counts:

@@ -16,6 +16,7 @@ from rwa_monitor.discrepancy import report
 from rwa_monitor.discrepancy.bootstrap import with_bootstrap
 from rwa_monitor.discrepancy.extended import extended_wheel
 from rwa_monitor.discrepancy.find import Search, find_discrepancy
+from rwa_monitor.discrepancy.ladder import ladder
 from rwa_monitor.discrepancy.plan import rank_manoeuvres
 from rwa_monitor.discrepancy.views import all_views
 from rwa_monitor.formats.table import table_writer
@@ -65,7 +66,7 @@ def test_the_extension_gains_on_held_out_blocks(found: Search) -> None:
     assert gain is not None
     assert gain.log_score_extended > gain.log_score_base
     assert gain.changepoints_extended < gain.changepoints_base
-    rungs = report.ladder(found)
+    rungs = ladder(found)
     assert [rung.name for rung in rungs] == ["simulation as it is", "+ stribeck"]
     assert rungs[1].gain_low is not None
     assert rungs[1].gain_high is not None
