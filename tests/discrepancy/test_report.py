@@ -175,7 +175,7 @@ def test_command_writes_report_and_json(tmp_path: Path) -> None:
 
 
 def test_words_say_each_thing_once(found: Search) -> None:
-    assert report.sentence(found.result) == "The simulation lacks stribeck (stribeck effect)."
+    assert report.sentence(found.result) == "The simulation lacks stribeck (Stribeck effect)."
     dahl = replace(found.result.effects[0], name="presliding")
     assert report.sentence(replace(found.result, effects=(dahl,))) == "The simulation lacks presliding (Dahl)."
     assert report.p_in_words(found, found.result.effects[0]).startswith("≤ ")  # far beyond the largest null
