@@ -20,6 +20,7 @@ from rwa_monitor.discrepancy.saturation import without_end_stops
 from rwa_monitor.errors import InputError
 from rwa_monitor.physics import torque_balance
 from rwa_monitor.physics.effects.base import Channels
+from rwa_monitor.physics.speed import wheel_angle
 from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import BoolArray, FloatArray, Samples
 from rwa_monitor.slots import SlotGrid
@@ -157,7 +158,7 @@ def make_record(samples: Samples, wheel: Wheel, source: str) -> Record:
         speed_rad_s=speed,
         direction=direction,
         acceleration_rad_s2=_from_neighbours(speed, hole, SMOOTHING_REACH, order=1) / wheel.sample_period_s,
-        angle_rad=_angle(_hold(speed), wheel.sample_period_s),
+        angle_rad=wheel_angle(_hold(speed), wheel.sample_period_s),
         motor_torque_Nm=None if torque is None else _from_neighbours(torque, 0, SMOOTHING_REACH, order=0),
         bearing_temperature_degC=_smooth_temperature(on_grid(samples.bearing_temperature_degC)),
         dry_level_Nm=None,
@@ -332,13 +333,6 @@ def _spread_between_neighbours(values: FloatArray, lag: int) -> float:
     differences = values[lag:] - values[:-lag]
     known = differences[np.isfinite(differences)]
     return float(np.median(np.abs(known))) / 0.6745 / np.sqrt(2.0) if known.size else np.inf
-
-
-def _angle(speed: FloatArray, period_s: float) -> FloatArray:
-    """Return ∫ω dt by the trapezoidal rule [rad]: a phase of many turns must not depend on the speed."""
-    angle = np.zeros(speed.size)
-    np.cumsum(0.5 * period_s * (speed[1:] + speed[:-1]), out=angle[1:])
-    return angle
 
 
 def _hold(values: FloatArray) -> FloatArray:

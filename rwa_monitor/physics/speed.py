@@ -113,6 +113,26 @@ def simulate_motion(profile: SpeedProfile, wheel: Wheel, slots: int, rng: np.ran
     return Motion(plan.speed * unit, plan.acceleration * unit)
 
 
+def wheel_angle(speed_rad_s: FloatArray, period_s: float) -> FloatArray:
+    """Return the angle of the wheel, ∫ω dt by the trapezoidal rule.
+
+    Parameters
+    ----------
+    speed_rad_s
+        ω (n,), finite at every slot.
+    period_s
+        Slot length [s].
+
+    Returns
+    -------
+    angle
+        float64 (n,) [rad], 0 at the first slot.
+    """
+    angle = np.zeros(speed_rad_s.size)
+    np.cumsum(0.5 * period_s * (speed_rad_s[1:] + speed_rad_s[:-1]), out=angle[1:])
+    return angle
+
+
 def largest_acceleration(wheel: Wheel) -> float:
     """Return the acceleration that a planned move may use [rad/s²]: what the maximum current leaves after friction."""
     assert wheel.nominal is not None

@@ -21,7 +21,7 @@ from rwa_monitor.physics.effects.speed_dead_zone import SpeedDeadZone
 from rwa_monitor.physics.effects.switching_base import JumpClock, Jumps, SwitchingEffect
 from rwa_monitor.physics.scenario import Anomaly, Scenario
 from rwa_monitor.physics.sensors import bearing_temperature, measure
-from rwa_monitor.physics.speed import ORBIT_S, Motion, simulate_motion
+from rwa_monitor.physics.speed import ORBIT_S, Motion, simulate_motion, wheel_angle
 from rwa_monitor.physics.switching import FrictionFactor, Realisation, simulate_system
 from rwa_monitor.physics.truth import VISIBLE_INFORMATION, Changepoints, Telemetry, Truth, cut, true_changepoints
 from rwa_monitor.physics.wheel import Wheel
@@ -163,7 +163,7 @@ def _friction_parts(scenario: Scenario, wheel: Wheel, motion: Motion, streams: _
         speed_rad_s=speed,
         direction=direction,
         acceleration_rad_s2=motion.acceleration_rad_s2,
-        angle_rad=_angle(speed, wheel.sample_period_s),
+        angle_rad=wheel_angle(speed, wheel.sample_period_s),
         motor_torque_Nm=None,
         bearing_temperature_degC=bearing_temperature(time, power, ORBIT_S, streams.temperature),
         dry_level_Nm=None,
@@ -246,13 +246,6 @@ def _temperature(parts: _Parts) -> FloatArray:
     temperature = parts.channels.bearing_temperature_degC
     assert temperature is not None
     return temperature
-
-
-def _angle(speed_rad_s: FloatArray, period_s: float) -> FloatArray:
-    """Return the wheel angle ∫ω dt [rad], float64 (n,), by the trapezoidal rule, 0 at the first slot."""
-    angle = np.zeros(speed_rad_s.size)
-    np.cumsum(0.5 * period_s * (speed_rad_s[1:] + speed_rad_s[:-1]), out=angle[1:])
-    return angle
 
 
 def _motor_torque(wheel: Wheel, friction: FloatArray, motion: Motion) -> FloatArray | None:
