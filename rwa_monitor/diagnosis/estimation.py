@@ -10,12 +10,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 
-from rwa_monitor.diagnosis.noise import mean_variance_factor
+from rwa_monitor.diagnosis.noise import mean_variance_factor, mean_variance_factors
 from rwa_monitor.diagnosis.results import Estimate, Evidence, NoiseEstimate
-from rwa_monitor.diagnosis.running_sums import Moments, RunningSums
+from rwa_monitor.diagnosis.running_sums import MOMENTS, Moments, RunningSums, SumArrays, range_moments
 from rwa_monitor.physics.wheel import Wheel
-from rwa_monitor.samples import BoolArray, FloatArray, IntArray
+from rwa_monitor.samples import FloatArray, IntArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,6 +53,7 @@ def nominal_slope_prior(wheel: Wheel) -> SlopePrior | None:
     return SlopePrior(nominal, NOMINAL_SLOPE_SPREAD * max(nominal, 0.1))
 
 
+@njit(cache=True, error_model="numpy", nogil=True)
 def interval_bounds(slots: int, index: IntArray, exclude: IntArray) -> tuple[IntArray, IntArray]:
     """Return first slot and end of the m + 1 intervals, without the slots around each changepoint.
 
@@ -70,26 +72,35 @@ def interval_bounds(slots: int, index: IntArray, exclude: IntArray) -> tuple[Int
     start, stop
         int64 (m + 1,).
     """
-    first = np.concatenate((np.zeros(1, dtype=np.int64), index))
-    end = np.concatenate((index, np.full(1, slots, dtype=np.int64)))
-    most = (end - first) // 4
-    start = first.copy()
-    stop = end.copy()
-    start[1:] += np.minimum(exclude, most[1:])
-    stop[:-1] -= np.minimum(exclude, most[:-1])
+    start, stop = np.empty(index.size + 1, dtype=np.int64), np.empty(index.size + 1, dtype=np.int64)
+    for i in range(start.size):
+        start[i] = index[i - 1] if i > 0 else 0
+        stop[i] = index[i] if i < index.size else slots
+        most = (stop[i] - start[i]) // 4
+        if i > 0:
+            start[i] += min(exclude[i - 1], most)
+        if i < index.size:
+            stop[i] -= min(exclude[i], most)
     return start, stop
 
 
 def interval_moments(sums: RunningSums, slots: int, index: IntArray, exclude: IntArray) -> Moments:
     """Return the moments of the m + 1 intervals; one whose kept part has no used sample gets all its slots."""
+    return Moments(_interval_moments(slots, index, exclude, sums.arrays))
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _interval_moments(slots: int, index: IntArray, exclude: IntArray, sums: SumArrays) -> FloatArray:
+    """See `interval_moments`; float64 (6, m + 1)."""
     start, stop = interval_bounds(slots, index, exclude)
-    moments = sums.between(start, stop)
-    if (moments.n > 0).all():
-        return moments
-    nothing = np.zeros_like(index)
-    whole_start, whole_stop = interval_bounds(slots, index, nothing)
-    empty = moments.n == 0
-    return sums.between(np.where(empty, whole_start, start), np.where(empty, whole_stop, stop))
+    table = np.empty((MOMENTS, start.size))
+    range_moments(start, stop, slots, sums, table)
+    for i in range(start.size):
+        if table[0, i] == 0.0:
+            first = index[i - 1 : i] if i > 0 else np.zeros(1, dtype=np.int64)
+            last = index[i : i + 1] if i < index.size else np.full(1, slots)
+            range_moments(first, last, slots, sums, table[:, i : i + 1])
+    return table
 
 
 def default_exclusion(scale: IntArray) -> IntArray:
@@ -126,38 +137,19 @@ def estimate(
     infinite standard deviation, and the levels' standard deviations are infinite wherever the speed is not zero.
     """
     index = np.asarray(index, dtype=np.int64)
-    margin = np.broadcast_to(np.asarray(exclude, dtype=np.int64), index.shape)
+    margin = np.full(index.size, exclude, dtype=np.int64)
     moments = interval_moments(evidence.sums, evidence.slots, index, margin)
     noise = evidence.noise
-    variance = noise.std**2
-
-    seen = moments.n > 0
-    n = np.where(seen, moments.n, 1.0)
-    x_mean, z_mean = moments.x / n, moments.z / n
-    sxx = np.maximum(moments.xx - moments.x * x_mean, 0.0)
-    sxz = moments.xz - moments.x * z_mean
-    szz = np.maximum(moments.zz - moments.z * z_mean, 0.0)
-    slope, slope_std = _slope(moments, sxx, sxz, noise, prior)
-
-    level = z_mean - slope * x_mean
-    with np.errstate(invalid="ignore"):  # 0 · inf: an interval at zero speed does not feel an unknown slope
-        shared = np.nan_to_num(x_mean**2 * slope_std**2, nan=0.0, posinf=np.inf)
-    level_variance = np.where(seen, variance * mean_variance_factor(noise, n) / n + shared, np.inf)
-    level = _fill_unseen(level, seen)
-
-    left, right = n[:-1], n[1:]
-    jump = np.where(seen[1:] & seen[:-1], level[1:] - level[:-1], 0.0)
-    # The fall of log-likelihood, -ΔSSE/2σ² for white noise, with the variance that the shorter interval's mean has.
-    colour = mean_variance_factor(noise, np.minimum(left, right))
-    cost = -0.5 * jump**2 * left * right / (left + right) / (variance * colour)
-
-    squared_error = float((szz - 2.0 * slope * sxz + slope**2 * sxx)[seen].sum())
+    slope, slope_std = _slope(moments, noise, prior)
+    level, level_std, cost, squared_error = _levels(
+        moments.table, slope, slope_std, noise.std**2, noise.autocovariance, noise.long_run_factor
+    )
     total = float(moments.n.sum())
     rmse = float(np.sqrt(max(squared_error, 0.0) / total)) if total else 0.0
     return Estimate(
         index=index,
         level=level,
-        level_std=np.sqrt(level_variance),
+        level_std=level_std,
         viscous=slope,
         viscous_std=slope_std,
         rejection_cost=cost,
@@ -166,27 +158,80 @@ def estimate(
     )
 
 
+@njit(cache=True, error_model="numpy", nogil=True)
+def _levels(
+    moments: FloatArray,
+    slope: float,
+    slope_std: float,
+    variance: float,
+    autocovariance: FloatArray,
+    long_run_factor: float,
+) -> tuple[FloatArray, FloatArray, FloatArray, float]:
+    """Return level and standard deviation of each interval, the rejection costs, and the sum of squared residuals.
+
+    Parameters
+    ----------
+    moments
+        float64 (6, intervals).
+    slope, slope_std
+        Of all intervals.
+    variance, autocovariance, long_run_factor
+        See `NoiseEstimate`.
+    """
+    count = moments.shape[1]
+    level, level_std = np.full(count, np.nan), np.full(count, np.inf)
+    factor = mean_variance_factors(moments[0], autocovariance, long_run_factor)
+    squared_error = 0.0
+    for i in range(count):
+        n, x, z, xx, xz, zz = moments[:, i]
+        if n == 0.0:
+            continue
+        x_mean, z_mean = x / n, z / n
+        sxx, sxz, szz = max(xx - x * x_mean, 0.0), xz - x * z_mean, max(zz - z * z_mean, 0.0)
+        squared_error += szz - 2.0 * slope * sxz + slope * slope * sxx
+        level[i] = z_mean - slope * x_mean
+        # An interval at zero speed does not feel the slope, however unknown.
+        shared = x_mean * x_mean * slope_std * slope_std if x_mean != 0.0 else 0.0
+        level_std[i] = np.sqrt(variance * factor[i] / n + shared)
+    cost = np.zeros(count - 1)
+    shorter = np.maximum(np.minimum(moments[0, :-1], moments[0, 1:]), 1.0)
+    colour = mean_variance_factors(shorter, autocovariance, long_run_factor)
+    for i in range(count - 1):
+        left, right = moments[0, i], moments[0, i + 1]
+        if left > 0.0 and right > 0.0:
+            # The fall of log-likelihood, -ΔSSE/2σ² for white noise, with the variance of the shorter interval's mean.
+            jump = level[i + 1] - level[i]
+            cost[i] = -0.5 * jump * jump * left * right / (left + right) / (variance * colour[i])
+    _fill_unseen(level)
+    return level, level_std, cost, squared_error
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _fill_unseen(level: FloatArray) -> None:
+    """Give intervals without samples, NaN, the level of the last seen one before them, or of the first after."""
+    known = 0.0
+    for i in range(level.size - 1, -1, -1):
+        if not np.isnan(level[i]):
+            known = level[i]
+    for i in range(level.size):
+        if np.isnan(level[i]):
+            level[i] = known
+        known = level[i]
+
+
 def estimate_slope(
     evidence: Evidence, index: IntArray, exclude: IntArray | int = 0, prior: SlopePrior | None = None
 ) -> tuple[float, float]:
     """Return the shared slope and its standard deviation alone; parameters as those of `estimate`."""
-    margin = np.broadcast_to(np.asarray(exclude, dtype=np.int64), index.shape)
+    margin = np.full(index.size, exclude, dtype=np.int64)
     moments = interval_moments(evidence.sums, evidence.slots, index, margin)
-    share = 1.0 / np.maximum(moments.n, 1.0)
-    sxx = np.maximum(moments.xx - moments.x**2 * share, 0.0)
-    sxz = moments.xz - moments.x * moments.z * share
-    return _slope(moments, sxx, sxz, evidence.noise, prior)
+    return _slope(moments, evidence.noise, prior)
 
 
-def _slope(
-    moments: Moments, sxx: FloatArray, sxz: FloatArray, noise: NoiseEstimate, prior: SlopePrior | None
-) -> tuple[float, float]:
+def _slope(moments: Moments, noise: NoiseEstimate, prior: SlopePrior | None) -> tuple[float, float]:
     """Return the slope and its standard deviation from the intervals' sums about their means and the prior."""
     variance = noise.std**2 * noise.long_run_factor
-    information, covariance = float(sxx.sum()), float(sxz.sum())
-    # Below this, S_xx is the rounding of Σx²: the speed is constant in every interval.
-    if information <= 1e-11 * float(moments.xx.sum()):
-        information, covariance = 0.0, 0.0
+    information, covariance = _pooled(moments.table)
     if prior is not None:
         weight = variance / prior.std**2
         information, covariance = information + weight, covariance + weight * prior.mean
@@ -195,13 +240,17 @@ def _slope(
     return covariance / information, float(np.sqrt(variance / information))
 
 
-def _fill_unseen(level: FloatArray, seen: BoolArray) -> FloatArray:
-    """Give intervals without samples the level of the last seen one before them, or the first one after."""
-    places = np.flatnonzero(seen)
-    if places.size == 0:
-        return np.zeros_like(level)
-    last = np.searchsorted(places, np.arange(level.size), side="right") - 1
-    return level[places[np.maximum(last, 0)]]
+@njit(cache=True, error_model="numpy", nogil=True)
+def _pooled(moments: FloatArray) -> tuple[float, float]:
+    """Return S_xx and S_xz of all intervals about their own means; both 0 where speed is constant in each."""
+    sxx = sxz = xx = 0.0
+    for i in range(moments.shape[1]):
+        share = 1.0 / max(moments[0, i], 1.0)
+        sxx += max(moments[3, i] - moments[1, i] * moments[1, i] * share, 0.0)
+        sxz += moments[4, i] - moments[1, i] * moments[2, i] * share
+        xx += moments[3, i]
+    # Below this, S_xx is the rounding of Σx².
+    return (sxx, sxz) if sxx > 1e-11 * xx else (0.0, 0.0)
 
 
 def jump_std(evidence: Evidence, estimate_: Estimate, exclude: IntArray | int = 0) -> FloatArray:
@@ -212,7 +261,7 @@ def jump_std(evidence: Evidence, estimate_: Estimate, exclude: IntArray | int = 
     evidence, estimate_, exclude
         The window, its estimate, and the exclusion it was made with.
     """
-    margin = np.broadcast_to(np.asarray(exclude, dtype=np.int64), estimate_.index.shape)
+    margin = np.full(estimate_.index.size, exclude, dtype=np.int64)
     moments = interval_moments(evidence.sums, evidence.slots, estimate_.index, margin)
     n = np.maximum(moments.n, 1.0)
     x_mean = moments.x / n

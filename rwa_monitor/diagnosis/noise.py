@@ -401,11 +401,11 @@ def mean_variance_factor(noise: NoiseEstimate, count: FloatArray) -> FloatArray:
     For long ranges it tends to the long-run factor.
     """
     n = np.asarray(count, dtype=np.float64)
-    return np.asarray(_mean_variance_factors(n.ravel(), noise.autocovariance, noise.long_run_factor)).reshape(n.shape)
+    return np.asarray(mean_variance_factors(n.ravel(), noise.autocovariance, noise.long_run_factor)).reshape(n.shape)
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
-def _mean_variance_factors(count: FloatArray, autocovariance: FloatArray, long_run_factor: float) -> FloatArray:
+def mean_variance_factors(count: FloatArray, autocovariance: FloatArray, long_run_factor: float) -> FloatArray:
     """See `mean_variance_factor`; float64 (n,)."""
     factors = np.empty(count.size)
     correlation = autocovariance / autocovariance[0]

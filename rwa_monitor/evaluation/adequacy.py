@@ -32,6 +32,7 @@ from rwa_monitor.physics.wheel import EffectBlock, Wheel
 
 MOTIONS: Final[tuple[ProfileKind, ...]] = ("one_direction", "crossings", "rich", "orbit")
 MEAN_EFFECTS: Final = tuple(name for name, effect in CATALOGUE.items() if issubclass(effect, MeanEffect))
+WINDOW_SLOTS: Final = 80_000  # of the paper
 SHAPE_SPREAD: Final = 2.0  # shape parameters are drawn within this factor of the catalogue's typical value
 
 
@@ -68,6 +69,7 @@ def hide_and_diagnose(
     windows: int = 3,
     anomalies: Mapping[str, Anomaly] | None = None,
     doubting: bool = True,
+    slots: int = WINDOW_SLOTS,
 ) -> Trial:
     """Hide an effect in windows of a wheel whose model lacks it, and diagnose them.
 
@@ -85,31 +87,48 @@ def hide_and_diagnose(
         What the wheel fails by.
     doubting
         False: standard deviations as if nothing was missing, to show what the doubt changes.
+    slots
+        Length of a window.
     """
     rng = np.random.default_rng([seed, MEAN_EFFECTS.index(name), MOTIONS.index(motion)])
     wheel = RECIPES["paper"].wheel(rng)
     seeds = rng.integers(2**63, size=windows)
+    plain = Scenario(speed=SpeedProfile(kind=motion), duration_s=slots * wheel.sample_period_s)
     try:
-        block = _draw(name, motion, wheel, int(seeds[0]), sigmas, rng)
+        block = _draw(name, plain, wheel, int(seeds[0]), sigmas, rng)
     except InputError:
         return Trial(name, motion, sigmas, ())
-    scenario = Scenario(speed=SpeedProfile(kind=motion), effect=(block,), anomalies=dict(anomalies or {}))
+    scenario = plain.model_copy(update={"effect": (block,), "anomalies": dict(anomalies or {})})
     diagnoses, carried = [], CarriedState.empty()
     for each in seeds:
-        samples = simulate(scenario, wheel, np.random.default_rng(each)).samples
-        assert samples.friction_torque_Nm is not None
-        window = WindowAccumulator(wheel, slots=len(samples))
-        window.append(samples.speed_rad_s, samples.friction_torque_Nm, np.ones(len(samples), dtype=np.bool_))
-        diagnosis, carried = diagnose_window(window.close(), wheel, built_in_model(), carried, doubting=doubting)
+        diagnosis, carried = _diagnose(scenario, wheel, int(each), carried, doubting=doubting)
         diagnoses.append(diagnosis)
     return Trial(name, motion, sigmas, tuple(diagnoses))
 
 
+def diagnose_plain(motion: ProfileKind, seed: int, slots: int) -> WindowDiagnosis:
+    """Diagnose one window of `slots` slots of a healthy wheel of recipe `paper` that lacks nothing."""
+    rng = np.random.default_rng([seed, MOTIONS.index(motion), slots])
+    wheel = RECIPES["paper"].wheel(rng)
+    scenario = Scenario(speed=SpeedProfile(kind=motion), duration_s=slots * wheel.sample_period_s)
+    return _diagnose(scenario, wheel, int(rng.integers(2**63)), CarriedState.empty(), doubting=True)[0]
+
+
+def _diagnose(
+    scenario: Scenario, wheel: Wheel, seed: int, carried: CarriedState, *, doubting: bool
+) -> tuple[WindowDiagnosis, CarriedState]:
+    samples = simulate(scenario, wheel, np.random.default_rng(seed)).samples
+    assert samples.friction_torque_Nm is not None
+    window = WindowAccumulator(wheel, slots=len(samples))
+    window.append(samples.speed_rad_s, samples.friction_torque_Nm, np.ones(len(samples), dtype=np.bool_))
+    return diagnose_window(window.close(), wheel, built_in_model(), carried, doubting=doubting)
+
+
 def _draw(
-    name: str, motion: ProfileKind, wheel: Wheel, seed: int, sigmas: float, rng: np.random.Generator
+    name: str, without: Scenario, wheel: Wheel, seed: int, sigmas: float, rng: np.random.Generator
 ) -> EffectBlock:
     """Draw shape and strength of an effect; InputError where the motion cannot show it."""
-    plain = simulate(Scenario(speed=SpeedProfile(kind=motion)), wheel, np.random.default_rng(seed))
+    plain = simulate(without, wheel, np.random.default_rng(seed))
     channels = true_channels(plain.truth, wheel, ~plain.truth.faulty)
     effect = CATALOGUE[name]
     assert issubclass(effect, MeanEffect)
