@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
-from rwa_monitor.discrepancy.base_fit import ColumnCache, Problem
+from rwa_monitor.discrepancy.base_fit import JUMP_PENALTY, ColumnCache, Problem
 from rwa_monitor.discrepancy.record import Record
 from rwa_monitor.discrepancy.search import Model
 from rwa_monitor.discrepancy.terms import make_background, make_term, profile
@@ -52,6 +52,26 @@ class PlannedManoeuvre:
     worst_pair: tuple[str, str]
 
 
+@dataclass(frozen=True, slots=True)
+class Manoeuvre:
+    """A manoeuvre of the library.
+
+    Attributes
+    ----------
+    name, description
+        What to fly.
+    speed
+        ω over time [s] for a top speed [rad/s].
+    jump_at
+        Share of the manoeuvre after which dry friction jumps: it is flown until it does. None: no jump is counted on.
+    """
+
+    name: str
+    description: str
+    speed: Callable[[FloatArray, float], FloatArray]
+    jump_at: float | None = None
+
+
 def rank_manoeuvres(problem: Problem, model: Model, rivals: Sequence[str], wheel: Wheel) -> list[PlannedManoeuvre]:
     """Rank the library's manoeuvres by how well they separate the leading causes, best first.
 
@@ -67,43 +87,58 @@ def rank_manoeuvres(problem: Problem, model: Model, rivals: Sequence[str], wheel
     """
     top = float(problem.speed.max())
     planned = []
-    for name, description, profile_of in MANOEUVRES:
-        laid_out = _lay_out(problem, profile_of, top, wheel)
-        torques = {cause: _expected_torque(problem, model, laid_out, cause) for cause in rivals}
+    typical_jump = _typical_jump(model, wheel)
+    for manoeuvre in MANOEUVRES:
+        if manoeuvre.jump_at is not None and typical_jump == 0:
+            continue  # nothing says that this friction jumps
+        laid_out = _lay_out(problem, manoeuvre.speed, top, wheel)
+        level = np.full(laid_out.size, float(np.median(model.fit.level)))
+        if manoeuvre.jump_at is not None:
+            level[int(manoeuvre.jump_at * laid_out.size) :] += typical_jump
+        torques = {cause: _expected_torque(problem, model, laid_out, cause, level) for cause in rivals}
         pairs = [
-            (_separation(laid_out, torque, other), (cause, other))
+            (_separation(laid_out, torque, other, level), (cause, other))
             for cause, torque in torques.items()
             for other in (torques if len(torques) > 1 else ("",))
             if other != cause and torque is not None
         ]
         if pairs:
             separation, pair = min(pairs)
-            planned.append(PlannedManoeuvre(name, description, separation, pair))
+            planned.append(PlannedManoeuvre(manoeuvre.name, manoeuvre.description, separation, pair))
     return sorted(planned, key=lambda entry: -entry.separation)
 
 
-def _separation(laid_out: Problem, torque: FloatArray, rival: str) -> float:
+def _typical_jump(model: Model, wheel: Wheel) -> float:
+    """Return the usual size of a jump [N m], from the records, else from the wheel's systems; 0 where neither tells."""
+    if model.fit.jumps.size:
+        return float(np.median(np.abs(model.fit.level[model.fit.jumps] - model.fit.level[model.fit.jumps - 1])))
+    highest = [system.friction[-1] for system in wheel.fss if system.friction is not None]
+    return wheel.torque_unit_Nm * float(np.mean([0.5 * (f.low + f.high) for f in highest])) if highest else 0.0
+
+
+def _separation(laid_out: Problem, torque: FloatArray, rival: str, level: FloatArray) -> float:
     """Return what the best imitation by `rival` ("": none) leaves of a torque, over 2σ²."""
     imitated = replace(laid_out, z=torque, columns=laid_out.columns)
-    background = make_background(imitated, (), np.zeros(0, dtype=np.int64))
+    background = make_background(imitated, (), np.flatnonzero(np.diff(level)) + 1)
     variance = laid_out.noise.long_run_variance
     if not rival:
         along = background.design[:, 0]
         energy = float(along @ along)
         explained = float(along @ background.z) ** 2 / energy if energy > 0 else 0.0
         return max(background.zz - explained, 0.0) / (2 * variance)
-    term, criterion = profile(MEAN_EFFECTS[rival], [background], np.full(laid_out.size, 1.0))
-    left = criterion - laid_out.log_size * term.parameters
+    term, criterion = profile(MEAN_EFFECTS[rival], [background], level)
+    left = criterion - laid_out.log_size * (term.parameters + JUMP_PENALTY * background.jumps)
     return max(left, 0.0) / 2
 
 
-def _expected_torque(problem: Problem, model: Model, laid_out: Problem, cause: str) -> FloatArray | None:
+def _expected_torque(
+    problem: Problem, model: Model, laid_out: Problem, cause: str, level: FloatArray
+) -> FloatArray | None:
     """Return s·torque of a cause in the manoeuvre, as strong as found or as it must be to stand in.
 
     None where the cause cannot make what was found.
     """
     effect = MEAN_EFFECTS[cause]
-    level = np.full(laid_out.size, float(np.median(model.fit.level)))
     if cause in model.names:
         index = model.names.index(cause)
         return make_term(laid_out, effect, model.terms[index].shape, level).columns @ model.strengths(index)
@@ -175,23 +210,23 @@ def _steps(time_s: FloatArray, speeds: Sequence[float], rate_rad_s2: float) -> F
     return np.interp(time_s, points_t, points_w)
 
 
-MANOEUVRES: Final[tuple[tuple[str, str, Callable[[FloatArray, float], FloatArray]], ...]] = (
-    (
+MANOEUVRES: Final = (
+    Manoeuvre(
         "slow zero crossing",
         "Cross zero speed slowly, from -5 % to +5 % of the top speed and back, in 40 minutes.",
         lambda t, top: 0.05 * top * np.cos(2 * np.pi * t / DURATION_S + 1e-3),
     ),
-    (
+    Manoeuvre(
         "dwell ladder",
         "Dwell at 1, 2, 4, 8, 16, 32, 64 and 100 % of the top speed, five minutes each.",
         lambda t, top: _steps(t, [top * share for share in (0.01, 0.02, 0.04, 0.08, 0.16, 0.32, 0.64, 1.0)], top / 60),
     ),
-    (
+    Manoeuvre(
         "accelerate and brake, both directions",
         "Ramp up and down at full torque in both directions, with rests of two minutes between.",
         lambda t, top: _steps(t, [top * s for s in (0.6, 0.2, 0.6, 0.2, -0.2, -0.6, -0.2, -0.6, -0.2, 0.2)], top / 40),
     ),
-    (
+    Manoeuvre(
         "reversals at two accelerations",
         "Reverse the wheel quickly and slowly in turn.",
         lambda t, top: (
@@ -200,22 +235,29 @@ MANOEUVRES: Final[tuple[tuple[str, str, Callable[[FloatArray, float], FloatArray
             * np.where(t < DURATION_S / 2, np.sin(2 * np.pi * t / 1200 + 0.1), np.sin(2 * np.pi * t / 150 + 0.1))
         ),
     ),
-    (
+    Manoeuvre(
         "coast-down",
         "Spin up to the top speed and let the wheel coast.",
         lambda t, top: top * np.exp(-t / (DURATION_S / 3)),
     ),
-    (
+    Manoeuvre(
         "constant speed for an orbit",
         "Hold 60 % of the top speed while the bearing goes through its thermal cycle, then 20 %.",
         lambda t, top: _steps(t, [0.6 * top, 0.2 * top], top / 60),
     ),
-    (
+    Manoeuvre(
         "same speeds in both directions",
         "Dwell at 30 and 70 % of the top speed, first forwards, then backwards.",
         lambda t, top: _steps(t, [0.3 * top, 0.7 * top, -0.3 * top, -0.7 * top], top / 60),
     ),
-    (
+    Manoeuvre(
+        "two speeds in both directions, across a jump",
+        "Dwell at 30 and 70 % of the top speed, forwards and backwards in turn, until the dry friction has jumped, "
+        "and then again.",
+        lambda t, top: _steps(t, [s * top for s in 2 * (0.3, -0.3, 0.7, -0.7)], top / 60),
+        jump_at=0.5,
+    ),
+    Manoeuvre(
         "steps after different dwells",
         "Step between 30 and 70 % of the top speed after dwells of one, two, four, eight and sixteen minutes.",
         lambda t, top: np.where(np.floor(np.log2(t / 60.0 + 1.0)) % 2 == 0, 0.3 * top, 0.7 * top),
