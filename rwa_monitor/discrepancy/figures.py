@@ -9,6 +9,7 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from rwa_monitor.discrepancy.engineering import scaled
 from rwa_monitor.discrepancy.find import Search
@@ -106,11 +107,13 @@ def ladder_picture(search: Search) -> Figure:
         yticks=at,
         yticklabels=[rung.name for rung in rungs],
     )
+    left.xaxis.set_major_locator(MaxNLocator(5))
     left.invert_yaxis()
     left.grid(alpha=0.25)
     bars = right.barh(at, [rung.jumps for rung in rungs], color=colours, height=0.55)
     right.bar_label(bars, padding=3)
     right.set(xlabel="jumps needed [-]")
+    right.xaxis.set_major_locator(MaxNLocator(5, integer=True))
     right.margins(x=0.12)
     return figure
 

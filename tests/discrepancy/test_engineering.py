@@ -43,7 +43,8 @@ def test_what_is_written_is_the_value_to_within_its_error(value: float, relative
 
 def test_axes_and_probabilities() -> None:
     assert scaled("mean residual [N m]", 3.5e-4) == ("mean residual [µN m]", pytest.approx(1e6))
-    assert scaled("autocorrelation [-]", 0.5) == ("autocorrelation [-]", 1.0)
+    for label in ("autocorrelation [-]", "time [s]", "speed ω [rad/s]"):
+        assert scaled(label, 1e4) == (label, 1.0)
     assert [probability(p) for p in (0.0, 2.8e-4, 0.51)] == ["< 10⁻¹⁶", "2.8·10⁻⁴", "0.51"]
 
 
