@@ -1,4 +1,4 @@
-"""XTCE definitions (CCSDS 660.1-G), read by `space_packet_parser`; what could take it without end is refused before."""
+"""XTCE definitions (CCSDS 660.1-G), read by `space_packet_parser`; what would take it without end is refused first."""
 
 from __future__ import annotations
 
