@@ -69,7 +69,7 @@ class Gain(Message):
     changepoints_base: Count
     changepoints_extended: Count
     diagnosis: DiagnosisGain | None
-    held_out: tuple[str, ...] = ()
+    held_out: list[str] = Field(default=[])
 
 
 class Discrepancy(Message):

@@ -16,6 +16,7 @@ from rwa_monitor.errors import InputError
 from rwa_monitor.messages import (
     Changepoints,
     Diagnosis,
+    Gain,
     Health,
     SamplesMessage,
     dump_json,
@@ -169,3 +170,10 @@ def test_a_name_that_a_path_could_use_is_no_key(key: str) -> None:
     with pytest.raises(InputError):
         split_key(key)
     assert split_key("rwa/sat-1/wheel_2/samples") == ("sat-1", "wheel_2", "samples")
+
+
+def test_the_gain_of_a_report_is_one_of_the_message_as_a_search_writes_it() -> None:
+    """A search hands over plain lists, not JSON: strict validation would refuse them for a tuple."""
+    gain = dict.fromkeys(Gain.model_fields, 0) | {"diagnosis": None}
+    for names in ([], ["tuesday.csv"]):
+        assert Gain.model_validate(gain | {"held_out": names}).held_out == names
