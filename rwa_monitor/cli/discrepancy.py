@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
     from rwa_monitor.cli.recordings import WheelRecordings
     from rwa_monitor.discrepancy.find import Search
+    from rwa_monitor.discrepancy.next_flight import Plan
     from rwa_monitor.discrepancy.plan import PlannedManoeuvre
     from rwa_monitor.formats.telemetry import Decoding
     from rwa_monitor.physics.wheel import Wheel
@@ -117,7 +118,7 @@ def command(
     if fleet.asked_for:
         raise click.UsageError("--results, --scheduler and --workers need --each: several files are one joint report")
     from rwa_monitor.cli.recordings import read_recordings
-    from rwa_monitor.discrepancy.report import plan
+    from rwa_monitor.discrepancy.next_flight import plan
     from rwa_monitor.formats.wheel_file import read_wheel
     from rwa_monitor.physics.wheel import built_in_wheel
 
@@ -125,10 +126,10 @@ def command(
     wheel = read_wheel(wheel_file) if wheel_file else None
     recordings, aside = read_recordings(files, decoding), read_recordings(wanted.held_out, decoding)
     found = _search(recordings, aside, wheel or recordings.wheel or built_in_wheel(), wanted)
-    manoeuvres = plan(found) if wanted.show_plan else None
+    planned = plan(found) if wanted.show_plan else None
     if wanted.out is not None:
         _write_report(found, [str(file) for file in files], wanted.out)
-    _print(found, manoeuvres, as_json)
+    _print(found, planned, as_json)
     if wanted.out is not None:
         say(f"report written to {wanted.out}")
     ctx.exit(UNREADABLE if recordings.unreadable or aside.unreadable else 0)
@@ -156,19 +157,20 @@ def _search(recordings: WheelRecordings, aside: WheelRecordings, wheel: Wheel, w
         return found if wanted.no_diagnosis else _with_diagnosis_gain(found, progress)
 
 
-def _print(found: Search, manoeuvres: list[PlannedManoeuvre] | None, as_json: bool) -> None:
+def _print(found: Search, planned: Plan | None, as_json: bool) -> None:
     from rwa_monitor.discrepancy.report import sentence
 
     if as_json:
         report = found.result.to_json()
-        if manoeuvres is not None:
-            report["plan"] = [_plan_json(entry) for entry in manoeuvres]
+        if planned is not None:
+            report["plan"] = [_plan_json(entry) for entry in planned.manoeuvres]
+            report["plan_question"], report["plan_advice"] = planned.question, planned.advice
         click.echo(json.dumps(report, ensure_ascii=False, allow_nan=False))
         return
     click.echo(sentence(found.result))
     _print_details(found)
-    if manoeuvres is not None:
-        _print_plan(manoeuvres)
+    if planned is not None:
+        _print_plan(planned)
 
 
 def _each(
@@ -266,19 +268,26 @@ def _print_details(found: Search) -> None:
         console.print(f"not tested: {name} (needs {missing})")
 
 
-def _print_plan(manoeuvres: list[PlannedManoeuvre]) -> None:
+def _print_plan(planned: Plan) -> None:
     click.echo("what to fly next:")
-    if not manoeuvres:
-        click.echo("  no mean effect was found; nothing needs telling apart")
-    for entry in manoeuvres:
+    for line in planned.advice:
+        click.echo(f"  {line}")
+    if planned.manoeuvres:
+        click.echo(f"  to {planned.question}:")
+    for entry in planned.manoeuvres:
         pair = " and ".join(name for name in entry.worst_pair if name)
-        click.echo(f"  {entry.separation:10.1f} nats  {entry.name}: {entry.description} (hardest: {pair})")
+        shows = f"; shows {', '.join(entry.shows)}" if entry.shows else ""
+        worth = f"{entry.separation:10.1f} nats in {entry.duration_s / 60:.0f} min ({entry.nats_per_hour:.1f} an hour)"
+        click.echo(f"  {worth}  {entry.name}: {entry.description} (hardest: {pair}{shows})")
 
 
 def _plan_json(entry: PlannedManoeuvre) -> dict[str, object]:
     return {
         "manoeuvre": entry.name,
         "description": entry.description,
+        "duration_s": entry.duration_s,
         "separation_nats": entry.separation,
+        "nats_per_hour": entry.nats_per_hour,
+        "shows": list(entry.shows),
         "hardest_pair": [name for name in entry.worst_pair if name],
     }

@@ -16,7 +16,7 @@ from scipy.ndimage import uniform_filter1d
 
 from rwa_monitor.discrepancy.base_fit import JUMP_PENALTY, ColumnCache, Problem
 from rwa_monitor.discrepancy.record import Record
-from rwa_monitor.discrepancy.search import Model
+from rwa_monitor.discrepancy.search import Model, middle_shape
 from rwa_monitor.discrepancy.terms import make_background, make_term, profile
 from rwa_monitor.physics.effects.base import Channels
 from rwa_monitor.physics.effects.catalogue import MEAN_EFFECTS
@@ -24,6 +24,8 @@ from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import FloatArray
 
 DURATION_S: Final = 2400.0  # of a manoeuvre: less than half an orbit
+DECIDES: Final = 5.0  # nats: one cause is then 150 times as likely as the other
+UNTESTED_SHARE: Final = 0.02  # of all friction (rms): the size at which an effect not tested yet is looked for
 MAX_SLOTS: Final = 20_000  # longer ones are laid out with longer slots
 RAMP_S: Final = 20.0  # over which a wheel can change its speed by a good part of its range
 IMITATION_SHARE: Final = 0.01  # of the found effect's energy that a rival must be able to make to be one
@@ -39,17 +41,28 @@ class PlannedManoeuvre:
     ----------
     name, description
         What to fly.
+    duration_s
+        How long it takes.
     separation
-        Smallest expected log-likelihood difference between any two leading causes [nats]; above about 5 the data
-        decide.
+        Smallest expected log-likelihood difference between any two causes that are still open [nats]; above
+        `DECIDES` the data decide.
     worst_pair
-        The two causes that stay closest.
+        The two causes that stay closest; the second "" for the simulation without the first.
+    shows
+        Where it is about effects not tested yet: those that it would show.
     """
 
     name: str
     description: str
+    duration_s: float
     separation: float
     worst_pair: tuple[str, str]
+    shows: tuple[str, ...] = ()
+
+    @property
+    def nats_per_hour(self) -> float:
+        """What it is worth for its time."""
+        return self.separation * 3600.0 / self.duration_s
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,6 +75,8 @@ class Manoeuvre:
         What to fly.
     speed
         ω over time [s] for a top speed [rad/s].
+    duration_s
+        How long it takes.
     jump_at
         Share of the manoeuvre after which dry friction jumps: it is flown until it does. None: no jump is counted on.
     """
@@ -69,6 +84,7 @@ class Manoeuvre:
     name: str
     description: str
     speed: Callable[[FloatArray, float], FloatArray]
+    duration_s: float = DURATION_S
     jump_at: float | None = None
 
 
@@ -87,14 +103,11 @@ def rank_manoeuvres(problem: Problem, model: Model, rivals: Sequence[str], wheel
     """
     top = float(problem.speed.max())
     planned = []
-    typical_jump = _typical_jump(model, wheel)
     for manoeuvre in MANOEUVRES:
-        if manoeuvre.jump_at is not None and typical_jump == 0:
-            continue  # nothing says that this friction jumps
-        laid_out = _lay_out(problem, manoeuvre.speed, top, wheel)
-        level = np.full(laid_out.size, float(np.median(model.fit.level)))
-        if manoeuvre.jump_at is not None:
-            level[int(manoeuvre.jump_at * laid_out.size) :] += typical_jump
+        flown = _fly(problem, model, manoeuvre, top, wheel)
+        if flown is None:
+            continue
+        laid_out, level = flown
         torques = {cause: _expected_torque(problem, model, laid_out, cause, level) for cause in rivals}
         pairs = [
             (_separation(laid_out, torque, other, level), (cause, other))
@@ -104,8 +117,55 @@ def rank_manoeuvres(problem: Problem, model: Model, rivals: Sequence[str], wheel
         ]
         if pairs:
             separation, pair = min(pairs)
-            planned.append(PlannedManoeuvre(manoeuvre.name, manoeuvre.description, separation, pair))
+            planned.append(
+                PlannedManoeuvre(manoeuvre.name, manoeuvre.description, manoeuvre.duration_s, separation, pair)
+            )
     return sorted(planned, key=lambda entry: -entry.separation)
+
+
+def rank_for_untested(problem: Problem, model: Model, untested: Sequence[str], wheel: Wheel) -> list[PlannedManoeuvre]:
+    """Rank the manoeuvres by how many of the effects that the records could not test they would show, best first.
+
+    Each at UNTESTED_SHARE of all friction, its shape in the middle of what the manoeuvre can show. The separation is
+    that of the effect that shows least among those that show at all.
+    """
+    top = float(problem.speed.max())
+    size = UNTESTED_SHARE * float(np.sqrt(np.mean(problem.z**2)))
+    planned = []
+    for manoeuvre in MANOEUVRES:
+        flown = _fly(problem, model, manoeuvre, top, wheel)
+        if flown is None:
+            continue
+        laid_out, level = flown
+        shown = []
+        for name in untested:
+            effect = MEAN_EFFECTS[name]
+            column = make_term(laid_out, effect, middle_shape(laid_out, effect), level).columns[:, 0]
+            rms = float(np.sqrt(np.mean(column**2)))
+            worth = _separation(laid_out, column * (size / rms), "", level) if rms > 0 else 0.0
+            if worth > DECIDES:
+                shown.append((worth, name))
+        if shown:
+            worth, name = min(shown)
+            names = tuple(entry for _, entry in shown)
+            planned.append(
+                PlannedManoeuvre(manoeuvre.name, manoeuvre.description, manoeuvre.duration_s, worth, (name, ""), names)
+            )
+    return sorted(planned, key=lambda entry: (-len(entry.shows), -entry.separation))
+
+
+def _fly(
+    problem: Problem, model: Model, manoeuvre: Manoeuvre, top: float, wheel: Wheel
+) -> tuple[Problem, FloatArray] | None:
+    """Return a manoeuvre laid out and its dry level, float64 (n,) [N m]; None where it waits for what never comes."""
+    typical_jump = _typical_jump(model, wheel)
+    if manoeuvre.jump_at is not None and typical_jump == 0:
+        return None  # nothing says that this friction jumps
+    laid_out = _lay_out(problem, manoeuvre, top, wheel)
+    level = np.full(laid_out.size, float(np.median(model.fit.level)))
+    if manoeuvre.jump_at is not None:
+        level[int(manoeuvre.jump_at * laid_out.size) :] += typical_jump
+    return laid_out, level
 
 
 def _typical_jump(model: Model, wheel: Wheel) -> float:
@@ -156,13 +216,11 @@ def _expected_torque(
     return torque
 
 
-def _lay_out(
-    problem: Problem, profile_of: Callable[[FloatArray, float], FloatArray], top: float, wheel: Wheel
-) -> Problem:
+def _lay_out(problem: Problem, manoeuvre: Manoeuvre, top: float, wheel: Wheel) -> Problem:
     """Return the manoeuvre as a problem without noise in it: motion, and the noise model of the record."""
-    period = max(wheel.sample_period_s, DURATION_S / MAX_SLOTS)
-    time_s = np.arange(0.0, DURATION_S, period)
-    speed = uniform_filter1d(profile_of(time_s, top), max(int(RAMP_S / period), 1))
+    period = max(wheel.sample_period_s, manoeuvre.duration_s / MAX_SLOTS)
+    time_s = np.arange(0.0, manoeuvre.duration_s, period)
+    speed = uniform_filter1d(manoeuvre.speed(time_s, top), max(int(RAMP_S / period), 1))
     acceleration = np.gradient(speed, period)
     inertia = wheel.inertia_kg_m2 or 0.0
     drag = float(np.median(np.abs(problem.z)))
@@ -198,9 +256,11 @@ def _lay_out(
     )
 
 
-def _steps(time_s: FloatArray, speeds: Sequence[float], rate_rad_s2: float) -> FloatArray:
+def _steps(
+    time_s: FloatArray, speeds: Sequence[float], rate_rad_s2: float, duration_s: float = DURATION_S
+) -> FloatArray:
     """Return equal dwells at the given speeds, joined by ramps of the given acceleration."""
-    dwell = DURATION_S / len(speeds)
+    dwell = duration_s / len(speeds)
     points_t, points_w = [0.0], [speeds[0]]
     for i, target in enumerate(speeds):
         begin = i * dwell
@@ -242,8 +302,9 @@ MANOEUVRES: Final = (
     ),
     Manoeuvre(
         "constant speed for an orbit",
-        "Hold 60 % of the top speed while the bearing goes through its thermal cycle, then 20 %.",
-        lambda t, top: _steps(t, [0.6 * top, 0.2 * top], top / 60),
+        "Hold 60 % of the top speed for an orbit, a thermal cycle of the bearing, then 20 % for another.",
+        lambda t, top: _steps(t, [0.6 * top, 0.2 * top], top / 60, 2 * ORBIT_S),
+        2 * ORBIT_S,
     ),
     Manoeuvre(
         "same speeds in both directions",

@@ -10,14 +10,14 @@ from rwa_monitor.discrepancy import engineering, figures
 from rwa_monitor.discrepancy.extended import extend, laws_in_words
 from rwa_monitor.discrepancy.find import CANDIDATES, Search
 from rwa_monitor.discrepancy.ladder import ladder
+from rwa_monitor.discrepancy.next_flight import plan
 from rwa_monitor.discrepancy.nulls import built_in_nulls
-from rwa_monitor.discrepancy.plan import PlannedManoeuvre, rank_manoeuvres
 from rwa_monitor.discrepancy.report_template import PAGE
 from rwa_monitor.discrepancy.result import DiscrepancyResult, FoundEffect
 from rwa_monitor.discrepancy.search import ACCEPT_GAIN
 from rwa_monitor.discrepancy.untested import detectable_strengths
 from rwa_monitor.discrepancy.views import all_views
-from rwa_monitor.physics.effects.catalogue import CATALOGUE, MEAN_EFFECTS
+from rwa_monitor.physics.effects.catalogue import CATALOGUE
 from rwa_monitor.version import SOFTWARE
 
 KINDS: Final = {"mean": "a torque", "noise": "of the noise", "switching": "of the jumps"}
@@ -63,16 +63,6 @@ def noise_gains(search: Search) -> list[tuple[str, float]]:
     """
     size = search.problem.size
     return [(e.name, 0.5 * e.delta_deviance / size) for e in search.result.effects if e.family == "noise"]
-
-
-def plan(search: Search) -> list[PlannedManoeuvre]:
-    """Rank the manoeuvres that would best separate the leading causes; empty where no mean effect was found."""
-    mean = [effect for effect in search.result.effects if effect.name in MEAN_EFFECTS]
-    if not mean:
-        return []
-    leading = next((effect for effect in mean if effect.equivalent), mean[0])
-    rivals = [leading.name, *(name for name in leading.equivalent if name in MEAN_EFFECTS)]
-    return rank_manoeuvres(search.problem, search.extended, rivals, search.wheel)
 
 
 def html(search: Search, sources: list[str]) -> str:

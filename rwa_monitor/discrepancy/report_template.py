@@ -111,18 +111,26 @@ recorded, half of them with one anomaly; each diagnosed without and with the eff
 """
 
 NEXT: Final = """
-{% if plan %}
 <h2>What to fly next</h2>
+{% for line in plan.advice %}<p>{{ line[0] | upper }}{{ line[1:] }}.</p>
+{% endfor %}
+{% if plan.manoeuvres %}
+<p>To {{ plan.question }}:</p>
 <p class="small">Separation: the expected difference of log likelihood between the two causes that stay closest; above
 about 5 nats the data decide.</p>
 <table>
-<tr><th>manoeuvre</th><th class="n">separation [nats]</th><th>hardest to tell apart there</th></tr>
-{% for entry in plan %}
+<tr><th>manoeuvre</th><th class="n">minutes</th><th class="n">separation [nats]</th><th class="n">nats an hour</th>
+<th>hardest there</th></tr>
+{% for entry in plan.manoeuvres %}
 <tr><td><strong>{{ entry.name | capitalize }}</strong><br><span class="small">{{ entry.description }}</span></td>
+<td class="n" data-label="minutes">{{ "%.0f" | format(entry.duration_s / 60) }}</td>
 <td class="n" data-label="separation [nats]">{{ ("%.0f" if entry.separation >= 10 else "%.1f") |
 format(entry.separation) }}</td>
-<td data-label="hardest to tell apart">{{ catalogue[entry.worst_pair[0]].title }}{% if entry.worst_pair[1] %} and
-{{ catalogue[entry.worst_pair[1]].title }}{% else %} from the simulation as it is{% endif %}</td></tr>
+<td class="n" data-label="nats an hour">{{ ("%.0f" if entry.nats_per_hour >= 10 else "%.1f") |
+format(entry.nats_per_hour) }}</td>
+<td data-label="hardest there">{{ catalogue[entry.worst_pair[0]].title }}{% if entry.worst_pair[1] %} and
+{{ catalogue[entry.worst_pair[1]].title }}{% endif %}
+{% if entry.shows %}<br><span class="small">shows {{ entry.shows | join(", ") }}</span>{% endif %}</td></tr>
 {% endfor %}
 </table>
 {% endif %}

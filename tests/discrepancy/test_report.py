@@ -17,9 +17,14 @@ from rwa_monitor.discrepancy.bootstrap import with_bootstrap
 from rwa_monitor.discrepancy.extended import extended_wheel
 from rwa_monitor.discrepancy.find import Search, find_discrepancy
 from rwa_monitor.discrepancy.ladder import ladder
+from rwa_monitor.discrepancy.next_flight import plan
 from rwa_monitor.discrepancy.plan import rank_manoeuvres
+from rwa_monitor.discrepancy.result import Unexplained
+from rwa_monitor.discrepancy.search import refit
+from rwa_monitor.discrepancy.terms import make_term
 from rwa_monitor.discrepancy.views import all_views
 from rwa_monitor.formats.table import table_writer
+from rwa_monitor.physics.effects.catalogue import MEAN_EFFECTS
 from rwa_monitor.physics.scenario import Scenario
 from rwa_monitor.physics.speed import SpeedProfile
 from rwa_monitor.physics.telemetry import simulate
@@ -164,7 +169,8 @@ def test_command_writes_report_and_json(tmp_path: Path) -> None:
     before, after = (answer["gain"]["diagnosis"][when] for when in ("before", "after"))
     assert after["detection"] > before["detection"]
     assert after["false_changepoints"] < 1.0 < before["false_changepoints"]
-    assert answer["plan"][0]["separation_nats"] >= answer["plan"][-1]["separation_nats"]
+    assert answer["plan_question"] == "show what these data could not test"  # the effect itself is beyond doubt
+    assert all(entry["separation_nats"] > 5.0 and entry["duration_s"] > 0 for entry in answer["plan"])
     assert {path.name for path in (tmp_path / "out").iterdir()} == {
         "report.html",
         "report.json",
@@ -184,3 +190,34 @@ def test_words_say_each_thing_once(found: Search) -> None:
     shown = page[page.index("What these data would have shown") :]
     assert untested
     assert not any(f"<td>{name}</td>" in shown for name in untested)
+
+
+def test_the_plan_asks_what_is_open_and_not_what_is_known(found: Search) -> None:
+    assert plan(found).manoeuvres == []  # the effect is beyond doubt, and the motion showed all others
+    assert plan(found).advice == ["nothing is open that a manoeuvre would answer"]
+    scenario = Scenario(duration_s=1500.0, speed=SpeedProfile(kind="one_direction"))
+    samples = simulate(scenario, built_in_wheel(), np.random.default_rng(7)).samples
+    planned = plan(find_discrepancy([("one_direction.csv", samples)], built_in_wheel()))
+    assert planned.question == "show what these data could not test"
+    best = planned.manoeuvres[0]
+    assert {"presliding", "torque_bias"} <= set(best.shows)  # a direction is missing: it changes direction
+    assert "zero crossing" in best.name or "direction" in best.name or "reversal" in best.name
+    assert best.nats_per_hour == pytest.approx(best.separation * 3600 / best.duration_s)
+
+
+def test_what_no_manoeuvre_tells_is_said_with_what_would(found: Search) -> None:
+    both = replace(found.result.effects[0], name="coulomb_asymmetry", equivalent=("torque_bias",))
+    model = found.extended
+    term = make_term(found.problem, MEAN_EFFECTS["coulomb_asymmetry"], {}, model.fit.level)
+    asked = refit(found.problem, [*model.terms, term], [model.fit.jumps])
+    ladder = (*found.mean.ladder, asked)
+    search = replace(found, mean=replace(found.mean, ladder=ladder), result=replace(found.result, effects=(both,)))
+    planned = plan(search)
+    assert planned.question == "tell coulomb_asymmetry from torque_bias"
+    assert any("none of these" in line and "motor" in line for line in planned.advice)
+
+
+def test_what_is_unexplained_asks_for_the_manoeuvre_that_shows_its_shape(nothing: Search) -> None:
+    left = Unexplained("a drag that is periodic in time, every 120 s", 1e-5)
+    search = replace(nothing, result=replace(nothing.result, verdict="inadequate", unexplained=left))
+    assert any("dwell at one speed" in line for line in plan(search).advice)

@@ -1,0 +1,79 @@
+"""What to fly next: the questions that a search leaves open, and the manoeuvres that would answer them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Final
+
+from rwa_monitor.discrepancy.find import Search
+from rwa_monitor.discrepancy.plan import DECIDES, PlannedManoeuvre, rank_for_untested, rank_manoeuvres
+from rwa_monitor.discrepancy.result import Unexplained
+from rwa_monitor.discrepancy.search import ACCEPT_GAIN
+from rwa_monitor.physics.effects.catalogue import CATALOGUE, MEAN_EFFECTS
+
+BEYOND_DOUBT: Final = 2 * ACCEPT_GAIN  # an effect that gains so much needs no confirmation
+# What would show the shape of something that no effect explains, by a word of its signature.
+SHAPE_SHOWN_BY: Final = (
+    (
+        "periodic",
+        "dwell at one speed for ten of its periods or more, then at half that speed: is it time or the angle?",
+    ),
+    ("drift", "hold one speed and temperature for several windows: does it go on, settle, or follow the temperature?"),
+    ("wander", "hold one speed and temperature for several windows: does it wander with nothing else changing?"),
+    ("temperature", "hold one speed through a thermal cycle, then another speed: does it scale with the speed?"),
+    ("dω/dt", "ramp at three accelerations, up and down, in both directions"),
+    ("|speed|", "a ladder of dwells around the speeds where it shows, in both directions, up and down"),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """What is open and what would answer it.
+
+    Attributes
+    ----------
+    question
+        What the manoeuvres are ranked by, in words.
+    manoeuvres
+        Best first; empty where none would help.
+    advice
+        What no manoeuvre of the library answers, in words.
+    """
+
+    question: str
+    manoeuvres: list[PlannedManoeuvre]
+    advice: list[str]
+
+
+def plan(search: Search) -> Plan:
+    """Rank the manoeuvres by what they would tell of the questions that are open.
+
+    First the causes that the data cannot tell apart; else an effect that is not beyond doubt; else the effects that the
+    data could not test.
+    """
+    advice = [] if search.result.unexplained is None else [_shown_by(search.result.unexplained)]
+    mean = [effect for effect in search.result.effects if effect.name in MEAN_EFFECTS]
+    sets = [
+        [effect.name, *others]
+        for effect in mean
+        if (others := [name for name in effect.equivalent if name in MEAN_EFFECTS])
+    ]
+    doubtful = [[effect.name] for effect in mean if effect.delta_deviance < BEYOND_DOUBT]
+    if sets or doubtful:
+        causes = (sets or doubtful)[0]
+        manoeuvres = rank_manoeuvres(search.problem, search.extended, causes, search.wheel)
+        question = f"tell {' from '.join(causes)}" if sets else f"confirm {causes[0]}"
+        if not manoeuvres or manoeuvres[0].separation < DECIDES:
+            would = dict.fromkeys(CATALOGUE[name].separate_by for name in causes)
+            advice.append(f"none of these would {question}; what would: {' '.join(would)}")
+        return Plan(question, manoeuvres, advice)
+    untested = [name for name, _ in search.result.untested if name in MEAN_EFFECTS]
+    manoeuvres = rank_for_untested(search.problem, search.extended, untested, search.wheel)
+    if not manoeuvres and not advice:
+        advice.append("nothing is open that a manoeuvre would answer")
+    return Plan("show what these data could not test", manoeuvres, advice)
+
+
+def _shown_by(left: Unexplained) -> str:
+    words = next((shown for word, shown in SHAPE_SHOWN_BY if word in left.signature), "the same manoeuvre again")
+    return f"{left.signature}, that no effect explains: {words}"
