@@ -37,6 +37,7 @@ from rwa_monitor.discrepancy.terms import (
 )
 from rwa_monitor.discrepancy.thresholds import best_threshold
 from rwa_monitor.physics.effects.base import MeanEffect
+from rwa_monitor.physics.effects.presliding import Presliding
 from rwa_monitor.physics.effects.speed_dead_zone import SpeedDeadZone
 from rwa_monitor.samples import FloatArray, IntArray
 
@@ -403,8 +404,15 @@ def _found(problem: Problem, grown: Growth, progress: Progress) -> tuple[Found, 
             if (coloured_gain(problem, rival, model) if by_colour else rival.fit.criterion - model.fit.criterion)
             < EQUIVALENT_WITHIN
         )
+        if term.effect is Presliding and not _is_sampled(problem, term):
+            equivalent = tuple(dict.fromkeys((*equivalent, SpeedDeadZone.name)))
         found.append(Found(term.effect.name, gain, equivalent))
     return tuple(sorted(found, key=lambda entry: -entry.gain))
+
+
+def _is_sampled(problem: Problem, term: Term) -> bool:
+    angle = term.shape["breakaway_angle_rad"]
+    return any(Presliding.is_sampled(record.channels, angle) for record in problem.records)
 
 
 def effect_torque(problem: Problem, model: Model) -> FloatArray:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -11,6 +13,7 @@ from rwa_monitor.discrepancy.jump_terms import JUMP_TERMS
 from rwa_monitor.discrepancy.record import make_record
 from rwa_monitor.discrepancy.terms import make_term
 from rwa_monitor.physics.effects.catalogue import CATALOGUE, MEAN_EFFECTS
+from rwa_monitor.physics.effects.presliding import Presliding
 from rwa_monitor.samples import Samples
 from rwa_monitor.threads import on_threads
 from tests.discrepancy.simple import DRY_NM, NOISE_NM, PERIOD_S, VISCOUS, WHEEL, record, swing
@@ -103,3 +106,18 @@ def test_only_strong_jumps_are_left_in_a_level() -> None:
     joined[3000:3010] += 2 * NOISE_NM  # worth 40 at a price of 216 for a strong one
     strong = strong_level(problem, joined)
     assert np.flatnonzero(np.abs(np.diff(strong)) > 1e-9).size == 3
+
+
+@pytest.mark.parametrize(("slots", "told"), [(1.5, False), (6.0, True)])
+def test_a_breakaway_faster_than_the_samples_is_no_more_than_a_dead_zone(slots: float, told: bool) -> None:
+    speed = swing(top=100.0, period_s=60.0)
+    step = np.abs(np.diff(speed))[np.abs(speed[1:]) < 10.0].mean()
+    angle = slots**2 * 0.5 * step * PERIOD_S  # what the wheel turns through in so many slots after a reversal
+    bristle = Presliding(strength_Nm=3 * DRY_NM, breakaway_angle_rad=angle)
+    channels = make_record(record(speed)[0], WHEEL, "motion").channels
+    torque, _ = bristle.torque(replace(channels, speed_rad_s=speed, direction=np.sign(speed)))
+    samples, _ = record(speed, effect=lambda speed, level: torque)
+    found = [e for e in find_discrepancy([("record", samples)], WHEEL).result.effects if e.family == "mean"]
+    names = {name for entry in found for name in (entry.name, *entry.equivalent)}
+    assert "presliding" in names
+    assert ("speed_dead_zone" not in names) is told

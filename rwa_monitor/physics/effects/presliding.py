@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Final
 
 import numpy as np
 
@@ -11,6 +12,8 @@ from rwa_monitor.physics.effects.columns import stack
 from rwa_monitor.physics.effects.recursions import dahl_bristle, start_state
 from rwa_monitor.physics.effects.resolution import duration, narrowed, speed_step, used_speed
 from rwa_monitor.samples import FloatArray
+
+SEEN_SLOTS: Final = 3  # after a reversal: fewer have no shape
 
 
 class Presliding(MeanEffect):
@@ -50,6 +53,15 @@ class Presliding(MeanEffect):
             channels.speed_rad_s, usable, channels.sample_period_s, shape["breakaway_angle_rad"], state
         )
         return stack(bristle - channels.direction), state
+
+    @classmethod
+    def is_sampled(cls, channels: Channels, breakaway_angle_rad: float) -> bool:
+        """Say whether a reversal at the usual |dω/dt| takes SEEN_SLOTS or more to turn through the angle.
+
+        Faster than that only the first samples after a change of sign are off, as in a dead zone of the speed.
+        """
+        at_reversal = 0.5 * speed_step(channels) * channels.sample_period_s
+        return breakaway_angle_rad >= SEEN_SLOTS**2 * at_reversal
 
     @classmethod
     def shape_bounds(cls, channels: Channels) -> dict[str, tuple[float, float]]:
