@@ -102,8 +102,9 @@ def test_every_work_on_recordings_takes_it(name: FileFormat, tmp_path: Path) -> 
     assert {diagnosis.source for diagnosis in found.diagnoses} == {str(path)}
     (report,) = FindDiscrepancy(wheel(), decoding=decoding)(path).rows
     assert report["verdict"] in ("adequate", "inadequate", "untestable")
-    (learned,) = Identify(wheel(), systems=False, decoding=decoding)(path).rows
-    assert learned["sample_period_s"] == 0.125
+    # It has read them all: what they lack for a wheel file is the same from every format.
+    with pytest.raises(InputError, match=f"too little data to learn a wheel: {ROWS} samples in motion"):
+        Identify(wheel(), systems=False, decoding=decoding)(path)
 
 
 @pytest.mark.parametrize("name", FORMATS)
