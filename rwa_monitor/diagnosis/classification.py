@@ -232,10 +232,21 @@ def classify(
         judged.append(
             Judged(name, probability, active=probability > 0.5, telling=telling or leans, unlike=unlike, leans=leans)
         )
-        gained = new_share * (_logit(probability) - _logit(before))
+        gained = 0.0 if _says_the_same(features, a) else new_share * (_logit(probability) - _logit(before))
         to_carry[name] = float(special.expit(_logit(before) + gained))
     viscous = history.viscous.after(features.viscous, features.viscous_std) if history.viscous else None
     return Judgement(tuple(judged), features, to_carry, configurations, (base, viscous))
+
+
+def _says_the_same(features: Features, a: int) -> bool:
+    """Return whether of this anomaly the next window will say the same again, so that it must not add up to certainty.
+
+    A system that made no jump shows nothing at rest; elsewhere it shows only the sum of its friction and the base's,
+    and neither is told from the other however long that lasts.
+    """
+    if a == 0:
+        return any(not system.rests and system.configuration.size < 2 for system in features.systems)
+    return a > 1 and features.systems[a - 2].configuration.size < 2
 
 
 def _widened(features: Features, told: Sequence[FeaturesOfStory], weights: FloatArray) -> Features:

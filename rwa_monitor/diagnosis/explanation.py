@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import Final
 
 from rwa_monitor.diagnosis.adequacy import Adequacy
 from rwa_monitor.diagnosis.window_diagnosis import DRY_UNIT, AnomalyDiagnosis, Verdict
@@ -15,10 +16,16 @@ _ACTION = {
 }
 _ACTION_SYSTEM = "Check for cage or oil-pocket trouble: compare the size and rate of its jumps with earlier windows."
 _ACTION_MODEL = (
-    "Run rwa-monitor discrepancy on this window and extend the wheel file by the effect it names; until then what is"
-    " said of the wheel's health is worth less."
+    "Run rwa-monitor discrepancy on this window for the name of what is missing; until then what is said of the wheel's"
+    " health is worth less. A drift can be the fault itself: do not extend the wheel file while friction moves, compare"
+    " with the last healthy windows."
 )
-_ACTION_MODEL_TOO = "Run rwa-monitor discrepancy as well, to extend the wheel file by what is missing."
+_ACTION_MODEL_TOO = (
+    "rwa-monitor discrepancy may name what is missing, but what it finds can be the fault itself: do not extend the"
+    " wheel file by it before that is ruled out."
+)
+CHECK_TELEMETRY: Final = "Check the telemetry link and the sensors before the wheel."
+BELOW_NOMINAL: Final = ": below nominal, so check units, sign or the wheel file"
 WORTH_NAMING = 0.1  # probability from which another anomaly is named beside the one diagnosed
 _NEVER_RESTED = (
     "A switching system never rested in this window, so base dry friction and its own were told apart by learned"
@@ -71,14 +78,32 @@ def reason_anomalous(active: Sequence[AnomalyDiagnosis], shown_before: Sequence[
     return _sentence("; ".join(parts) + _leaning(shown_before))
 
 
-def reason_nominal(anomalies: Sequence[AnomalyDiagnosis], shown_before: Sequence[str] = ()) -> str:
-    """Return the reason of a nominal verdict; `shown_before` as for `reason_anomalous`."""
+def reason_nominal(anomalies: Sequence[AnomalyDiagnosis], shown_before: Sequence[str] = (), lacking: str = "") -> str:
+    """Return the reason of a nominal verdict; `shown_before` as for `reason_anomalous`, `lacking` what does not fit."""
     worst = max(anomalies, key=lambda anomaly: anomaly.probability)
+    what = f"friction is nominal{lacking}" if lacking else "all friction is nominal"
     return _sentence(
-        f"all friction is nominal; the most suspect, {title(worst.name)}, is {quantity(worst.estimate, worst.unit)}"
+        f"{what}; the most suspect, {title(worst.name)}, is {quantity(worst.estimate, worst.unit)}"
         f" (nominal {span(worst.nominal_low, worst.nominal_high, worst.unit)}, probability of an anomaly"
         f" {percent(worst.probability)}){_leaning(shown_before)}"
     )
+
+
+def reason_outside(anomaly: AnomalyDiagnosis, lacking: str, *, below: bool) -> str:
+    """Return the reason of a verdict kept open by an estimate that may not lie in its range; `lacking` as above."""
+    where = "may lie outside its nominal range" if lacking else "lies outside its nominal range"
+    return _sentence(
+        f"{title(anomaly.name)}, {quantity(anomaly.estimate, anomaly.unit)}, {where}"
+        f" ({span(anomaly.nominal_low, anomaly.nominal_high, anomaly.unit)}){lacking}, although it does not look like a"
+        f" learned anomaly (probability {percent(anomaly.probability)}){BELOW_NOMINAL if below else ''}"
+    )
+
+
+def reason_silent(silent: Sequence[str], anomalies: int, lacking: str) -> str:
+    """Return the reason of a verdict kept open by what the window does not show, of so many anomalies in all."""
+    if len(silent) == anomalies:
+        return f"The window shows none of the wheel's coefficients well enough to judge them{lacking}."
+    return f"Nothing else is anomalous, but the window does not show {listed(silent)}{lacking}."
 
 
 def _leaning(names: Sequence[str]) -> str:
@@ -100,6 +125,7 @@ def explain(
     base_known: bool,
     windows_before: int,
     adequacy: Adequacy,
+    remedy: str = "",
 ) -> str:
     """Return two or three plain sentences an operator can act on.
 
@@ -113,6 +139,8 @@ def explain(
         Earlier windows that were used.
     adequacy
         Whether the friction model fits.
+    remedy
+        What helps an inconclusive verdict where waiting does not; "" where it does.
     """
     worst = max((a for a in anomalies if a.active), key=lambda anomaly: anomaly.severity or 0.0, default=None)
     if verdict == "anomalous" and worst is not None:
@@ -123,8 +151,8 @@ def explain(
         action = f"No action is needed{_earlier(windows_before)}."
     else:
         qualification = ""
-        action = "Wait for the next window, or give this one more samples, before acting."
-    if not adequacy.adequate:
+        action = remedy or "Wait for the next window, or give this one more samples, before acting."
+    if not adequacy.adequate and not remedy:
         suspect = f", {adequacy.suspected_effect} is suspected" if adequacy.suspected_effect else ""
         qualification = f"The friction model lacks something this wheel has: {adequacy.finding}{suspect}."
         action = f"{action} {_ACTION_MODEL_TOO}" if verdict == "anomalous" else _ACTION_MODEL

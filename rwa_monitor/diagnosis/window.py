@@ -224,9 +224,18 @@ def _tracked(case: _Case, stages: _Stages, judgement: Judgement) -> tuple[Tracke
 
 
 def _verdict(
-    case: _Case, judged: Sequence[Judged], anomalies: Sequence[AnomalyDiagnosis], fits: Adequacy
+    case: _Case,
+    judged: Sequence[Judged],
+    anomalies: Sequence[AnomalyDiagnosis],
+    fits: Adequacy,
+    unmoved: Sequence[bool],
+    deviations: Sequence[float],
 ) -> tuple[Verdict, str]:
-    """Return the verdict and its reason. A found anomaly stands; what keeps a window from being nominal comes after."""
+    """Return the verdict and its reason. A found anomaly stands; what keeps a window from being nominal comes after.
+
+    `unmoved` says for each anomaly whether it is that of a system without a jump in the window, and
+    `deviations` the standard deviation of its estimate, in its unit.
+    """
     if case.wheel.nominal is None:
         return "inconclusive", "The wheel file has no [nominal], so there is nothing to compare the friction with."
     if case.model is None:
@@ -238,10 +247,14 @@ def _verdict(
             f" ({100.0 * MIN_COVERAGE:.0f} % are needed)."
         )
     low, high = case.model.undecided if case.method == "joint" else (0.5, 0.5)
+    stds = [std if math.isfinite(std) else 0.0 for std in deviations]
     leaning = [entry.name for entry in judged if entry.leans]
     # Where the friction model lacks something, only what the window tells for sure counts as found: what is missing
     # leaves base dry friction in doubt by its own size, and half of such a doubt lies above any nominal range.
-    open_to_doubt = [not (entry.telling or fits.adequate) for entry in judged]
+    # And a system that made no jump is not told from the base, or shows nothing at all.
+    open_to_doubt = [
+        not (entry.telling or fits.adequate) or jumpless for entry, jumpless in zip(judged, unmoved, strict=True)
+    ]
     certain = [
         anomaly
         for anomaly, entry, doubtful in zip(anomalies, judged, open_to_doubt, strict=True)
@@ -253,6 +266,8 @@ def _verdict(
     lacking = "" if fits.adequate else f" while the friction model lacks something ({fits.finding})"
     for anomaly, entry, doubtful in zip(anomalies, judged, open_to_doubt, strict=True):
         what = explanation.title(entry.name)
+        if _rested(anomaly):
+            continue
         if low < entry.probability and (entry.probability < high or doubtful):
             return "inconclusive", (
                 f"Whether {what} is anomalous cannot be decided{lacking}: it is"
@@ -263,15 +278,51 @@ def _verdict(
         if entry.unlike:
             return "inconclusive", (
                 f"The {what}, {explanation.quantity(anomaly.estimate, anomaly.unit)}, is unlike anything learned,"
-                f" nominal ({explanation.span(anomaly.nominal_low, anomaly.nominal_high, anomaly.unit)}) or anomalous."
+                f" nominal ({explanation.span(anomaly.nominal_low, anomaly.nominal_high, anomaly.unit)}) or anomalous"
+                f"{explanation.BELOW_NOMINAL if _below(anomaly) else ''}."
             )
+    for anomaly, std in zip(anomalies, stds, strict=True):
+        if _outside(anomaly, std, adequate=fits.adequate):
+            return "inconclusive", explanation.reason_outside(anomaly, lacking, below=_below(anomaly))
     silent = [entry.name for entry in judged if not entry.telling]
     if silent:
         return (
             "inconclusive",
-            f"Nothing else is anomalous, but the window does not show {explanation.listed(silent)}{lacking}.",
+            explanation.reason_silent(silent, len(judged), lacking),
         )
-    return "nominal", explanation.reason_nominal(anomalies, leaning)
+    return "nominal", explanation.reason_nominal(anomalies, leaning, lacking)
+
+
+def _remedy(case: _Case, anomalies: Sequence[AnomalyDiagnosis]) -> str:
+    """Return what helps an inconclusive window where waiting for the next one does not; "" where it does."""
+    if case.wheel.nominal is None:
+        return "Learn the wheel file from healthy recordings with rwa-monitor identify, or add [nominal] to it."
+    if case.evidence.used < MIN_COVERAGE * case.evidence.slots:
+        return explanation.CHECK_TELEMETRY
+    if any(_below(anomaly) and not anomaly.active for anomaly in anomalies[:2]):
+        return "Friction hardly falls below nominal: check units, sign and the wheel file before the wheel."
+    return ""
+
+
+def _rested(anomaly: AnomalyDiagnosis) -> bool:
+    """Return whether it is that of a system that rested throughout: no friction, healthy or not."""
+    return anomaly.nominal_low == anomaly.nominal_high == 0.0
+
+
+def _below(anomaly: AnomalyDiagnosis) -> bool:
+    return anomaly.estimate is not None and anomaly.nominal_low is not None and anomaly.estimate < anomaly.nominal_low
+
+
+def _outside(anomaly: AnomalyDiagnosis, std: float, *, adequate: bool) -> bool:
+    """Return whether an estimate contradicts that its friction is nominal, `std` [the anomaly's unit] its deviation.
+
+    It does outside the nominal range by more than that. Where the friction model does not fit, the deviation holds what
+    is missing, and the range must hold all of it.
+    """
+    if anomaly.estimate is None or anomaly.nominal_low is None or anomaly.nominal_high is None:
+        return False
+    beyond = max(anomaly.estimate - anomaly.nominal_high, anomaly.nominal_low - anomaly.estimate)
+    return beyond > (std if adequate else -std)
 
 
 # ---- into SI units ---------------------------------------------------------------------------------------------------
@@ -330,6 +381,16 @@ def _anomaly(wheel: Wheel, judged: Judged, model: AnomalyModel | None, features:
     )
 
 
+def _deviations(wheel: Wheel, features: Features) -> list[float]:
+    """Return the standard deviation of each anomaly's estimate, in its unit."""
+    nominal = wheel.nominal.viscous_Nm_s_rad if wheel.nominal else 0.0
+    return [
+        features.base_dry_std * wheel.torque_unit_Nm,
+        features.viscous_std * (nominal if nominal > 0 else viscous_unit(wheel)),
+        *(system.highest()[2] * wheel.torque_unit_Nm for system in features.systems),
+    ]
+
+
 def _diagnosis(
     case: _Case,
     models: Sequence[AnomalyModel | None],
@@ -343,7 +404,8 @@ def _diagnosis(
         _anomaly(wheel, judged, learned, features, a)
         for a, (judged, learned) in enumerate(zip(judgement.anomalies, models, strict=True))
     )
-    verdict, reason = _verdict(case, judgement.anomalies, anomalies, fits)
+    unmoved = [False, False, *(system.configuration.size < 2 for system in features.systems)]
+    verdict, reason = _verdict(case, judgement.anomalies, anomalies, fits, unmoved, _deviations(wheel, features))
     return WindowDiagnosis(
         verdict=verdict,
         reason=reason,
@@ -374,6 +436,7 @@ def _diagnosis(
             base_known=stages.features.base_known,
             windows_before=case.carried.windows if case.method == "joint" else 0,
             adequacy=fits,
+            remedy=_remedy(case, anomalies) if verdict == "inconclusive" else "",
         ),
         features=stages.features,
         **case.provenance(),
@@ -422,7 +485,7 @@ def _too_few(case: _Case, models: Sequence[AnomalyModel | None]) -> WindowDiagno
         fit=Fit(None, None, None),
         model_adequate=True,
         suspected_effect=None,
-        explanation=f"{reason} Check the telemetry link and the sensors before the wheel.",
+        explanation=f"{reason} {explanation.CHECK_TELEMETRY}",
         features=features,
         **case.provenance(),
     )
