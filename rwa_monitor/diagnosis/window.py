@@ -56,6 +56,7 @@ from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import IntArray
 
 MIN_COVERAGE: Final = 0.5  # share of the slots that must be used; below, the window says little about what it missed
+MIN_SHARE: Final = 0.1  # of a whole window's samples: with fewer, at the end of a file, it is called nominal by no rule
 MIN_USED: Final = 16  # samples below which nothing is estimated at all
 
 
@@ -290,16 +291,22 @@ def _verdict(
             "inconclusive",
             explanation.reason_silent(silent, len(judged), lacking),
         )
+    whole = case.wheel.window.samples
+    if case.evidence.used < MIN_SHARE * whole:
+        return "inconclusive", (
+            f"Nothing is anomalous in these {case.evidence.used} samples, but a whole window has {whole}: they are too"
+            " few to call the wheel nominal."
+        )
     return "nominal", explanation.reason_nominal(anomalies, leaning, lacking)
 
 
-def _remedy(case: _Case, anomalies: Sequence[AnomalyDiagnosis]) -> str:
+def _remedy(case: _Case, anomalies: Sequence[AnomalyDiagnosis], *, adequate: bool) -> str:
     """Return what helps an inconclusive window where waiting for the next one does not; "" where it does."""
     if case.wheel.nominal is None:
         return "Learn the wheel file from healthy recordings with rwa-monitor identify, or add [nominal] to it."
     if case.evidence.used < MIN_COVERAGE * case.evidence.slots:
         return explanation.CHECK_TELEMETRY
-    if any(_below(anomaly) and not anomaly.active for anomaly in anomalies[:2]):
+    if adequate and any(_below(anomaly) and not anomaly.active for anomaly in anomalies[:2]):
         return "Friction hardly falls below nominal: check units, sign and the wheel file before the wheel."
     return ""
 
@@ -436,7 +443,7 @@ def _diagnosis(
             base_known=stages.features.base_known,
             windows_before=case.carried.windows if case.method == "joint" else 0,
             adequacy=fits,
-            remedy=_remedy(case, anomalies) if verdict == "inconclusive" else "",
+            remedy=_remedy(case, anomalies, adequate=fits.adequate) if verdict == "inconclusive" else "",
         ),
         features=stages.features,
         **case.provenance(),

@@ -169,8 +169,10 @@ class AlarmEvent:
 
 
 def observe(diagnosis: Diagnosis, policy: Policy) -> dict[str, Observation]:
-    """Return what a window says to each alarm of its wheel: nothing of the wheel when it decides nothing."""
+    """Return what a window says to each alarm of its wheel: nothing of the wheel if undecided, nothing if partial."""
     time_ns, fits = diagnosis.window_end_ns, diagnosis.model_adequate
+    if diagnosis.partial:
+        return {}  # the end of a file, however short: it must not count like a whole window among k of n
     # A wrong model is no fault of the wheel, but what it says of the wheel is then worth less.
     model = {MODEL_ALARM: Observation(Level.NORMAL if fits else Level.WATCH, time_ns)}
     if diagnosis.verdict == "inconclusive":

@@ -90,3 +90,9 @@ def test_a_severity_in_doubt_counts_as_far_as_it_is_certain() -> None:
     window = window.model_copy(update={"model_adequate": False, "anomalies": {"viscous": doubtful}})
     assert observe(window, Policy())["viscous"].level == Level.WATCH
     assert observe(window, Policy())[MODEL_ALARM].level == Level.WATCH
+
+
+def test_a_partial_window_counts_for_no_alarm() -> None:
+    whole = diagnosis(1, severity=4.0)
+    assert observe(whole, Policy())
+    assert observe(whole.model_copy(update={"partial": True}), Policy()) == {}
