@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import logging
 import os
+import time
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Generic, TypeVar
 
@@ -19,9 +20,15 @@ if TYPE_CHECKING:
 
 Result = TypeVar("Result")
 LOCAL: Final = "local"
-# Recordings that wait at a worker beside the one it works on: it is never idle, and memory does not grow with their
-# number.
+# Parcels of recordings that wait at a worker beside the one it works on: it is never idle, and memory does not grow
+# with their number.
 WAITING_PER_WORKER: Final = 2
+# Dask's own work for a parcel, some 7 ms of client and scheduler together, is a fifth of diagnosing one short
+# recording; in parcels of several it is lost beside them. Those that take long go one by one.
+PARCEL_S: Final = 0.5
+PARCEL_MOST: Final = 16
+# Parcels that shall be left for each worker, so that all end at nearly the same time.
+PARCELS_LEFT: Final = 6
 FEW: Final = 4  # recordings for which starting one more process is not worth it: each takes a second or two to start
 CONNECT_TIMEOUT_S: Final = 5
 
@@ -165,30 +172,54 @@ def _as_they_come(
     # that held it dies.
     shared = client.submit(_itself, task, pure=False)
 
-    def submit(number: int) -> Any:
+    def submit(numbers: Sequence[int]) -> Any:
         # Not pure: the same recording named twice is done twice, as it is without a cluster.
-        return client.submit(_guarded, shared, files[number], pure=False)
+        return client.submit(_parcel, shared, [files[number] for number in numbers], pure=False)
 
-    def outcome_of(future: Any, number: int) -> Outcome[Result]:
-        error = future.exception()
-        return future.result() if error is None else Outcome(files[number], None, f"{files[number]}: {error}")
-
-    waiting = iter(range(len(files)))
-    at_once = max(1, len(client.scheduler_info(n_workers=-1)["workers"])) * (1 + WAITING_PER_WORKER)
-    numbers = {submit(number): number for number in islice(waiting, at_once)}
-    completed = as_completed(list(numbers))
+    workers = max(1, len(client.scheduler_info(n_workers=-1)["workers"]))
+    waiting = deque(range(len(files)))
+    on_the_way: dict[Any, tuple[int, ...]] = {
+        submit((number,)): (number,) for number in _taken(waiting, workers * (1 + WAITING_PER_WORKER))
+    }
+    completed = as_completed(list(on_the_way))
     suspects: list[int] = []
+    size = 1
     for future in completed:
-        number = numbers.pop(future)
-        if isinstance(future.exception(), KilledWorker):
-            suspects.append(number)
+        numbers = on_the_way.pop(future)
+        error = future.exception()
+        if error is None:
+            outcomes, seconds = future.result()
+            yield from zip(numbers, outcomes, strict=True)
+            size = _parcel_size(seconds / len(numbers), len(waiting), workers)
+        elif isinstance(error, KilledWorker):
+            suspects += numbers
         else:
-            yield number, outcome_of(future, number)
+            yield from ((number, Outcome(files[number], None, f"{files[number]}: {error}")) for number in numbers)
         future.release()
-        for following in islice(waiting, 1):
+        if following := _taken(waiting, size):
             added = submit(following)
-            numbers[added] = following
+            on_the_way[added] = following
             completed.add(added)
     # Dask holds all recordings that waited at a worker guilty of its death. Alone, only the one that kills is.
     for number in suspects:
-        yield number, outcome_of(submit(number), number)
+        future = submit((number,))
+        error = future.exception()
+        yield number, Outcome(files[number], None, f"{files[number]}: {error}") if error else future.result()[0][0]
+
+
+def _taken(waiting: deque[int], count: int) -> tuple[int, ...]:
+    """Take the next ones off those that wait, as many as there are up to `count`."""
+    return tuple(waiting.popleft() for _ in range(min(count, len(waiting))))
+
+
+def _parcel_size(seconds: float, waiting: int, workers: int) -> int:
+    """Return how many recordings to send at once, from what one took and how many are left."""
+    short_enough = int(PARCEL_S / max(seconds, PARCEL_S / PARCEL_MOST))
+    return max(1, min(short_enough, waiting // (workers * PARCELS_LEFT)))
+
+
+def _parcel(task: Callable[[Path], Result], files: Sequence[Path]) -> tuple[list[Outcome[Result]], float]:
+    """Do the task for some recordings, one after the other; return their outcomes and the time it took [s]."""
+    began = time.perf_counter()
+    outcomes = [_guarded(task, file) for file in files]
+    return outcomes, time.perf_counter() - began
