@@ -129,13 +129,13 @@ rwa-monitor diagnose day/*.parquet --scheduler tcp://scheduler:8786 --results /s
 
 The ms are processor time of a recording, the worker's own and that of scheduler and client around it.
 
-The target is an efficiency of 0.85 with 4 workers on 4 cores.{unmeasured} Whatever else the machine does comes off the
-efficiency by the clock. By the processor times, where scheduler and client share the cores with as many workers, it is
-{by_processor:.2f}: one worker's ms over all ms with {max(measured)}.
+The target is an efficiency of 0.85 with 4 workers on 4 cores.{unmeasured}
 
-A worker's memory does not grow with the number of
-recordings: {few["peak_MB"]:.0f} MB after {recordings // 4}, {measured[1]["peak_MB"]:.0f} MB after
-{recordings * len(measured[1]["seconds"])}.
+Whatever else the machine does comes off the efficiency by the clock. By the processor times, where scheduler and client
+share the cores with as many workers, it is {by_processor:.2f}: one worker's ms over all ms with {max(measured)}.
+
+A worker's memory does not grow with the number of recordings: {few["peak_MB"]:.0f} MB after {recordings // 4},
+{measured[1]["peak_MB"]:.0f} MB after {recordings * len(measured[1]["seconds"])}.
 """
 
 
