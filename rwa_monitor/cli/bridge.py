@@ -34,7 +34,8 @@ def command(udp: str, decoding: Decoding, batch: int, bus: BusOptions) -> None:
     from rwa_monitor.cli.signals import stop_on_signals
     from rwa_monitor.formats.ccsds_packets import PacketDecoder
     from rwa_monitor.live.bridge import Bridge, UdpAddress, listening, run_bridge
-    from rwa_monitor.live.bus import open_session
+    from rwa_monitor.live.bus import endpoints, open_session
+    from rwa_monitor.live.bus_watch import BusNews, BusWatch
     from rwa_monitor.live.publisher import LINGER_S, SamplesPublisher
 
     address = UdpAddress.parse(udp, "--udp")
@@ -50,7 +51,7 @@ def command(udp: str, decoding: Decoding, batch: int, bus: BusOptions) -> None:
             stack.callback(publisher.close)
         bridge = Bridge(decoder, publishers, batch)
         say(f"bridging UDP {address.host} port {address.port} to {', '.join(list(publishers)[:4])}")
-        run_bridge(bridge, receiver, stop, say)
+        run_bridge(bridge, receiver, stop, say, BusNews(BusWatch(session, endpoints(bus)), say).look)
         stop.clear()
         stop.wait(LINGER_S)  # the last message goes out; a second signal ends at once
     click.echo(json.dumps(bridge.counts(), ensure_ascii=False))

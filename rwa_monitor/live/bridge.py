@@ -143,8 +143,17 @@ class Bridge:
         return [*bad, *packet_notes(counts)]
 
 
-def run_bridge(bridge: Bridge, receiver: socket.socket, stop: Event, say: Callable[[str], None]) -> None:
-    """Hand on what a socket receives until told to stop; what is left out is said, each line once."""
+def run_bridge(
+    bridge: Bridge,
+    receiver: socket.socket,
+    stop: Event,
+    say: Callable[[str], None],
+    look: Callable[[float], None] = lambda _: None,
+) -> None:
+    """Hand on what a socket receives until told to stop; what is left out is said, each line once.
+
+    `look` is called with the time of a clock that only goes forward [s], many times a second.
+    """
     said: set[str] = set()
 
     def tell() -> None:
@@ -159,6 +168,7 @@ def run_bridge(bridge: Bridge, receiver: socket.socket, stop: Event, say: Callab
             bridge.take(receiver.recv(MAX_DATAGRAM_BYTES), time.monotonic())
         now_s = time.monotonic()
         bridge.tick(now_s)
+        look(now_s)
         if now_s >= next_news_s:
             next_news_s = now_s + NEWS_S
             tell()

@@ -14,12 +14,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
 from threading import Event, Thread
-from typing import Final
 
 import zenoh
 
 from rwa_monitor.live.bus import Inbox, MonitorBus, endpoints, open_session
-from rwa_monitor.live.bus_watch import BusWatch
+from rwa_monitor.live.bus_watch import BusNews, BusWatch
 from rwa_monitor.live.core import WheelCore
 from rwa_monitor.live.monitor import IDLE_WAIT_S, Clock, Monitor
 from rwa_monitor.live.past import Past, read_past
@@ -27,8 +26,6 @@ from rwa_monitor.live.recorder import FolderLock, Recorder
 from rwa_monitor.live.run_options import RunOptions
 from rwa_monitor.live.supervisor import Supervisor
 from rwa_monitor.live.warm_up import warm_up
-
-WATCH_PERIOD_S: Final = 1.0  # between two looks at the connections
 
 
 def run(
@@ -97,35 +94,16 @@ def run(
         doing = f"monitoring {options.wheels}" + (f", recording in {options.record}" if options.record else "")
         say(doing)
         supervisor.ready(doing)
-        watch = _Watch(BusWatch(session, endpoints(options.bus)), say)
+        news = BusNews(BusWatch(session, endpoints(options.bus)), say)
         while not stop.is_set():
             supervisor.alive(clock.monotonic_s())
-            watch.look(clock.monotonic_s())
+            news.look(clock.monotonic_s())
             if compiling.is_alive():
                 stop.wait(IDLE_WAIT_S)
                 monitor.tick()
             else:
                 monitor.step()
         supervisor.stopping()
-
-
-class _Watch:
-    """Says once that the bus is gone, and once that it is there again."""
-
-    def __init__(self, watch: BusWatch, say: Callable[[str], None]) -> None:
-        self._watch, self._say = watch, say
-        self._told = ""
-        self._due_s = 0.0
-
-    def look(self, now_s: float) -> None:
-        """Look whether it is time to, and say what changed."""
-        if now_s < self._due_s:
-            return
-        self._due_s = now_s + WATCH_PERIOD_S
-        trouble = self._watch.trouble()
-        if trouble != self._told:
-            self._say(trouble or "connected to the bus again")
-        self._told = trouble
 
 
 def _unbreakable(say: Callable[[str], None]) -> Callable[[str], None]:
