@@ -9,8 +9,8 @@ import pytest
 from scipy.ndimage import uniform_filter1d
 
 from rwa_monitor.discrepancy.find import find_discrepancy
-from rwa_monitor.discrepancy.plan import DURATION_S, MANOEUVRES
-from rwa_monitor.discrepancy.report import plan
+from rwa_monitor.discrepancy.next_flight import plan
+from rwa_monitor.discrepancy.plan import DECIDES, MANOEUVRES
 from tests.discrepancy.simple import DRY_NM, PERIOD_S, WHEEL, Array, record
 
 TOP_RAD_S, OFFSET_NM = 150.0, 1e-5  # a quarter of the noise
@@ -34,13 +34,13 @@ def test_the_planned_manoeuvre_leaves_one_of_three_confused_causes(truth: str) -
     named = before.result.effects[0]
     assert {named.name, *named.equivalent} == set(CONFUSED)
 
-    first, *others = plan(before)
+    first, *others = plan(before).manoeuvres
     assert first.name == "two speeds in both directions, across a jump"
-    assert first.separation > 5.0 > max(entry.separation for entry in others)
+    assert first.separation > DECIDES > max(entry.separation for entry in others)
 
     manoeuvre = next(entry for entry in MANOEUVRES if entry.name == first.name)
     assert manoeuvre.jump_at is not None
-    time = np.arange(0.0, DURATION_S, PERIOD_S)
+    time = np.arange(0.0, manoeuvre.duration_s, PERIOD_S)
     speed = np.asarray(uniform_filter1d(manoeuvre.speed(time, TOP_RAD_S), 160))
     flown, _ = record(speed, (int(manoeuvre.jump_at * speed.size),), effect, seed=5)
     after = find_discrepancy([("flown", flown)], WHEEL).result.effects
