@@ -24,7 +24,7 @@ from rwa_monitor.samples import FloatArray
 
 Treatment = Literal["kept", "shifted", "absent"]
 LOWEST_SHARE: Final = 0.05  # of the samples: the dry friction is the lowest level that lasts, jumps lie above
-LEAST_DRY: Final = 1e-3  # of the file's: a dry torque scales the friction of the systems and cannot vanish
+LEAST_SHARE: Final = 1e-3  # of the file's coefficient: friction is judged in units of it, and it cannot vanish
 COMMENTS: Final[dict[Treatment, str]] = {
     "kept": "dry and viscous friction are the wheel file's: it holds the wheel without the effects",
     "shifted": "dry and viscous friction were learned with the effects in them; what the effects now say is taken out",
@@ -156,7 +156,10 @@ def _nominal(nominal: Nominal | None, before: BaseLaw, after: BaseLaw) -> tuple[
         return nominal, "kept"
     dry = nominal.dry_torque_Nm + after.dry_Nm - before.dry_Nm
     viscous = nominal.viscous_Nm_s_rad + after.viscous_Nm_s_rad - before.viscous_Nm_s_rad
-    shifted = {"dry_torque_Nm": max(dry, LEAST_DRY * nominal.dry_torque_Nm), "viscous_Nm_s_rad": max(viscous, 0.0)}
+    shifted = {
+        "dry_torque_Nm": max(dry, LEAST_SHARE * nominal.dry_torque_Nm),
+        "viscous_Nm_s_rad": max(viscous, LEAST_SHARE * nominal.viscous_Nm_s_rad),
+    }
     return nominal.model_copy(update=shifted), "shifted"
 
 

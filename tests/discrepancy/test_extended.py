@@ -78,3 +78,18 @@ def test_no_effect_is_propped_up_by_a_negative_viscosity() -> None:
     assert search.base.fit.coefficients[0] > 0
     assert search.problem.lowest_viscous == 0
     assert search.extended.fit.coefficients[0] >= 0
+
+
+def test_a_slope_that_the_effect_takes_over_whole_leaves_a_unit_to_judge_friction_by() -> None:
+    # Viscous friction all but absent: the slope of the file is that of the concave drag, and nothing is left of it.
+    bare = built_in_wheel()
+    assert bare.nominal is not None
+    bare = bare.model_copy(update={"nominal": bare.nominal.model_copy(update={"viscous_Nm_s_rad": 1e-9})})
+    scenario = Scenario(duration_s=1500.0, speed=SpeedProfile(kind="rich"), effect=(CONCAVE,))
+    samples = simulate(scenario, bare, np.random.default_rng(15)).samples
+    learned = identify([("first", samples)], bare, systems=False).wheel
+    extension = extend(searched(samples, learned))
+    assert extension.treatment == "shifted"
+    assert extension.wheel.nominal is not None
+    assert learned.nominal is not None
+    assert 0 < extension.wheel.nominal.viscous_Nm_s_rad < 0.5 * learned.nominal.viscous_Nm_s_rad
