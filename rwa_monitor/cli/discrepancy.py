@@ -227,6 +227,7 @@ def _print_details(found: Search) -> None:
 
     from rwa_monitor.discrepancy.extended import extend, laws_in_words
     from rwa_monitor.discrepancy.report import noise_gains, p_in_words
+    from rwa_monitor.discrepancy.untested import as_a_part
 
     console = Console(width=None if sys.stdout.isatty() else 120)
     result = found.result
@@ -265,7 +266,7 @@ def _print_details(found: Search) -> None:
         for line in laws_in_words(extend(found)):
             console.print(line)
     for name, missing in result.untested:
-        console.print(f"not tested: {name} (needs {missing})")
+        console.print(f"not tested: {name} (needs {as_a_part(missing)})")
 
 
 def _print_plan(planned: Plan) -> None:

@@ -82,7 +82,7 @@ def too_weak_to_show(problem: Problem, model: Model, effects: Sequence[type[Mean
     return [
         (
             entry.name,
-            f"{_as_a_part(separate_by[entry.name])}; here it would show only from {entry.parameter} = "
+            f"{as_a_part(separate_by[entry.name])}; here it would show only from {entry.parameter} = "
             + f"{entry.strength:.2g} {entry.unit}".rstrip(" -")
             + f" on, {entry.share:.0%} of all friction",
         )
@@ -91,7 +91,7 @@ def too_weak_to_show(problem: Problem, model: Model, effects: Sequence[type[Mean
     ]
 
 
-def _as_a_part(sentence: str) -> str:
+def as_a_part(sentence: str) -> str:
     """Return a sentence as a part of a longer one."""
     return sentence[:1].lower() + sentence[1:].rstrip(".")
 
