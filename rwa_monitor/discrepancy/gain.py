@@ -66,7 +66,7 @@ def held_out(problem: Problem, model: Model, blocks: int = BLOCKS) -> HeldOut:
     squares, scores, counts = np.zeros(blocks), np.zeros(blocks), np.diff(edges)
     for parity in (0, 1):
         train = block % 2 == parity
-        coefficients = _train(problem, model, train)
+        coefficients = trained(problem, model, train)
         for b in range(1 - parity, blocks, 2):
             squares[b], scores[b] = _judge(problem, _design(problem, model), coefficients, edges[b : b + 2])
     return _summary(squares, scores, counts)
@@ -130,7 +130,7 @@ def _design(problem: Problem, model: Model) -> FloatArray:
     return design_of(problem, model.terms)
 
 
-def _train(problem: Problem, model: Model, train: BoolArray) -> FloatArray:
+def trained(problem: Problem, model: Model, train: BoolArray) -> FloatArray:
     """Fit the coefficients on the training samples, within the model's segments."""
     label = np.searchsorted(segment_starts(problem, model.fit.jumps), np.flatnonzero(train), side="right")
     first = np.flatnonzero(np.diff(label, prepend=-1))

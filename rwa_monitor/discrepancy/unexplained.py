@@ -14,7 +14,7 @@ from typing import ClassVar, Final
 import numpy as np
 
 from rwa_monitor.discrepancy.base_fit import Problem, jump_sets, strong_jumps, strong_level
-from rwa_monitor.discrepancy.gain import holds_out
+from rwa_monitor.discrepancy.gain import holds_out, trained
 from rwa_monitor.discrepancy.result import Unexplained
 from rwa_monitor.discrepancy.search import ACCEPT_GAIN, Model, SearchResult, refit
 from rwa_monitor.discrepancy.terms import Term, make_term
@@ -193,7 +193,8 @@ def judge_leftover(problem: Problem, found: SearchResult) -> tuple[SearchResult,
     curve = best.terms[-1]
     kept = [i for i in range(len(model.terms)) if _needed(problem, best, i)]
     begin = 1 + sum(term.columns.shape[1] for term in best.terms[:-1])
-    torque = curve.columns @ best.fit.coefficients[begin:]
+    # Between two jumps a curve and the levels trade at will: the smoothest of what fits alike is the size that is told.
+    torque = curve.columns @ trained(problem, best, np.ones(problem.size, dtype=bool))[begin:]
     unexplained = Unexplained(curve.effect.signature, float(np.std(torque)))
     if issubclass(curve.effect, _Periodic):
         unexplained = _folded(problem, model, curve)
