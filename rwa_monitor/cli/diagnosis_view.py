@@ -10,7 +10,7 @@ from rich.table import Table
 from rich.text import Text
 
 from rwa_monitor.diagnosis.explanation import quantity, span
-from rwa_monitor.messages import Diagnosis, Quantity
+from rwa_monitor.messages import Anomaly, Diagnosis, Quantity
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND
 
 VERDICT_STYLE: Final = {"nominal": "bold green", "anomalous": "bold red", "inconclusive": "bold yellow"}
@@ -34,7 +34,9 @@ def render(diagnosis: Diagnosis) -> RenderableType:
         "  partial" if diagnosis.partial else "",
     )
     verdict = Text.assemble(
-        (diagnosis.verdict.upper(), VERDICT_STYLE[diagnosis.verdict]), f"  {diagnosis.explanation or diagnosis.reason}"
+        (diagnosis.verdict.upper(), VERDICT_STYLE[diagnosis.verdict]),
+        " (undecided)" if diagnosis.verdict == "inconclusive" else "",
+        f"  {diagnosis.explanation or diagnosis.reason}",
     )
     return Group(head, verdict, _anomalies(diagnosis), _friction(diagnosis))
 
@@ -48,13 +50,28 @@ def _anomalies(diagnosis: Diagnosis) -> Table:
         known = anomaly.nominal_low is not None and anomaly.nominal_high is not None
         table.add_row(
             name,
-            Text("yes", VERDICT_STYLE["anomalous"]) if anomaly.active else "no",
+            _called(anomaly, decided=diagnosis.verdict == "anomalous"),
             f"{anomaly.probability:.3f}",
-            UNKNOWN if anomaly.severity is None else f"{anomaly.severity:.2f} ± {anomaly.severity_std or 0.0:.2f}",
+            _severity(anomaly, decided=diagnosis.verdict != "inconclusive"),
             quantity(anomaly.estimate, anomaly.unit),
             span(anomaly.nominal_low, anomaly.nominal_high, anomaly.unit) if known else UNKNOWN,
         )
     return table
+
+
+def _called(anomaly: Anomaly, *, decided: bool) -> Text:
+    """Return whether an anomaly is called; one more likely than not in a window that decides nothing is undecided."""
+    if not anomaly.active:
+        return Text("no")
+    return Text("yes", VERDICT_STYLE["anomalous"]) if decided else Text("undecided", VERDICT_STYLE["inconclusive"])
+
+
+def _severity(anomaly: Anomaly, *, decided: bool) -> str:
+    if anomaly.severity is None:
+        return UNKNOWN
+    if anomaly.active and not decided:
+        return "undecided"
+    return f"{anomaly.severity:.2f} ± {anomaly.severity_std or 0.0:.2f}"
 
 
 def _friction(diagnosis: Diagnosis) -> Text:

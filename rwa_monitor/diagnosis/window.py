@@ -221,6 +221,25 @@ def _tracked(case: _Case, stages: _Stages, judgement: Judgement) -> tuple[Tracke
     )
 
 
+@dataclass(frozen=True, slots=True)
+class _Shown:
+    """What a verdict asks beside the judgement.
+
+    Attributes
+    ----------
+    unmoved
+        For each anomaly whether it is that of a system without a jump in the window.
+    deviations
+        The standard deviation of each anomaly's estimate, in its unit.
+    unnamed_jumps
+        Whether friction jumps and the wheel file names no switching system.
+    """
+
+    unmoved: tuple[bool, ...]
+    deviations: tuple[float, ...]
+    unnamed_jumps: bool
+
+
 # ---- the verdict -----------------------------------------------------------------------------------------------------
 
 
@@ -229,14 +248,9 @@ def _verdict(
     judged: Sequence[Judged],
     anomalies: Sequence[AnomalyDiagnosis],
     fits: Adequacy,
-    unmoved: Sequence[bool],
-    deviations: Sequence[float],
+    shown: _Shown,
 ) -> tuple[Verdict, str]:
-    """Return the verdict and its reason. A found anomaly stands; what keeps a window from being nominal comes after.
-
-    `unmoved` says for each anomaly whether it is that of a system without a jump in the window, and
-    `deviations` the standard deviation of its estimate, in its unit.
-    """
+    """Return the verdict and its reason. A found anomaly stands; what keeps a window from being nominal comes after."""
     if case.wheel.nominal is None:
         return "inconclusive", "The wheel file has no [nominal], so there is nothing to compare the friction with."
     if case.model is None:
@@ -248,13 +262,12 @@ def _verdict(
             f" ({100.0 * MIN_COVERAGE:.0f} % are needed)."
         )
     low, high = case.model.undecided if case.method == "joint" else (0.5, 0.5)
-    stds = [std if math.isfinite(std) else 0.0 for std in deviations]
     leaning = [entry.name for entry in judged if entry.leans]
     # Where the friction model lacks something, only what the window tells for sure counts as found: what is missing
     # leaves base dry friction in doubt by its own size, and half of such a doubt lies above any nominal range.
     # And a system that made no jump is not told from the base, or shows nothing at all.
     open_to_doubt = [
-        not (entry.telling or fits.adequate) or jumpless for entry, jumpless in zip(judged, unmoved, strict=True)
+        not (entry.telling or fits.adequate) or jumpless for entry, jumpless in zip(judged, shown.unmoved, strict=True)
     ]
     certain = [
         anomaly
@@ -265,6 +278,8 @@ def _verdict(
         shown_before = [anomaly.name for anomaly in certain if anomaly.name in leaning]
         return "anomalous", explanation.reason_anomalous(certain, shown_before)
     lacking = "" if fits.adequate else f" while the friction model lacks something ({fits.finding})"
+    if shown.unnamed_jumps and not lacking:
+        lacking = " while friction jumps and the wheel file names no switching system ([[fss]])"
     for anomaly, entry, doubtful in zip(anomalies, judged, open_to_doubt, strict=True):
         what = explanation.title(entry.name)
         if _rested(anomaly):
@@ -282,8 +297,8 @@ def _verdict(
                 f" nominal ({explanation.span(anomaly.nominal_low, anomaly.nominal_high, anomaly.unit)}) or anomalous"
                 f"{explanation.BELOW_NOMINAL if _below(anomaly) else ''}."
             )
-    for anomaly, std in zip(anomalies, stds, strict=True):
-        if _outside(anomaly, std, adequate=fits.adequate):
+    for anomaly, std in zip(anomalies, shown.deviations, strict=True):
+        if case.method == "joint" and _outside(anomaly, std, adequate=fits.adequate):
             return "inconclusive", explanation.reason_outside(anomaly, lacking, below=_below(anomaly))
     silent = [entry.name for entry in judged if not entry.telling]
     if silent:
@@ -300,12 +315,14 @@ def _verdict(
     return "nominal", explanation.reason_nominal(anomalies, leaning, lacking)
 
 
-def _remedy(case: _Case, anomalies: Sequence[AnomalyDiagnosis], *, adequate: bool) -> str:
+def _remedy(case: _Case, anomalies: Sequence[AnomalyDiagnosis], shown: _Shown, *, adequate: bool) -> str:
     """Return what helps an inconclusive window where waiting for the next one does not; "" where it does."""
     if case.wheel.nominal is None:
         return "Learn the wheel file from healthy recordings with rwa-monitor identify, or add [nominal] to it."
     if case.evidence.used < MIN_COVERAGE * case.evidence.slots:
         return explanation.CHECK_TELEMETRY
+    if shown.unnamed_jumps:
+        return "Learn its switching systems from longer recordings with rwa-monitor identify: waiting does not help."
     if adequate and any(_below(anomaly) and not anomaly.active for anomaly in anomalies[:2]):
         return "Friction hardly falls below nominal: check units, sign and the wheel file before the wheel."
     return ""
@@ -388,14 +405,24 @@ def _anomaly(wheel: Wheel, judged: Judged, model: AnomalyModel | None, features:
     )
 
 
-def _deviations(wheel: Wheel, features: Features) -> list[float]:
-    """Return the standard deviation of each anomaly's estimate, in its unit."""
+def _shown(case: _Case, features: Features, assignment: Assignment) -> _Shown:
+    wheel = case.wheel
     nominal = wheel.nominal.viscous_Nm_s_rad if wheel.nominal else 0.0
-    return [
+    deviations = (
         features.base_dry_std * wheel.torque_unit_Nm,
         features.viscous_std * (nominal if nominal > 0 else viscous_unit(wheel)),
         *(system.highest()[2] * wheel.torque_unit_Nm for system in features.systems),
-    ]
+    )
+    return _Shown(
+        # The paper's method judges each system by itself, whatever it did.
+        unmoved=(
+            False,
+            False,
+            *(case.method == "joint" and system.configuration.size < 2 for system in features.systems),
+        ),
+        deviations=tuple(std if math.isfinite(std) else 0.0 for std in deviations),
+        unnamed_jumps=not wheel.fss and bool((assignment.system != REJECTED).any()),
+    )
 
 
 def _diagnosis(
@@ -411,8 +438,8 @@ def _diagnosis(
         _anomaly(wheel, judged, learned, features, a)
         for a, (judged, learned) in enumerate(zip(judgement.anomalies, models, strict=True))
     )
-    unmoved = [False, False, *(system.configuration.size < 2 for system in features.systems)]
-    verdict, reason = _verdict(case, judgement.anomalies, anomalies, fits, unmoved, _deviations(wheel, features))
+    shown = _shown(case, features, stages.assignment)
+    verdict, reason = _verdict(case, judgement.anomalies, anomalies, fits, shown)
     return WindowDiagnosis(
         verdict=verdict,
         reason=reason,
@@ -443,7 +470,7 @@ def _diagnosis(
             base_known=stages.features.base_known,
             windows_before=case.carried.windows if case.method == "joint" else 0,
             adequacy=fits,
-            remedy=_remedy(case, anomalies, adequate=fits.adequate) if verdict == "inconclusive" else "",
+            remedy=_remedy(case, anomalies, shown, adequate=fits.adequate) if verdict == "inconclusive" else "",
         ),
         features=stages.features,
         **case.provenance(),

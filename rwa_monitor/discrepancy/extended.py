@@ -31,6 +31,13 @@ COMMENTS: Final[dict[Treatment, str]] = {
     "absent": "the wheel file has no nominal friction; identify would learn it",
 }
 
+DRIFTS: Final = frozenset({"run_in_drift"})  # effects that change with time alone, as a fault does that grows
+CAUTION: Final = "What an effect here explains is no longer seen as a fault: the records must be of a healthy wheel."
+CAUTION_DRIFT: Final = (
+    "A drift can be the fault itself: do not extend the wheel file while friction moves; compare with the last healthy"
+    " windows."
+)
+
 
 @dataclass(frozen=True, slots=True)
 class BaseLaw:
@@ -75,8 +82,10 @@ class Extension:
         return COMMENTS[self.treatment]
 
     def to_toml(self) -> str:
-        """Write the wheel file, with the comment on top."""
-        return f"# In [nominal], {self.comment}.\n{self.wheel.to_toml()}"
+        """Write the wheel file, with the comment and a warning on top."""
+        drifts = any(block.name in DRIFTS for block in self.wheel.effect)
+        caution = f"{CAUTION} {CAUTION_DRIFT}" if drifts else CAUTION
+        return f"# In [nominal], {self.comment}.\n# {caution}\n{self.wheel.to_toml()}"
 
 
 def extended_wheel(search: Search) -> Wheel:

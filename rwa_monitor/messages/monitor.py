@@ -63,7 +63,10 @@ class Health(Message):
         return dump_json(content)
 
 
-MODEL_LACKS: Final = "Run rwa-monitor discrepancy: the friction model lacks something this wheel has."
+MODEL_LACKS: Final = (
+    "The friction model lacks something this wheel has. rwa-monitor discrepancy names it, but a drift can be the fault"
+    " itself: do not extend the wheel file while friction moves."
+)
 
 
 def health_message(diagnosis: Diagnosis) -> Health:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -53,6 +55,15 @@ def test_a_file_that_holds_the_wheel_without_the_effect_is_kept_and_takes_up_no_
     assert abs(extension.after.viscous_Nm_s_rad - factor * VISCOUS) < 4 * extension.after.viscous_std
     assert extension.to_toml().startswith("# In [nominal]")
     assert Wheel.from_toml(extension.to_toml(), "extended") == extension.wheel
+
+
+def test_an_extended_wheel_file_warns_that_a_drift_can_be_the_fault() -> None:
+    extension = extend(searched(record(11), built_in_wheel()))
+    assert "records must be of a healthy wheel" in extension.to_toml()
+    assert "drift can be the fault" not in extension.to_toml()
+    drifting = EffectBlock(name="run_in_drift", parameters={"strength_Nm": 1e-4, "time_constant_s": 2e4})
+    wheel = extension.wheel.model_copy(update={"effect": (drifting,)})
+    assert "do not extend the wheel file while friction moves" in replace(extension, wheel=wheel).to_toml()
 
 
 def test_a_file_learned_with_the_effect_in_it_gives_back_what_the_effect_takes_over() -> None:
