@@ -7,7 +7,6 @@ the last one is enough to go on. Floats are written in full; a core that was res
 from __future__ import annotations
 
 import math
-from dataclasses import asdict
 from typing import Annotated, Final, Literal, Self
 
 import numpy as np
@@ -19,7 +18,7 @@ from rwa_monitor.errors import InputError
 from rwa_monitor.live.friction import Source
 from rwa_monitor.live.order_guard import Rows
 from rwa_monitor.live.ring_buffer import RingBuffer
-from rwa_monitor.live.screen import Channel, Screen
+from rwa_monitor.live.screen import MEMORY, Channel, Screen
 from rwa_monitor.live.sequencer import Batch
 from rwa_monitor.messages import ClockNs, Count, SamplesMessage, Slot, dump_json, samples_json
 from rwa_monitor.samples import FloatArray
@@ -145,13 +144,12 @@ class ChannelState(_Part):
     @classmethod
     def of(cls, channel: Channel) -> Self:
         """Keep what is remembered of a channel."""
-        values = asdict(channel)
-        return cls(**{**values, "recent": _with_null(channel.recent), "last": _with_null([channel.last])[0]})
+        memory = dict(zip(MEMORY, channel.memory.tolist(), strict=True))
+        return cls(**{**memory, "recent": _with_null(channel.recent.tolist()), "last": _with_null([memory["last"]])[0]})
 
     def channel(self) -> Channel:
         """Return the channel as it was."""
-        recent, last = _with_nan(self.recent).tolist(), float(_with_nan([self.last])[0])
-        return Channel(**{**self.model_dump(), "recent": recent, "last": last})
+        return Channel(_with_nan(self.recent), _with_nan([getattr(self, name) for name in MEMORY]))
 
 
 class ScreenState(_Part):

@@ -43,7 +43,7 @@ from rwa_monitor.live.events import (
     WindowDiagnosed,
 )
 from rwa_monitor.live.friction import BLOCK_SLOTS, FrictionSource, Source, source_of
-from rwa_monitor.live.order_guard import PIECE_SLOTS, OrderGuard, Rows
+from rwa_monitor.live.order_guard import PIECE_SLOTS, OrderGuard, Rows, both_finite, finite_or_nan
 from rwa_monitor.live.ring_buffer import RingBuffer
 from rwa_monitor.live.screen import LAG_SLOTS, TORQUE, Fault, Screen, friction_limit, speed_limit
 from rwa_monitor.live.sequencer import Batch, Counts, Sequencer
@@ -222,7 +222,7 @@ class WheelCore:
         values = {name: _finite_or_nan(channels[name], len(samples)) for name in self._ring.channels}
         rows = Rows(samples.time_ns, values)
         allowed = self._guard.reject_beyond_limits(samples)
-        if not allowed.all():
+        if allowed is not None:
             rows = rows[np.flatnonzero(allowed)]
         return events + self._place(rows, passed=message.passed)
 
@@ -312,8 +312,9 @@ class WheelCore:
         start, self._done = self._done, stop
         speed = self._ring.read("speed_rad_s", start, stop)
         friction, masked, faults = self._friction.friction(self._ring, start, stop)
-        self._ring.overwrite("torque_Nm", start, friction)
-        good = np.isfinite(speed) & np.isfinite(friction)
+        if self._friction.reach:  # otherwise it is what the ring buffer holds
+            self._ring.overwrite("torque_Nm", start, friction)
+        good = both_finite(speed, friction)
         confirmed = [window.accumulator.append(speed, friction, good) for window in self._open]
         events = self._told(masked, faults)
         if not confirmed:
@@ -494,7 +495,7 @@ class WheelCore:
 
 
 def _finite_or_nan(values: FloatArray | None, size: int) -> FloatArray:
-    return np.full(size, np.nan) if values is None else np.where(np.isfinite(values), values, np.nan)
+    return np.full(size, np.nan) if values is None else finite_or_nan(values)
 
 
 def _forget_positions(carried: CarriedState) -> CarriedState:

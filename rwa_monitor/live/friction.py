@@ -148,7 +148,8 @@ class FrictionSource:
             torque = friction_torque(torque, acceleration, inertia)
             # The last slot is judged by the one after it, whose acceleration is not known yet, but nearly the same.
             following = friction_torque(ring.read("torque_Nm", stop, stop + 1), acceleration[-1:], inertia)
-            kind, since = self.channel.judge(np.concatenate((torque, following)), self.limit_Nm)
+            judged = self.channel.judge(np.concatenate((torque, following)), self.limit_Nm)
+            kind, since = judged or (np.zeros(0, dtype=np.int8), np.zeros(0, dtype=np.int64))
             for k in np.flatnonzero(kind == STANDS_OUT).tolist():
                 first = max(k - int(since[k]), 0)
                 masked += int(np.isfinite(torque[first : k + 1]).sum())

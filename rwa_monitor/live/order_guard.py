@@ -61,7 +61,7 @@ class Rows:
 
     def good(self) -> BoolArray:
         """Return which samples have both values that a diagnosis needs, bool (n,)."""
-        return np.isfinite(self.values["speed_rad_s"]) & np.isfinite(self.values["torque_Nm"])
+        return both_finite(self.values["speed_rad_s"], self.values["torque_Nm"])
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,8 +132,8 @@ class OrderGuard:
         self.frontier = 0
         self.last_ns: int | None = None
 
-    def reject_beyond_limits(self, samples: Samples) -> BoolArray:
-        """Return which samples can be telemetry of this wheel, bool (n,), and count the others as rejected."""
+    def reject_beyond_limits(self, samples: Samples) -> BoolArray | None:
+        """Return which samples can be telemetry of this wheel, bool (n,), None for all; count others as rejected."""
         wrong = np.zeros(len(samples), dtype=np.bool_)
         count = _mark_times(samples.time_ns, wrong)
         for values, limit in (
@@ -146,6 +146,8 @@ class OrderGuard:
         ):
             if values is not None:
                 count += _mark_beyond(values, MAX_MAGNITUDE if limit is None else limit, wrong)
+        if count == 0:
+            return None
         self.counts.rejected += count
         self.counts.queued -= count
         return ~wrong
@@ -234,17 +236,19 @@ class OrderGuard:
     ) -> Piece:
         """Place the rows from `start` on into the running grid, up to the next clock step."""
         counts = self.counts
-        slots = grid.slot_of(time_ns[start : start + PIECE_SLOTS])
-        ahead = np.empty(slots.size, dtype=np.bool_)
-        count = _lay(slots, self.frontier, self.window_slots, passed, ahead)
-        rows, slots, ahead = np.arange(start, start + count), slots[:count], ahead[:count]
-        if not ahead.all():
+        piece_ns, piece_good = time_ns[start : start + PIECE_SLOTS], good[start : start + PIECE_SLOTS]
+        slots, ahead = np.empty(piece_ns.size, dtype=np.int64), np.empty(piece_ns.size, dtype=np.bool_)
+        count, ahead_count, used = _lay(
+            piece_ns, piece_good, grid.origin_ns, grid.period_ns, self.frontier, self.window_slots, passed, slots, ahead
+        )
+        rows, slots = np.arange(start, start + count), slots[:count]
+        if ahead_count < count:
+            ahead = ahead[:count]
             behind = slots[~ahead]
             rows, slots = rows[ahead], slots[ahead]
             taken = is_filled(behind) | np.isin(behind, slots)
             counts.duplicate += int(taken.sum())
             counts.late += int(behind.size - taken.sum())
-        used = int(np.count_nonzero(good[rows]))
         counts.used += used
         counts.masked += rows.size - used
         counts.queued -= count
@@ -278,27 +282,68 @@ def _mark_beyond(values: FloatArray, limit: float, wrong: BoolArray) -> int:
 
 
 @numba.njit(cache=True, nogil=True)
-def _lay(slots: IntArray, frontier: int, window_slots: int, passed: bool, ahead: BoolArray) -> int:
-    """Mark which samples go on from all before them; return how many belong to the piece, at least one.
+def _lay(
+    time_ns: IntArray,
+    good: BoolArray,
+    origin_ns: int,
+    period_ns: int,
+    frontier: int,
+    window_slots: int,
+    passed: bool,
+    slots: IntArray,
+    ahead: BoolArray,
+) -> tuple[int, int, int]:
+    """Give samples their slots, as `SlotGrid.slot_of`, and mark which of them go on from all before.
 
     Parameters
     ----------
-    slots
-        int64 (n,), the slot of each sample.
+    time_ns, good
+        int64 and bool (n,).
+    origin_ns, period_ns
+        Of the grid.
     frontier, window_slots, passed
         As `OrderGuard` has them. The piece ends before a clock step, and where it gets too long.
-    ahead
-        bool (n,), output in the piece's part.
+    slots, ahead
+        int64 and bool (n,), output in the piece's part.
+
+    Returns
+    -------
+    tuple[int, int, int]
+        How many samples belong to the piece, at least one, how many of them go on, and how many of those are good.
     """
     before = frontier - 1  # the last slot so far
-    for k in range(slots.size):
-        step = slots[k] - before
+    ahead_count = used = 0
+    for k in range(time_ns.size):
+        slot = (2 * (time_ns[k] - origin_ns) + period_ns) // (2 * period_ns)
+        step = slot - before
         far = abs(step) > window_slots
-        if k > 0 and (slots[k] > frontier + PIECE_SLOTS or (far and not passed)):
-            return k
+        if k > 0 and (slot > frontier + PIECE_SLOTS or (far and not passed)):
+            return k, ahead_count, used
+        slots[k] = slot
         ahead[k] = step > 0 and not (passed and far)
-        before = max(before, slots[k])
-    return slots.size
+        if ahead[k]:
+            ahead_count += 1
+            used += good[k]
+        before = max(before, slot)
+    return time_ns.size, ahead_count, used
+
+
+@numba.njit(cache=True, nogil=True)
+def finite_or_nan(values: FloatArray) -> FloatArray:
+    """Return the values with NaN for what is not finite, float64 (n,)."""
+    result = np.empty(values.size)
+    for k in range(values.size):
+        result[k] = values[k] if np.isfinite(values[k]) else np.nan
+    return result
+
+
+@numba.njit(cache=True, nogil=True)
+def both_finite(first: FloatArray, second: FloatArray) -> BoolArray:
+    """Return where both values are finite, bool (n,)."""
+    result = np.empty(first.size, dtype=np.bool_)
+    for k in range(first.size):
+        result[k] = np.isfinite(first[k]) and np.isfinite(second[k])
+    return result
 
 
 def _next_time(time_ns: IntArray, start: int) -> int:

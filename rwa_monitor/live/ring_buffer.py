@@ -84,7 +84,9 @@ class RingBuffer:
         """
         start, count = self.end, end - self.end
         if slots.size == count:  # none is empty
-            _put(self._filled, start, np.ones(count, dtype=np.uint8))
+            at = start % self.capacity
+            self._filled[at : at + count] = 1
+            self._filled[: max(at + count - self.capacity, 0)] = 1
             for name, array in self._values.items():
                 _put(array, start, values[name])
         else:
@@ -147,6 +149,9 @@ class RingBuffer:
 def _put(array: NDArray[Any], start: int, values: NDArray[Any]) -> None:
     """Write the values of the slots from `start` on, over the array's end and on from its begin."""
     at = start % array.size
-    first = min(values.size, array.size - at)
-    array[at : at + first] = values[:first]
-    array[: values.size - first] = values[first:]
+    first = array.size - at
+    if values.size <= first:
+        array[at : at + values.size] = values
+    else:
+        array[at:] = values[:first]
+        array[: values.size - first] = values[first:]

@@ -45,6 +45,18 @@ SPEED: Final = "speed_rad_s"
 TORQUE: Final = "torque_Nm"
 HANGS, STANDS_OUT = 1, 2
 
+# What is remembered of a channel:
+MEMORY: Final = (
+    "last",  # the last value that was not missing
+    "step",  # the last first difference
+    "bend",  # the last second difference
+    "restless",  # share of the recent slots in which the second difference changed its sign
+    "repeated",  # how often the last value has been repeated
+    "restless_before",  # `restless` when the repetition began
+    "rough",  # sum of recent steps from slot to slot, in absolute value; it fades
+    "steps",  # how many they are; it fades alike
+)
+
 
 @dataclass(frozen=True, slots=True)
 class Fault:
@@ -72,30 +84,15 @@ class Channel:
     Attributes
     ----------
     recent
-        The last values, latest last, NaN where missing.
-    last, step, bend
-        The last value that was not missing, the last first and second difference.
-    restless
-        Share of the recent slots in which the second difference changed its sign.
-    repeated
-        How often the last value has been repeated.
-    restless_before
-        `restless` when the repetition began.
-    rough, steps
-        Sum of recent steps from slot to slot, in absolute value, and how many they are; both fade.
+        float64 (3,), the last values, latest last, NaN where missing.
+    memory
+        float64 (8,), in the order of `MEMORY`.
     """
 
-    recent: list[float] = field(default_factory=lambda: [float("nan")] * OUTSTANDING_SLOTS)
-    last: float = float("nan")
-    step: float = 0.0
-    bend: float = 0.0
-    restless: float = 0.0
-    repeated: float = 0.0
-    restless_before: float = 0.0
-    rough: float = 0.0
-    steps: float = 0.0
+    recent: FloatArray = field(default_factory=lambda: np.full(OUTSTANDING_SLOTS, np.nan))
+    memory: FloatArray = field(default_factory=lambda: np.array([np.nan, *[0.0] * (len(MEMORY) - 1)]))
 
-    def judge(self, values: FloatArray, limit: float) -> tuple[NDArray[np.int8], IntArray]:
+    def judge(self, values: FloatArray, limit: float) -> tuple[NDArray[np.int8], IntArray] | None:
         """Judge the next slots.
 
         Parameters
@@ -111,28 +108,27 @@ class Channel:
             int8 (n,): 0, HANGS or STANDS_OUT, for what is found with this slot and the one after it.
         since
             int64 (n,): how many slots before it that begins.
+
+        None instead of both where nothing is found.
         """
         count = values.size - 1
-        memory = np.array(
-            [
-                *(self.last, self.step, self.bend, self.restless, self.repeated, self.restless_before),
-                *(self.rough, self.steps),
-            ]
-        )
         kind, since = np.zeros(count, dtype=np.int8), np.zeros(count, dtype=np.int64)
-        around = np.concatenate((self.recent, values))
-        _judge(around, limit, memory, kind, since)
-        self.last, self.step, self.bend, self.restless, self.repeated, self.restless_before = memory[:6].tolist()
-        self.rough, self.steps = memory[6:].tolist()
-        self.recent = around[count : count + OUTSTANDING_SLOTS].tolist()
-        return kind, since
+        around = np.empty(OUTSTANDING_SLOTS + count + 1)
+        around[:OUTSTANDING_SLOTS], around[OUTSTANDING_SLOTS:] = self.recent, values
+        found = _judge(around, limit, self.memory, kind, since)
+        self.recent[:] = around[count : count + OUTSTANDING_SLOTS]
+        return (kind, since) if found else None
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
 def _judge(
     values: FloatArray, limit: float, memory: FloatArray, kind: NDArray[np.int8], since: NDArray[np.int64]
-) -> None:
-    """Do the work of `Channel.judge`; `values` begin with the recent ones, all but it and `limit` are written."""
+) -> bool:
+    """Do the work of `Channel.judge`; `values` begin with the recent ones, all but it and `limit` are written.
+
+    Returns whether anything is found.
+    """
+    found = False
     last, step, bend, restless, repeated, restless_before, rough, steps = memory
     for k in range(kind.size):
         at = k + OUTSTANDING_SLOTS
@@ -146,6 +142,7 @@ def _judge(
                 anchor = values[at - count]
                 if abs(after - anchor) <= 0.5 * far and abs(value - anchor) > count * far:
                     kind[k], since[k] = STANDS_OUT, count - 1
+                    found = True
                     break
         if abs(value - before) <= far:
             rough += abs(value - before) - rough / RECENT_SLOTS
@@ -165,8 +162,10 @@ def _judge(
         last = value
         if repeated >= HANGING_SLOTS and restless_before > RESTLESS:
             kind[k] = HANGS
+            found = True
             since[k] = HANGING_SLOTS - 1 if repeated == HANGING_SLOTS else 0
     memory[:] = (last, step, bend, restless, repeated, restless_before, rough, steps)
+    return found
 
 
 def speed_limit(wheel: Wheel) -> float:
@@ -235,12 +234,13 @@ class Screen:
         held = max(start - LAG_SLOTS, ring.values_begin)  # the first slot that may still be masked
         good: BoolArray | None = None  # before anything was masked
         faults = []
-        for name, (kind, since) in (
+        for name, judged in (
             (SPEED, self.speed.judge(speed, self.speed_limit_rad_s)),
             (TORQUE, self.torque.judge(torque, self.torque_limit_Nm)),
         ):
-            if not kind.any():
+            if judged is None:
                 continue
+            kind, since = judged
             # A tachometer at rest shows zero, and so may the current: that is no fault.
             wrong = (kind == STANDS_OUT) | ((kind == HANGS) & (speed[:-1] != 0.0))
             if not wrong.any():

@@ -7,11 +7,12 @@ from __future__ import annotations
 
 from typing import Final
 
+import numba
 import numpy as np
 
 from rwa_monitor.live.events import Event, SamplePeriodDiffers, SpeedsBeyondLimit
 from rwa_monitor.physics.wheel import Wheel
-from rwa_monitor.samples import NANOSECONDS_PER_SECOND, IntArray, Samples
+from rwa_monitor.samples import NANOSECONDS_PER_SECOND, FloatArray, IntArray, Samples
 
 STEPS: Final = 64  # steps of time from which the period of the samples is told
 PERIOD_DIFFERS: Final = 1.25  # ratio of the periods: jitter and single missing samples make less of the quantile
@@ -61,12 +62,23 @@ class SettingsCheck:
     def _look_at_speed(self, samples: Samples) -> list[Event]:
         if self._speed_said:
             return []
-        speed = np.abs(samples.speed_rad_s)
-        beyond = speed[np.isfinite(speed) & (speed > self._limit)]
-        self._seen += speed.size
-        self._beyond += beyond.size
-        self._largest = max(self._largest, float(beyond.max(initial=0.0)))
+        beyond, largest = _beyond(samples.speed_rad_s, self._limit)
+        self._seen += len(samples)
+        self._beyond += beyond
+        self._largest = max(self._largest, largest)
         if self._beyond < max(MANY_BEYOND, SHARE_BEYOND * self._seen):
             return []
         self._speed_said = True
         return [SpeedsBeyondLimit(self._limit, self._largest)]
+
+
+@numba.njit(cache=True, nogil=True)
+def _beyond(values: FloatArray, limit: float) -> tuple[int, float]:
+    """Count the finite values beyond a limit, in absolute value, and return the largest of them; 0 without any."""
+    count, largest = 0, 0.0
+    for value in values:
+        size = abs(value)
+        if limit < size < np.inf:
+            count += 1
+            largest = max(largest, size)
+    return count, largest
