@@ -190,7 +190,7 @@ def _as_they_come(
         if error is None:
             outcomes, seconds = future.result()
             yield from zip(numbers, outcomes, strict=True)
-            size = _parcel_size(seconds / len(numbers), len(waiting), workers)
+            size = parcel_size(seconds / len(numbers), len(waiting), workers)
         elif isinstance(error, KilledWorker):
             suspects += numbers
         else:
@@ -212,7 +212,7 @@ def _taken(waiting: deque[int], count: int) -> tuple[int, ...]:
     return tuple(waiting.popleft() for _ in range(min(count, len(waiting))))
 
 
-def _parcel_size(seconds: float, waiting: int, workers: int) -> int:
+def parcel_size(seconds: float, waiting: int, workers: int) -> int:
     """Return how many recordings to send at once, from what one took and how many are left."""
     short_enough = int(PARCEL_S / max(seconds, PARCEL_S / PARCEL_MOST))
     return max(1, min(short_enough, waiting // (workers * PARCELS_LEFT)))

@@ -17,7 +17,7 @@ import numpy as np
 from rwa_monitor.live.sequencer import Counts
 from rwa_monitor.physics.wheel import Limits
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray, Samples
-from rwa_monitor.slots import SlotGrid
+from rwa_monitor.slots import SlotGrid, nearest_slot
 
 # Times that the slot arithmetic holds in 64 bits for any two of them: 1954 to 2096, if the clock counts from 1970.
 MIN_TIME_NS: Final = -500_000_000_000_000_000
@@ -281,6 +281,9 @@ def _mark_beyond(values: FloatArray, limit: float, wrong: BoolArray) -> int:
     return count
 
 
+_nearest_slot = numba.njit(cache=True, error_model="numpy", nogil=True)(nearest_slot)
+
+
 @numba.njit(cache=True, nogil=True)
 def _lay(
     time_ns: IntArray,
@@ -314,7 +317,7 @@ def _lay(
     before = frontier - 1  # the last slot so far
     ahead_count = used = 0
     for k in range(time_ns.size):
-        slot = (2 * (time_ns[k] - origin_ns) + period_ns) // (2 * period_ns)
+        slot = int(_nearest_slot(time_ns[k], origin_ns, period_ns))
         step = slot - before
         far = abs(step) > window_slots
         if k > 0 and (slot > frontier + PIECE_SLOTS or (far and not passed)):

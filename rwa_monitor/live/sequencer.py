@@ -226,7 +226,7 @@ class Sequencer:
         count = len(batch.samples)
         if count:
             # The middle one: a single wild time does not matter.
-            middle_ns = _middle(batch.samples.time_ns, count // 2)
+            middle_ns = middle(batch.samples.time_ns, count // 2)
             self.latest_ns = middle_ns if self.latest_ns is None else max(self.latest_ns, middle_ns)
 
     def _in_order(self, batch: Batch, frontier_ns: int | None) -> tuple[list[Batch], list[SequenceEvent]]:
@@ -287,15 +287,15 @@ class Sequencer:
         return MessagesMissed(self.current or "", first, number - first)
 
 
-def _middle(time_ns: IntArray, rank: int) -> int:
+def middle(time_ns: IntArray, rank: int) -> int:
     """Return the time with so many before it."""
-    if is_sorted(time_ns):  # as nearly all messages are
+    if _is_sorted(time_ns):  # as nearly all messages are
         return int(time_ns[rank])
     return int(np.partition(time_ns, rank)[rank])
 
 
 @numba.njit(cache=True, nogil=True)
-def is_sorted(values: IntArray) -> bool:
+def _is_sorted(values: IntArray) -> bool:
     """Tell whether no value is smaller than the one before it."""
     for k in range(1, values.size):  # noqa: SIM110 (a compiled loop)
         if values[k] < values[k - 1]:

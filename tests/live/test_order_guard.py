@@ -11,7 +11,7 @@ from hypothesis import given, settings
 
 from rwa_monitor.live.core import WheelCore
 from rwa_monitor.live.events import EpochStarted, StraySamples, WindowDiagnosed
-from rwa_monitor.live.order_guard import MAX_TIME_NS, MIN_TIME_NS
+from rwa_monitor.live.order_guard import MAX_TIME_NS, MIN_TIME_NS, PIECE_SLOTS, OrderGuard
 from rwa_monitor.live.sequencer import (
     CHALLENGE_MESSAGES,
     DOUBT_FACTOR,
@@ -20,9 +20,11 @@ from rwa_monitor.live.sequencer import (
     MessagesMissed,
     PublisherChanged,
     PublisherConflict,
+    middle,
 )
-from rwa_monitor.physics.wheel import Wheel
+from rwa_monitor.physics.wheel import Limits, Wheel
 from rwa_monitor.samples import Samples
+from rwa_monitor.slots import SlotGrid
 from tests.live.support import WINDOW, said, telemetry, wheel
 
 PERIOD_NS = 125_000_000
@@ -359,3 +361,28 @@ def test_messages_that_overtake_within_reach_are_put_right(keys: list[float]) ->
     assert said(got) == said(expected)
     assert any(isinstance(event, WindowDiagnosed) for event in expected)
     assert mixed.counts == straight.counts
+
+
+@given(
+    times=st.lists(st.integers(0, 10**15), min_size=1, max_size=40),
+    period_ns=st.integers(1_000, 10**12),
+)
+def test_samples_take_the_slots_of_the_grid(times: list[int], period_ns: int) -> None:
+    """The compiled loop, against the grid's own arithmetic."""
+    guard = OrderGuard(period_ns, 10**15, Limits(), None, Counts())
+    time_ns = np.array(sorted(times), dtype=np.int64)
+    piece = guard.next_piece(
+        time_ns, np.ones(time_ns.size, dtype=np.bool_), 0, lambda slots: np.zeros(slots.size, dtype=np.bool_), last=True
+    )
+    grid = SlotGrid(int(time_ns[0]), period_ns)
+    expected = grid.slot_of(time_ns)
+    if expected.max() <= PIECE_SLOTS:
+        assert piece.slots.tolist() == np.unique(expected).tolist()
+    assert piece.slots.tolist() == grid.slot_of(time_ns[piece.rows]).tolist()
+
+
+@given(times=st.lists(st.integers(-(2**60), 2**60), min_size=1))
+def test_the_middle_of_times_in_any_order(times: list[int]) -> None:
+    rank = len(times) // 2
+    for order in (times, sorted(times)):
+        assert middle(np.array(order, dtype=np.int64), rank) == sorted(times)[rank]
