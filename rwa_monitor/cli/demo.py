@@ -86,7 +86,13 @@ def command(duration: float, no_browser: bool, port: int | None, seed: int, reco
     # A new satellite each time: what the folder holds of the last one is not carried over to this one's healthy wheels.
     spacecraft = time.strftime("demo-%Y%m%dT%H%M%S", time.gmtime())
     story = tell(spacecraft, duration, start_ns=time.time_ns(), seed=seed)
-    options = RunOptions(wheels=f"rwa/{spacecraft}/*/samples", wheel=story.wheel, model=built_in_model(), record=record)
+    options = RunOptions(
+        wheels=f"rwa/{spacecraft}/*/samples",
+        wheel=story.wheel,
+        model=built_in_model(),
+        record=record,
+        tell_verdicts=False,  # the view has a line for each window
+    )
     with (
         stop_on_signals() as stop,
         open_session(bus) as session,

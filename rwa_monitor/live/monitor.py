@@ -226,7 +226,7 @@ class Monitor:
         """Say what a window amounts to where that is news; a line for each window of a fleet would hide it."""
         diagnosis = event.diagnosis
         verdict = (diagnosis.verdict, *(anomaly.name for anomaly in diagnosis.anomalies if anomaly.active))
-        if verdict != served.verdict:
+        if verdict != served.verdict and self.options.tell_verdicts:
             self.say(f"{spacecraft}/{wheel}: {diagnosis.verdict}: {diagnosis.reason}")
         served.verdict = verdict
 

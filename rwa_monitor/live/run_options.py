@@ -40,6 +40,8 @@ class RunOptions:
         (I, N): this process serves share I of N, 1 ≤ I ≤ N.
     status_period_s
         Wall-clock time from one status message to the next [s].
+    tell_verdicts
+        Whether each change of a verdict is said, too; where somebody else shows the diagnoses it would be said twice.
     """
 
     wheels: str = "rwa/*/*/samples"
@@ -52,6 +54,7 @@ class RunOptions:
     bus: BusOptions = field(default_factory=BusOptions)
     shard: tuple[int, int] = (1, 1)
     status_period_s: float = 1.0
+    tell_verdicts: bool = True
 
     def setup(self) -> Setup:
         """Return what diagnoses depend on."""
