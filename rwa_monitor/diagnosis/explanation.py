@@ -99,6 +99,16 @@ def reason_outside(anomaly: AnomalyDiagnosis, lacking: str, *, below: bool) -> s
     )
 
 
+def reason_exchanged(dry: AnomalyDiagnosis, viscous: AnomalyDiagnosis) -> str:
+    """Return the reason of a verdict kept open because base dry and viscous friction stand in for each other."""
+    parts = " and ".join(
+        f"{title(one.name)} ({quantity(one.estimate, one.unit)}, nominal"
+        f" {span(one.nominal_low, one.nominal_high, one.unit)})"
+        for one in (dry, viscous)
+    )
+    return _sentence(f"{parts} cannot be told apart at these speeds: together they are nominal")
+
+
 def reason_silent(silent: Sequence[str], anomalies: int, lacking: str) -> str:
     """Return the reason of a verdict kept open by what the window does not show, of so many anomalies in all."""
     if len(silent) == anomalies:

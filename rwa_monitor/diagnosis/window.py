@@ -233,11 +233,14 @@ class _Shown:
         The standard deviation of each anomaly's estimate, in its unit.
     unnamed_jumps
         Whether friction jumps and the wheel file names no switching system.
+    mean_speed_rad_s
+        Mean |ω| of the used samples [rad/s].
     """
 
     unmoved: tuple[bool, ...]
     deviations: tuple[float, ...]
     unnamed_jumps: bool
+    mean_speed_rad_s: float
 
 
 # ---- the verdict -----------------------------------------------------------------------------------------------------
@@ -251,16 +254,9 @@ def _verdict(
     shown: _Shown,
 ) -> tuple[Verdict, str]:
     """Return the verdict and its reason. A found anomaly stands; what keeps a window from being nominal comes after."""
-    if case.wheel.nominal is None:
-        return "inconclusive", "The wheel file has no [nominal], so there is nothing to compare the friction with."
-    if case.model is None:
-        return "inconclusive", "There is no model, so no nominal range to compare the friction with."
-    used = case.evidence.used / case.evidence.slots
-    if used < MIN_COVERAGE:
-        return "inconclusive", (
-            f"Only {100.0 * used:.0f} % of the window's slots hold a usable sample"
-            f" ({100.0 * MIN_COVERAGE:.0f} % are needed)."
-        )
+    nothing = _nothing_to_judge(case)
+    if nothing or case.model is None:
+        return "inconclusive", nothing
     low, high = case.model.undecided if case.method == "joint" else (0.5, 0.5)
     leaning = [entry.name for entry in judged if entry.leans]
     # Where the friction model lacks something, only what the window tells for sure counts as found: what is missing
@@ -274,6 +270,9 @@ def _verdict(
         for anomaly, entry, doubtful in zip(anomalies, judged, open_to_doubt, strict=True)
         if entry.active and entry.probability >= high and not doubtful
     ]
+    exchanged = _exchanged(anomalies[0], anomalies[1], shown.mean_speed_rad_s) if case.method == "joint" else None
+    if certain == [exchanged]:
+        return "inconclusive", explanation.reason_exchanged(anomalies[0], anomalies[1])
     if certain:
         shown_before = [anomaly.name for anomaly in certain if anomaly.name in leaning]
         return "anomalous", explanation.reason_anomalous(certain, shown_before)
@@ -315,6 +314,21 @@ def _verdict(
     return "nominal", explanation.reason_nominal(anomalies, leaning, lacking)
 
 
+def _nothing_to_judge(case: _Case) -> str:
+    """Return why nothing can be judged, whatever the friction is; "" where it can."""
+    if case.wheel.nominal is None:
+        return "The wheel file has no [nominal], so there is nothing to compare the friction with."
+    if case.model is None:
+        return "There is no model, so no nominal range to compare the friction with."
+    used = case.evidence.used / case.evidence.slots
+    if used < MIN_COVERAGE:
+        return (
+            f"Only {100.0 * used:.0f} % of the window's slots hold a usable sample"
+            f" ({100.0 * MIN_COVERAGE:.0f} % are needed)."
+        )
+    return ""
+
+
 def _remedy(case: _Case, anomalies: Sequence[AnomalyDiagnosis], shown: _Shown, *, adequate: bool) -> str:
     """Return what helps an inconclusive window where waiting for the next one does not; "" where it does."""
     if case.wheel.nominal is None:
@@ -331,6 +345,25 @@ def _remedy(case: _Case, anomalies: Sequence[AnomalyDiagnosis], shown: _Shown, *
 def _rested(anomaly: AnomalyDiagnosis) -> bool:
     """Return whether it is that of a system that rested throughout: no friction, healthy or not."""
     return anomaly.nominal_low == anomaly.nominal_high == 0.0
+
+
+def _exchanged(dry: AnomalyDiagnosis, viscous: AnomalyDiagnosis, speed_rad_s: float) -> AnomalyDiagnosis | None:
+    """Return that of the two whose excess the other lacks, so that the sum at the window's speed is nominal, or None.
+
+    No healthy or failing wheel has much less than nominal friction. Where the speed hardly moves, noise of its
+    measurement flattens the slope (errors in variables: Fuller 1987, section 1.1), and the base takes up the rest.
+    """
+    found = None
+    for high, lacking, lever in ((dry, viscous, speed_rad_s), (viscous, dry, 1.0 / max(speed_rad_s, 1e-9))):
+        bounds = (high.nominal_high, lacking.nominal_low, lacking.nominal_high)
+        if high.estimate is None or lacking.estimate is None or None in bounds or not high.active:
+            continue
+        top, low_end, high_end = (float(bound or 0.0) for bound in bounds)
+        # By a whole width of the range: healthy wheels have that nowhere.
+        lacks = lacking.estimate < low_end - (high_end - low_end)
+        if lacks and high.estimate - (0.5 * (low_end + high_end) - lacking.estimate) * lever <= top:
+            found = high
+    return found
 
 
 def _below(anomaly: AnomalyDiagnosis) -> bool:
@@ -413,6 +446,7 @@ def _shown(case: _Case, features: Features, assignment: Assignment) -> _Shown:
         features.viscous_std * (nominal if nominal > 0 else viscous_unit(wheel)),
         *(system.highest()[2] * wheel.torque_unit_Nm for system in features.systems),
     )
+    whole = case.evidence.sums.between(np.zeros(1, dtype=np.int64), np.array([case.evidence.slots]))
     return _Shown(
         # The paper's method judges each system by itself, whatever it did.
         unmoved=(
@@ -422,6 +456,7 @@ def _shown(case: _Case, features: Features, assignment: Assignment) -> _Shown:
         ),
         deviations=tuple(std if math.isfinite(std) else 0.0 for std in deviations),
         unnamed_jumps=not wheel.fss and bool((assignment.system != REJECTED).any()),
+        mean_speed_rad_s=float(whole.x[0] / whole.n[0]) * wheel.speed_unit_rad_s,
     )
 
 

@@ -89,3 +89,19 @@ def test_a_wheel_file_without_nominal_friction_is_sent_to_identify() -> None:
     (window,) = windows_of(record(1, 1, built_in_wheel()), Wheel(name="bare", sample_period_s=0.125))
     assert "rwa-monitor identify" in window.diagnosis.explanation
     assert "Wait for the next window" not in window.diagnosis.explanation
+
+
+@pytest.mark.parametrize("noise_rad_s", [0.05, 0.15, 0.5])
+def test_a_speed_that_is_held_calls_no_healthy_wheel_s_base_dry_friction_anomalous(noise_rad_s: float) -> None:
+    # All that moves the measured speed is its noise: the slope falls to zero, and the base takes up the rest.
+    true = built_in_wheel()
+    assert true.nominal is not None
+    viscous = true.nominal.viscous_Nm_s_rad
+    for seed in (0, 1):
+        samples = record(seed, 1, true)
+        assert samples.friction_torque_Nm is not None
+        held = np.where(samples.speed_rad_s >= 0, 120.0, -120.0)
+        noise = np.random.default_rng(seed).normal(0.0, noise_rad_s, len(samples))
+        friction = samples.friction_torque_Nm + viscous * (held - samples.speed_rad_s)
+        (window,) = windows_of(replace(samples, speed_rad_s=held + noise, friction_torque_Nm=friction))
+        assert window.diagnosis.verdict == "inconclusive", window.diagnosis.reason
