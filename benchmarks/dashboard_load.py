@@ -239,7 +239,7 @@ def measure(wheels: int, clients: int, seconds: float, diagnoses_per_s: float, r
     with (
         TemporaryDirectory() as folder,
         program(
-            "-m", "rwa_monitor.cli", "dashboard", "--no-browser", "--port", "0", "--record", folder, "-l", endpoint
+            "-m", "rwa_monitor", "dashboard", "--no-browser", "--port", "0", "--record", folder, "-l", endpoint
         ) as server,
     ):
         assert server.stderr is not None

@@ -62,7 +62,7 @@ def measure(wheels: int, seconds: float) -> Measured:
         free.bind(("127.0.0.1", 0))
         endpoint = f"tcp/127.0.0.1:{free.getsockname()[1]}"
     with tempfile.TemporaryDirectory() as folder, open_session(BusOptions(listen=(endpoint,))) as session:
-        command = [sys.executable, "-m", "rwa_monitor.cli", "run", "-e", endpoint, "--record", f"{folder}/recordings"]
+        command = [sys.executable, "-m", "rwa_monitor", "run", "-e", endpoint, "--record", f"{folder}/recordings"]
         monitor = subprocess.Popen(["taskset", "-c", str(cores[0]), *command], stderr=subprocess.DEVNULL)
         os.sched_setaffinity(0, cores[1:] or cores)
         try:

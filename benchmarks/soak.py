@@ -99,7 +99,7 @@ def main() -> int:
 
 def _soak(arguments: argparse.Namespace, folder: Path) -> tuple[list[Reading], int]:
     endpoint = f"tcp/127.0.0.1:{_free_port()}"
-    command = [sys.executable, "-m", "rwa_monitor.cli", "run", "-l", endpoint, "--record", str(folder / "recordings")]
+    command = [sys.executable, "-m", "rwa_monitor", "run", "-l", endpoint, "--record", str(folder / "recordings")]
     command += ["--record-limit", "1"]
     status: dict[str, dict[str, Any]] = {}
     with (folder / "talk.log").open("w") as log, subprocess.Popen(command, stderr=log) as monitor:

@@ -80,7 +80,7 @@ def test_diagnose_monitor_and_command_say_the_same(wheel: rwa.Wheel, telemetry: 
     assert [d.to_json() for d in parts] == [d.to_json() for d in whole]
     assert monitor.counts["received"] == monitor.counts["used"] == len(samples)
 
-    command = [sys.executable, "-m", "rwa_monitor.cli", "diagnose", str(table), "--wheel", str(wheel_file), "--json"]
+    command = [sys.executable, "-m", "rwa_monitor", "diagnose", str(table), "--wheel", str(wheel_file), "--json"]
     done = subprocess.run(command, capture_output=True, text=True, check=True)
     said = [json.loads(line) for line in done.stdout.splitlines()]
     for message in said:

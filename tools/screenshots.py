@@ -23,7 +23,7 @@ def main() -> None:
     FOLDER.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory() as record:
         demo = subprocess.Popen(
-            [sys.executable, "-m", "rwa_monitor.cli", "demo", "--no-browser", "--duration", "150", "--port", "0",
+            [sys.executable, "-m", "rwa_monitor", "demo", "--no-browser", "--duration", "150", "--port", "0",
              "--record", record],
             stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
         )  # fmt: skip

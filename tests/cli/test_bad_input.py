@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-PROGRAM = [sys.executable, "-m", "rwa_monitor.cli"]
+PROGRAM = [sys.executable, "-m", "rwa_monitor"]
 
 HEAD = b"time_s,speed_rad_s,friction_torque_Nm\n"
 

@@ -14,7 +14,7 @@ import pytest
 from rwa_monitor.cli.demo_hidden import same
 from rwa_monitor.physics.wheel import Wheel
 
-PROGRAM = [sys.executable, "-m", "rwa_monitor.cli"]
+PROGRAM = [sys.executable, "-m", "rwa_monitor"]
 # Long enough for the failing wheel to be found (6 s a window, onset after three tenths), and for the search of the
 # wheel whose model lacks an effect: it begins after two windows and takes 13 s on two cores. Not for more.
 DURATION_S = 48

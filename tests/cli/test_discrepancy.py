@@ -13,7 +13,7 @@ import pytest
 from rwa_monitor.physics.wheel import built_in_wheel
 from tests.discrepancy.simple import NOISE_NM, PERIOD_S, record, swing
 
-PROGRAM = [sys.executable, "-m", "rwa_monitor.cli", "discrepancy"]
+PROGRAM = [sys.executable, "-m", "rwa_monitor", "discrepancy"]
 COUNT = 1500
 WHEEL = built_in_wheel()
 Columns = dict[str, np.ndarray]

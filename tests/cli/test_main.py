@@ -15,7 +15,7 @@ from rwa_monitor import __version__
 from rwa_monitor.cli.main import COMMANDS, main
 from rwa_monitor.errors import InputError, RwaMonitorError
 
-PROGRAM = [sys.executable, "-m", "rwa_monitor.cli"]
+PROGRAM = [sys.executable, "-m", "rwa_monitor"]
 
 
 def all_commands() -> list[list[str]]:

@@ -70,7 +70,7 @@ def script(text: str, argument: str) -> Iterator[subprocess.Popen[str]]:
 @contextmanager
 def monitor(port: int) -> Iterator[subprocess.Popen[str]]:
     """Run a real monitor that connects to a port."""
-    command = [sys.executable, "-m", "rwa_monitor.cli", "run", "-e", f"tcp/127.0.0.1:{port}"]
+    command = [sys.executable, "-m", "rwa_monitor", "run", "-e", f"tcp/127.0.0.1:{port}"]
     with open(os.devnull, "w") as null:
         process = subprocess.Popen(command, stdout=null, stderr=null, text=True)
     try:

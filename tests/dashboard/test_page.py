@@ -66,7 +66,7 @@ def test_changes_need_the_token_and_no_other_origin_or_host_is_served(session: z
 def test_an_operator_sees_the_demos_wheel_fail_and_acknowledges(chromium: Any, tmp_path: Path) -> None:
     command = ["demo", "--no-browser", "--duration", "70", "--port", "0", "--record", str(tmp_path)]
     demo = subprocess.Popen(
-        [sys.executable, "-m", "rwa_monitor.cli", *command],
+        [sys.executable, "-m", "rwa_monitor", *command],
         stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
     )  # fmt: skip
     try:

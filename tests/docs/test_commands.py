@@ -111,7 +111,7 @@ def test_the_code_of_a_page_works_in_its_order(name: str, tmp_path: Path) -> Non
             continue
         commands = [["-c", block.text]] if block.language == "python" else []
         if block.mark == "run":
-            commands = [["-m", "rwa_monitor.cli", *shlex.split(line)[1:]] for line in block.lines]
+            commands = [["-m", "rwa_monitor", *shlex.split(line)[1:]] for line in block.lines]
             assert commands, block.text
         for command in commands:
             done = subprocess.run(

@@ -43,7 +43,7 @@ class Listener:
 
 
 def command(*arguments: str | Path) -> list[str]:
-    return [sys.executable, "-m", "rwa_monitor.cli", *map(str, arguments)]
+    return [sys.executable, "-m", "rwa_monitor", *map(str, arguments)]
 
 
 @contextmanager

@@ -36,7 +36,7 @@ def setting(options: BusOptions, key: str) -> object:
 def program(folder: Path, *words: str, until: str) -> Iterator[psutil.Process]:
     """Run the program in a process of its own until it has said something."""
     process = subprocess.Popen(
-        [sys.executable, "-m", "rwa_monitor.cli", *words], stderr=subprocess.PIPE, text=True, cwd=folder
+        [sys.executable, "-m", "rwa_monitor", *words], stderr=subprocess.PIPE, text=True, cwd=folder
     )
     assert process.stderr is not None
     try:

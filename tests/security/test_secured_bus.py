@@ -233,9 +233,7 @@ def test_run_simulate_and_a_dashboard_work_over_the_secured_bus(issued_by_us: Pa
         def program(name: str, *words: str) -> subprocess.Popen[str]:
             options = leaf(issued_by_us / name, port, tmp_path)
             command = [*words, "-c", str(options.config), "-e", options.connect[0]]
-            return subprocess.Popen(
-                [sys.executable, "-m", "rwa_monitor.cli", *command], stderr=subprocess.PIPE, text=True
-            )
+            return subprocess.Popen([sys.executable, "-m", "rwa_monitor", *command], stderr=subprocess.PIPE, text=True)
 
         with bus.join("dashboard") as dashboard, bus.join("simulated.wheel_1") as satellite:
             subscriber = ext.declare_advanced_subscriber(

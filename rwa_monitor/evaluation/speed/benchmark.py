@@ -295,7 +295,7 @@ def help_section() -> Section:
     seconds, busy_s = [], []
     for _ in range(HELP_RUNS):
         begin, before = time.perf_counter(), resource.getrusage(resource.RUSAGE_CHILDREN)
-        subprocess.run([sys.executable, "-m", "rwa_monitor.cli", "--help"], check=True, capture_output=True)
+        subprocess.run([sys.executable, "-m", "rwa_monitor", "--help"], check=True, capture_output=True)
         seconds.append(time.perf_counter() - begin)
         after = resource.getrusage(resource.RUSAGE_CHILDREN)
         busy_s.append(after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime)

@@ -1,5 +1,0 @@
-"""`python -m rwa_monitor.cli` is the command `rwa-monitor`, for where it is not on the path."""
-
-from rwa_monitor.cli.main import main
-
-main()
