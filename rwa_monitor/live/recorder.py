@@ -40,6 +40,7 @@ MAX_FILE_BYTES: Final = 32 * 2**20  # then the next file is begun; rebuilding fr
 MAX_FILE_AGE_S: Final = 24 * 3600.0
 MIN_FREE_BYTES: Final = 64 * 2**20  # left on the disk for others
 SCHEMAS_BYTES: Final = 32 * 2**10  # in every file
+FEW_CHANNELS: Final = 64  # so many are listed whole each time that one is new
 FLUSH_PERIOD_S: Final = 1.0
 RETRY_PERIOD_S: Final = 1.0  # after the disk failed; twice as long after each failure that follows
 MAX_RETRY_PERIOD_S: Final = 32.0
@@ -132,6 +133,7 @@ class RecordingWriter:
         self._log_time = 0
         self._channels: dict[str, int] = {}
         self._described: dict[str, tuple[str, str]] = {}
+        self._described_whole = 0  # how many there were when all of them were written down last
         self._sequence: dict[int, int] = {}
         part = path.with_name(path.name + PART_SUFFIX)
         self._sink = _Sink(part)
@@ -179,7 +181,19 @@ class RecordingWriter:
             self._channels[topic] = channel
             self._described[str(channel)] = (topic, schema)
         if new:
-            self._attach(CHANNELS_ATTACHMENT, dump_json(self._described))
+            self._describe([str(self._channels[topic]) for topic, _ in new])
+
+    def _describe(self, new: list[str]) -> None:
+        """Write down which channel is what: all of them, so that one list that is whole tells all.
+
+        Of a fleet only what is new, but for when their number has doubled: else the lists would fill the file.
+        """
+        count = len(self._described)
+        whole = count <= FEW_CHANNELS or count >= 2 * self._described_whole
+        if whole:
+            self._described_whole = count
+        told = self._described if whole else {channel: self._described[channel] for channel in new}
+        self._attach(CHANNELS_ATTACHMENT, dump_json(told))
 
     def write(self, topic: str, schema: str, payload: bytes, time_ns: int | None) -> None:
         """Add a message; `time_ns` is its time on the wheel's clock, None where it has none."""

@@ -357,6 +357,23 @@ def test_refused_messages_on_ever_new_keys_do_not_fill_the_recording_with_topics
     assert "rwa/refused" in topics
 
 
+def test_the_lists_of_a_fleets_topics_do_not_fill_the_recording(tmp_path: Path) -> None:
+    def size(wheels: int) -> int:
+        path = tmp_path / f"{wheels}.mcap"
+        writer = RecordingWriter(path, {}, lambda: 1)
+        begin = writer.size
+        for number in range(wheels):
+            writer.write(f"rwa/fleet/wheel_{number:04d}/samples", "rwa.Samples", b"{}", number)
+        writer.close()
+        recording = read_recording(path)
+        assert not recording.problems
+        assert len({message.topic for message in recording.messages}) == wheels
+        return writer.size - begin
+
+    # Each new topic once listed all of them: a thousand wheels filled file after file with lists and little else.
+    assert size(1_600) < 2.5 * size(800)
+
+
 def test_two_monitors_cannot_record_in_one_folder(tmp_path: Path) -> None:
     with FolderLock(tmp_path), pytest.raises(InputError, match="another monitor"):
         FolderLock(tmp_path)
