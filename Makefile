@@ -166,6 +166,10 @@ soak: $(VENV)/.installed-dev ## ten minutes at 100,000 samples a second; writes 
 fleet: $(VENV)/.installed-dev ## diagnosis of many recordings on 1, 2 and 4 workers; writes docs/fleet.md
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.fleet -o docs/fleet.md
 
+.PHONY: fleet-live
+fleet-live: $(VENV)/.installed-dev ## 100 and 1,000 wheels on one core; writes docs/fleet_live.md
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.fleet_live -o docs/fleet_live.md
+
 .PHONY: package
 package: $(VENV)/.installed-dev sbom ## builds sdist and wheel, tries the wheel in an empty environment; and sbom
 	PYTHON=$(BIN)/python tools/check_package.sh

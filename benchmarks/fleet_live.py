@@ -126,7 +126,13 @@ def page(found: list[Measured]) -> str:
         for m in found
     ]
     load = ", ".join(f"{value:.1f}" for value in os.getloadavg())
-    head = f"A message of {RATE_HZ} samples a second from each wheel, over {found[0].seconds:.0f} s after settling."
+    head = (
+        "# A fleet live\n\n<!-- Written by `make fleet-live`. -->\n\n"
+        "One `rwa-monitor run` that records, pinned to one core; the fleet publishes from a process on the others.\n"
+        "The lag of a wheel is the age of its oldest message that the monitor's own `status` does not count yet.\n"
+        f"Wanted: 1,000 wheels at {RATE_HZ} Hz with a lag under a second.\n\n"
+        f"A message of {RATE_HZ} samples a second from each wheel, over {found[0].seconds:.0f} s after settling."
+    )
     columns = "| wheels | lag, median | 99 % | largest | share of the core | memory | samples sent | lost |"
     return "\n".join([f"{head} Load of the machine: {load}.", "", columns, "|---" * 8 + "|", *rows, ""])
 
