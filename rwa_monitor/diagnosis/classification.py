@@ -221,7 +221,7 @@ def classify(
         number = shift.number(combinations)
         features = _widened(shift.apply(features, posterior, number), told, by_story.sum(axis=1))
         # The window showed only its sum with the friction of a system: no value to take the old one's place.
-        base = base and base.model_copy(update={"held": shift.held_after(posterior, number)})
+        base = base and base.believed(shift.held_after(posterior, number))
 
     judged, to_carry = [], {}
     for a, name in enumerate(names):

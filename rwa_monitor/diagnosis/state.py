@@ -78,6 +78,10 @@ class Tracked(_Part):
         """Return the value in another unit."""
         return Tracked(mean=self.mean * factor, std=self.std * abs(factor), windows=self.windows, held=self.held)
 
+    def believed(self, held: float) -> Tracked:
+        """Return the value where it is still this one with another probability."""
+        return Tracked(mean=self.mean, std=self.std, windows=self.windows, held=held)
+
     def updated(self, value: float, std: float) -> Tracked:
         """Return the value after a window that measured `value` ± `std`."""
         before = self.drifted()

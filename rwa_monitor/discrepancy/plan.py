@@ -20,6 +20,7 @@ from rwa_monitor.discrepancy.search import Model, middle_shape
 from rwa_monitor.discrepancy.terms import make_background, make_term, profile
 from rwa_monitor.physics.effects.base import Channels
 from rwa_monitor.physics.effects.catalogue import MEAN_EFFECTS
+from rwa_monitor.physics.speed import ORBIT_S
 from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import FloatArray
 
@@ -30,7 +31,6 @@ MAX_SLOTS: Final = 20_000  # longer ones are laid out with longer slots
 RAMP_S: Final = 20.0  # over which a wheel can change its speed by a good part of its range
 IMITATION_SHARE: Final = 0.01  # of the found effect's energy that a rival must be able to make to be one
 THERMAL_SWING_K: Final = 3.0  # of the bearing over an orbit; 1–5 K are common (effects.md)
-ORBIT_S: Final = 5400.0  # period of a low orbit
 
 
 @dataclass(frozen=True, slots=True)

@@ -110,7 +110,8 @@ def test_what_is_no_message_of_ours_stops_nothing(session: zenoh.Session, tmp_pa
         session.put("rwa/sat/wheel_1/diagnosis", b"{")
         session.put("rwa/sat/wheel_1/unknown", b"{}")
         send_windows(session, "wheel_1", failing=False, windows=1)
-        channels_of(client, "rwa/sat/wheel_1/diagnosis")
+        found = channels_of(client, "rwa/sat/wheel_1/diagnosis")
+    assert "rwa/sat/wheel_1/unknown" not in found
 
 
 def test_it_is_on_loopback_only_and_takes_nothing(session: zenoh.Session, tmp_path: Path) -> None:

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 
+from rwa_monitor.diagnosis.state import CarriedState
 from rwa_monitor.errors import InputError
 from rwa_monitor.live.checkpoint import Checkpoint, SlotsState
 from rwa_monitor.live.core import WheelCore, diagnose_samples
@@ -115,6 +116,18 @@ def test_a_core_resumed_from_a_checkpoint_gives_the_same_bytes(kind: str, cuts: 
             assert core.checkpoint().to_json() == data
         events += core.feed(part, "p", number)
     assert said([*events, *core.finish()]) == whole(kind)
+
+
+def test_what_is_carried_after_any_window_is_what_its_file_says() -> None:
+    """Otherwise a core that was resumed diagnoses from other numbers: those of the file have 12 digits."""
+    unseen = 0
+    for seed in range(3):
+        for event in WheelCore(wheel(), model()).feed(telemetry(12 * WINDOW, seed)):
+            if isinstance(event, WindowDiagnosed):
+                assert CarriedState.from_json(event.carried.to_json(), "test") == event.carried
+                base = event.carried.base_dry
+                unseen += base is not None and base.held < 1.0
+    assert unseen > 3  # windows that did not show the base dry friction, whose value is carried with doubt
 
 
 def test_a_checkpoint_of_before_windows_kept_their_samples_is_understood() -> None:
