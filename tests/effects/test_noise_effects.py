@@ -85,7 +85,9 @@ def test_simulate_then_fit_gives_the_parameters_back(effect: type[NoiseEffect]) 
 @every_noise_effect
 def test_fitted_values_build_the_effect(effect: type[NoiseEffect]) -> None:
     _, channels, noise = simulate(effect.name, 1)
-    effect(**effect.fit(noise, channels, channels.good).values)
+    values = effect.fit(noise, channels, channels.good).values
+    built = effect(**values)
+    assert {name: built.values[name] for name in values} == values
 
 
 @pytest.mark.parametrize("name", ["coloured_noise", "heavy_tailed_noise"])

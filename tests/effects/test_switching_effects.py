@@ -131,7 +131,9 @@ def test_simulate_then_fit_gives_the_parameters_back(effect: type[SwitchingEffec
 
 @every_switching_effect
 def test_fitted_values_build_the_effect(effect: type[SwitchingEffect]) -> None:
-    effect(**effect.fit(record(effect.name, 1)).values)
+    values = effect.fit(record(effect.name, 1)).values
+    built = effect(**values)
+    assert {name: built.values[name] for name in values} == values
 
 
 @every_switching_effect
