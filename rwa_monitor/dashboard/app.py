@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import secrets
+import time
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager, suppress
 from dataclasses import asdict, dataclass
@@ -27,20 +28,29 @@ from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp, Receive, Scope, Send
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
+from rwa_monitor.dashboard.aside import Aside
 from rwa_monitor.dashboard.feed import Client, Hub, frame, pulse
 from rwa_monitor.dashboard.fleet import Fleet, Received
 from rwa_monitor.dashboard.herald import Herald
-from rwa_monitor.dashboard.listener import alarm_entry
+from rwa_monitor.dashboard.listener import alarm_entry, aside_entry
 from rwa_monitor.dashboard.metrics import CONTENT_TYPE, metrics
-from rwa_monitor.dashboard.openapi import MAX_ESTIMATES, MAX_WINDOWS, Acknowledgement, Shelving, openapi
+from rwa_monitor.dashboard.openapi import (
+    MAX_ESTIMATES,
+    MAX_WINDOWS,
+    Acknowledgement,
+    PuttingAside,
+    Shelving,
+    openapi,
+)
 from rwa_monitor.dashboard.recordings import list_recordings, replay_json
 from rwa_monitor.dashboard.trends import trends
 from rwa_monitor.dashboard.webhook import Webhook
 from rwa_monitor.errors import InputError
 from rwa_monitor.history.database import HistoryError
-from rwa_monitor.history.records import AlarmRecord
+from rwa_monitor.history.records import AlarmRecord, WheelLine
 from rwa_monitor.history.store import History
 from rwa_monitor.messages import Diagnosis, Discrepancy, dump_json, key_of
+from rwa_monitor.samples import NANOSECONDS_PER_SECOND
 from rwa_monitor.version import SOFTWARE
 
 STATIC: Final = Path(__file__).parent / "static"
@@ -57,10 +67,14 @@ HEADERS: Final = {
 
 @dataclass(frozen=True, slots=True)
 class Sources:
-    """What the application shows: fleet, history, feed, folder of recordings or None. And its voices, and its token."""
+    """What the application shows: fleet, history, what is put aside, feed, folder of recordings or None.
+
+    And its voices, and its token.
+    """
 
     fleet: Fleet
     history: History
+    aside: Aside
     hub: Hub
     herald: Herald
     webhook: Webhook
@@ -88,6 +102,8 @@ def create_app(sources: Sources) -> Starlette:
             Route("/api/wheels/{spacecraft}/{wheel}/windows", api.windows),
             Route("/api/wheels/{spacecraft}/{wheel}/estimates", api.estimates),
             Route("/api/wheels/{spacecraft}/{wheel}/trend", api.trend),
+            Route("/api/wheels/{spacecraft}/{wheel}/aside", api.deeds, methods=["GET"]),
+            Route("/api/wheels/{spacecraft}/{wheel}/aside", api.put_aside, methods=["POST"]),
             Route("/api/alarms", api.alarms),
             Route("/api/alarms/{alarm:int}/acknowledge", api.acknowledge, methods=["POST"]),
             Route("/api/alarms/{alarm:int}/shelve", api.shelve, methods=["POST"]),
@@ -152,12 +168,13 @@ class Api:
         return _json(frame(self._snapshot()).encode())
 
     def _snapshot(self) -> list[Received]:
-        """Return what a page needs first: live wheels, those only the history knows, and the alarms."""
+        """Return what a page needs first: live wheels, those only the history knows, the alarms, what is put aside."""
         history, live = self.sources.history, self.sources.fleet.snapshot()
         known = {entry.key for entry in live}
         past = [Received(key_of(Diagnosis, *name), payload, None) for name, payload in history.latest().items()]
         past = [entry for entry in past if entry.key not in known]
-        return [*live, *past, *(alarm_entry(alarm) for alarm in history.alarms())]
+        deeds = [aside_entry(line) for line in self.sources.aside.lines()]
+        return [*live, *past, *(alarm_entry(alarm) for alarm in history.alarms()), *deeds]
 
     def wheel(self, request: Request) -> Response:
         """Answer with the thinned samples and the provisional changepoints of one wheel."""
@@ -192,6 +209,39 @@ class Api:
         history = self.sources.history
         found = trends(history.estimates(*_wheel(request), limit=MAX_ESTIMATES), history.policy)
         return _json(b"[" + b",".join(trend.to_json() for trend in found) + b"]")
+
+    def deeds(self, request: Request) -> Response:
+        """Answer with who has put a wheel aside and brought it back, the oldest first."""
+        lines = self.sources.history.wheel_list.lines(*_wheel(request))
+        return _json(b"[" + b",".join(line.to_json() for line in lines) + b"]")
+
+    async def put_aside(self, request: Request) -> Response:
+        """Put a wheel aside that is not heard, or bring it back; needs the token."""
+        who = await self._allowed(request, PuttingAside)
+        name, aside = _wheel(request), self.sources.aside
+
+        def change() -> WheelLine:
+            if not who.aside:
+                return aside.bring_back(*name, who.name, who.note)
+            self._check_quiet(*name)
+            return aside.put(*name, who.name, who.note)
+
+        line = await run_in_threadpool(change)
+        self.sources.hub.post(aside_entry(line))
+        return _json(line.to_json())
+
+    def _check_quiet(self, spacecraft: str, wheel: str) -> None:
+        """Refuse to put a wheel aside that nobody knows, or whose telemetry comes."""
+        known = self.sources.fleet.wheel(spacecraft, wheel)
+        if known is None:
+            if (spacecraft, wheel) not in self.sources.history.wheels():
+                raise HTTPException(404, "no such wheel")
+            return
+        with self.sources.fleet.lock:
+            heard_ns, stale_after_s = known.rhythm.wall_ns, known.rhythm.stale_after_s
+        if heard_ns is not None and time.time_ns() - heard_ns < stale_after_s * NANOSECONDS_PER_SECOND:
+            reason = f"its telemetry is of now: it can be put aside when none has come for {stale_after_s:.0f} s"
+            raise InputError(f"{spacecraft}/{wheel}", reason)
 
     def alarms(self, request: Request) -> Response:
         """Answer with all open alarms and the latest closed ones."""
@@ -245,7 +295,8 @@ class Api:
         """Answer with all metrics, for Prometheus."""
         del request
         sources = self.sources
-        text = metrics(sources.fleet, sources.history.alarms(closed=0), len(sources.hub.clients))
+        alarms, aside = sources.history.alarms(closed=0), sources.aside.names()
+        text = metrics(sources.fleet, alarms, len(sources.hub.clients), aside)
         return Response(text, media_type=CONTENT_TYPE)
 
     def recordings(self, request: Request) -> Response:

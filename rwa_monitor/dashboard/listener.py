@@ -15,6 +15,7 @@ from typing import Final, Self
 
 import zenoh
 
+from rwa_monitor.dashboard.aside import Aside
 from rwa_monitor.dashboard.bus_thread import BusThread
 from rwa_monitor.dashboard.course import REMEMBERED
 from rwa_monitor.dashboard.feed import Hub
@@ -25,7 +26,7 @@ from rwa_monitor.dashboard.trace import thinned_json
 from rwa_monitor.dashboard.webhook import Webhook
 from rwa_monitor.errors import InputError
 from rwa_monitor.history.database import HistoryError
-from rwa_monitor.history.records import AlarmRecord
+from rwa_monitor.history.records import AlarmRecord, WheelLine
 from rwa_monitor.history.store import History
 from rwa_monitor.live.bus_watch import BusWatch
 from rwa_monitor.messages import (
@@ -57,7 +58,7 @@ class Listener:
         An open Zenoh session; it is left open.
     key_expression
         What to listen to.
-    fleet, history, hub, herald, webhook
+    fleet, history, aside, hub, herald, webhook
         Where it goes.
     say
         Takes lines of talk.
@@ -71,16 +72,18 @@ class Listener:
         key_expression: str,
         fleet: Fleet,
         history: History,
+        aside: Aside,
         hub: Hub,
         herald: Herald,
         webhook: Webhook,
         say: Callable[[str], None],
         connect: Sequence[str] = (),
     ) -> None:
-        self.fleet, self.history, self.hub, self.herald, self.webhook = fleet, history, hub, herald, webhook
+        self.fleet, self.history, self.aside, self.hub = fleet, history, aside, hub
+        self.herald, self.webhook = herald, webhook
         self.say = say
         self.refused = 0
-        self._waiting: deque[Diagnosis | Discrepancy] = deque(maxlen=MAX_WAITING)
+        self._waiting: deque[Diagnosis | Discrepancy | WheelLine] = deque(maxlen=MAX_WAITING)
         self._retry_due_s = 0.0
         self._check_due_s = self._prune_due_s = 0.0
         self._watch = BusWatch(session, connect)
@@ -142,6 +145,10 @@ class Listener:
         if known is None:
             self.refused += 1
             return
+        if isinstance(message, Diagnosis):
+            self._bring_back(spacecraft, wheel, message.window_end_ns)
+        elif isinstance(message, Status) and _got_samples(known.status, message):
+            self._bring_back(spacecraft, wheel)
         shown, curve = self.fleet.take(
             known, message, Received(key, message.model_dump_json().encode(), time.time_ns())
         )
@@ -150,6 +157,13 @@ class Listener:
             self.hub.post(curve)
         if isinstance(message, Diagnosis | Discrepancy):
             self._waiting.append(message)
+
+    def _bring_back(self, spacecraft: str, wheel: str, window_end_ns: int | None = None) -> None:
+        """Bring a wheel back to the list that was put aside, and speaks; have it written down."""
+        line = self.aside.hear(spacecraft, wheel, window_end_ns)
+        if line is not None:
+            self.hub.post(aside_entry(line))
+            self._waiting.append(line)
 
     def _wheel(self, spacecraft: str, wheel: str) -> Wheel | None:
         """Return a wheel; one that is new comes with its past from the history. None where there are too many."""
@@ -167,6 +181,7 @@ class Listener:
         if known is None:
             self.refused += 1
             return
+        self._bring_back(spacecraft, wheel)
         watched, wall_ns = self.hub.watched(f"{spacecraft}/{wheel}"), time.time_ns()
         picked = self.fleet.take_samples(known, samples, wall_ns, watched=watched)
         if len(picked) and watched:
@@ -192,6 +207,7 @@ class Listener:
         """Store windows together: to bring one to the disk takes as long as to bring a hundred."""
         some = list(itertools.islice(self._waiting, BATCH_WINDOWS))
         diagnoses = [message for message in some if isinstance(message, Diagnosis)]
+        self.history.wheel_list.spoke_again(message for message in some if isinstance(message, WheelLine))
         changed = self.history.take(diagnoses)
         for message in some:
             if isinstance(message, Discrepancy):
@@ -205,6 +221,16 @@ class Listener:
             self.herald.tell(latest[name], self.history.open_alarms(*name))
 
 
+def _got_samples(before: Status | None, now: Status) -> bool:
+    """Tell whether a monitor got samples since its status before; its first one does not tell how old they are."""
+    return before is not None and now.last_sample_ns not in {None, before.last_sample_ns}
+
+
 def alarm_entry(alarm: AlarmRecord) -> Received:
     """Return an alarm as an entry of the feed."""
     return Received(f"rwa/{alarm.spacecraft}/{alarm.wheel}/alarm", alarm.to_json(), time.time_ns())
+
+
+def aside_entry(line: WheelLine) -> Received:
+    """Return a deed on the list of wheels as an entry of the feed."""
+    return Received(f"rwa/{line.spacecraft}/{line.wheel}/aside", line.to_json(), time.time_ns())

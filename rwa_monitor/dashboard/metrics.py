@@ -7,7 +7,7 @@ end in _total. What is not known is left out, rather than given as a number.
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Container, Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -47,7 +47,7 @@ class Family:
             yield f"{self.name}{{{inside}}} {value!r}" if inside else f"{self.name} {value!r}"
 
 
-def metrics(fleet: Fleet, alarms: Sequence[AlarmRecord], clients: int) -> str:
+def metrics(fleet: Fleet, alarms: Sequence[AlarmRecord], clients: int, aside: Container[tuple[str, str]] = ()) -> str:
     """Return all metrics as text.
 
     Parameters
@@ -58,12 +58,15 @@ def metrics(fleet: Fleet, alarms: Sequence[AlarmRecord], clients: int) -> str:
         All that are not closed.
     clients
         Pages that are open.
+    aside
+        Spacecraft and wheel of what somebody has put aside: of these there are no metrics, for nobody waits for them.
     """
     of_wheels = _Families()
     with fleet.lock:
         for spacecraft, wheel, known in fleet.wheels():
-            labels = {"spacecraft": spacecraft, "wheel": wheel}
-            _add_wheel(of_wheels, known, labels)
+            if (spacecraft, wheel) not in aside:
+                _add_wheel(of_wheels, known, {"spacecraft": spacecraft, "wheel": wheel})
+    alarms = [alarm for alarm in alarms if (alarm.spacecraft, alarm.wheel) not in aside]
     raised = Family("rwa_alarms", "gauge", "Open alarms by level, and whether somebody has acknowledged them.")
     for level in LEVELS:
         for phase in ("active", "acknowledged", "returned"):

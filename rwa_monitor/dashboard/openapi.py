@@ -9,8 +9,9 @@ from pydantic.json_schema import models_json_schema
 
 from rwa_monitor.dashboard.telemetry import Evidence
 from rwa_monitor.dashboard.trends import TrendRecord
-from rwa_monitor.history.records import AlarmRecord, EstimateRecord
-from rwa_monitor.history.store import MAX_NAME, MAX_NOTE, MAX_SHELVED_S
+from rwa_monitor.history.records import AlarmRecord, EstimateRecord, WheelLine
+from rwa_monitor.history.signature import MAX_NAME, MAX_NOTE
+from rwa_monitor.history.store import MAX_SHELVED_S
 from rwa_monitor.messages import Changepoints, Diagnosis, Discrepancy, Health, SamplesMessage, Status
 from rwa_monitor.version import RELEASE
 
@@ -31,12 +32,16 @@ class Acknowledgement(_Shown):
     note: Annotated[str, Field(max_length=MAX_NOTE)] = ""
 
 
-class Shelving(_Shown):
+class Shelving(Acknowledgement):
     """Who sets an alarm aside, for how long, and why; 0 s brings it back."""
 
-    name: Annotated[str, Field(min_length=1, max_length=MAX_NAME)]
-    note: Annotated[str, Field(max_length=MAX_NOTE)] = ""
     seconds: Annotated[float, Field(ge=0, le=MAX_SHELVED_S)]
+
+
+class PuttingAside(Acknowledgement):
+    """Who puts a wheel aside that is retired, and why; or brings it back."""
+
+    aside: bool
 
 
 class TelemetryState(_Shown):
@@ -78,8 +83,9 @@ class Software(_Shown):
 class Entry(_Shown):
     """One entry of the feed, or of a recording.
 
-    The key says what the message is: as on the bus, rwa/{spacecraft}/{wheel}/{kind}, with the kinds `alarm` and
-    `evidence` beside the bus's own; dashboard/beat, dashboard/pulse (by "{spacecraft}/{wheel}") or dashboard/software.
+    The key says what the message is: as on the bus, rwa/{spacecraft}/{wheel}/{kind}, with the kinds `alarm`, `aside`
+    and `evidence` beside the bus's own; dashboard/beat, dashboard/software, or dashboard/pulse, which is by
+    "{spacecraft}/{wheel}".
     `received_wall_ns` is null for what is from the history. Beside a status stands when samples came last, beside a
     diagnosis the course of the windows before. `time_ns`, on the wheel's clock, is of recordings only.
     """
@@ -89,7 +95,8 @@ class Entry(_Shown):
     received_wall_ns: int | None
     beside: TelemetryState | CourseState | None
     message: (
-        Diagnosis | Status | Changepoints | SamplesMessage | Discrepancy | Evidence | AlarmRecord | Beat | Software
+        Diagnosis | Status | Changepoints | SamplesMessage | Discrepancy | Evidence | AlarmRecord | WheelLine | Beat
+        | Software
         | dict[str, PulseOfWheel]
     )  # fmt: skip
 
@@ -126,8 +133,8 @@ class Refusal(_Shown):
 
 SHOWN: Final = (
     Diagnosis, Status, Changepoints, SamplesMessage, Discrepancy, Health, Evidence, AlarmRecord, EstimateRecord,
-    TrendRecord, Acknowledgement, Shelving, Entry, Beat, PulseOfWheel, Software, WheelNow, RecordingFile, Replay,
-    Refusal,
+    WheelLine, TrendRecord, Acknowledgement, Shelving, PuttingAside, Entry, Beat, PulseOfWheel, Software, WheelNow,
+    RecordingFile, Replay, Refusal,
 )  # fmt: skip
 
 
@@ -136,7 +143,7 @@ def openapi() -> dict[str, Any]:
     _, definitions = models_json_schema(
         [(model, "validation") for model in SHOWN], ref_template="#/components/schemas/{model}"
     )
-    wheel = [_in_path("spacecraft"), _in_path("wheel")]
+    wheel, alarm = [_in_path("spacecraft"), _in_path("wheel")], [_in_path("alarm", "integer")]
     path = "/api/wheels/{spacecraft}/{wheel}"
     feed = _operation("The same messages as they come, as a WebSocket of frames: arrays of entries", _list(Entry))
     feed["responses"]["101"] = {"description": 'A page may send {"watch": "{spacecraft}/{wheel}"} for close-ups of it'}
@@ -154,9 +161,17 @@ def openapi() -> dict[str, Any]:
             f"{path}/windows": {"get": _operation("Diagnoses", _list(Diagnosis), [*wheel, windows])},
             f"{path}/estimates": {"get": _operation("Estimates", _list(EstimateRecord), [*wheel, estimates])},
             f"{path}/trend": {"get": _operation("Trends of the estimates", _list(TrendRecord), wheel)},
+            f"{path}/aside": {
+                "get": _operation("Who has put the wheel aside, and since when it is back", _list(WheelLine), wheel),
+                "post": _change("Put a wheel aside, or bring it back", PuttingAside, WheelLine, wheel),
+            },
             "/api/alarms": {"get": _operation("Open alarms and the latest closed ones", _list(AlarmRecord))},
-            "/api/alarms/{alarm}/acknowledge": {"post": _change("Acknowledge an alarm", Acknowledgement)},
-            "/api/alarms/{alarm}/shelve": {"post": _change("Shelve an alarm for a while", Shelving)},
+            "/api/alarms/{alarm}/acknowledge": {
+                "post": _change("Acknowledge an alarm", Acknowledgement, AlarmRecord, alarm)
+            },
+            "/api/alarms/{alarm}/shelve": {
+                "post": _change("Shelve an alarm for a while", Shelving, AlarmRecord, alarm)
+            },
             "/api/recordings": {"get": _operation("Recordings, the latest first", _list(RecordingFile))},
             "/api/recordings/{name}": {"get": _operation("One recording, thinned", _one(Replay), [_in_path("name")])},
             "/api/feed": {"get": feed},
@@ -168,8 +183,10 @@ def openapi() -> dict[str, Any]:
     }
 
 
-def _change(summary: str, body: type[BaseModel]) -> dict[str, Any]:
-    change = _operation(summary, _one(AlarmRecord), [_in_path("alarm", "integer")], refused=401)
+def _change(
+    summary: str, body: type[BaseModel], answer: type[BaseModel], parameters: list[dict[str, Any]]
+) -> dict[str, Any]:
+    change = _operation(summary, _one(answer), parameters, refused=401)
     change["requestBody"] = {"required": True, "content": {"application/json": {"schema": _one(body)}}}
     change["security"] = [{"token": []}]
     return change

@@ -16,6 +16,7 @@ import uvicorn
 import zenoh
 
 from rwa_monitor.dashboard.app import Sources, create_app
+from rwa_monitor.dashboard.aside import Aside
 from rwa_monitor.dashboard.feed import Hub
 from rwa_monitor.dashboard.fleet import Fleet
 from rwa_monitor.dashboard.herald import Herald
@@ -106,10 +107,11 @@ def serve(options: DashboardOptions, session: zenoh.Session, say: Callable[[str]
     token = options.token or secrets.token_urlsafe(16)
     with ExitStack() as stack:
         history = stack.enter_context(History(options.history_place, retention=options.retention))
+        aside = Aside(history.wheel_list)
         fleet, hub = Fleet(options.wheel or latest_wheel(options.record)), Hub()
         listening = stack.enter_context(_socket(options.port))
         herald, webhook = stack.enter_context(Herald(session)), stack.enter_context(Webhook(options.webhook, hub))
-        app = create_app(Sources(fleet, history, hub, herald, webhook, options.record, token))
+        app = create_app(Sources(fleet, history, aside, hub, herald, webhook, options.record, token))
         config = uvicorn.Config(
             app,
             log_level="error",
@@ -129,7 +131,7 @@ def serve(options: DashboardOptions, session: zenoh.Session, say: Callable[[str]
         if not server.started:
             raise RwaMonitorError("the dashboard's server did not start")
         stack.enter_context(
-            Listener(session, options.listen_to, fleet, history, hub, herald, webhook, say, options.connect)
+            Listener(session, options.listen_to, fleet, history, aside, hub, herald, webhook, say, options.connect)
         )
         if options.foxglove is not None:
             say(f"Foxglove connects to {stack.enter_context(_foxglove(session, options)).address}")

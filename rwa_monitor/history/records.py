@@ -48,6 +48,27 @@ class AlarmRecord(Message):
     trail: list[AlarmLine]
 
 
+class WheelLine(Message):
+    """One deed on the list of wheels: put aside by somebody, brought back by somebody, or back because it spoke again.
+
+    `time_ns` is the end of the latest window that was known when it was put aside, `wall_ns` when the deed was done, on
+    this machine's clock.
+    """
+
+    spacecraft: str
+    wheel: str
+    event: Literal["put_aside", "brought_back", "spoke_again"]
+    time_ns: int | None
+    wall_ns: int
+    person: str
+    note: str
+
+    @property
+    def aside(self) -> bool:
+        """Whether the wheel is put aside by this."""
+        return self.event == "put_aside"
+
+
 class EstimateRecord(Message):
     """One estimate of one window, with its nominal range."""
 

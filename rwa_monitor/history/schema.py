@@ -10,7 +10,7 @@ from sqlalchemy import Connection, Engine, inspect, text
 from rwa_monitor.errors import InputError
 from rwa_monitor.history.tables import Table
 
-REVISION: Final = "0003"  # the last one under migrations/versions
+REVISION: Final = "0004"  # the last one under migrations/versions
 FIRST: Final = "0001"
 _VERSIONS: Final = "alembic_version"
 

@@ -32,6 +32,7 @@ from rwa_monitor.history.alarms import (
 from rwa_monitor.history.database import Database
 from rwa_monitor.history.records import AlarmLine, AlarmRecord, EstimateRecord
 from rwa_monitor.history.retention import Retention, oldest_ns, prune
+from rwa_monitor.history.signature import signed
 from rwa_monitor.history.tables import (
     AlarmEventRow,
     AlarmRow,
@@ -40,11 +41,10 @@ from rwa_monitor.history.tables import (
     DiscrepancyRow,
     EstimateRow,
 )
+from rwa_monitor.history.wheel_list import WheelList
 from rwa_monitor.messages import Diagnosis, Discrepancy
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND
 
-MAX_NAME: Final = 100  # characters of a person's name
-MAX_NOTE: Final = 2_000
 MAX_SHELVED_S: Final = 7 * 86_400.0
 MAX_ID: Final = 2**63 - 1  # that a database can hold
 CHANGED: Final = "changed"  # alarms that a session has changed
@@ -64,6 +64,11 @@ class History:
     wall_ns
         This machine's clock [ns], for the audit trail.
 
+    Attributes
+    ----------
+    wheel_list
+        Which wheels somebody has put aside.
+
     Raises
     ------
     InputError
@@ -81,6 +86,7 @@ class History:
         self.retention = retention or Retention()
         self._wall_ns = wall_ns
         self._database = Database(place)
+        self.wheel_list = WheelList(self._database, wall_ns)
 
     def __enter__(self) -> Self:
         return self
@@ -239,7 +245,7 @@ class History:
         HistoryError
             If the database cannot be written; nothing is acknowledged then.
         """
-        person, note = _signed(person, note)
+        person, note = signed(person, note)
         with self._database.session() as session:
             row, state = self._open_alarm(session, alarm_id)
             after, events = acknowledge(_alarm(state, row), state.last_window_ns)
@@ -262,7 +268,7 @@ class History:
         HistoryError
             If the database cannot be written; nothing is shelved then.
         """
-        person, note = _signed(person, note)
+        person, note = signed(person, note)
         if not 0 <= seconds <= MAX_SHELVED_S:
             raise InputError("seconds", f"must be from 0 to {MAX_SHELVED_S}")
         with self._database.session() as session:
@@ -357,14 +363,6 @@ class History:
         ended = select(AlarmRow).where(AlarmRow.closed_ns.is_not(None)).order_by(AlarmRow.id.desc()).limit(closed)
         with self._database.session() as session:
             return _records(session, [row for query in (open_ones, ended) for row in session.scalars(query)])
-
-
-def _signed(person: str, note: str) -> tuple[str, str]:
-    """Return who does something, and what there is to say of it, as they are kept."""
-    person, note = person.strip(), note.strip()
-    if not person or len(person) > MAX_NAME or len(note) > MAX_NOTE:
-        raise InputError("name", f"is needed, of at most {MAX_NAME} characters, and a note of at most {MAX_NOTE}")
-    return person, note
 
 
 def _alarm(state: AlarmStateRow, row: AlarmRow | None) -> Alarm:

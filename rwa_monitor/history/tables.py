@@ -66,6 +66,22 @@ class DiscrepancyRow(Table):
     stored_wall_ns: Mapped[int]
 
 
+class WheelEventRow(Table):
+    """One deed on the list of wheels: who has put which wheel aside; never changed."""
+
+    __tablename__ = "wheel_events"
+    __table_args__ = (Index("wheel_events_by_wheel", "spacecraft", "wheel"),)
+
+    id: Mapped[int] = mapped_column(_RowId, primary_key=True)
+    spacecraft: Mapped[str]
+    wheel: Mapped[str]
+    event: Mapped[str]
+    time_ns: Mapped[int | None]  # end of the latest window known then
+    wall_ns: Mapped[int]
+    person: Mapped[str]  # "" where the wheel came back by itself
+    note: Mapped[str]
+
+
 class AlarmStateRow(Table):
     """The state machine of one alarm: its last levels, and the row of its present rise."""
 

@@ -51,7 +51,7 @@ def test_answers_and_feed_follow_the_document(session: zenoh.Session, tmp_path: 
                 check(document, frames, entries)
                 seen.update(entry["key"].rpartition("/")[2] for entry in entries)
                 wanted = {"beat", "pulse", "software", "status", "samples", "diagnosis", "changepoints", "discrepancy"}
-                return wanted | {"alarm", "evidence"} <= seen
+                return wanted | {"alarm", "evidence", "aside"} <= seen
 
             wait_until(lambda: not heard() and "status" in seen, "the status, which only goes to who watches the wheel")
             session.put("rwa/sat/wheel_1/samples", samples_json(with_friction(4_000), "satellite", 0))
@@ -61,6 +61,10 @@ def test_answers_and_feed_follow_the_document(session: zenoh.Session, tmp_path: 
             found = Changepoints(spacecraft="sat", wheel="wheel_1", window_start_ns=START_NS, changepoints=[jump])
             session.put("rwa/sat/wheel_1/changepoints", found.to_json())
             session.put("rwa/sat/wheel_1/discrepancy", discrepancy(1).to_json())
+            send_windows(session, "wheel_2", failing=False)
+            put_aside = "api/wheels/sat/wheel_2/aside"
+            retired = b'{"name":"Ann","note":"retired","aside":true}'
+            wait_until(lambda: ask(running.address, put_aside, headers=RIGHT, body=retired)[0] == 200, "the wheel")
             wait_until(heard, "every kind of entry")
         paths = {
             "/api/fleet": "api/fleet",
@@ -68,6 +72,7 @@ def test_answers_and_feed_follow_the_document(session: zenoh.Session, tmp_path: 
             f"{wheel}/windows": "api/wheels/sat/wheel_1/windows?limit=2",
             f"{wheel}/estimates": "api/wheels/sat/wheel_1/estimates",
             f"{wheel}/trend": "api/wheels/sat/wheel_1/trend",
+            f"{wheel}/aside": put_aside,
             "/api/alarms": "api/alarms",
             "/api/recordings": "api/recordings",
             "/api/recordings/{name}": f"api/recordings/{RECORDING.name}",
@@ -90,7 +95,10 @@ def test_answers_and_feed_follow_the_document(session: zenoh.Session, tmp_path: 
         assert ask(running.address, "api/alarms/1/shelve", body=asked)[0] == 401
         assert ask(running.address, "api/alarms/1/shelve", headers=RIGHT, body=b'{"name":"Ann"}')[0] == 422
         posts = {path for path, methods in document["paths"].items() if "post" in methods}
-        assert posts == {path, shelve}
+        assert posts == {path, shelve, f"{wheel}/aside"}
+        status, content = ask(running.address, put_aside, headers=RIGHT, body=b'{"name":"Ben","aside":false}')
+        assert status == 200
+        check(document, answer_schema(document, f"{wheel}/aside", "post"), content)
         status, content = ask(running.address, "api/alarms/1/acknowledge", body=b'{"name":"Ann"}')
         check(document, answer_schema(document, path, "post", "401"), json.loads(content))
 

@@ -1,8 +1,7 @@
-import { ask } from "./ask.js";
 import { h } from "./dom.js";
 import { utc, wheelTime } from "./format.js";
 import { LEVELS, MARK } from "./levels.js";
-import { setToken, token } from "./token.js";
+import { signature } from "./signature.js";
 
 const HOURS = [1, 8, 24, 168];
 
@@ -15,7 +14,7 @@ export function alarmsView(store) {
   let drawn = "";
 
   function refresh() {
-    const group = (alarm) => (alarm.closed_ns !== null ? 2 : shelved(alarm, store.now) ? 1 : 0);
+    const group = (alarm) => (alarm.closed_ns !== null ? 2 : shelved(alarm, store.now) || aside(alarm) ? 1 : 0);
     const all = [...store.alarms.values()].map((alarm) => ({ alarm, group: group(alarm) }));
     all.sort((a, b) => a.group - b.group || LEVELS.indexOf(b.alarm.level) - LEVELS.indexOf(a.alarm.level) || b.alarm.id - a.alarm.id);
     const now = JSON.stringify([all, store.connected]);
@@ -26,46 +25,34 @@ export function alarmsView(store) {
     if (!all.length) list.replaceChildren(h("p", { class: "empty" }, store.connected ? "No alarm so far." : "Loading…"));
   }
 
+  const aside = (alarm) => store.isAside(`${alarm.spacecraft}/${alarm.wheel}`);
+
   function card(alarm, group) {
     const open = group < 2;
-    const sign = !open ? "✓ cleared" : `${group === 1 ? "⏸ shelved · " : ""}${MARK[alarm.level]}`;
+    const sign = !open ? "✓ cleared" : `${group === 1 ? `‖ ${aside(alarm) ? "wheel put aside" : "shelved"} · ` : ""}${MARK[alarm.level]}`;
     return h("section", { class: "card", "aria-label": `Alarm ${alarm.name} of ${alarm.wheel}` },
       h("h2", { class: group === 0 && alarm.level !== "normal" ? "anomalous" : "soft" }, `${sign} · ${alarm.spacecraft} / ${alarm.wheel} · ${alarm.name}`),
       h("p", {}, alarm.reason),
       open ? h("p", { class: "advice" }, h("strong", {}, "To do: "), alarm.advice) : null,
-      h("p", { class: "soft" }, `Worst so far: ${alarm.peak}. Raised with the window to ${wheelTime(alarm.raised_ns)}. ${phase(alarm)}${group === 1 ? ` Shelved by ${lastOf(alarm, "shelved").person} until ${utc(alarm.shelved_until_wall_ns)}, or until it gets worse.` : ""}`),
+      h("p", { class: "soft" }, `Worst so far: ${alarm.peak}. Raised with the window to ${wheelTime(alarm.raised_ns)}. ${phase(alarm)}${shelved(alarm, store.now) ? ` Shelved by ${lastOf(alarm, "shelved").person} until ${utc(alarm.shelved_until_wall_ns)}, or until it gets worse.` : ""}`),
       h("a", { href: `#/wheel/${alarm.spacecraft}/${alarm.wheel}` }, "Show the wheel"),
-      open ? form(alarm, group) : null,
+      open ? form(alarm) : null,
       h("details", {}, h("summary", {}, `Audit trail (${alarm.trail.length})`), h("ul", {}, alarm.trail.map((line) => h("li", {}, `${utc(line.wall_ns)}: ${line.event}, ${line.level}${line.person ? ` by ${line.person}` : ""}${line.note ? `: “${line.note}”` : ""}`)))));
   }
 
-  function form(alarm, group) {
-    const name = h("input", { name: "name", placeholder: "your name", "aria-label": "Your name", required: true, maxlength: 100 });
-    const note = h("input", { name: "note", placeholder: "note (optional)", "aria-label": "Note", maxlength: 2000 });
-    const secret = h("input", { name: "token", type: "password", autocomplete: "off", placeholder: "token", "aria-label": "Token", hidden: true });
+  function form(alarm) {
+    const who = signature();
     const hours = h("select", { "aria-label": "Shelve for" }, HOURS.map((n) => h("option", { value: n }, n < 48 ? `${n} h` : `${n / 24} d`)));
-    const problem = h("span", { role: "alert", class: "anomalous" });
-
-    async function change(what, done, extra) {
-      try {
-        if (!secret.hidden) setToken(secret.value);
-        const content = await ask(`/api/alarms/${alarm.id}/${what}`, { method: "POST", headers: { Authorization: `Bearer ${token()}`, "Content-Type": "application/json" }, body: JSON.stringify({ name: name.value, note: note.value, ...extra }) });
-        store.alarms.set(content.id, content);
-        store.worst = null;
-        name.blur();
-        note.blur();
-        refresh();
-      } catch (error) {
-        if (error.status === 401) secret.hidden = false; // whoever has it can write it here
-        problem.textContent = `Not ${done}: ${error.message}`;
-      }
-    }
-
-    const setAside = (seconds) => name.reportValidity() && change("shelve", seconds ? "shelved" : "brought back", { seconds });
-    return h("form", { onsubmit: (event) => { event.preventDefault(); if (alarm.phase !== "acknowledged") change("acknowledge", "acknowledged", {}); } }, name, note, secret,
+    const change = (what, done, extra) => who.post(`/api/alarms/${alarm.id}/${what}`, extra, done, (content) => {
+      store.alarms.set(content.id, content);
+      store.worst = null;
+      refresh();
+    });
+    const setAside = (seconds) => change("shelve", seconds ? "shelved" : "brought back", { seconds });
+    return h("form", { onsubmit: (event) => { event.preventDefault(); if (alarm.phase !== "acknowledged") change("acknowledge", "acknowledged", {}); } }, who.fields,
       alarm.phase === "acknowledged" ? null : h("button", {}, "Acknowledge"),
-      group === 1 ? h("button", { type: "button", onclick: () => setAside(0) }, "Bring back") : [h("button", { type: "button", onclick: () => setAside(3600 * Number(hours.value)) }, "Shelve for"), hours],
-      problem);
+      shelved(alarm, store.now) ? h("button", { type: "button", onclick: () => setAside(0) }, "Bring back") : [h("button", { type: "button", onclick: () => setAside(3600 * Number(hours.value)) }, "Shelve for"), hours],
+      who.problem);
   }
 
   refresh();

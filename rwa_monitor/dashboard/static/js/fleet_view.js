@@ -1,3 +1,4 @@
+import { asideList } from "./aside.js";
 import { h } from "./dom.js";
 import { SIGN, age, number, percent, span } from "./format.js";
 import { MARK } from "./levels.js";
@@ -15,16 +16,18 @@ export function fleetView(store, base) {
   field.addEventListener("input", () => { search = field.value; refresh(); });
   const rows = new Map();
   const nothing = h("p", { class: "empty" });
+  const aside = asideList(store, base);
 
   function refresh() {
-    const wheels = [...store.wheels.values()].filter(matches).map((wheel) => {
+    aside.refresh(matches);
+    const wheels = [...store.wheels.values()].filter((wheel) => !store.isAside(wheel.name) && matches(wheel)).map((wheel) => {
       const state = store.state(wheel);
       return { wheel, state, rank: rank(store, wheel, state), worst: worst(wheel) };
     });
     wheels.sort((a, b) => a.rank - b.rank || b.worst - a.worst || (a.wheel.name < b.wheel.name ? -1 : 1));
     place(wheels.map(({ wheel, state }) => row(wheel, state)));
     if (!wheels.length) {
-      nothing.textContent = store.wheels.size ? "No wheel matches." : nobody();
+      nothing.textContent = search ? "No wheel matches." : store.wheels.size ? "All wheels are put aside." : nobody();
       list.replaceChildren(nothing);
     }
     const heard = wheels.filter(({ state }) => state === "live");
@@ -93,7 +96,7 @@ export function fleetView(store, base) {
   }
 
   refresh();
-  return { element: h("div", {}, h("h1", {}, store.live ? "Fleet" : "Fleet in this recording"), h("div", { class: "row" }, field, summary), list), refresh };
+  return { element: h("div", {}, h("h1", {}, store.live ? "Fleet" : "Fleet in this recording"), h("div", { class: "row" }, field, summary), list, aside.element), refresh };
 }
 
 const LEAD = { live: "", silent: "Not heard now; last known: ", starved: "No telemetry now; last known: ", past: "From the history: " };
@@ -110,10 +113,10 @@ const fill = (wheel) => `window ${Math.round(100 * wheel.fill)} % full`;
 /** How sure, and since when: on the wheel's own clock, in which its windows are. */
 function since(wheel, diagnosis) {
   const active = Object.values(diagnosis.anomalies).filter((one) => one.active);
-  const sure = active.length ? `probability ${percent(Math.max(...active.map((one) => one.probability)))}, severity ${number(worst(wheel))}; ` : "";
+  const sure = active.length ? `probability ${percent(Math.max(...active.map((one) => one.probability)))}, severity ${number(worst(wheel))}` : "";
   if (!wheel.course?.since_ns) return sure;
   const windows = wheel.course.windows;
-  return `${sure}${diagnosis.verdict} for ${windows} window${windows === 1 ? "" : "s"}, ${span((diagnosis.window_end_ns - wheel.course.since_ns) / 1e9)}`;
+  return `${sure ? `${sure}; ` : ""}${diagnosis.verdict} for ${windows} window${windows === 1 ? "" : "s"}, ${span((diagnosis.window_end_ns - wheel.course.since_ns) / 1e9)}`;
 }
 
 function worst(wheel) {

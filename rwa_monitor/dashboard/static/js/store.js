@@ -11,6 +11,7 @@ export class Store {
     this.live = live;
     this.wheels = new Map();
     this.alarms = new Map();
+    this.deeds = new Map(); // the last deed on the list of each wheel that was ever put aside
     this.worst = null; // open alarm of each wheel, of the second worstOf
     this.now = 0; // time of the source, ms
   }
@@ -29,6 +30,11 @@ export class Store {
     const message = entry.message;
     if (parts[3] === "alarm") {
       this.alarms.set(message.id, message);
+      this.worst = null;
+      return;
+    }
+    if (parts[3] === "aside") {
+      this.deeds.set(`${parts[1]}/${parts[2]}`, message);
       this.worst = null;
       return;
     }
@@ -123,8 +129,13 @@ export class Store {
     return this.worst.get(name) ?? null;
   }
 
+  isAside(name) {
+    return this.deeds.get(name)?.event === "put_aside";
+  }
+
+  /** The open alarms of all wheels but those that are put aside. */
   openAlarms() {
-    return [...this.alarms.values()].filter((alarm) => alarm.closed_ns === null);
+    return [...this.alarms.values()].filter((alarm) => alarm.closed_ns === null && !this.isAside(`${alarm.spacecraft}/${alarm.wheel}`));
   }
 }
 
