@@ -31,14 +31,21 @@ from rwa_monitor.diagnosis.estimation import (
     estimate_slope,
     nominal_slope_prior,
 )
-from rwa_monitor.diagnosis.evidence_kernel import Judge, judge_confirmed, mark_used, normalise
+from rwa_monitor.diagnosis.evidence_kernel import (
+    Judge,
+    WindowArrays,
+    WindowSettings,
+    advance,
+    judge_confirmed,
+    mark_used,
+    take,
+)
 from rwa_monitor.diagnosis.noise import (
     BLOCK,
     LAGS,
     SMALLEST_STD,
     Tails,
     ar_coefficient,
-    block_differences,
     contrast_variances,
     estimate_noise,
     estimate_tails,
@@ -48,7 +55,7 @@ from rwa_monitor.diagnosis.noise import (
 from rwa_monitor.diagnosis.peaks import PeakList
 from rwa_monitor.diagnosis.results import Candidates, Evidence, Method, NoiseEstimate
 from rwa_monitor.diagnosis.running_sums import RunningSums
-from rwa_monitor.diagnosis.structure import StructureSums
+from rwa_monitor.diagnosis.structure import StructureSums, pieces_before
 from rwa_monitor.diagnosis.wglr import (
     BINS,
     CHUNK,
@@ -194,21 +201,25 @@ class WindowAccumulator:
         self._slope = 0.0 if self.slope_prior is None else self.slope_prior.mean
         self._band = np.inf  # dead band, normalised; known once the first chunk is there
         self._certain = np.inf  # speed from which its sign is certain, normalised; known with the dead band
-        statistic = np.empty(STEP)
         self._state = ScanState(
             prefix=np.zeros((PREFIXES, HISTORY + CHUNK + 1)),
             histogram=np.zeros((self._scales.size, BINS), dtype=np.int64),
-            statistic=statistic,
-            bits=statistic.view(np.int64),
-            jump=np.empty(STEP),
         )
 
         # Short windows let the blocks of the noise estimate overlap.
         self._hop = BLOCK if self.slots <= 128 * BLOCK else 4 * BLOCK
         blocks = max(0, (self.slots - BLOCK - LAGS) // self._hop + 1)
-        self._blocks = 0
         self._block_sums: FloatArray = np.zeros((blocks, LAGS))
         self._block_pairs: FloatArray = np.zeros((blocks, LAGS))
+        self._arrays = tuple(
+            WindowArrays(
+                *(self._x, self._z, self._good, self._used),
+                *(self._sums.arrays.checkpoints, self._sums.arrays.centre, self._sums.running),
+                *self._structure.arrays,
+                *(self._block_sums, self._block_pairs),
+                *self._state,
+            )
+        )
 
     # ---- samples in ------------------------------------------------------------------------------------------------
 
@@ -230,17 +241,17 @@ class WindowAccumulator:
         count = speed_rad_s.size
         if self._closed or self.filled + count > self.slots:
             raise ValueError(f"{count} more slots do not fit into a window with {self.filled} of {self.slots}")
-        self.good += normalise(
+        structure = self._structure.arrays
+        self.good += take(
             speed_rad_s,
             torque_Nm,
             good,
+            self.filled,
             self._speed_unit,
             self._torque_unit,
-            self._x[self.filled : self.filled + count],
-            self._z[self.filled : self.filled + count],
-            self._good[self.filled : self.filled + count],
+            (self._x, self._z, self._good),
+            (structure.signs, structure.counts),
         )
-        self._structure.turn(self.filled, speed_rad_s, self._good[self.filled : self.filled + count])
         self.filled += count
         return self._advance(self.filled - self.filled % STEP)
 
@@ -284,8 +295,7 @@ class WindowAccumulator:
         self._closed = True
         self._refresh()
         noise = estimate_noise(
-            self._block_sums[: self._blocks],
-            self._block_pairs[: self._blocks],
+            *self._measured_blocks(),
             self._scales,
             self._variances,
             self._sums.count,
@@ -317,17 +327,22 @@ class WindowAccumulator:
             self._start(min(ready, CHUNK))
         events: list[ConfirmedCandidate] = []
         while self._done < ready:
-            begin, end = self._done, min(ready, _settings_change(self._done))
-            if begin >= CHUNK:
-                self._mark_used(begin, end)
-            if begin % CHUNK == 0:
+            stop = min(ready, _settings_change(self._done))
+            if self._done % CHUNK == 0:
                 self._peaks.make_room(self._variances)
-            end = self._scan(begin, end, count_bins=begin >= CHUNK)
-            self._sums.extend(end)
-            self._structure.extend((self._x, self._z, self._good, self._used), begin, end, self._certain)
-            events.extend(self._announce())
-            self._done = end
-            self._measure_blocks()
+            self._sums.find_centre(stop)
+            end, confirmed = advance(
+                self._done,
+                stop,
+                self._arrays,
+                self._window_settings,
+                self._scan_settings,
+                tuple(self._peaks.arrays),
+                self._peaks.chunk_peaks,
+            )
+            self._done = self._sums.slots = end
+            if confirmed:
+                events.extend(self._announce())
             chunks, rest = divmod(end, CHUNK)
             if rest == 0 and chunks > 1 and chunks & (chunks - 1) == 0:
                 self._refresh()  # after 2, 4, 8 … chunks
@@ -340,13 +355,19 @@ class WindowAccumulator:
         self._certain = self._certain_speed(stop)
         band = self.wheel.window.dead_band_rad_s
         self._band = self._certain if band is None else band / self._speed_unit
-        self._mark_used(0, stop)
+        mark_used(self._x, self._good, self._band, 0, stop, self._used)
         if self.slope_prior is None:
             self._weight = SMALLEST_WEIGHT
         elif self.method == "joint":
             std = self._start_std if self._start_std is not None else self._difference_std(stop)
             self._weight = max(std, SMALLEST_STD) ** 2 / self.slope_prior.std**2
-        self._scan(0, stop, count_bins=True)
+        structure = self._structure
+        self._window_settings = tuple(
+            WindowSettings(self._band, self._certain, structure.angle_per_x, self._hop, structure.hop)
+        )
+        self._settle()
+        settings, peaks = ScanSettings(*self._scan_settings), self._peaks
+        scan(self._x, self._z, self._used, 0, stop, True, settings, self._state, peaks.arrays, peaks.chunk_peaks)
         self._refresh()
 
     def _certain_speed(self, stop: int) -> float:
@@ -365,40 +386,15 @@ class WindowAccumulator:
             return 0.0
         return float(np.median(np.abs(np.diff(residual))) / (_NORMAL_MEDIAN * np.sqrt(2.0)))
 
-    def _mark_used(self, start: int, stop: int) -> None:
-        """Decide which slots are used: good, outside the dead band, turning."""
-        mark_used(self._x, self._good, self._band, start, stop, self._used)
-
-    def _scan(self, start: int, stop: int, count_bins: bool) -> int:
-        """Scan the slots [start, stop), as far as there is room for peaks; return where it ended."""
-        settings = ScanSettings(
-            self._scales, self._weight, self._slope, self._floors, self._sure, self.method == "paper"
-        )
-        arrays, most = self._peaks.arrays, self._peaks.chunk_peaks
-        return int(scan(self._x, self._z, self._used, start, stop, count_bins, settings, self._state, arrays, most))
-
-    def _measure_blocks(self) -> None:
-        """Measure the noise of all blocks that are complete."""
-        complete = min(max(0, (self._done - BLOCK - LAGS) // self._hop + 1), self._block_sums.shape[0])
-        if complete > self._blocks:
-            block_differences(
-                self._x,
-                self._z,
-                self._used,
-                self._blocks,
-                complete,
-                self._hop,
-                self._slope,
-                self._weight,
-                self._block_sums,
-                self._block_pairs,
-            )
-            self._blocks = complete
+    def _measured_blocks(self) -> tuple[FloatArray, FloatArray]:
+        """Return sums and pairs of the blocks of the noise that are complete."""
+        count = pieces_before(self._done, BLOCK + LAGS, self._hop, self._block_sums.shape[0])
+        return self._block_sums[:count], self._block_pairs[:count]
 
     def _refresh(self) -> None:
         """Bring the variance of each scale, and what is kept and announced, up to date."""
         start = None if self._start_std is None else self._start_std**2
-        levels, _ = quiet_levels(self._block_sums[: self._blocks], self._block_pairs[: self._blocks])
+        levels, _ = quiet_levels(*self._measured_blocks())
         # On a coarse lattice neighbours are mostly equal and quantiles say little; mean squares then hold the variance.
         self._variances = np.maximum(
             scale_variances(self._state.histogram, self._scales, self._strides, start),
@@ -413,6 +409,7 @@ class WindowAccumulator:
         self._floors = (
             self._sure if self.method == "paper" else np.maximum(KEPT_STATISTIC * variances, 0.25 * by_chance)
         )
+        self._settle()
 
     def _learn_slope(self) -> None:
         """Centre the slope's prior on what the window has shown so far; takes effect with the next chunk."""
@@ -426,6 +423,22 @@ class WindowAccumulator:
             self._slope = slope
             spread = max(std, SMALLEST_SLOPE_SPREAD * abs(slope), SMALLEST_STD)
             self._weight = max(variance / spread**2, SMALLEST_WEIGHT)
+            self._settle()
+
+    def _settle(self) -> None:
+        """Let detection go on with the slope, variances, floors as they are known now.
+
+        In a slew, a slope that is off by some per cent looks like jumps: that of the nominal wheel while viscous
+        friction is anomalous, that of an earlier part of the window while the anomaly grows. Only a peak that stays one
+        for any slope is certain while the window is open; at its close the window's own slope decides.
+        """
+        self._scan_settings = tuple(
+            ScanSettings(self._scales, self._weight, self._slope, self._floors, self._sure, self.method == "paper")
+        )
+        nominal = self.slope_prior.mean if self.slope_prior else 0.0
+        largest = ANY_SLOPE * max(abs(self._slope), abs(nominal), SMALLEST_SLOPE)
+        weights = np.minimum(self._weight, self._variances / largest**2)
+        self._judge = Judge(self._scales, self._sure, weights, self._slope)
 
     def _tails(self) -> Tails:
         if self.method == "paper" or not np.isfinite(self._variances[0]):
@@ -444,23 +457,13 @@ class WindowAccumulator:
         return events
 
     def _confirmed_for_any_slope(self) -> list[tuple[int, int, float, float]]:
-        """Return the confirmed peaks that are none of a jump announced before, judged by their own samples' slope.
-
-        In a slew, a slope that is off by some per cent looks like jumps: that of the nominal wheel while viscous
-        friction is anomalous, that of an earlier part of the window while the anomaly grows. Only a peak that stays one
-        for any slope is certain while the window is open; at its close the window's own slope decides.
+        """Return the confirmed peaks that are none of a jump announced before, and are peaks for any slope.
 
         Rows as those of `PeakList.confirmed`.
         """
         most = int(self._peaks.arrays.counters[COUNT_CONFIRMED])
-        if most == 0:
-            return []
-        nominal = self.slope_prior.mean if self.slope_prior else 0.0
-        largest = ANY_SLOPE * max(abs(self._slope), abs(nominal), SMALLEST_SLOPE)
-        weights = np.minimum(self._weight, self._variances / largest**2)
         places, values = np.empty((most, 2), dtype=np.int64), np.empty((most, 2))
-        judge = Judge(self._scales, self._sure, weights, self._slope)
-        count = judge_confirmed(self._peaks.arrays, judge, self._sums.arrays, self._announced, places, values)
+        count = judge_confirmed(self._peaks.arrays, self._judge, self._sums.arrays, self._announced, places, values)
         return [(*place, *value) for place, value in zip(places[:count].tolist(), values[:count].tolist(), strict=True)]
 
     # ---- at the close ----------------------------------------------------------------------------------------------

@@ -1,15 +1,32 @@
-"""The compiled loops of `evidence`: samples in, and confirmed peaks judged. Plain functions over arrays."""
+"""The compiled loops of `evidence`: samples in, and all that a window keeps of them. Plain functions over arrays.
+
+A batch of samples is a call of `take` and one of `advance`: each loop is a function of its own, but the way from Python
+into compiled code costs as much as the work on 100 samples does. Groups of arrays come in as plain tuples, which are
+unpacked in half the time that named ones take, and get their names here.
+"""
 
 from __future__ import annotations
 
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numba
 import numpy as np
 
 from rwa_monitor.diagnosis.changepoints import contrast
-from rwa_monitor.diagnosis.running_sums import SumArrays
-from rwa_monitor.diagnosis.wglr import COUNT_CONFIRMED, PEAK_INDEX, PEAK_SCALE, STEP, PeakArrays
+from rwa_monitor.diagnosis.noise import BLOCK, LAGS, block_differences
+from rwa_monitor.diagnosis.running_sums import SumArrays, extend_checkpoints
+from rwa_monitor.diagnosis.structure import StructureArrays, count_signs, extend_structure, pieces_before
+from rwa_monitor.diagnosis.wglr import (
+    CHUNK,
+    COUNT_CONFIRMED,
+    PEAK_INDEX,
+    PEAK_SCALE,
+    STEP,
+    PeakArrays,
+    ScanSettings,
+    ScanState,
+    scan,
+)
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 
 LARGEST_VALUE: Final = 1e4  # normalised speed or friction beyond is a broken word of telemetry, not a wheel's
@@ -38,6 +55,133 @@ def normalise(
             x[k] = abs(speed[k]) / speed_unit
             z[k] = np.sign(speed[k]) * torque[k] / torque_unit
     return count
+
+
+class WindowArrays(NamedTuple):
+    """What a window's slots go into, in the order in which `advance` takes it.
+
+    Attributes
+    ----------
+    x, z, good, used
+        (slots,), the samples, normalised; which are good, and which of those are used.
+    checkpoints, centre, running
+        See `RunningSums`.
+    signs, counts, near_zero, zeros, ripple
+        See `StructureArrays`.
+    block_sums, block_pairs
+        float64 (B, LAGS), see `block_differences`.
+    prefix, histogram
+        See `ScanState`.
+    """
+
+    x: FloatArray
+    z: FloatArray
+    good: BoolArray
+    used: BoolArray
+    checkpoints: FloatArray
+    centre: FloatArray
+    running: FloatArray
+    signs: IntArray
+    counts: IntArray
+    near_zero: FloatArray
+    zeros: FloatArray
+    ripple: FloatArray
+    block_sums: FloatArray
+    block_pairs: FloatArray
+    prefix: FloatArray
+    histogram: IntArray
+
+
+class WindowSettings(NamedTuple):
+    """How a window's slots are taken; known once its first chunk is there.
+
+    Attributes
+    ----------
+    band, certain
+        Dead band, and the speed from which its sign is certain, normalised.
+    angle_per_x
+        Angle by which the wheel turns in one slot at x = 1 [rad].
+    block_hop, stretch_hop
+        Slots from one block of the noise, and one stretch of the structure, to the next.
+    """
+
+    band: float
+    certain: float
+    angle_per_x: float
+    block_hop: int
+    stretch_hop: int
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def take(
+    speed: FloatArray,
+    torque: FloatArray,
+    good: BoolArray,
+    first: int,
+    speed_unit: float,
+    torque_unit: float,
+    samples: tuple[FloatArray, FloatArray, BoolArray],
+    turns: tuple[IntArray, IntArray],
+) -> int:
+    """Take the slots from `first` on into x, z and good of a window, and their directions; return how many are good."""
+    x, z, is_good = samples
+    signs, counts = turns
+    new = slice(first, first + speed.size)
+    count = normalise(speed, torque, good, speed_unit, torque_unit, x[new], z[new], is_good[new])
+    count_signs(first, speed, is_good[new], signs, counts)
+    return count
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def advance(
+    start: int,
+    stop: int,
+    arrays: tuple[Any, ...],
+    window_settings: tuple[Any, ...],
+    scan_settings: tuple[Any, ...],
+    peak_arrays: tuple[Any, ...],
+    chunk_peaks: int,
+) -> tuple[int, int]:
+    """Detect in the slots [start, stop) of a window and add them to all sums, as far as there is room for peaks.
+
+    Parameters
+    ----------
+    start, stop
+        The new slots, as for `scan`. Those of the first chunk are marked as used, and are in the histogram, already.
+    arrays, window_settings, scan_settings, peak_arrays
+        `WindowArrays`, `WindowSettings`, `ScanSettings` and `PeakArrays`, as plain tuples.
+    chunk_peaks
+        As for `scan`.
+
+    Returns
+    -------
+    tuple[int, int]
+        Where it ended, and the number of peaks that were confirmed.
+    """
+    window, settings = WindowArrays(*arrays), WindowSettings(*window_settings)
+    scanning, peaks = ScanSettings(*scan_settings), PeakArrays(*peak_arrays)
+    x, z, good, used = window.x, window.z, window.good, window.used
+    if start >= CHUNK:
+        mark_used(x, good, settings.band, start, stop, used)
+    state = ScanState(window.prefix, window.histogram)
+    end = scan(x, z, used, start, stop, start >= CHUNK, scanning, state, peaks, chunk_peaks)
+    extend_checkpoints(SumArrays(window.checkpoints, x, z, used, window.centre), window.running, start, end)
+    structure = StructureArrays(window.signs, window.counts, window.near_zero, window.zeros, window.ripple)
+    extend_structure(x, z, good, used, start, end, settings.certain, settings.angle_per_x, settings.stretch_hop, structure)
+    hop, blocks = settings.block_hop, window.block_sums.shape[0]
+    first, last = pieces_before(start, BLOCK + LAGS, hop, blocks), pieces_before(end, BLOCK + LAGS, hop, blocks)
+    if last > first:
+        block_differences(
+            x, z, used, first, last, hop, scanning.slope, scanning.weight, window.block_sums, window.block_pairs
+        )
+    return end, peaks.counters[COUNT_CONFIRMED]
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def mark_used(x: FloatArray, good: BoolArray, band: float, start: int, stop: int, used: BoolArray) -> None:
+    """Mark the slots of [start, stop) that are good and turn faster than the dead band."""
+    for k in range(start, stop):
+        used[k] = good[k] & (x[k] >= band) & (x[k] > 0.0)  # without branches: several slots at once
 
 
 class Judge(NamedTuple):
@@ -72,10 +216,3 @@ def judge_confirmed(
             values[count, 0], values[count, 1] = statistic, jump
             count += 1
     return count
-
-
-@numba.njit(cache=True, error_model="numpy", nogil=True)
-def mark_used(x: FloatArray, good: BoolArray, band: float, start: int, stop: int, used: BoolArray) -> None:
-    """Mark the slots of [start, stop) that are good and turn faster than the dead band."""
-    for k in range(start, stop):
-        used[k] = good[k] & (x[k] >= band) & (x[k] > 0.0)  # without branches: several slots at once

@@ -191,6 +191,8 @@ class RunningSums:
     ----------
     arrays
         What compiled code works on.
+    running
+        float64 (6,), the centred sums over all slots added.
     slots
         Slots that have been added.
     samples_read
@@ -211,28 +213,33 @@ class RunningSums:
         self.arrays = SumArrays(checkpoints, x, z, used, centre=np.zeros(2))
         self.slots = 0
         self.samples_read = 0
-        self._running: FloatArray = np.zeros(MOMENTS)
+        self.running: FloatArray = np.zeros(MOMENTS)
 
     @property
     def count(self) -> int:
         """Used samples so far."""
-        return int(self._running[0])
+        return int(self.running[0])
 
     def extend(self, stop: int) -> None:
         """Add all slots up to `stop`: a multiple of CENTRE_BLOCK, or the last slot of all.
 
         Then the sums do not depend on the steps in which they are extended.
         """
-        if self.count == 0:
-            _, x, z, used, centre = self.arrays
-            new = used[self.slots : stop]
-            if new.any():
-                # Medians of the first used slots: one wild first sample must not become the origin of all sums.
-                begin = self.slots + int(np.argmax(new))
-                first = slice(begin, min(stop, begin - begin % CENTRE_BLOCK + CENTRE_BLOCK))
-                centre[:] = np.median(x[first][used[first]]), np.median(z[first][used[first]])
-        extend_checkpoints(self.arrays, self._running, self.slots, stop)
+        self.find_centre(stop)
+        extend_checkpoints(self.arrays, self.running, self.slots, stop)
         self.slots = stop
+
+    def find_centre(self, stop: int) -> None:
+        """Centre the sums on what the slots up to `stop`, which are about to be added, hold first."""
+        if self.count:
+            return
+        _, x, z, used, centre = self.arrays
+        new = used[self.slots : stop]
+        if new.any():
+            # Medians of the first used slots: one wild first sample must not become the origin of all sums.
+            begin = self.slots + int(np.argmax(new))
+            first = slice(begin, min(stop, begin - begin % CENTRE_BLOCK + CENTRE_BLOCK))
+            centre[:] = np.median(x[first][used[first]]), np.median(z[first][used[first]])
 
     def between(self, start: IntArray, stop: IntArray) -> Moments:
         """Return the moments of the slots [start, stop), element by element; empty ranges give zeros.

@@ -8,7 +8,7 @@ dead band's samples, and how much of the friction repeats with the wheel's angle
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numba
 import numpy as np
@@ -62,6 +62,28 @@ def no_structure() -> Structure:
     return Structure(np.zeros(0), np.zeros((NEAR_ZERO, 0)), np.zeros((0, HARMONICS)), zero_runs=0, plateaus=0)
 
 
+class StructureArrays(NamedTuple):
+    """The arrays behind `StructureSums`, as compiled code takes them.
+
+    Attributes
+    ----------
+    signs, counts
+        int64 (blocks,): slots forward less those backward, and good slots.
+    near_zero
+        As in `Structure`.
+    zeros
+        float64 (5,), see `ZERO_RUNS`.
+    ripple
+        As in `Structure`; NaN for a stretch that is not complete or holds a masked slot.
+    """
+
+    signs: IntArray
+    counts: IntArray
+    near_zero: FloatArray
+    zeros: FloatArray
+    ripple: FloatArray
+
+
 class StructureSums:
     """Gathers a window's `Structure` in slot order; nothing depends on the steps in which the slots come.
 
@@ -71,31 +93,39 @@ class StructureSums:
         Length of the window.
     angle_per_x
         Angle by which the wheel turns in one slot at x = 1 [rad].
+
+    Attributes
+    ----------
+    arrays
+        What compiled code works on.
+    hop
+        Slots from one stretch that is compared with the angle to the next.
     """
 
     def __init__(self, slots: int, angle_per_x: float) -> None:
         blocks = -(-slots // BLOCK)
-        self._angle_per_x = angle_per_x
-        self._signs: IntArray = np.zeros(blocks, dtype=np.int64)
-        self._counts: IntArray = np.zeros(blocks, dtype=np.int64)
-        self._near_zero: FloatArray = np.zeros((NEAR_ZERO, blocks))
-        self._hop = max(STRETCH, slots // STRETCHES // BLOCK * BLOCK)
-        self._ripple: FloatArray = np.full((max(0, (slots - STRETCH) // self._hop + 1), HARMONICS), np.nan)
-        self._stretches = 0
-        self._zeros: FloatArray = np.zeros(ZERO_RUNS)
+        self.angle_per_x = angle_per_x
+        self.hop = max(STRETCH, slots // STRETCHES // BLOCK * BLOCK)
+        self.arrays = StructureArrays(
+            signs=np.zeros(blocks, dtype=np.int64),
+            counts=np.zeros(blocks, dtype=np.int64),
+            near_zero=np.zeros((NEAR_ZERO, blocks)),
+            zeros=np.zeros(ZERO_RUNS),
+            ripple=np.full((max(0, (slots - STRETCH) // self.hop + 1), HARMONICS), np.nan),
+        )
 
     def turn(self, first: int, speed_rad_s: FloatArray, good: BoolArray) -> None:
         """Note the direction of the slots from `first` on: float64 and bool (n,)."""
-        _count_signs(first, speed_rad_s, good, self._signs, self._counts)
+        count_signs(first, speed_rad_s, good, self.arrays.signs, self.arrays.counts)
 
     def turns(self, filled: int) -> IntArray:
         """Return, of the blocks that hold the slots [0, filled), the slots forward less those backward; int64."""
-        return self._signs[: -(-filled // BLOCK)].copy()
+        return self.arrays.signs[: -(-filled // BLOCK)].copy()
 
     def resume(self, turns: IntArray, good: BoolArray) -> None:
         """Go on from what `turns` returned and the slots that are good so far, bool (n,)."""
-        self._signs[: turns.size] = turns
-        self._counts[: turns.size] = np.bincount(np.arange(good.size) // BLOCK, good, turns.size).astype(np.int64)
+        self.arrays.signs[: turns.size] = turns
+        self.arrays.counts[: turns.size] = np.bincount(np.arange(good.size) // BLOCK, good, turns.size).astype(np.int64)
 
     def extend(
         self, samples: tuple[FloatArray, FloatArray, BoolArray, BoolArray], start: int, stop: int, certain: float
@@ -111,26 +141,47 @@ class StructureSums:
         certain
             |ω|, normalised, from which its sign is certain.
         """
-        x, z, good, used = samples
-        _add_near_zero(x, z, good, used, start, stop, certain, self._near_zero)
-        _find_plateaus(x, good, start, stop, certain, self._zeros)
-        while self._stretches < len(self._ripple) and self._stretches * self._hop + STRETCH <= stop:
-            first = self._stretches * self._hop
-            there = slice(first, first + STRETCH)
-            if used[there].all():
-                _ripple_power(x[there], z[there], self._angle_per_x, self._ripple[self._stretches])
-            self._stretches += 1
+        extend_structure(*samples, start, stop, certain, self.angle_per_x, self.hop, self.arrays)
 
     def close(self) -> Structure:
         """Return what was gathered."""
-        there = np.isfinite(self._ripple[:, 0])
-        zero_runs, plateaus = int(self._zeros[3]), int(self._zeros[4])
-        direction = self._signs / np.maximum(self._counts, 1)
-        return Structure(direction, self._near_zero, self._ripple[there], zero_runs, plateaus)
+        there = np.isfinite(self.arrays.ripple[:, 0])
+        zero_runs, plateaus = int(self.arrays.zeros[3]), int(self.arrays.zeros[4])
+        direction = self.arrays.signs / np.maximum(self.arrays.counts, 1)
+        return Structure(direction, self.arrays.near_zero, self.arrays.ripple[there], zero_runs, plateaus)
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
-def _count_signs(first: int, speed: FloatArray, good: BoolArray, signs: IntArray, counts: IntArray) -> None:
+def pieces_before(slot: int, length: int, hop: int, most: int) -> int:
+    """Count the pieces of `length` slots, the first at slot 0 and `hop` slots apart, that end by `slot`: `most` at most."""
+    return min(max(0, (slot - length) // hop + 1), most)
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def extend_structure(
+    x: FloatArray,
+    z: FloatArray,
+    good: BoolArray,
+    used: BoolArray,
+    start: int,
+    stop: int,
+    certain: float,
+    angle_per_x: float,
+    hop: int,
+    arrays: StructureArrays,
+) -> None:
+    """Do the work of `StructureSums.extend`."""
+    _add_near_zero(x, z, good, used, start, stop, certain, arrays.near_zero)
+    _find_plateaus(x, good, start, stop, certain, arrays.zeros)
+    most = arrays.ripple.shape[0]
+    for stretch in range(pieces_before(start, STRETCH, hop, most), pieces_before(stop, STRETCH, hop, most)):
+        there = slice(stretch * hop, stretch * hop + STRETCH)
+        if used[there].all():
+            _ripple_power(x[there], z[there], angle_per_x, arrays.ripple[stretch])
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def count_signs(first: int, speed: FloatArray, good: BoolArray, signs: IntArray, counts: IntArray) -> None:
     """Add the slots that are good, and those forward less those backward, to their blocks."""
     start = 0
     while start < speed.size:

@@ -25,7 +25,8 @@ import numpy as np
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 
 CHUNK: Final = 1024  # slots after which the prefix sums begin anew: a quarter more work for 50 kB of memory
-STEP: Final = 64  # slots after which peaks are confirmed; CHUNK is a multiple of it
+STEP: Final = 64  # slots after which peaks are confirmed
+STRETCH: Final = 256  # slots that are evaluated in one go; a multiple of STEP, and CHUNK of it
 MAX_SCALE: Final = 128
 HISTORY: Final = 2 * MAX_SCALE  # slots before a chunk that its first statistics reach back to
 PREFIXES: Final = 5  # n, x, e, xx, xe
@@ -198,7 +199,7 @@ class PeakArrays(NamedTuple):
 
 
 class ScanState(NamedTuple):
-    """What a scan carries from slot to slot, and its work space.
+    """What a scan carries from slot to slot.
 
     Attributes
     ----------
@@ -206,15 +207,10 @@ class ScanState(NamedTuple):
         float64 (5, HISTORY + CHUNK + 1), see `fill_prefix`.
     histogram
         int64 (S, BINS), the statistic at every (w/4)-th slot.
-    statistic, bits, jump
-        Work space: float64 (STEP,), the same memory as int64, float64 (STEP,).
     """
 
     prefix: FloatArray
     histogram: IntArray
-    statistic: FloatArray
-    bits: IntArray
-    jump: FloatArray
 
 
 class ScanSettings(NamedTuple):
@@ -333,28 +329,38 @@ def scan(
         for which there is none.
     """
     peaks.counters[COUNT_CONFIRMED] = 0
-    for begin in range(start, stop, STEP):
+    scales = settings.scales
+    statistic, jump = np.empty((scales.size, STRETCH)), np.empty((scales.size, STRETCH))
+    first_right = np.empty(scales.size, dtype=np.int64)
+    begin = start
+    while begin < stop:
         chunk = begin - begin % CHUNK
         if begin == chunk and begin > start and peaks.counters[COUNT_PEAKS] + chunk_peaks > peaks.slots.shape[0]:
             return begin
-        end = min(begin + STEP, stop)
+        end = min(begin - begin % STRETCH + STRETCH, stop)
         fill_prefix(state.prefix, x, z, used, chunk, begin, end, settings.slope)
-        for s in range(settings.scales.size):
-            w = settings.scales[s]
+        for s in range(scales.size):
+            w = scales[s]
             right = max(begin + 1, 2 * w)  # the first slot's end k + w, with both halves in the window
+            first_right[s] = right
             count = end - right + 1
             if count <= 0:
                 continue
-            first = right - w
             column = HISTORY + right - chunk
-            evaluate(state.prefix, column, count, w, settings.weight, state.statistic, state.jump)
+            evaluate(state.prefix, column, count, w, settings.weight, statistic[s], jump[s])
             if count_bins:
-                _count_bins(state.histogram[s], state.bits, first, count, max(1, w // 4))
-            floor = settings.floors[s]
-            if floor < np.inf:
-                reach = 0 if settings.runs else w
-                _keep_peaks(state.statistic, state.jump, first, count, s, reach, floor, peaks)
-        _confirm_peaks(end, settings, peaks)
+                _count_bins(state.histogram[s], statistic[s].view(np.int64), right - w, count, max(1, w // 4))
+        for step in range(begin, end, STEP):
+            step_end = min(step + STEP, end)
+            for s in range(scales.size):
+                w, floor = scales[s], settings.floors[s]
+                right = max(step + 1, first_right[s])
+                if right <= step_end and floor < np.inf:
+                    here = slice(right - first_right[s], step_end + 1 - first_right[s])
+                    reach = 0 if settings.runs else w
+                    _keep_peaks(statistic[s, here], jump[s, here], right - w, step_end + 1 - right, s, reach, floor, peaks)
+            _confirm_peaks(step_end, settings, peaks)
+        begin = end
     return stop
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from rwa_monitor.diagnosis.evidence import KEPT_STATISTIC, WindowAccumulator
 from rwa_monitor.diagnosis.peaks import PeakList
-from rwa_monitor.diagnosis.wglr import BINS, CHUNK, HISTORY, PREFIXES, STEP, ScanSettings, ScanState, scan, wglr
+from rwa_monitor.diagnosis.wglr import BINS, CHUNK, HISTORY, PREFIXES, ScanSettings, ScanState, scan, wglr
 from rwa_monitor.evaluation.speed import plain_paper
 from rwa_monitor.evaluation.speed.peers import Peer
 from rwa_monitor.evaluation.speed.race import Lap, Runner, laps
@@ -115,13 +115,10 @@ def seven_scales(window: Window) -> Callable[[], object]:
     x, z, used = window.x, window.z, window.good
 
     def run() -> object:
-        peaks, statistic = PeakList(scales), np.empty(STEP)
+        peaks = PeakList(scales)
         state = ScanState(
             prefix=np.zeros((PREFIXES, HISTORY + CHUNK + 1)),
             histogram=np.zeros((scales.size, BINS), dtype=np.int64),
-            statistic=statistic,
-            bits=statistic.view(np.int64),
-            jump=np.empty(STEP),
         )
         done = 0
         while done < x.size:
