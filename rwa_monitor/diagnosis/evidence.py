@@ -176,8 +176,8 @@ class WindowAccumulator:
         start_std = wheel.noise.friction_std_Nm
         self._start_std = None if start_std is None else start_std / self._torque_unit
 
-        self._x: FloatArray = np.zeros(self.slots)
-        self._z: FloatArray = np.zeros(self.slots)
+        self._x: FloatArray = np.empty(self.slots)
+        self._z: FloatArray = np.empty(self.slots)
         self._good: BoolArray = np.zeros(self.slots, dtype=np.bool_)
         self._used: BoolArray = np.zeros(self.slots, dtype=np.bool_)
         self._sums = RunningSums(self._x, self._z, self._used)
@@ -202,22 +202,34 @@ class WindowAccumulator:
         self._band = np.inf  # dead band, normalised; known once the first chunk is there
         self._certain = np.inf  # speed from which its sign is certain, normalised; known with the dead band
         self._state = ScanState(
-            prefix=np.zeros((PREFIXES, HISTORY + CHUNK + 1)),
+            prefix=np.empty((PREFIXES, HISTORY + CHUNK + 1)),
             histogram=np.zeros((self._scales.size, BINS), dtype=np.int64),
         )
 
         # Short windows let the blocks of the noise estimate overlap.
         self._hop = BLOCK if self.slots <= 128 * BLOCK else 4 * BLOCK
         blocks = max(0, (self.slots - BLOCK - LAGS) // self._hop + 1)
-        self._block_sums: FloatArray = np.zeros((blocks, LAGS))
-        self._block_pairs: FloatArray = np.zeros((blocks, LAGS))
+        self._block_sums: FloatArray = np.empty((blocks, LAGS))
+        self._block_pairs: FloatArray = np.empty((blocks, LAGS))
+        structure = self._structure.arrays
         self._arrays = tuple(
             WindowArrays(
-                *(self._x, self._z, self._good, self._used),
-                *(self._sums.arrays.checkpoints, self._sums.arrays.centre, self._sums.running),
-                *self._structure.arrays,
-                *(self._block_sums, self._block_pairs),
-                *self._state,
+                x=self._x,
+                z=self._z,
+                good=self._good,
+                used=self._used,
+                checkpoints=self._sums.arrays.checkpoints,
+                centre=self._sums.arrays.centre,
+                running=self._sums.running,
+                signs=structure.signs,
+                counts=structure.counts,
+                near_zero=structure.near_zero,
+                zeros=structure.zeros,
+                ripple=structure.ripple,
+                block_sums=self._block_sums,
+                block_pairs=self._block_pairs,
+                prefix=self._state.prefix,
+                histogram=self._state.histogram,
             )
         )
 
@@ -335,8 +347,8 @@ class WindowAccumulator:
                 self._done,
                 stop,
                 self._arrays,
-                self._window_settings,
-                self._scan_settings,
+                tuple(self._window_settings),
+                tuple(self._scan_settings),
                 tuple(self._peaks.arrays),
                 self._peaks.chunk_peaks,
             )
@@ -362,11 +374,11 @@ class WindowAccumulator:
             std = self._start_std if self._start_std is not None else self._difference_std(stop)
             self._weight = max(std, SMALLEST_STD) ** 2 / self.slope_prior.std**2
         structure = self._structure
-        self._window_settings = tuple(
-            WindowSettings(self._band, self._certain, structure.angle_per_x, self._hop, structure.hop)
+        self._window_settings = WindowSettings(
+            self._band, self._certain, structure.angle_per_x, self._hop, structure.hop
         )
         self._settle()
-        settings, peaks = ScanSettings(*self._scan_settings), self._peaks
+        settings, peaks = self._scan_settings, self._peaks
         scan(self._x, self._z, self._used, 0, stop, True, settings, self._state, peaks.arrays, peaks.chunk_peaks)
         self._refresh()
 
@@ -432,8 +444,8 @@ class WindowAccumulator:
         friction is anomalous, that of an earlier part of the window while the anomaly grows. Only a peak that stays one
         for any slope is certain while the window is open; at its close the window's own slope decides.
         """
-        self._scan_settings = tuple(
-            ScanSettings(self._scales, self._weight, self._slope, self._floors, self._sure, self.method == "paper")
+        self._scan_settings = ScanSettings(
+            self._scales, self._weight, self._slope, self._floors, self._sure, self.method == "paper"
         )
         nominal = self.slope_prior.mean if self.slope_prior else 0.0
         largest = ANY_SLOPE * max(abs(self._slope), abs(nominal), SMALLEST_SLOPE)

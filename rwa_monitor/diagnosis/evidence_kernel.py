@@ -43,7 +43,10 @@ def normalise(
     z: FloatArray,
     is_good: BoolArray,
 ) -> int:
-    """Write x = |ω|/unit, z = sign(ω)·torque/unit and whether the slot is good; return the number of good slots."""
+    """Write x = |ω|/unit, z = sign(ω)·torque/unit and whether the slot is good; return the number of good slots.
+
+    Where it is not good, x and z are zero.
+    """
     count = 0
     for k in range(speed.size):
         # Written so that NaN fails.
@@ -54,6 +57,8 @@ def normalise(
             count += 1
             x[k] = abs(speed[k]) / speed_unit
             z[k] = np.sign(speed[k]) * torque[k] / torque_unit
+        else:
+            x[k] = z[k] = 0.0
     return count
 
 
@@ -167,7 +172,9 @@ def advance(
     end = scan(x, z, used, start, stop, start >= CHUNK, scanning, state, peaks, chunk_peaks)
     extend_checkpoints(SumArrays(window.checkpoints, x, z, used, window.centre), window.running, start, end)
     structure = StructureArrays(window.signs, window.counts, window.near_zero, window.zeros, window.ripple)
-    extend_structure(x, z, good, used, start, end, settings.certain, settings.angle_per_x, settings.stretch_hop, structure)
+    extend_structure(
+        x, z, good, used, start, end, settings.certain, settings.angle_per_x, settings.stretch_hop, structure
+    )
     hop, blocks = settings.block_hop, window.block_sums.shape[0]
     first, last = pieces_before(start, BLOCK + LAGS, hop, blocks), pieces_before(end, BLOCK + LAGS, hop, blocks)
     if last > first:

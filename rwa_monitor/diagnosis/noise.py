@@ -174,7 +174,9 @@ def _trimmed_variance(counts: IntArray, edges: FloatArray, widths: FloatArray) -
             place += 1
         if place < counts.size:
             seen += counts[place] * max(_JUMPED * variance - edges[place], 0.0) / widths[place]
-        jumped = min(max(1.0 - seen / total - _JUMPED_RATE, 0.0), _MOST_JUMPED)
+        before, jumped = jumped, min(max(1.0 - seen / total - _JUMPED_RATE, 0.0), _MOST_JUMPED)
+        if jumped == before:
+            break  # as nearly always, at once: nothing jumps, and another round would give the same
     return total, variance
 
 
@@ -195,8 +197,7 @@ def estimate_tails(counts: IntArray, variance: float, samples: int) -> Tails:
     gaussian = Tails(np.inf, float(np.sqrt(variance) * -special.ndtri(0.5 * level)))
     if total < 200:
         return gaussian
-    cumulative = np.cumsum(counts) / total
-    median, far = (float(_BIN_MIDDLES[np.searchsorted(cumulative, p)]) for p in (0.5, 0.995))
+    median, far = (float(_BIN_MIDDLES[_quantile_bin(counts, total, p)]) for p in (0.5, 0.995))
     if median < _LATTICE * variance * _CHI_MEDIAN:
         return gaussian  # neighbours are mostly equal: a coarse lattice, whose quantiles say nothing about tails
     # The 99.5 % quantile has a relative standard error of about 0.225/√(0.005 n).
@@ -207,6 +208,18 @@ def estimate_tails(counts: IntArray, variance: float, samples: int) -> Tails:
     robust_std = np.sqrt(median / _CHI_MEDIAN)
     scale = robust_std * float(np.interp(far / median, _TAIL_RATIO, _TAIL_SCALE))
     return Tails(freedom, float(-scale * special.stdtrit(freedom, 0.5 * level)))
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def _quantile_bin(counts: IntArray, total: float, share: float) -> int:
+    """Return the first bin up to which at least this share of all is counted."""
+    seen = 0
+    place = 0
+    for place in range(counts.size):
+        seen += counts[place]
+        if seen / total >= share:
+            break
+    return place
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)

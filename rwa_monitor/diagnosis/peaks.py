@@ -43,11 +43,11 @@ class PeakList:
         # Peaks of one sign at one scale lie more than w apart, so a chunk cannot give more than this.
         self.chunk_peaks = int(np.ceil((2.0 / (scales + 1.0)).sum() * CHUNK)) + 2 * scales.size
         self.arrays = PeakArrays(
-            slots=np.zeros((self.chunk_peaks, 3), dtype=np.int64),
-            values=np.zeros((self.chunk_peaks, 2)),
+            slots=np.empty((self.chunk_peaks, 3), dtype=np.int64),
+            values=np.empty((self.chunk_peaks, 2)),
             open=np.full((scales.size, 3), -1, dtype=np.int64),
             counters=np.zeros(3, dtype=np.int64),
-            confirmed=np.zeros(self.chunk_peaks, dtype=np.int64),
+            confirmed=np.empty(self.chunk_peaks, dtype=np.int64),
         )
 
     def __len__(self) -> int:
@@ -72,9 +72,9 @@ class PeakList:
             return
         more = min(max(room, self.chunk_peaks), MOST_PEAKS - room)
         self.arrays = self.arrays._replace(
-            slots=np.concatenate((self.arrays.slots, np.zeros((more, 3), dtype=np.int64))),
-            values=np.concatenate((self.arrays.values, np.zeros((more, 2)))),
-            confirmed=np.zeros(room + more, dtype=np.int64),
+            slots=np.concatenate((self.arrays.slots, np.empty((more, 3), dtype=np.int64))),
+            values=np.concatenate((self.arrays.values, np.empty((more, 2)))),
+            confirmed=np.empty(room + more, dtype=np.int64),
         )
 
     def _prune(self, variances: FloatArray) -> None:

@@ -209,7 +209,8 @@ class RunningSums:
     """
 
     def __init__(self, x: FloatArray, z: FloatArray, used: BoolArray) -> None:
-        checkpoints = np.zeros((x.size // STRIDE + 1, MOMENTS))
+        checkpoints = np.empty((x.size // STRIDE + 1, MOMENTS))
+        checkpoints[0] = 0.0
         self.arrays = SumArrays(checkpoints, x, z, used, centre=np.zeros(2))
         self.slots = 0
         self.samples_read = 0

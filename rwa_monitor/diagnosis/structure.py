@@ -153,7 +153,7 @@ class StructureSums:
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
 def pieces_before(slot: int, length: int, hop: int, most: int) -> int:
-    """Count the pieces of `length` slots, the first at slot 0 and `hop` slots apart, that end by `slot`: `most` at most."""
+    """Count the pieces of `length` slots, one every `hop` slots from 0 on, `most` of them, that end by `slot`."""
     return min(max(0, (slot - length) // hop + 1), most)
 
 

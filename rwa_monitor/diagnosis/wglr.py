@@ -356,9 +356,10 @@ def scan(
                 w, floor = scales[s], settings.floors[s]
                 right = max(step + 1, first_right[s])
                 if right <= step_end and floor < np.inf:
-                    here = slice(right - first_right[s], step_end + 1 - first_right[s])
+                    first, count = right - w, step_end + 1 - right
+                    here = slice(right - first_right[s], right - first_right[s] + count)
                     reach = 0 if settings.runs else w
-                    _keep_peaks(statistic[s, here], jump[s, here], right - w, step_end + 1 - right, s, reach, floor, peaks)
+                    _keep_peaks(statistic[s, here], jump[s, here], first, count, s, reach, floor, peaks)
             _confirm_peaks(step_end, settings, peaks)
         begin = end
     return stop
