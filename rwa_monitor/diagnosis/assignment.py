@@ -18,7 +18,8 @@ import numpy as np
 from rwa_monitor.diagnosis import segments
 from rwa_monitor.diagnosis.assignment_search import NO_SYSTEM, REJECT, Path, Problem, Sizes, log_laws, search, step_of
 from rwa_monitor.diagnosis.estimation import estimate, jump_std
-from rwa_monitor.diagnosis.friction_model import Posterior, Priors, priors_of, solve
+from rwa_monitor.diagnosis.friction_model import Posterior, solve
+from rwa_monitor.diagnosis.friction_priors import Priors, priors_of
 from rwa_monitor.diagnosis.laws import Onset, law_tables, onsets
 from rwa_monitor.diagnosis.results import (
     REJECTED,

@@ -15,7 +15,8 @@ from typing import Final
 
 import numpy as np
 
-from rwa_monitor.diagnosis.friction_model import Posterior, Priors, measure, priors_of, solve
+from rwa_monitor.diagnosis.friction_model import Posterior, measure, solve
+from rwa_monitor.diagnosis.friction_priors import Priors, priors_of
 from rwa_monitor.diagnosis.laws import log_probability, onsets
 from rwa_monitor.diagnosis.results import (
     REJECTED,

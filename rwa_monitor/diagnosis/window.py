@@ -28,7 +28,7 @@ from rwa_monitor.diagnosis.features import (
     normalised_nominal_viscous,
     without_prior,
 )
-from rwa_monitor.diagnosis.friction_model import slope_prior
+from rwa_monitor.diagnosis.friction_priors import slope_prior
 from rwa_monitor.diagnosis.model import AnomalyModel, Levels, Model, models_for
 from rwa_monitor.diagnosis.paper_assignment import assign_as_paper, split_as_paper
 from rwa_monitor.diagnosis.results import (
