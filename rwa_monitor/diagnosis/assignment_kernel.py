@@ -13,44 +13,13 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from rwa_monitor.samples import BoolArray, FloatArray, IntArray
+from rwa_monitor.diagnosis.assignment_bounds import NO_SYSTEM, REJECT, SKIPPED, STEPS, Bounds, Scores, size_term
+from rwa_monitor.samples import FloatArray, IntArray
 
-REJECT: Final = 0  # the first two actions of every action table
-NO_SYSTEM: Final = 1
-# Steps of a system at a candidate: down or up (step % 2), after no, a downward or an upward jump without a candidate.
-STEPS: Final = 6
-_SKIPPED: Final = (0, -1, 1)
 SLACK: Final = 1e-9  # of a first sieve, whose terms are added up in another order [log-likelihood]
 
 Int16Array = NDArray[np.int16]
 Int32Array = NDArray[np.int32]
-
-
-class Tables(NamedTuple):
-    """All scores, as `assignment_search.Problem`, `Sizes` and `Bounds` explain them.
-
-    priors: of a rejected candidate, of a jump that no system made, of two systems jumping at once.
-    """
-
-    fit: FloatArray
-    jump: FloatArray
-    stay: FloatArray
-    turn: FloatArray
-    missed: FloatArray
-    rest: FloatArray
-    rest_fit: FloatArray
-    own: FloatArray
-    configurations: IntArray
-    signs: BoolArray
-    actions: IntArray
-    priors: FloatArray
-    sized: bool
-    size: FloatArray
-    size_variance: FloatArray
-    law_mean: FloatArray
-    law_variance: FloatArray
-    log_range: float
-    unattributed_variance: float
 
 
 class Entries(NamedTuple):
@@ -90,59 +59,15 @@ class Tree(NamedTuple):
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def best_rest(fit: FloatArray, gain: FloatArray) -> FloatArray:
-    """Return the best sum of fits, and gains of accepted nodes, from node i to the end over candidates after k.
-
-    float64 (m + 1, m + 1) for fits of m + 2 nodes and gains of m + 1.
-    """
-    nodes = fit.shape[0] - 1
-    rest = np.full((nodes, nodes), -np.inf)
-    from_node = np.full(nodes, -np.inf)
-    for i in range(nodes - 1, -1, -1):
-        best = fit[i, nodes]
-        rest[i, nodes - 1] = best
-        for k in range(nodes - 2, i - 1, -1):
-            best = max(best, fit[i, k + 1] + gain[k + 1] + from_node[k + 1])
-            rest[i, k] = best
-        from_node[i] = best
-    return rest
-
-
-@njit(cache=True, error_model="numpy", nogil=True)
-def best_chains(jump: FloatArray, stay: FloatArray, turn: FloatArray, missed: FloatArray, own: FloatArray) -> None:
-    """Fill in the best log-probability of all that a system may still do, by its laws alone, free to jump anywhere.
-
-    own: float64 (S, Q, m + 1, m + 1), for the sojourn in q begun at node i and not ended up to candidate k.
-    """
-    systems, configurations, nodes = stay.shape
-    for s in range(systems):
-        for k in range(nodes - 1, -1, -1):
-            for q in range(configurations):
-                for i in range(k + 1):
-                    best = stay[s, q, i]
-                    if k < nodes - 1:
-                        best = own[s, q, i, k + 1]
-                        for step in range(STEPS):
-                            direction, skipped = step % 2, step // 2
-                            before = q + _SKIPPED[skipped]
-                            after = before + 2 * direction - 1
-                            if min(before, after) < 0 or max(before, after) >= configurations:
-                                continue
-                            law = jump[s, q, i, k + 1] if skipped == 0 else missed[s, q, skipped - 1, i, k + 1]
-                            best = max(best, law + turn[s, before, direction] + own[s, after, k + 1, k + 1])
-                    own[s, q, i, k] = best
-
-
-@njit(cache=True, error_model="numpy", nogil=True)
 def expand(
-    tables: Tables, cutoff: float, budget: int, kept: int
+    scores: Scores, bounds: Bounds, cutoff: float, budget: int, kept: int
 ) -> tuple[Int32Array, Int32Array, Int32Array, FloatArray, int, float]:
     """Expand all states candidate by candidate.
 
     Parameters
     ----------
-    tables
-        The scores.
+    scores, bounds
+        The scores, and upper bounds of what can follow.
     cutoff
         Extensions whose bound is below it are dropped.
     budget
@@ -156,16 +81,16 @@ def expand(
         The tree (parent, action), the complete paths (their last node in the tree, their score), the number of entries
         expanded, and the highest bound of what the budget cut: better paths than that were not missed.
     """
-    candidates, systems = tables.signs.shape[0], tables.configurations.size
+    candidates, systems = scores.signs.shape[0], scores.configurations.size
     width = 1 + 2 * systems
     starts = 1
     for s in range(systems):
-        starts *= tables.configurations[s]
+        starts *= scores.configurations[s]
     room = max(budget, starts)
     slots = 16
     while slots < 2 * room:
         slots *= 2
-    most = room * tables.actions.shape[0]
+    most = room * scores.actions.shape[0]
     tree = Tree(np.empty((candidates + 1) * room, dtype=np.int32), np.empty((candidates + 1) * room, dtype=np.int32))
     entries, following = _no_entries(room, systems), _no_entries(room, systems)
     offers = Offers(np.empty(most, dtype=np.int32), np.empty(most, dtype=np.int32), np.empty(most), np.empty(most))
@@ -177,24 +102,24 @@ def expand(
         np.empty((room, kept), dtype=np.int32),
         np.empty((room, kept), dtype=np.int32),
     )
-    count = _start(tables, cutoff, starts, entries, tree)
+    count = _start(scores, bounds, cutoff, starts, entries, tree)
     used, expanded, lost = count, 0, -np.inf
     for k in range(1, candidates + 1):
-        offered = _offer(tables, k, cutoff, entries, count, offers)
+        offered = _offer(scores, bounds, k, cutoff, entries, count, offers)
         expanded += count
         stage_cutoff = cutoff
         if offered > room:
             divided = np.partition(offers.bound[:offered], offered - room)
             stage_cutoff = divided[offered - room]
             lost = max(lost, divided[: offered - room].max())
-        found = _merge(tables, k, stage_cutoff, entries, offers, offered, states)
+        found = _merge(scores, k, stage_cutoff, entries, offers, offered, states)
         count = 0
         for state in range(found):
             for rank in range(states.kept[state]):
                 at, action = states.entry[state, rank], states.action[state, rank]
                 for column in range(width):
                     following.rows[count, column] = states.rows[state, column]
-                _learn(tables, entries, at, k, action, following.friction[count])
+                _learn(scores, entries, at, k, action, following.friction[count])
                 following.score[count] = states.score[state, rank]
                 following.node[count] = used
                 tree.parent[used] = entries.node[at]
@@ -203,9 +128,9 @@ def expand(
                 count += 1
         entries, following = following, entries
     for at in range(count):
-        entries.score[at] += tables.fit[entries.rows[at, 0], candidates + 1]
+        entries.score[at] += scores.fit[entries.rows[at, 0], candidates + 1]
         for s in range(systems):
-            entries.score[at] += tables.stay[s, entries.rows[at, 1 + 2 * s], entries.rows[at, 2 + 2 * s]]
+            entries.score[at] += scores.stay[s, entries.rows[at, 1 + 2 * s], entries.rows[at, 2 + 2 * s]]
     return tree.parent[:used], tree.action[:used], entries.node[:count], entries.score[:count], expanded, lost
 
 
@@ -221,21 +146,21 @@ def _no_entries(room: int, systems: int) -> Entries:
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _start(tables: Tables, cutoff: float, starts: int, entries: Entries, tree: Tree) -> int:
+def _start(scores: Scores, bounds: Bounds, cutoff: float, starts: int, entries: Entries, tree: Tree) -> int:
     """Enter all configurations that the systems may be in at the window's begin; return their number."""
     count = 0
     for start in range(starts):
         remainder = start
         entries.rows[count, 0] = 0
         entries.score[count] = 0.0
-        for s in range(tables.configurations.size - 1, -1, -1):
-            q = remainder % tables.configurations[s]
+        for s in range(scores.configurations.size - 1, -1, -1):
+            q = remainder % scores.configurations[s]
             entries.rows[count, 1 + 2 * s] = q
             entries.rows[count, 2 + 2 * s] = 0
-            entries.friction[count, s, 0] = tables.law_mean[s, q]
-            entries.friction[count, s, 1] = tables.law_variance[s, q]
-            remainder //= tables.configurations[s]
-        if _bound(tables, entries.rows, count, 0) >= cutoff:
+            entries.friction[count, s, 0] = scores.law_mean[s, q]
+            entries.friction[count, s, 1] = scores.law_variance[s, q]
+            remainder //= scores.configurations[s]
+        if _bound(scores, bounds, entries.rows, count, 0) >= cutoff:
             tree.parent[count] = -1
             tree.action[count] = start
             entries.node[count] = count
@@ -244,22 +169,22 @@ def _start(tables: Tables, cutoff: float, starts: int, entries: Entries, tree: T
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _offer(tables: Tables, k: int, cutoff: float, entries: Entries, count: int, offers: Offers) -> int:
+def _offer(scores: Scores, bounds: Bounds, k: int, cutoff: float, entries: Entries, count: int, offers: Offers) -> int:
     """List what may happen to each entry at candidate k and is within reach of the best; return the number."""
-    systems = tables.configurations.size
-    fit, rest, rest_fit, signs, actions = tables.fit, tables.rest, tables.rest_fit, tables.signs, tables.actions
+    systems = scores.configurations.size
+    fit, rest, rest_fit, signs, actions = scores.fit, bounds.rest, bounds.rest_fit, scores.signs, scores.actions
     steps = np.empty((systems, STEPS, 4))  # log-probability, change of the own bound, mean and variance of the jump
-    unattributed = tables.priors[1] + _size_term(tables, k, 0.0, tables.unattributed_variance)
-    highest = _size_term(tables, k, tables.size[k - 1], 0.0)
+    unattributed = scores.priors[1] + size_term(scores, k, 0.0, scores.unattributed_variance)
+    highest = size_term(scores, k, scores.size[k - 1], 0.0)
     offered = 0
     for at in range(count):
         last, so_far = entries.rows[at, 0], entries.score[at]
         by_own = 0.0  # what the systems may still do without a step here
         for s in range(systems):
-            by_own += tables.own[s, entries.rows[at, 1 + 2 * s], entries.rows[at, 2 + 2 * s], k]
+            by_own += bounds.own[s, entries.rows[at, 1 + 2 * s], entries.rows[at, 2 + 2 * s], k]
         if by_own == -np.inf:
             continue
-        score = so_far + tables.priors[0]
+        score = so_far + scores.priors[0]
         bound = score + min(rest[last, k], rest_fit[last, k] + by_own)
         if bound >= cutoff:
             offered = _list(offers, offered, at, REJECT, score, bound)
@@ -271,7 +196,7 @@ def _offer(tables: Tables, k: int, cutoff: float, entries: Entries, count: int, 
         best = so_far + fit[last, k] + highest + rest[k, k]
         if best < cutoff - SLACK:
             continue
-        _weigh_steps(tables, entries, at, k, steps)
+        _weigh_steps(scores, bounds, entries, at, k, steps)
         for a in range(NO_SYSTEM + 1, actions.shape[0]):
             s, first, t, second = actions[a, 0], actions[a, 1], actions[a, 2], actions[a, 3]
             if best + steps[s, first, 0] < cutoff - SLACK or steps[s, first, 0] == -np.inf:
@@ -284,14 +209,14 @@ def _offer(tables: Tables, k: int, cutoff: float, entries: Entries, count: int, 
             if second >= 0:
                 if steps[t, second, 0] == -np.inf:
                     continue
-                score += steps[t, second, 0] + tables.priors[2]
+                score += steps[t, second, 0] + scores.priors[2]
                 own += steps[t, second, 1]
                 mean += steps[t, second, 2]
                 variance += steps[t, second, 3]
             follows = min(rest[k, k], rest_fit[k, k] + own)
             if score + highest + follows < cutoff:
                 continue
-            score += _size_term(tables, k, mean, variance)
+            score += size_term(scores, k, mean, variance)
             bound = score + follows
             if bound >= cutoff and bound > -np.inf:
                 offered = _list(offers, offered, at, a, score, bound)
@@ -307,19 +232,10 @@ def _list(offers: Offers, offered: int, at: int, action: int, score: float, boun
 
 
 @njit(cache=True, error_model="numpy", nogil=True, inline="always")
-def _size_term(tables: Tables, k: int, mean: float, variance: float) -> float:
-    """Return log of the density of the jump's size at candidate k over the flat one that the fits assume."""
-    if not tables.sized:
-        return 0.0
-    total = variance + tables.size_variance[k - 1]
-    return float(tables.log_range - 0.5 * np.log(2.0 * np.pi * total) - 0.5 * (tables.size[k - 1] - mean) ** 2 / total)
-
-
-@njit(cache=True, error_model="numpy", nogil=True, inline="always")
-def _weigh_steps(tables: Tables, entries: Entries, at: int, k: int, steps: FloatArray) -> None:
+def _weigh_steps(scores: Scores, bounds: Bounds, entries: Entries, at: int, k: int, steps: FloatArray) -> None:
     """Fill in what each step of each system is worth, see `_offer`; -inf where it is impossible."""
-    jump, missed, turn, own = tables.jump, tables.missed, tables.turn, tables.own
-    for s in range(tables.configurations.size):
+    jump, missed, turn, own = scores.jump, scores.missed, scores.turn, bounds.own
+    for s in range(scores.configurations.size):
         q, since = entries.rows[at, 1 + 2 * s], entries.rows[at, 2 + 2 * s]
         now = own[s, q, since, k]
         for step in range(STEPS):
@@ -327,28 +243,28 @@ def _weigh_steps(tables: Tables, entries: Entries, at: int, k: int, steps: Float
             for column in range(1, 4):
                 steps[s, step, column] = 0.0
             direction, skipped = step % 2, step // 2
-            before = q + _SKIPPED[skipped]
+            before = q + SKIPPED[skipped]
             after = before + 2 * direction - 1
-            if min(before, after) < 0 or max(before, after) >= tables.configurations[s]:
+            if min(before, after) < 0 or max(before, after) >= scores.configurations[s]:
                 continue
             if skipped == 0:
                 law = jump[s, q, since, k]
                 mean, variance = entries.friction[at, s, 0], entries.friction[at, s, 1]
             else:
                 law = missed[s, q, skipped - 1, since, k]
-                mean, variance = tables.law_mean[s, before], tables.law_variance[s, before]
-                if tables.sized:  # no candidate, so no change of level that could be seen
+                mean, variance = scores.law_mean[s, before], scores.law_variance[s, before]
+                if scores.sized:  # no candidate, so no change of level that could be seen
                     hidden = mean - entries.friction[at, s, 0]
-                    law -= 0.5 * hidden**2 / (variance + entries.friction[at, s, 1] + tables.size_variance[k - 1])
+                    law -= 0.5 * hidden**2 / (variance + entries.friction[at, s, 1] + scores.size_variance[k - 1])
             steps[s, step, 0] = law + turn[s, before, direction]
             steps[s, step, 1] = own[s, after, k, k] - now
-            steps[s, step, 2] = tables.law_mean[s, after] - mean
-            steps[s, step, 3] = tables.law_variance[s, after] + variance
+            steps[s, step, 2] = scores.law_mean[s, after] - mean
+            steps[s, step, 3] = scores.law_variance[s, after] + variance
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _merge(
-    tables: Tables, k: int, cutoff: float, entries: Entries, offers: Offers, offered: int, states: States
+    scores: Scores, k: int, cutoff: float, entries: Entries, offers: Offers, offered: int, states: States
 ) -> int:
     """Bring the offers above the cutoff together by state; return the number of states."""
     room, mask = states.rows.shape[0], states.table.size - 1
@@ -360,7 +276,7 @@ def _merge(
             continue
         taken += 1
         at, a = offers.entry[offer], offers.action[offer]
-        _move(tables, entries, at, k, a, out)
+        _move(scores, entries, at, k, a, out)
         place = _hash(out) & mask
         while states.table[place] >= 0 and not _equal(states.rows, states.table[place], out):
             place = (place + 1) & mask
@@ -393,9 +309,9 @@ def _keep(states: States, state: int, score: float, entry: int, action: int) -> 
 
 
 @njit(cache=True, error_model="numpy", nogil=True, inline="always")
-def _move(tables: Tables, entries: Entries, at: int, k: int, a: int, out: Int16Array) -> None:
+def _move(scores: Scores, entries: Entries, at: int, k: int, a: int, out: Int16Array) -> None:
     """Write the state that action `a` at candidate k makes of an entry."""
-    rows, actions = entries.rows, tables.actions
+    rows, actions = entries.rows, scores.actions
     for column in range(rows.shape[1]):
         out[0, column] = rows[at, column]
     if a == REJECT:
@@ -404,53 +320,53 @@ def _move(tables: Tables, entries: Entries, at: int, k: int, a: int, out: Int16A
     for place in (0, 2):
         s, step = actions[a, place], actions[a, place + 1]
         if s >= 0:
-            out[0, 1 + 2 * s] = rows[at, 1 + 2 * s] + _SKIPPED[step // 2] + 2 * (step % 2) - 1
+            out[0, 1 + 2 * s] = rows[at, 1 + 2 * s] + SKIPPED[step // 2] + 2 * (step % 2) - 1
             out[0, 2 + 2 * s] = k
 
 
 @njit(cache=True, error_model="numpy", nogil=True, inline="always")
-def _learn(tables: Tables, entries: Entries, at: int, k: int, a: int, friction: FloatArray) -> None:
+def _learn(scores: Scores, entries: Entries, at: int, k: int, a: int, friction: FloatArray) -> None:
     """Write the friction of each system after action `a` at candidate k.
 
     The jump's size tells the new friction: the law's mean and variance are conditioned on it (a scalar Kalman step).
     """
-    rows, actions = entries.rows, tables.actions
+    rows, actions = entries.rows, scores.actions
     for s in range(friction.shape[0]):
         friction[s, 0], friction[s, 1] = entries.friction[at, s, 0], entries.friction[at, s, 1]
     if a == REJECT:
         return
-    surprise, total = tables.size[k - 1], tables.size_variance[k - 1]
+    surprise, total = scores.size[k - 1], scores.size_variance[k - 1]
     for place in (0, 2):
         s, step = actions[a, place], actions[a, place + 1]
         if s < 0:
             continue
-        before = rows[at, 1 + 2 * s] + _SKIPPED[step // 2]
+        before = rows[at, 1 + 2 * s] + SKIPPED[step // 2]
         after = before + 2 * (step % 2) - 1
         if step // 2 == 0:
             surprise += friction[s, 0]
             total += friction[s, 1]
         else:
-            surprise += tables.law_mean[s, before]
-            total += tables.law_variance[s, before]
-        friction[s, 0], friction[s, 1] = tables.law_mean[s, after], tables.law_variance[s, after]
+            surprise += scores.law_mean[s, before]
+            total += scores.law_variance[s, before]
+        friction[s, 0], friction[s, 1] = scores.law_mean[s, after], scores.law_variance[s, after]
         surprise -= friction[s, 0]
         total += friction[s, 1]
     for place in (0, 2):
         s = actions[a, place]
-        if s >= 0 and tables.sized:
+        if s >= 0 and scores.sized:
             share = friction[s, 1] / total
             friction[s, 0] += share * surprise
             friction[s, 1] *= 1.0 - share
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _bound(tables: Tables, rows: Int16Array, at: int, k: int) -> float:
+def _bound(scores: Scores, bounds: Bounds, rows: Int16Array, at: int, k: int) -> float:
     """Return an upper bound of what can follow a state when candidates up to k are decided."""
     last = rows[at, 0]
-    by_own = tables.rest_fit[last, k]
-    for s in range(tables.configurations.size):
-        by_own += tables.own[s, rows[at, 1 + 2 * s], rows[at, 2 + 2 * s], k]
-    return float(min(tables.rest[last, k], by_own))
+    by_own = bounds.rest_fit[last, k]
+    for s in range(scores.configurations.size):
+        by_own += bounds.own[s, rows[at, 1 + 2 * s], rows[at, 2 + 2 * s], k]
+    return float(min(bounds.rest[last, k], by_own))
 
 
 @njit(cache=True, error_model="numpy", nogil=True, inline="always")
@@ -469,3 +385,56 @@ def _equal(rows: Int16Array, at: int, row: Int16Array) -> bool:
         if rows[at, column] != row[0, column]:
             return False
     return True
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def trace(
+    parent: Int32Array, action: Int32Array, leaves: Int32Array, candidates: int, configurations: IntArray
+) -> tuple[IntArray, IntArray]:
+    """Trace paths back from their leaves in the tree.
+
+    Returns
+    -------
+    start, taken
+        int64 (paths, S) and (paths, candidates): configurations at the window's begin, and the actions.
+    """
+    start = np.empty((leaves.size, configurations.size), dtype=np.int64)
+    taken = np.empty((leaves.size, candidates), dtype=np.int64)
+    for path in range(leaves.size):
+        node = leaves[path]
+        for k in range(candidates - 1, -1, -1):
+            taken[path, k] = action[node]
+            node = parent[node]
+        number = action[node]  # of the start; the last system counts fastest
+        for s in range(configurations.size - 1, -1, -1):
+            start[path, s] = number % configurations[s]
+            number //= configurations[s]
+    return start, taken
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def add_up_laws(scores: Scores, start: IntArray, taken: IntArray) -> float:
+    """Return the part of a path's score that comes from laws and priors of rare events; the path as from `trace`."""
+    configuration, since, total = start.copy(), np.zeros_like(start), 0.0
+    for node in range(1, taken.size + 1):
+        action = taken[node - 1]
+        if action in (REJECT, NO_SYSTEM):
+            total += scores.priors[0] if action == REJECT else scores.priors[1]
+            continue
+        for place in (0, 2):
+            s, step = scores.actions[action, place], scores.actions[action, place + 1]
+            if s < 0:
+                continue
+            direction, skipped = step % 2, step // 2
+            q, before = configuration[s], configuration[s] + SKIPPED[skipped]
+            if skipped == 0:
+                total += scores.jump[s, q, since[s], node]
+            else:
+                total += scores.missed[s, q, skipped - 1, since[s], node]
+            total += scores.turn[s, before, direction]
+            configuration[s], since[s] = before + 2 * direction - 1, node
+        total += scores.priors[2] if scores.actions[action, 2] >= 0 else 0.0
+    staying = 0.0
+    for s in range(start.size):
+        staying += scores.stay[s, configuration[s], since[s]]
+    return total + staying

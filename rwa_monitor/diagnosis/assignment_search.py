@@ -7,39 +7,39 @@ Paths that agree on it have the same future, so only the best few of each state 
     +  Σ jumps  log P(size | friction of the system before).
 
 For given fits, laws, signs and sizes a path is dropped only when an upper bound of all that can follow stays more than
-`margin` below a complete path that is already known. Past the budget the best by that bound survive, and the result
-says that it was pruned.
+`margin` below a complete path that is already known: a narrow first pass finds one. Past the budget the best by that
+bound survive, and the result says that it was pruned.
 
 Without the last sum the search is exact. The sizes bring closure into it: a system that returns to rest undoes what it
 added before. A system's friction is a function of its state where it has two configurations, and the search stays
 exact; with more it depends on the path too, and is nearly always right because the few best entries of each state are
-kept, each with its own friction (the tests count). The loops are in `assignment_kernel`.
+kept, each with its own friction (the tests count). The loops are in `assignment_kernel`, the bounds in
+`assignment_bounds`.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property, lru_cache
 from itertools import combinations
 from typing import Final
 
 import numpy as np
 
-from rwa_monitor.diagnosis.assignment_kernel import NO_SYSTEM, REJECT, STEPS, Tables, best_chains, best_rest, expand
+from rwa_monitor.diagnosis.assignment_bounds import (
+    NO_SYSTEM,
+    REJECT,
+    STEPS,
+    Bounds,
+    Scores,
+    free_bounds,
+    priced_bounds,
+)
+from rwa_monitor.diagnosis.assignment_kernel import add_up_laws, expand, trace
 from rwa_monitor.diagnosis.laws import LawTables
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 
-__all__ = [
-    "NO_SYSTEM",
-    "REJECT",
-    "Bounds",
-    "Path",
-    "Problem",
-    "SearchResult",
-    "bounds",
-    "log_laws",
-    "search",
-    "step_of",
-]
+__all__ = ["NO_SYSTEM", "REJECT", "Path", "Problem", "SearchResult", "Sizes", "log_laws", "search", "step_of"]
 
 QUICK_BUDGET: Final = 16  # width of the first pass, which only finds a good complete path
 KEPT_PER_STATE: Final = 4
@@ -69,17 +69,8 @@ class Sizes:
     log_range: float
     unattributed_variance: float
 
-    def log_density(self, mean: FloatArray | float, variance: FloatArray | float) -> FloatArray:
-        """Return the log density of each jump about `mean`, over the flat prior; shapes as they broadcast with (m,)."""
-        total = self.variance + variance
-        return np.asarray(self.log_range - 0.5 * np.log(2.0 * np.pi * total) - 0.5 * (self.jump - mean) ** 2 / total)
 
-    def highest_density(self, variance: FloatArray | float) -> FloatArray:
-        """Return what `log_density` is at most for any mean and at least this variance."""
-        return np.asarray(self.log_range - 0.5 * np.log(2.0 * np.pi * (self.variance + variance)))
-
-
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class Problem:
     """Everything that the score of a path depends on. Nodes: 0 the window's begin, 1 … m candidates, m + 1 its end.
 
@@ -116,11 +107,43 @@ class Problem:
         Steps are numbered as in `assignment_kernel.STEPS`; `step_of` tells them apart. The first two rows reject the
         candidate, and accept it as a jump that no system made. Where two jump at once, no jump is missed before.
         """
-        systems = range(self.configurations.size)
-        rows = [(-1, -1, -1, -1), (-1, -1, -1, -1)]
-        rows += [(s, step, -1, -1) for s in systems for step in range(STEPS)]
-        rows += [(s, step, t, other) for s, t in combinations(systems, 2) for step in (0, 1) for other in (0, 1)]
-        return np.array(rows, dtype=np.int64)
+        return _actions(self.configurations.size)
+
+    @cached_property
+    def scores(self) -> Scores:
+        """All of it, as compiled code takes it."""
+        laws, sizes, count = self.laws, self.sizes, self.signs.shape[0]
+        none = np.zeros(laws.turn.shape[:2])
+        return Scores(
+            fit=self.fit,
+            jump=laws.jump,
+            stay=laws.stay,
+            turn=laws.turn,
+            missed=laws.missed,
+            configurations=self.configurations,
+            signs=self.signs,
+            actions=self.actions,
+            priors=np.array([self.reject, self.unattributed, self.simultaneous]),
+            sized=sizes is not None,
+            size=sizes.jump if sizes else np.zeros(count),
+            size_variance=sizes.variance if sizes else np.ones(count),
+            law_mean=sizes.law_mean if sizes else none,
+            law_variance=sizes.law_variance if sizes else none,
+            log_range=sizes.log_range if sizes else 0.0,
+            unattributed_variance=sizes.unattributed_variance if sizes else 1.0,
+        )
+
+
+@lru_cache(maxsize=16)
+def _actions(systems: int) -> IntArray:
+    """Return the table of actions, see `Problem.actions`."""
+    rows = [(-1, -1, -1, -1), (-1, -1, -1, -1)]
+    rows += [(s, step, -1, -1) for s in range(systems) for step in range(STEPS)]
+    pairs = combinations(range(systems), 2)
+    rows += [(s, step, t, other) for s, t in pairs for step in (0, 1) for other in (0, 1)]
+    table = np.array(rows, dtype=np.int64)
+    table.setflags(write=False)
+    return table
 
 
 def log_laws(problem: Problem, path: Path) -> float:
@@ -128,27 +151,7 @@ def log_laws(problem: Problem, path: Path) -> float:
 
     Whoever weighs paths by a likelihood of their own, which holds levels and friction, must not count these twice.
     """
-    laws, actions = problem.laws, problem.actions.tolist()
-    configuration, since, total = list(path.start), [0] * len(path.start), 0.0
-    for node, action in enumerate(path.actions.tolist(), start=1):
-        if action in (REJECT, NO_SYSTEM):
-            total += problem.reject if action == REJECT else problem.unattributed
-            continue
-        row = actions[action]
-        for s, number in (row[:2], row[2:]):
-            if s < 0:
-                continue
-            step, skipped = step_of(number)
-            before, begun = configuration[s], since[s]
-            total += float(
-                laws.missed[s, before, (skipped + 1) // 2, begun, node]
-                if skipped
-                else laws.jump[s, before, begun, node]
-            )
-            total += float(laws.turn[s, before + skipped, (step + 1) // 2])
-            configuration[s], since[s] = before + skipped + step, node
-        total += problem.simultaneous if row[2] >= 0 else 0.0
-    return total + sum(float(laws.stay[s, q, since[s]]) for s, q in enumerate(configuration))
+    return float(add_up_laws(problem.scores, np.array(path.start, dtype=np.int64), path.actions))
 
 
 def step_of(number: int) -> tuple[int, int]:
@@ -194,26 +197,6 @@ class SearchResult:
     pruned: bool
 
 
-@dataclass(frozen=True, slots=True)
-class Bounds:
-    """Upper bounds of what can follow; see `bounds`.
-
-    Attributes
-    ----------
-    rest
-        (m + 1, m + 1): with the last changepoint at node i and candidates up to k decided, the best fits and laws.
-    rest_fit
-        The same without laws.
-    own
-        (S, Q, m + 1, m + 1): the best that a system may still do by its laws, its sojourn begun at node i and not ended
-        up to candidate k.
-    """
-
-    rest: FloatArray
-    rest_fit: FloatArray
-    own: FloatArray
-
-
 def search(problem: Problem, *, paths: int, margin: float, budget: int) -> SearchResult:
     """Find the best assignments.
 
@@ -228,108 +211,26 @@ def search(problem: Problem, *, paths: int, margin: float, budget: int) -> Searc
     budget
         Extensions kept per candidate at most.
     """
-    above = bounds(problem)
-    quick = _run(problem, above, -np.inf, min(QUICK_BUDGET, budget), 1)
-    full = _run(problem, above, quick.paths[0].score - margin - ROUNDING, budget, paths)
+    scores = problem.scores
+    above, worth = free_bounds(scores)
+    quick = _run(scores, above, -np.inf, min(QUICK_BUDGET, budget), 1)
+    first = quick.paths[0]
+    above = priced_bounds(scores, above.rest, worth, np.array(first.start, dtype=np.int64), first.actions)
+    full = _run(scores, above, first.score - margin - ROUNDING, budget, paths)
     # Where values are wild, and scores differ by millions, the full search may drop every path within its budget.
     found = full.paths or quick.paths
     close = tuple(path for path in found if path.score >= found[0].score - margin)
     return SearchResult(close, quick.states + full.states, full.pruned)
 
 
-def bounds(problem: Problem) -> Bounds:
-    """Compute the upper bounds by which paths are dropped; that every law term is ≤ 0 is used."""
-    laws, fit = problem.laws, problem.fit
-    own = np.full(laws.jump.shape, -np.inf)
-    best_chains(laws.jump, laws.stay, laws.turn, laws.missed, own)
-    with_law, size_only = _best_jump(problem)
-    return Bounds(best_rest(fit, with_law), best_rest(fit, size_only), own)
-
-
-def _best_jump(problem: Problem) -> tuple[FloatArray, FloatArray]:
-    """Return the most that a jump at each node can be worth by law and size, and by size alone, (m + 1,) each."""
-    laws, sizes = problem.laws, problem.sizes
-    count, systems = problem.signs.shape[0], problem.configurations.size
-    with_law = np.full(count + 1, problem.unattributed)
-    size_only = np.zeros(count + 1)
-    if sizes is None:
-        ended = laws.jump + laws.turn.max(axis=2, initial=-np.inf)[:, :, None, None]
-        best = np.maximum(ended, laws.missed.max(axis=2, initial=-np.inf)).max(axis=(0, 1, 2), initial=-np.inf)
-        return np.maximum(with_law, best), size_only
-    alone = sizes.log_density(0.0, sizes.unattributed_variance)
-    with_law[1:] += alone
-    size_only[1:] = np.maximum(0.0, alone)
-    plain = np.full((max(systems, 2), count), -np.inf)  # best law of each system
-    for s in range(systems):
-        skips = laws.missed[s, :, :, :, 1:].max(axis=(0, 1, 2))
-        for q in range(int(problem.configurations[s])):
-            ends = laws.jump[s, q, :, 1:].max(axis=0)
-            for direction, after in ((0, q - 1), (1, q + 1)):
-                if not 0 <= after < problem.configurations[s]:
-                    continue
-                if sizes.law_variance[s, q] == 0.0:  # from rest the friction before is known
-                    worth = sizes.log_density(
-                        sizes.law_mean[s, after] - sizes.law_mean[s, q], sizes.law_variance[s, after]
-                    )
-                else:
-                    worth = sizes.highest_density(sizes.law_variance[s, after])
-                law = np.maximum(ends, skips) + laws.turn[s, q, direction]
-                plain[s] = np.maximum(plain[s], law)
-                with_law[1:] = np.maximum(with_law[1:], law + worth)
-                size_only[1:] = np.maximum(size_only[1:], worth)
-    # Two at once: both may return to rest only where the level may fall; otherwise one of them takes up friction.
-    moving = sizes.law_variance[sizes.law_variance > 0]
-    least = np.where(problem.signs[:, 0], 0.0, moving.min(initial=np.inf) if moving.size else 0.0)
-    worth = sizes.highest_density(least)
-    two = np.sort(plain, axis=0)[-2:].sum(axis=0) + problem.simultaneous
-    with_law[1:] = np.maximum(with_law[1:], two + worth)
-    if systems > 1:
-        size_only[1:] = np.maximum(size_only[1:], worth)
-    return with_law, size_only
-
-
-def _run(problem: Problem, above: Bounds, cutoff: float, budget: int, paths: int) -> SearchResult:
+def _run(scores: Scores, above: Bounds, cutoff: float, budget: int, paths: int) -> SearchResult:
     """Run the compiled search once and trace its paths back."""
-    laws, sizes = problem.laws, problem.sizes
-    count, shape = problem.signs.shape[0], laws.turn.shape[:2]
-    tables = Tables(
-        fit=problem.fit,
-        jump=laws.jump,
-        stay=laws.stay,
-        turn=laws.turn,
-        missed=laws.missed,
-        rest=above.rest,
-        rest_fit=above.rest_fit,
-        own=above.own,
-        configurations=problem.configurations,
-        signs=problem.signs,
-        actions=problem.actions,
-        priors=np.array([problem.reject, problem.unattributed, problem.simultaneous]),
-        sized=sizes is not None,
-        size=sizes.jump if sizes else np.zeros(count),
-        size_variance=sizes.variance if sizes else np.ones(count),
-        law_mean=sizes.law_mean if sizes else np.zeros(shape),
-        law_variance=sizes.law_variance if sizes else np.zeros(shape),
-        log_range=sizes.log_range if sizes else 0.0,
-        unattributed_variance=sizes.unattributed_variance if sizes else 1.0,
-    )
     kept = KEPT_PER_STATE if paths > 1 else 1
-    parent, action, last, score, states, lost = expand(tables, cutoff, budget, kept)
-    found = []
-    for at in np.argsort(-score, kind="stable")[:paths]:
-        taken = np.zeros(problem.signs.shape[0], dtype=np.int64)
-        node = int(last[at])
-        for k in range(taken.size - 1, -1, -1):
-            taken[k] = action[node]
-            node = int(parent[node])
-        found.append(Path(float(score[at]), _start_of(int(action[node]), problem.configurations), taken))
-    return SearchResult(tuple(found), int(states), not found or bool(lost > found[0].score))
-
-
-def _start_of(number: int, configurations: IntArray) -> tuple[int, ...]:
-    """Return the configurations that the number of a start stands for; the last system counts fastest."""
-    start = []
-    for count in configurations[::-1]:
-        number, q = divmod(number, int(count))
-        start.append(q)
-    return tuple(reversed(start))
+    parent, action, last, score, states, lost = expand(scores, above, cutoff, budget, kept)
+    best = np.argsort(-score, kind="stable")[:paths]
+    starts, taken = trace(parent, action, last[best], scores.signs.shape[0], scores.configurations)
+    found = tuple(
+        Path(value, tuple(start), actions)
+        for value, start, actions in zip(score[best].tolist(), starts.tolist(), taken, strict=True)
+    )
+    return SearchResult(found, states, not found or bool(lost > found[0].score))

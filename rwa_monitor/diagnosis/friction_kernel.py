@@ -16,7 +16,7 @@ PIVOT_ROUNDING: Final = 2.0**-52  # of a pivot, relative to the diagonal
 LEAST_PIVOT: Final = 1e-60  # of a coefficient that a wheel file leaves no room for
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", nogil=True)
 def lay_out(
     configurations: IntArray,
     starts: IntArray,
@@ -75,7 +75,7 @@ def lay_out(
     return levels, column, np.ascontiguousarray(laws[:, :free])
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", nogil=True)
 def condition_cases(
     levels: FloatArray,
     moments: FloatArray,
@@ -94,7 +94,8 @@ def condition_cases(
     cases
         float64 (cases, 1 + systems, 2): mean and std of the base and of each system's anomaly.
     laws
-        float64 (3, free sojourns): system, mean and standard deviation of each sojourn's friction law.
+        float64 (3, free sojourns): system, mean and standard deviation of each sojourn's friction law; those of a
+        system one after the other.
     rest
         Standard deviation of an unattributed jump; mean and standard deviation of the slope.
 
@@ -107,116 +108,157 @@ def condition_cases(
     log_evidence = np.empty(count)
     means = np.empty((count, unknowns))
     covariances = np.empty((count, unknowns, unknowns))
+    # What a system's anomaly does to its sojourns is common to them; all else is independent before the window.
+    block = np.arange(unknowns)
+    for i in range(1, sojourns):
+        if laws[0, i] == laws[0, i - 1]:
+            block[1 + i] = block[i]
+    mean, covariance = np.empty(unknowns), np.zeros((unknowns, unknowns))
     for c in range(count):
-        mean, covariance = np.zeros(unknowns), np.zeros((unknowns, unknowns))
         mean[0], covariance[0, 0] = cases[c, 0, 0], cases[c, 0, 1] * cases[c, 0, 1]
         for i in range(sojourns):
             owner = 1 + int(laws[0, i])
-            factor = 1.0 + cases[c, owner, 0]
+            factor, spread = 1.0 + cases[c, owner, 0], cases[c, owner, 1]
             mean[1 + i] = factor * laws[1, i]
             deviation = factor * laws[2, i]
-            covariance[1 + i, 1 + i] = deviation * deviation
+            for j in range(block[1 + i] - 1, i):
+                covariance[1 + i, 1 + j] = (spread * laws[1, i]) * (spread * laws[1, j])
+            covariance[1 + i, 1 + i] = deviation * deviation + (spread * laws[1, i]) * (spread * laws[1, i])
         for i in range(1 + sojourns, unknowns - 1):
-            covariance[i, i] = rest[0] * rest[0]
+            mean[i], covariance[i, i] = 0.0, rest[0] * rest[0]
         mean[unknowns - 1], covariance[unknowns - 1, unknowns - 1] = rest[1], rest[2] * rest[2]
-        for i in range(sojourns):  # what a system's anomaly does to its sojourns is common to them
-            for j in range(sojourns):
-                if laws[0, i] == laws[0, j]:
-                    spread = cases[c, 1 + int(laws[0, i]), 1]
-                    covariance[1 + i, 1 + j] += (spread * laws[1, i]) * (spread * laws[1, j])
-        log_evidence[c], means[c], covariances[c] = condition(levels, moments, mean, covariance, variance, scatter)
+        log_evidence[c] = condition(
+            levels, moments, mean, covariance, block, variance, scatter, means[c], covariances[c]
+        )
     return log_evidence, means, covariances
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", nogil=True)
 def condition(
-    levels: FloatArray, moments: FloatArray, mean: FloatArray, covariance: FloatArray, variance: float, scatter: float
-) -> tuple[float, FloatArray, FloatArray]:
-    """Condition the prior N(mean, covariance) on the segments; return log evidence, posterior mean and covariance.
+    levels: FloatArray,
+    moments: FloatArray,
+    mean: FloatArray,
+    covariance: FloatArray,
+    block: IntArray,
+    variance: float,
+    scatter: float,
+    posterior_mean: FloatArray,
+    posterior: FloatArray,
+) -> float:
+    """Condition the prior N(mean, covariance) on the segments; return the log evidence.
 
-    Plain loops over small matrices: a tuned library is slower here, and its sums depend on the machine.
+    Parameters
+    ----------
+    levels
+        float64 (segments, unknowns - 1): what each unknown but the slope adds to a segment's level.
+    moments
+        float64 (6, segments), see `Moments`.
+    mean, covariance, block
+        Of the prior: float64 (unknowns,), (unknowns, unknowns) of which the lower triangle is read and destroyed, and
+        see `_invert`.
+    variance, scatter
+        See `friction_model.solve`.
+    posterior_mean, posterior
+        Posterior mean (unknowns,) and covariance (unknowns, unknowns), written.
     """
     segments, unknowns = levels.shape[0], mean.size
     slope_at = unknowns - 1
-    precision, log_determinant = _inverse(covariance)
+    precision = np.empty((unknowns, unknowns))
+    log_determinant = _invert(covariance, block, precision)
     response = np.zeros(unknowns)
-    row = np.zeros(unknowns)
-    squares = 0.0
+    row, column = np.empty(unknowns), np.empty(unknowns, dtype=np.int64)  # what is not zero in a segment's row
+    slope, squares = mean[slope_at], 0.0
     for i in range(segments):
-        n, x, z, xx, xz, zz = moments[:, i]
+        n = moments[0, i]
         if n == 0.0:
             continue
-        x_mean, z_mean = x / n, z / n
+        xx, xz, zz = moments[3, i], moments[4, i], moments[5, i]
+        x_mean, z_mean = moments[1, i] / n, moments[2, i] / n
         # About the segment's own mean only the slope counts; what is left of z after its prior mean is small.
         sxx = xx - n * x_mean * x_mean
         sxz = xz - n * x_mean * z_mean
         szz = zz - n * z_mean * z_mean
-        slope = mean[slope_at]
         precision[slope_at, slope_at] += sxx / variance
         response[slope_at] += (sxz - slope * sxx) / variance
         squares += (szz - 2.0 * slope * sxz + slope * slope * sxx) / variance
         # The mean is one observation of level + slope x_mean.
         mean_variance = variance / n + scatter
-        for a in range(slope_at):
-            row[a] = levels[i, a]
-        row[slope_at] = x_mean
-        rest = z_mean
+        held = 0
         for a in range(unknowns):
-            rest -= row[a] * mean[a]
+            value = levels[i, a] if a < slope_at else x_mean
+            if value != 0.0:
+                row[held], column[held] = value, a
+                held += 1
+        rest = z_mean
+        for k in range(held):
+            rest -= row[k] * mean[column[k]]
         squares += rest * rest / mean_variance
         log_determinant += np.log(mean_variance * n / variance)  # relative to independent samples
-        for a in range(unknowns):
-            if row[a] != 0.0:
-                response[a] += row[a] * rest / mean_variance
-                for b in range(unknowns):
-                    precision[a, b] += row[a] * row[b] / mean_variance
-    posterior, log_determinant_precision = _inverse(precision)
-    shift = np.zeros(unknowns)
+        for k in range(held):
+            response[column[k]] += row[k] * rest / mean_variance
+            for other in range(k + 1):
+                precision[column[k], column[other]] += row[k] * row[other] / mean_variance
+    log_determinant += _invert(precision, np.zeros(unknowns, dtype=np.int64), posterior)
     explained = 0.0
     for a in range(unknowns):
+        shift = 0.0
         for b in range(unknowns):
-            shift[a] += posterior[a, b] * response[b]
-        explained += shift[a] * response[a]
-    log_evidence = -0.5 * (squares - explained) - 0.5 * (log_determinant + log_determinant_precision)
-    return log_evidence, mean + shift, posterior
+            shift += posterior[a, b] * response[b]
+        explained += shift * response[a]
+        posterior_mean[a] = mean[a] + shift
+    return -0.5 * (squares - explained) - 0.5 * log_determinant
 
 
-@njit(cache=True)
-def _inverse(matrix: FloatArray) -> tuple[FloatArray, float]:
-    """Return inverse and log-determinant of a symmetric positive definite matrix, by its Cholesky factor."""
+@njit(cache=True, error_model="numpy", nogil=True)
+def _invert(matrix: FloatArray, block: IntArray, inverse: FloatArray) -> float:
+    """Write the inverse of a symmetric positive definite matrix; return its log-determinant. By its Cholesky factor.
+
+    Parameters
+    ----------
+    matrix
+        float64 (n, n); its lower triangle is read, and holds the inverse of the Cholesky factor afterwards.
+    block
+        int64 (n,): the first row of the diagonal block that each row belongs to; beyond the blocks it is zero. 0
+        throughout for a full matrix.
+    inverse
+        float64 (n, n), written.
+    """
     size = matrix.shape[0]
-    factor, rest, column = np.zeros((size, size)), matrix.copy(), np.empty(size)
+    diagonal, column = np.empty(size), np.empty(size)
+    for i in range(size):
+        diagonal[i] = matrix[i, i]
     log_determinant = 0.0
     for j in range(size):
         # A pivot smaller than its rounding is taken for that: noise a billionth of the friction leaves no digits in it.
-        pivot = max(rest[j, j], PIVOT_ROUNDING * matrix[j, j], LEAST_PIVOT)
+        pivot = max(matrix[j, j], PIVOT_ROUNDING * diagonal[j], LEAST_PIVOT)
         log_determinant += np.log(pivot)
-        factor[j, j] = column[j] = np.sqrt(pivot)
-        for i in range(j + 1, size):
-            factor[i, j] = column[i] = rest[i, j] / column[j]
-        for i in range(j + 1, size):  # inner loops along rows, here and below: in the cache, several entries at once
-            for c in range(j + 1, i + 1):
-                rest[i, c] -= column[i] * column[c]
+        matrix[j, j] = root = np.sqrt(pivot)
+        i = j + 1
+        while i < size and block[i] <= j:
+            matrix[i, j] = column[i] = matrix[i, j] / root
+            for c in range(j + 1, i + 1):  # inner loops along rows, here and below: in the cache, several at once
+                matrix[i, c] -= column[i] * column[c]
+            i += 1
     lower = np.zeros((size, size))  # inverse of the factor
     for i in range(size):
-        for c in range(i):
-            for j in range(c + 1):
-                lower[i, j] -= factor[i, c] * lower[c, j]
-        for j in range(i):
-            lower[i, j] /= factor[i, i]
-        lower[i, i] = 1.0 / factor[i, i]
-    inverse = np.zeros((size, size))
+        for c in range(block[i], i):
+            for j in range(block[i], c + 1):
+                lower[i, j] -= matrix[i, c] * lower[c, j]
+        for j in range(block[i], i):
+            lower[i, j] /= matrix[i, i]
+        lower[i, i] = 1.0 / matrix[i, i]
+    inverse[:] = 0.0
     for c in range(size):
-        for i in range(c + 1):
-            for j in range(i + 1):
+        for i in range(block[c], c + 1):
+            for j in range(block[c], i + 1):
                 inverse[i, j] += lower[c, i] * lower[c, j]
     for i in range(size):
         for j in range(i):
             inverse[j, i] = inverse[i, j]
-    return inverse, log_determinant
+    return log_determinant
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy", nogil=True)
 def mix(
     log_evidences: FloatArray, means: FloatArray, covariances: FloatArray, log_prior: FloatArray
 ) -> tuple[float, FloatArray, FloatArray, FloatArray]:

@@ -95,7 +95,18 @@ def measure(
     mean, std = np.zeros(design.levels.shape[1] + 1), np.full(design.levels.shape[1] + 1, priors.unattributed_std)
     mean[0], mean[1:free], std[:free] = priors.base[0].mean, design.laws[1], FLAT_STD
     mean[-1], std[-1] = priors.slope.mean, priors.slope.std
-    log_evidence, mean, covariance = condition(design.levels, segments.table, mean, np.diag(std**2), variance, scatter)
+    covariance, independent = np.empty((mean.size, mean.size)), np.arange(mean.size)
+    log_evidence = condition(
+        design.levels,
+        segments.table,
+        mean.copy(),
+        np.diag(std**2),
+        independent,
+        variance,
+        scatter,
+        mean,
+        covariance,
+    )
     # The sojourns of the systems that never rest: along such a direction all of them rise and the base falls.
     moving = [float(column.size) for column in design.column if column.size and (column >= 0).all()]
     lost = np.linalg.slogdet(np.ones((len(moving), len(moving))) + np.diag(moving))[1]

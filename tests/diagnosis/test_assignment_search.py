@@ -9,16 +9,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from rwa_monitor.diagnosis.assignment_search import (
-    NO_SYSTEM,
-    REJECT,
-    Problem,
-    Sizes,
-    bounds,
-    log_laws,
-    search,
-    step_of,
-)
+from rwa_monitor.diagnosis.assignment_bounds import free_bounds, priced_bounds
+from rwa_monitor.diagnosis.assignment_kernel import expand
+from rwa_monitor.diagnosis.assignment_search import NO_SYSTEM, REJECT, Path, Problem, Sizes, log_laws, search, step_of
 from rwa_monitor.diagnosis.laws import law_tables
 from rwa_monitor.physics.durations import Geometric, Lognormal, Uniform
 from rwa_monitor.physics.wheel import SwitchingSystem
@@ -133,6 +126,15 @@ def follow(problem: Problem, before: Partial, k: int, number: int) -> Partial | 
     return Partial(score, k, tuple(now), tuple(friction), taken)
 
 
+def random_path(rng: np.random.Generator, problem: Problem) -> Path:
+    """A path that need not be a good one: systems go up and down in turn, at random candidates."""
+    actions = np.zeros(problem.signs.shape[0], dtype=np.int64)
+    for s in range(problem.configurations.size):
+        mine = np.flatnonzero((rng.random(actions.size) < 0.4) & (actions == REJECT))
+        actions[mine] = 2 + 6 * s + np.arange(1, mine.size + 1) % 2  # up, down, up …
+    return Path(0.0, (0,) * problem.configurations.size, actions)
+
+
 def all_scores(problem: Problem) -> Iterator[tuple[float, tuple[int, ...], tuple[int, ...]]]:
     """Go through every assignment and score it by the definition, without any merging or bound."""
     laws, sizes = problem.laws, problem.sizes
@@ -236,15 +238,47 @@ def test_narrow_margin_does_not_lose_the_best():
 
 
 def test_bounds_are_never_below_what_follows():
-    """The bound of the empty path, which holds all others, is at least the best score."""
+    """The bound of the empty path, which holds all others, is at least the best score: whatever the prices."""
     rng = np.random.default_rng(3)
+    slack = []
     for _ in range(30):
         problem = random_problem(rng, (SHORT, LONG), 8, sized=bool(rng.integers(2)))
-        above = bounds(problem)
-        best = search(problem, paths=1, margin=50.0, budget=100_000).paths[0].score
-        assert above.rest[0, 0] >= best
-        own = max(above.own[0, q, 0, 0] + above.own[1, p, 0, 0] for q in range(2) for p in range(3))
-        assert above.rest_fit[0, 0] + own >= best
+        paths = search(problem, paths=40, margin=50.0, budget=100_000).paths
+        best = paths[0].score
+        free, worth = free_bounds(problem.scores)
+        others = [paths[0], paths[-1], replace(paths[0], actions=np.full(8, NO_SYSTEM)), random_path(rng, problem)]
+        for above in (
+            free,
+            *(priced_bounds(problem.scores, free.rest, worth, np.array(path.start), path.actions) for path in others),
+        ):
+            own = max(above.own[0, q, 0, 0] + above.own[1, p, 0, 0] for q in range(2) for p in range(3))
+            assert above.rest[0, 0] >= best
+            assert above.rest_fit[0, 0] + own >= best - 1e-9
+            slack.append(above.rest_fit[0, 0] + own - best)
+    free_slack, best_slack = np.mean(np.reshape(slack, (-1, 5))[:, :2], axis=0)
+    assert best_slack < free_slack
+
+
+def test_prices_change_the_work_and_not_the_paths():
+    """The same paths as with the free bounds alone, with any prices, from fewer entries with good ones."""
+    rng = np.random.default_rng(4)
+    work = []
+    for _ in range(20):
+        problem = random_problem(rng, (SHORT, LONG), 12, sized=bool(rng.integers(2)))
+        found = search(problem, paths=16, margin=10.0, budget=100_000)
+        free, worth = free_bounds(problem.scores)
+        cutoff = found.paths[0].score - 10.0
+        entries = []
+        for path in (found.paths[0], random_path(rng, problem)):
+            priced = priced_bounds(problem.scores, free.rest, worth, np.array(path.start), path.actions)
+            for above in (free, priced):
+                _, _, _, score, expanded, _ = expand(problem.scores, above, cutoff, 100_000, 4)
+                score = np.sort(score[score >= cutoff])[::-1]
+                np.testing.assert_allclose(score[:16], [path.score for path in found.paths], rtol=0, atol=1e-9)
+                entries.append(expanded)
+        work.append(entries[:2])
+    free_work, priced_work = np.sum(work, axis=0)
+    assert priced_work < free_work
 
 
 def test_pruning_is_said_and_still_gives_a_whole_path():
