@@ -47,7 +47,8 @@ def test_what_cannot_be_put_aside_is_refused_with_its_reason(session: zenoh.Sess
         assert put_aside(running, "wheel_1", name="")[0] == 422
         assert b"acknowledge first: viscous" in put_aside(running, "wheel_2")[1]
         session.put("rwa/sat/wheel_1/samples", samples_json(with_friction(100), "satellite", 0))
-        wait_until(lambda: b"telemetry is of now" in put_aside(running, "wheel_1")[1], "the samples")
+        wait_until(lambda: ask(running.address, "api/wheels/sat/wheel_1")[1]["samples"], "the samples")
+        assert b"telemetry is of now" in put_aside(running, "wheel_1")[1]
         assert put_aside(running, "wheel_1", aside=False)[0] == 422
 
 
