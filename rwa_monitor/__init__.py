@@ -58,19 +58,10 @@ def __getattr__(name: str) -> Any:
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     if name == "__version__":
-        return _installed_version()
+        return import_module("rwa_monitor.build").build()
     if name == "plot":
         return import_module("rwa_monitor.plot")
     return getattr(import_module("rwa_monitor.api"), name)
-
-
-def _installed_version() -> str:
-    """Return the version of the installed package, and `0+unknown` where it is only found on the path."""
-    metadata = import_module("importlib.metadata")
-    try:
-        return str(metadata.version("rwa-monitor"))
-    except metadata.PackageNotFoundError:
-        return "0+unknown"
 
 
 def __dir__() -> list[str]:

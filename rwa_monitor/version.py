@@ -1,6 +1,6 @@
 """How the program names itself in what it writes: messages, recordings, reports.
 
-The version of the installed package, which comes from the tag it was built from, is `rwa_monitor.__version__`.
+The version of the installed package, which names the commit it was built from, is `rwa_monitor.__version__` (build.py).
 """
 
 from __future__ import annotations

@@ -51,7 +51,8 @@ say "licences of $(($(wc -l <"$scratch/licences.txt") - 1)) packages allow it"
 cd "$scratch"
 unset PYTHONPATH
 export PATH="$scratch/env/bin:$PATH"
-rwa-monitor --version
+version="$(basename "${wheels[0]}" | cut -d- -f2)"  # with the commit in it, unless this is a release
+[[ "$(rwa-monitor --version)" == "rwa-monitor $version" ]] || { say "FAILED: $(rwa-monitor --version) is not $version"; exit 1; }
 rwa-monitor doctor
 rwa-monitor simulate recording --seed 1 -o day.csv
 rwa-monitor diagnose day.csv --json >day.json

@@ -209,6 +209,7 @@ def _with_diagnosis_gain(found: Search, progress: Callable[[str], None]) -> Sear
 
 
 def _write_report(found: Search, sources: list[str], folder: Path) -> None:
+    from rwa_monitor.build import build
     from rwa_monitor.discrepancy.extended import extend
     from rwa_monitor.discrepancy.report import html
     from rwa_monitor.formats.files import write_text
@@ -217,7 +218,7 @@ def _write_report(found: Search, sources: list[str], folder: Path) -> None:
     report = json.dumps(found.result.to_json(), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
     write_text(folder / "report.json", report)
     write_text(folder / "extended_wheel.toml", extend(found).to_toml())
-    write_text(folder / "report.html", html(found, sources))
+    write_text(folder / "report.html", html(found, sources, build()))
 
 
 def _print_details(found: Search) -> None:

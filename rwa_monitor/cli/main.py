@@ -88,6 +88,15 @@ class Program(LazyGroup):
         sys.exit(status or 0)
 
 
+def _print_version(ctx: click.Context, param: click.Parameter, wanted: bool) -> None:
+    del param
+    if wanted and not ctx.resilient_parsing:
+        from rwa_monitor.build import build
+
+        click.echo(f"{PROGRAM} {build()}")
+        ctx.exit()
+
+
 @click.group(
     name=PROGRAM,
     cls=Program,
@@ -102,7 +111,14 @@ class Program(LazyGroup):
     metavar="S.toml",
     help="Options from a file, a table for each command; RWA_MONITOR_<COMMAND>_<OPTION> goes before it.",
 )
-@click.version_option(package_name="rwa-monitor", prog_name=PROGRAM, message="%(prog)s %(version)s")
+@click.option(
+    "--version",
+    is_flag=True,
+    is_eager=True,
+    expose_value=False,
+    callback=_print_version,
+    help="Show the version, and the commit it was built from; then exit.",
+)
 @click.pass_context
 def main(ctx: click.Context, settings: Path | None) -> None:
     """Watch reaction wheels through their friction.

@@ -11,6 +11,7 @@ from collections.abc import Container, Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Final
 
+from rwa_monitor.build import build
 from rwa_monitor.dashboard.fleet import Fleet, Wheel
 from rwa_monitor.history.records import AlarmRecord
 from rwa_monitor.messages import Diagnosis, Status
@@ -74,8 +75,8 @@ def metrics(fleet: Fleet, alarms: Sequence[AlarmRecord], clients: int, aside: Co
             raised.add(count, level=level, phase=phase)
     pages = Family("rwa_dashboard_pages", "gauge", "Pages that are open.")
     pages.add(clients)
-    info = Family("rwa_dashboard_info", "gauge", "Always 1; the software says what runs.")
-    info.add(1, software=SOFTWARE)
+    info = Family("rwa_dashboard_info", "gauge", "Always 1; the labels say what runs.")
+    info.add(1, software=SOFTWARE, build=build())
     families = [*of_wheels.all(), raised, pages, info]
     return "\n".join(line for family in families for line in family.lines()) + "\n"
 

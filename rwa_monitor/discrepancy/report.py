@@ -65,8 +65,8 @@ def noise_gains(search: Search) -> list[tuple[str, float]]:
     return [(e.name, 0.5 * e.delta_deviance / size) for e in search.result.effects if e.family == "noise"]
 
 
-def html(search: Search, sources: list[str]) -> str:
-    """Return the report as an HTML page; `sources` names the recordings."""
+def html(search: Search, sources: list[str], build: str = "") -> str:
+    """Return the report as an HTML page; `sources` names the recordings, `build` the source of the program."""
     views = all_views(search.problem, search.base, search.extended)
     extended = bool(search.extended.terms)
     extension = extend(search)
@@ -85,7 +85,7 @@ def html(search: Search, sources: list[str]) -> str:
         "rest_slots": sum(record.rest_slots for record in search.problem.records),
         "clipped": round(search.problem.clipped_share * search.problem.size),
         "noise_std_Nm": search.problem.noise.std,
-        "software": SOFTWARE,
+        "software": f"{SOFTWARE}, build {build}" if build else SOFTWARE,
         "catalogue": CATALOGUE,
         "kinds": KINDS,
         "rungs": rungs,

@@ -17,6 +17,7 @@ from threading import Event, Thread
 
 import zenoh
 
+from rwa_monitor.build import build
 from rwa_monitor.live.bus import Inbox, MonitorBus, endpoints, open_session
 from rwa_monitor.live.bus_watch import BusNews, BusWatch
 from rwa_monitor.live.core import WheelCore
@@ -74,7 +75,7 @@ def run(
                 options.record,
                 wheel_toml=options.wheel.to_toml(),
                 model_json=options.model.to_json() if options.model else "",
-                settings=options.settings(),
+                settings={**options.settings(), "build": build()},
                 predecessor=past.predecessor,
                 wall_ns=clock.wall_ns,
                 max_file_bytes=options.max_file_bytes,

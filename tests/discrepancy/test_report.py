@@ -138,6 +138,7 @@ def test_the_page_stands_alone_and_is_the_same_each_time(found: Search) -> None:
     for word in ("stribeck", "hidden.csv", "What to fly next", "extended_wheel.toml", "N m"):
         assert word in text
     assert report.html(found, ["hidden.csv"]) == text
+    assert "rwa-monitor 0.1.0, build 0.1.0+gabc" in report.html(found, ["hidden.csv"], "0.1.0+gabc")
 
 
 def test_a_file_name_cannot_inject_markup(found: Search) -> None:

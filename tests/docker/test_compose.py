@@ -100,6 +100,14 @@ def test_its_image_has_a_tag_and_takes_a_digest(name: str) -> None:
         assert re.fullmatch(r"[a-z/]+:\$\{[A-Z]+_TAG:-[0-9][a-z0-9.-]*\}\$\{[A-Z]+_DIGEST:-\}", SERVICES[name]["image"])
 
 
+def test_the_command_that_pins_the_images_names_them_as_they_are() -> None:
+    page = (DOCKER.parent / "docs" / "containers.md").read_text(encoding="utf-8")
+    pinned = set(re.findall(r"([A-Z]+)=([a-z/]+:[0-9][a-z0-9.-]*)", page))
+    named = re.findall(r"([a-z/]+):\$\{([A-Z]+)_TAG:-([0-9][a-z0-9.-]*)\}\$\{([A-Z]+)_DIGEST:-\}", TEXT)
+    assert pinned == {(variable, f"{image}:{tag}") for image, variable, tag, _ in named}
+    assert all(variable == digest for _, variable, _, digest in named)
+
+
 # ---- the parts fit each other ----------------------------------------------------------------------------------------
 
 

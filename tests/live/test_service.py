@@ -19,16 +19,18 @@ import numpy as np
 import pytest
 import zenoh
 
+from rwa_monitor.build import build
 from rwa_monitor.errors import InputError
 from rwa_monitor.formats.table import read_table
 from rwa_monitor.live.bus import BusOptions, open_session
 from rwa_monitor.live.publisher import SamplesPublisher, publish
-from rwa_monitor.live.recording import read_recording, recordings_of
+from rwa_monitor.live.recording import read_chain, read_recording, recordings_of
 from rwa_monitor.live.replay import replay, replay_to_bus
 from rwa_monitor.live.run_options import RunOptions
 from rwa_monitor.live.service import run
 from rwa_monitor.messages import SamplesMessage, samples_json
 from rwa_monitor.samples import Samples
+from rwa_monitor.version import SOFTWARE
 from tests.live.processes import PATIENCE_S, Listener, command, process, wait_for, wait_until_it_monitors
 from tests.live.support import (
     KEY,
@@ -107,6 +109,8 @@ def test_an_embedded_monitor_says_what_the_batch_says_and_its_recording_replays(
     assert len(told) == 1 + sum(before != after for before, after in pairwise(verdicts))  # what is news, nothing twice
     assert told[0].startswith(f"sat/wheel_1: {verdicts[0]}: {json.loads(first[0])['reason']}")
     assert talk[-1] == "stopped: 4 windows of 2 wheels diagnosed"
+    settings = [recording.settings() for recording in read_chain(tmp_path)]
+    assert {(one["software"], one["build"]) for one in settings} == {(SOFTWARE, build())}
 
 
 def test_a_bus_that_is_gone_is_told_once_and_so_is_its_return() -> None:
