@@ -194,6 +194,7 @@ class WheelCore:
         self._next_start = 0  # first slot of the next window to open
         self._last_end = 0  # first slot after the last window that was closed
         self._open: list[_OpenWindow] = []
+        self._border = 0  # where the next window begins or ends
         self._screen.reset()
         self._friction.reset()
 
@@ -206,7 +207,8 @@ class WheelCore:
 
     def _take(self, message: Batch) -> list[Event]:
         samples = message.samples
-        events: list[Event] = self._settings_check.look(samples)
+        clean = self._guard.is_clean(samples)  # as nearly all messages are: then there is nothing to look for
+        events: list[Event] = self._settings_check.look(samples, clean=clean)
         torque = self._friction.torque(samples)
         if torque is None:
             torque = np.full(len(samples), np.nan)
@@ -219,8 +221,10 @@ class WheelCore:
             "motor_torque_Nm": self._friction.motor_torque(samples),
             "bearing_temperature_degC": samples.bearing_temperature_degC,
         }
-        values = {name: _finite_or_nan(channels[name], len(samples)) for name in self._ring.channels}
-        rows = Rows(samples.time_ns, values)
+        values = {name: _values_or_nan(channels[name], len(samples)) for name in self._ring.channels}
+        if clean:
+            return events + self._place(Rows(samples.time_ns, values), passed=message.passed)
+        rows = Rows(samples.time_ns, {name: finite_or_nan(array) for name, array in values.items()})
         allowed = self._guard.reject_beyond_limits(samples)
         if allowed is not None:
             rows = rows[np.flatnonzero(allowed)]
@@ -245,7 +249,7 @@ class WheelCore:
                 events += self._end_epoch()
                 self._begin_epoch(piece.epoch)
                 events.append(EpochStarted(piece.epoch.origin_ns, piece.step_ns))
-            taken = rows if piece.rows.size == len(rows) else rows[piece.rows]
+            taken = rows if piece.slots.size == len(rows) else rows[piece.rows]
             events += self._write(piece.slots, taken.values)
             start = piece.stop
         if strays:
@@ -275,27 +279,30 @@ class WheelCore:
             seen = self._ring.end - 1  # the last slot only judges those before it
             ready = max(seen - LAG_SLOTS, self._border_before(seen)) - self._friction.reach
             next_block = (self._done // BLOCK_SLOTS + 1) * BLOCK_SLOTS
-            if self._done != self._next_start and ready < min(next_block, self._border()):
+            if self._done != self._next_start and ready < min(next_block, self._border):
                 return []  # nothing to work off, and many slots are screened in the time of one
         events = self._told(*self._screen.run(self._ring, seen, self._border_before))
         while True:
             if self._open and self._window_complete(to_the_end=to_the_end):
                 events.append(self._close(self._open.pop(0)))
+                self._find_border()
             if self._done == self._next_start and self._done < self._ring.end:
                 accumulator = WindowAccumulator(self.wheel, self.method)
                 self._open.append(_OpenWindow(self._done, accumulator))
                 self._next_start += self._hop
-            border = self._border()
-            stop = min(border, ready)
-            if stop < border and not to_the_end:
+                self._find_border()
+            stop = min(self._border, ready)
+            if stop < self._border and not to_the_end:
                 stop = stop // BLOCK_SLOTS * BLOCK_SLOTS
             if stop <= self._done:
                 return events
             events += self._work_off(stop)
+            if stop < self._border:
+                return events
 
-    def _border(self) -> int:
-        """Return where the next window begins or ends."""
-        return min([self._next_start, *(window.start + self._samples for window in self._open)])
+    def _find_border(self) -> None:
+        """Bring it up to date after a window was opened or closed."""
+        self._border = min([self._next_start, *(window.start + self._samples for window in self._open)])
 
     def _border_before(self, slot: int) -> int:
         """Return the last slot up to `slot` with which a window closed; 0 before the first."""
@@ -492,10 +499,11 @@ class WheelCore:
                 friction = slots.read("torque_Nm", start, self._done)
                 accumulator.append(speed, friction, np.isfinite(speed) & np.isfinite(friction))
             self._open.append(_OpenWindow(start, accumulator))
+        self._find_border()
 
 
-def _finite_or_nan(values: FloatArray | None, size: int) -> FloatArray:
-    return np.full(size, np.nan) if values is None else finite_or_nan(values)
+def _values_or_nan(values: FloatArray | None, size: int) -> FloatArray:
+    return np.full(size, np.nan) if values is None else values
 
 
 def _forget_positions(carried: CarriedState) -> CarriedState:

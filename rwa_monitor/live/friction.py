@@ -140,6 +140,7 @@ class FrictionSource:
         faults: list[Fault] = []
         if self.reach == 0:
             return torque, masked, faults
+        torque = torque.copy()
         around = ring.read("speed_rad_s", start - self.reach, stop + self.reach)
         acceleration = differentiate_over_gaps(around, self.wheel.friction.derivative, self.wheel.sample_period_s)
         acceleration = acceleration[self.reach : self.reach + stop - start]

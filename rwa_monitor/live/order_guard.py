@@ -8,15 +8,15 @@ Knows no clock of the machine: what is decided depends on the samples alone, and
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
-from typing import Final, Self
+from dataclasses import dataclass
+from typing import Final, NamedTuple, Self
 
 import numba
 import numpy as np
 
 from rwa_monitor.live.sequencer import Counts
 from rwa_monitor.physics.wheel import Limits
-from rwa_monitor.samples import BoolArray, FloatArray, IntArray, Samples
+from rwa_monitor.samples import CHANNELS, BoolArray, FloatArray, IntArray, Samples
 from rwa_monitor.slots import SlotGrid, nearest_slot
 
 # Times that the slot arithmetic holds in 64 bits for any two of them: 1954 to 2096, if the clock counts from 1970.
@@ -64,8 +64,10 @@ class Rows:
         return both_finite(self.values["speed_rad_s"], self.values["torque_Nm"])
 
 
-@dataclass(frozen=True, slots=True)
-class Piece:
+_NO_SLOTS: Final[IntArray] = np.zeros(0, dtype=np.int64)
+
+
+class Piece(NamedTuple):
     """Samples that go on from the last slot.
 
     Attributes
@@ -77,7 +79,7 @@ class Piece:
     step_ns
         By how much the clock stepped before that [ns]; 0 at the wheel's first sample.
     rows, slots
-        int64 (n,): rows that take a slot, and their slots, strictly increasing.
+        Rows that take a slot, neighbours or int64 (n,), and their slots, int64 (n,), strictly increasing.
     stray
         True where the row before `stop` was rejected for its time.
     waits
@@ -87,8 +89,8 @@ class Piece:
     stop: int
     epoch: SlotGrid | None = None
     step_ns: int = 0
-    rows: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
-    slots: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    rows: slice | IntArray = slice(0, 0)
+    slots: IntArray = _NO_SLOTS
     stray: bool = False
     waits: bool = False
 
@@ -125,27 +127,35 @@ class OrderGuard:
     ) -> None:
         self.period_ns = period_ns
         self.window_slots = window_slots
-        self.limits = limits
-        self.max_motor_torque_Nm = max_motor_torque_Nm
+        known = {
+            "speed_rad_s": limits.max_speed_rad_s,
+            "motor_current_A": limits.max_current_A,
+            "motor_torque_Nm": max_motor_torque_Nm,
+        }
+        self._limits = [(name, MAX_MAGNITUDE if (limit := known.get(name)) is None else limit) for name in CHANNELS]
         self.counts = counts
         self.grid: SlotGrid | None = None
         self.frontier = 0
         self.last_ns: int | None = None
 
+    def is_clean(self, samples: Samples) -> bool:
+        """Tell whether all samples can be telemetry of this wheel, and every value is there."""
+        if not _all_times(samples.time_ns):
+            return False
+        for name, limit in self._limits:
+            values = getattr(samples, name)
+            if values is not None and not _all_within(values, limit):
+                return False
+        return True
+
     def reject_beyond_limits(self, samples: Samples) -> BoolArray | None:
         """Return which samples can be telemetry of this wheel, bool (n,), None for all; count others as rejected."""
         wrong = np.zeros(len(samples), dtype=np.bool_)
         count = _mark_times(samples.time_ns, wrong)
-        for values, limit in (
-            (samples.speed_rad_s, self.limits.max_speed_rad_s),
-            (samples.motor_current_A, self.limits.max_current_A),
-            (samples.motor_torque_Nm, self.max_motor_torque_Nm),
-            (samples.friction_torque_Nm, None),
-            (samples.motor_voltage_V, None),
-            (samples.bearing_temperature_degC, None),
-        ):
+        for name, limit in self._limits:
+            values = getattr(samples, name)
             if values is not None:
-                count += _mark_beyond(values, MAX_MAGNITUDE if limit is None else limit, wrong)
+                count += _mark_beyond(values, limit, wrong)
         if count == 0:
             return None
         self.counts.rejected += count
@@ -180,13 +190,12 @@ class OrderGuard:
         last
             Whether nothing comes after these rows, so that none can wait.
         """
-        if not passed and (self.grid is None or self._distance(self.grid, int(time_ns[start])) > self.window_slots):
-            return self._begin(time_ns, good, start, last=last)
-        if self.grid is None:  # a message that was given up before any sample was taken
+        if self.grid is None and passed:  # a message that was given up before any sample was taken
             self.counts.late += len(time_ns) - start
             self.counts.queued -= len(time_ns) - start
             return Piece(len(time_ns))
-        return self._go_on(self.grid, time_ns, good, start, is_filled, passed=passed)
+        piece = None if self.grid is None else self._go_on(self.grid, time_ns, good, start, is_filled, passed=passed)
+        return self._begin(time_ns, good, start, last=last) if piece is None else piece
 
     def end_epoch(self) -> None:
         """Let the next sample begin a new epoch."""
@@ -208,8 +217,8 @@ class OrderGuard:
         if alone or (not undecided and self._agree(grid, int(time_ns[following]))):
             step_ns = 0 if self.last_ns is None else first_ns - self.last_ns
             self.grid, self.frontier = grid, 0
-            piece = self._go_on(grid, time_ns, good, start, _nothing_filled, passed=False)
-            return replace(piece, epoch=grid, step_ns=step_ns)
+            piece = self._go_on(grid, time_ns, good, start, _nothing_filled, passed=False) or Piece(start)
+            return piece._replace(epoch=grid, step_ns=step_ns)
         counts.rejected += 1
         counts.duplicate += following - start - 1
         counts.queued -= following - start
@@ -233,30 +242,53 @@ class OrderGuard:
         is_filled: Callable[[IntArray], BoolArray],
         *,
         passed: bool,
-    ) -> Piece:
-        """Place the rows from `start` on into the running grid, up to the next clock step."""
+    ) -> Piece | None:
+        """Place the rows from `start` on into the running grid, up to the next clock step; None where it is there."""
         counts = self.counts
         piece_ns, piece_good = time_ns[start : start + PIECE_SLOTS], good[start : start + PIECE_SLOTS]
         slots, ahead = np.empty(piece_ns.size, dtype=np.int64), np.empty(piece_ns.size, dtype=np.bool_)
         count, ahead_count, used = _lay(
             piece_ns, piece_good, grid.origin_ns, grid.period_ns, self.frontier, self.window_slots, passed, slots, ahead
         )
-        rows, slots = np.arange(start, start + count), slots[:count]
+        if count == 0:
+            return None
+        rows: slice | IntArray = slice(start, start + count)
+        if count < slots.size:
+            slots = slots[:count]
         if ahead_count < count:
-            ahead = ahead[:count]
-            behind = slots[~ahead]
-            rows, slots = rows[ahead], slots[ahead]
+            behind = slots[~ahead[:count]]
+            taking = np.flatnonzero(ahead[:count])
+            rows, slots = start + taking, slots[taking]
             taken = is_filled(behind) | np.isin(behind, slots)
             counts.duplicate += int(taken.sum())
             counts.late += int(behind.size - taken.sum())
         counts.used += used
-        counts.masked += rows.size - used
+        counts.masked += ahead_count - used
         counts.queued -= count
-        if rows.size:
-            counts.slots_missed += int(slots[-1]) + 1 - self.frontier - int(rows.size)
-            self.frontier = int(slots[-1]) + 1
-            self.last_ns = int(time_ns[rows[-1]])
+        if ahead_count:
+            last = int(slots[-1])
+            counts.slots_missed += last + 1 - self.frontier - ahead_count
+            self.frontier = last + 1
+            self.last_ns = int(time_ns[rows][-1])
         return Piece(start + count, rows=rows, slots=slots)
+
+
+@numba.njit(cache=True, nogil=True)
+def _all_times(time_ns: IntArray) -> bool:
+    """Tell whether the slot arithmetic holds the time of every sample."""
+    count = 0
+    for k in range(time_ns.size):  # without a way out, so that the compiler can take several at once
+        count += (time_ns[k] >= MIN_TIME_NS) & (time_ns[k] <= MAX_TIME_NS)
+    return count == time_ns.size
+
+
+@numba.njit(cache=True, nogil=True)
+def _all_within(values: FloatArray, limit: float) -> bool:
+    """Tell whether every value is there, and within `limit` in absolute value."""
+    count = 0
+    for k in range(values.size):
+        count += abs(values[k]) <= limit
+    return count == values.size
 
 
 @numba.njit(cache=True, nogil=True)
@@ -312,7 +344,7 @@ def _lay(
     Returns
     -------
     tuple[int, int, int]
-        How many samples belong to the piece, at least one, how many of them go on, and how many of those are good.
+        How many samples belong to the piece, how many of them go on, and how many of those are good.
     """
     before = frontier - 1  # the last slot so far
     ahead_count = used = 0
@@ -320,7 +352,7 @@ def _lay(
         slot = int(_nearest_slot(time_ns[k], origin_ns, period_ns))
         step = slot - before
         far = abs(step) > window_slots
-        if k > 0 and (slot > frontier + PIECE_SLOTS or (far and not passed)):
+        if (far and not passed) or (k > 0 and slot > frontier + PIECE_SLOTS):
             return k, ahead_count, used
         slots[k] = slot
         ahead[k] = step > 0 and not (passed and far)

@@ -86,7 +86,8 @@ class RingBuffer:
         if slots.size == count:  # none is empty
             at = start % self.capacity
             self._filled[at : at + count] = 1
-            self._filled[: max(at + count - self.capacity, 0)] = 1
+            if at + count > self.capacity:
+                self._filled[: at + count - self.capacity] = 1
             for name, array in self._values.items():
                 _put(array, start, values[name])
         else:
@@ -125,12 +126,15 @@ class RingBuffer:
         return np.asarray(held & (self._filled[slots % self.capacity] == 1), dtype=np.bool_)
 
     def read(self, name: str, start: int, stop: int) -> FloatArray:
-        """Return a copy of a channel's slots [start, stop), float64; NaN where empty, not held or not kept."""
+        """Return a channel's slots [start, stop), float64, to be read only; NaN where empty, not held or not kept.
+
+        They are those of the buffer itself where they lie there side by side: `extend` and `overwrite` change them.
+        """
         array = self._values.get(name)
         if array is not None and self.values_begin <= start < stop <= self.end:
             at = start % array.size
             if at + stop - start <= array.size:
-                return array[at : at + stop - start].copy()
+                return array[at : at + stop - start]
         result = np.full(stop - start, np.nan)
         if array is not None:
             low, high = max(start, self.values_begin), min(stop, self.end)

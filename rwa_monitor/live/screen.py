@@ -113,21 +113,25 @@ class Channel:
         """
         count = values.size - 1
         kind, since = np.zeros(count, dtype=np.int8), np.zeros(count, dtype=np.int64)
-        around = np.empty(OUTSTANDING_SLOTS + count + 1)
-        around[:OUTSTANDING_SLOTS], around[OUTSTANDING_SLOTS:] = self.recent, values
-        found = _judge(around, limit, self.memory, kind, since)
-        self.recent[:] = around[count : count + OUTSTANDING_SLOTS]
+        found = _judge(values, limit, self.recent, self.memory, kind, since)
         return (kind, since) if found else None
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
 def _judge(
-    values: FloatArray, limit: float, memory: FloatArray, kind: NDArray[np.int8], since: NDArray[np.int64]
+    following: FloatArray,
+    limit: float,
+    recent: FloatArray,
+    memory: FloatArray,
+    kind: NDArray[np.int8],
+    since: NDArray[np.int64],
 ) -> bool:
-    """Do the work of `Channel.judge`; `values` begin with the recent ones, all but it and `limit` are written.
+    """Do the work of `Channel.judge`; all but `following` and `limit` are written.
 
     Returns whether anything is found.
     """
+    values = np.concatenate((recent, following))
+    recent[:] = values[kind.size : kind.size + OUTSTANDING_SLOTS]
     found = False
     last, step, bend, restless, repeated, restless_before, rough, steps = memory
     for k in range(kind.size):
@@ -156,7 +160,7 @@ def _judge(
                 repeated += 1.0
             next_step = value - last
             next_bend = next_step - step
-            turns = next_bend * bend < 0.0 and abs(next_bend) > ROUNDING * abs(value)
+            turns = (next_bend * bend < 0.0) & (abs(next_bend) > ROUNDING * abs(value))  # as in noise: do not branch
             restless += ((1.0 if turns else 0.0) - restless) / RECENT_SLOTS
             step, bend = next_step, next_bend
         last = value
@@ -230,23 +234,27 @@ class Screen:
         start, self.done = self.done, max(self.done, stop)
         if stop <= start:
             return 0, []
-        speed, torque = ring.read(SPEED, start, stop + 1), ring.read(TORQUE, start, stop + 1)
+        speed = ring.read(SPEED, start, stop + 1)
+        found = (
+            (SPEED, self.speed.judge(speed, self.speed_limit_rad_s)),
+            (TORQUE, self.torque.judge(ring.read(TORQUE, start, stop + 1), self.torque_limit_Nm)),
+        )
+        if found[0][1] is None and found[1][1] is None:
+            return 0, []
+        turning = speed[:-1] != 0.0  # before anything is masked
         held = max(start - LAG_SLOTS, ring.values_begin)  # the first slot that may still be masked
         good: BoolArray | None = None  # before anything was masked
         faults = []
-        for name, judged in (
-            (SPEED, self.speed.judge(speed, self.speed_limit_rad_s)),
-            (TORQUE, self.torque.judge(torque, self.torque_limit_Nm)),
-        ):
+        for name, judged in found:
             if judged is None:
                 continue
             kind, since = judged
             # A tachometer at rest shows zero, and so may the current: that is no fault.
-            wrong = (kind == STANDS_OUT) | ((kind == HANGS) & (speed[:-1] != 0.0))
+            wrong = (kind == STANDS_OUT) | ((kind == HANGS) & turning)
             if not wrong.any():
                 continue
             good = _good(ring, held, stop) if good is None else good
-            values = ring.read(name, held, stop)
+            values = ring.read(name, held, stop).copy()
             values[start - held :][wrong] = np.nan
             for k in np.flatnonzero(wrong & ((kind == STANDS_OUT) | (since > 0))).tolist():
                 first = max(start + k - int(since[k]), border_before(start + k))

@@ -39,14 +39,17 @@ class SettingsCheck:
         self._largest = 0.0
         self._speed_said = False
 
-    def look(self, samples: Samples) -> list[Event]:
-        """Return what these samples show for the first time."""
-        return [*self._look_at_times(samples.time_ns), *self._look_at_speed(samples)]
+    def look(self, samples: Samples, *, clean: bool = False) -> list[Event]:
+        """Return what these samples show for the first time; `clean` where their speeds are known to be in range."""
+        events = [] if self._times is None else self._look_at_times(self._times, samples.time_ns)
+        if clean:
+            self._seen += len(samples)
+        elif not self._speed_said:
+            events += self._look_at_speed(samples)
+        return events
 
-    def _look_at_times(self, time_ns: IntArray) -> list[Event]:
-        if self._times is None:
-            return []
-        self._times = np.concatenate([self._times, time_ns[: STEPS + 1 - self._times.size]])
+    def _look_at_times(self, before_ns: IntArray, time_ns: IntArray) -> list[Event]:
+        self._times = np.concatenate([before_ns, time_ns[: STEPS + 1 - before_ns.size]])
         if self._times.size <= STEPS:
             return []
         steps = np.diff(self._times)
@@ -60,8 +63,6 @@ class SettingsCheck:
         return [SamplePeriodDiffers(period_s, self._expected_s)] if fast or slow else []
 
     def _look_at_speed(self, samples: Samples) -> list[Event]:
-        if self._speed_said:
-            return []
         beyond, largest = _beyond(samples.speed_rad_s, self._limit)
         self._seen += len(samples)
         self._beyond += beyond
