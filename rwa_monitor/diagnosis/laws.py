@@ -97,8 +97,8 @@ class SoftLaw:
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _broad_survival(slots: Number, mean: float) -> Number:
-    """Return P(τ ≥ slots) of the broad law; a number or an array, as all of these."""
+def broad_survival(slots: Number, mean: Number) -> Number:
+    """Return P(τ ≥ slots) of the broad law; numbers or arrays."""
     share = mean / (mean + slots - 1.0)
     return share * share
 
@@ -106,13 +106,13 @@ def _broad_survival(slots: Number, mean: float) -> Number:
 @njit(cache=True, error_model="numpy", nogil=True)
 def _soft_survival(survival: Number, slots: Number, mean: float) -> Number:
     """Mix a law's P(τ ≥ slots) with that of the broad law."""
-    return (1.0 - SOFT_SHARE) * survival + SOFT_SHARE * _broad_survival(slots, mean)
+    return (1.0 - SOFT_SHARE) * survival + SOFT_SHARE * broad_survival(slots, mean)
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _soft_pmf(survival: Number, following: Number, slots: Number, mean: float) -> Number:
     """Mix a law's P(τ = slots), from P(τ ≥ slots) and P(τ ≥ slots + 1), likewise."""
-    broad = _broad_survival(slots, mean) - _broad_survival(slots + 1.0, mean)
+    broad = broad_survival(slots, mean) - broad_survival(slots + 1.0, mean)
     return (1.0 - SOFT_SHARE) * (survival - following) + SOFT_SHARE * broad
 
 

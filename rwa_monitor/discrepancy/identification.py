@@ -7,7 +7,7 @@ chain over adjacent configurations whose friction is zero in the lowest one.
    are those of a two-configuration system; they are taken out, and the next time scale is looked at in the same way.
 2. In what remains at the longest scale each jump up or down is a step to the adjacent configuration, so the sequence of
    signs is the sequence of configurations.
-3. Each configuration's complete sojourns give its duration law (the best of four by BIC), its friction a range.
+3. Each configuration's sojourns give its duration law (`duration_laws`), its friction a range.
 """
 
 from __future__ import annotations
@@ -18,16 +18,18 @@ from itertools import pairwise
 from typing import Final
 
 import numpy as np
-from scipy import special
 
 from rwa_monitor.discrepancy.base_fit import Problem, fit, make_problem
+from rwa_monitor.discrepancy.duration_laws import LearnedLaw, Sojourns, learn_laws
 from rwa_monitor.discrepancy.record import make_record
 from rwa_monitor.errors import InputError
-from rwa_monitor.physics.durations import DurationLaw, Geometric, Lognormal, Uniform, Weibull
 from rwa_monitor.physics.wheel import FrictionRange, Noise, Nominal, SwitchingSystem, Wheel, Window
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, BoolArray, FloatArray, IntArray, Samples
 
-MIN_SOJOURNS: Final = 4  # complete ones of a configuration; fewer give no law
+MIN_SOJOURNS: Final = 4  # of a configuration, whole or cut; fewer do not show that there is one
+# Of a mean duration, one standard deviation. The law written holds it, so that it misleads no diagnosis; but a law that
+# is known less well hardly says anything.
+LARGEST_LAW_ERROR: Final = 0.3
 MAX_CONFIGURATIONS: Final = 5  # a chain that needs more is two systems taken for one
 FAST_SHARE: Final = 0.25  # of the mean time between jumps: visits shorter than that are of a faster system
 CLOSED_WITHIN: Final = 4.5  # standard deviations by which a visit's way back may miss its entry
@@ -60,12 +62,13 @@ class Learned:
 
 @dataclass(frozen=True, slots=True)
 class _Sojourn:
-    """A stay at one level: slots, level and its standard deviation [N m]; whether the record cut it."""
+    """A stay at one level: slots, level and its standard deviation [N m]; whether it began and ended in the record."""
 
     slots: int
     level: float
     std: float
-    cut: bool
+    began: bool
+    ended: bool
 
 
 @dataclass(slots=True)
@@ -106,7 +109,8 @@ class _Chain:
                     end - int(self.slot[a]),
                     float(values.mean()),
                     float(np.sqrt(self.variance / values.size)),
-                    cut=i in (0, len(cuts) - 2),
+                    began=i > 0,
+                    ended=i < len(cuts) - 2,
                 )
             )
         return stays
@@ -114,9 +118,9 @@ class _Chain:
 
 @dataclass(frozen=True, slots=True)
 class _Visits:
-    """What was learned of one system: per configuration, complete durations and friction above the lowest [N m]."""
+    """What was learned of one system: per configuration, its sojourns and friction above the lowest [N m]."""
 
-    durations: list[list[int]]
+    sojourns: list[Sojourns]
     friction: list[list[float]]
     ups: list[tuple[int, int]]  # per configuration: transitions up, transitions in all
 
@@ -162,7 +166,7 @@ def identify(recordings: Sequence[tuple[str, Samples]], start: Wheel, *, systems
     try:
         found = _tell_apart(chains) if systems else []
         if systems and not found:
-            raise _too_little("a switching system", [[]])
+            raise _too_little("a switching system", [Sojourns()])
     except InputError as error:
         raise InputError(error.source, "; ".join((error.reason, *drift)), error.place) from error
     base = _base_level([stay for chain in chains for stay in chain.stays()])
@@ -175,8 +179,11 @@ def identify(recordings: Sequence[tuple[str, Samples]], start: Wheel, *, systems
     _check_enough(problem, base, viscous, ", ".join(name for name, _ in recordings))
     blocks, notes = [], []
     for number, visits in enumerate(found, start=1):
-        blocks.append(_system(f"fss_{number}", visits, base))
-        notes.append(_note(blocks[-1], visits))
+        laws = learn_laws(visits.sojourns)
+        if max(law.error for law in laws) > LARGEST_LAW_ERROR:
+            raise _too_little(f"the laws of switching system {number}", visits.sojourns)
+        blocks.append(_system(f"fss_{number}", laws, visits, base))
+        notes.append(_note(blocks[-1].name, laws, visits))
     slots = sum(record.used.size for record in problem.records)
     dry_std, viscous_std = _errors(problem)
     wheel = bare.model_copy(
@@ -292,9 +299,10 @@ def _tell_apart(chains: list[_Chain]) -> list[_Visits]:
         if sum(len(of_one) for of_one in pairs) < MIN_SOJOURNS:
             break
         visits = _take_out(chains, pairs)
-        if len(visits.durations[0]) < MIN_SOJOURNS:
-            raise _too_little("a switching system of short visits", visits.durations)
+        if len(visits.sojourns[0].complete) < MIN_SOJOURNS:
+            raise _too_little("a switching system of short visits", visits.sojourns)
         systems.append(visits)
+    _join_coincidences(chains, max((slots for fast in systems for slots in fast.sojourns[1].complete), default=0))
     if any(chain.jumps for chain in chains):
         systems.append(_slow_system([chain.stays() for chain in chains]))
     return systems
@@ -328,21 +336,34 @@ def _visits_of(chain: _Chain, limit: int) -> list[tuple[int, int]]:
 
 def _take_out(chains: list[_Chain], pairs: list[list[tuple[int, int]]]) -> _Visits:
     """Take visits out of the chains; return their durations and friction, and the rests between them."""
-    active: list[int] = []
-    rests: list[int] = []
+    active, rests = Sojourns(), Sojourns()
     heights: list[float] = []
     for chain, of_one in zip(chains, pairs, strict=True):
         level = [stay.level for stay in chain.stays()]
         for i, j in of_one:
             begin, end = chain.jumps[i], chain.jumps[j]
-            active.append(int(chain.slot[end] - chain.slot[begin]))
+            active.add(int(chain.slot[end] - chain.slot[begin]), began=True, ended=True)
             heights.append(0.5 * (level[i + 1] - level[i] + level[j] - level[j + 1]))
             chain.quiet[begin:end] = False
-        for (_, j), (i, _) in pairwise(of_one):
-            rests.append(int(chain.slot[chain.jumps[i]] - chain.slot[chain.jumps[j]]))
+        ends = [int(chain.slot[0]), *(int(chain.slot[chain.jumps[j]]) for _, j in of_one)]
+        begins = [*(int(chain.slot[chain.jumps[i]]) for i, _ in of_one), int(chain.slot[-1]) + 1]
+        for k, (end, begin) in enumerate(zip(ends, begins, strict=True)):
+            rests.add(begin - end, began=k > 0, ended=k < len(of_one))
         gone = {position for pair in of_one for position in pair}
         chain.jumps = [jump for position, jump in enumerate(chain.jumps) if position not in gone]
     return _Visits([rests, active], [[0.0], heights], [(0, 0), (0, 0)])
+
+
+def _join_coincidences(chains: list[_Chain], longest: int) -> None:
+    """Take out visits that began or ended in the very slot of a slower system's jump, and so were not undone.
+
+    They leave two jumps of the chain close by each other: no further apart than the `longest` visit [slots].
+    """
+    for chain in chains:
+        for first, second in reversed(list(pairwise(chain.jumps))):
+            if int(chain.slot[second] - chain.slot[first]) <= longest:
+                chain.quiet[first:second] = False
+                chain.jumps.remove(first)
 
 
 def _slow_system(chains: list[list[_Sojourn]]) -> _Visits:
@@ -366,37 +387,37 @@ def _slow_system(chains: list[list[_Sojourn]]) -> _Visits:
             f"the jumps left would need {count} configurations in one chain; they are of several systems that "
             "durations do not part. Give longer recordings, or a wheel file with the systems",
         )
-    durations: list[list[int]] = [[] for _ in range(count)]
+    sojourns = [Sojourns() for _ in range(count)]
     friction: list[list[float]] = [[] for _ in range(count)]
     ups = [[0, 0] for _ in range(count)]
     for chain, path in zip(chains, paths, strict=True):
         for stay, q in zip(chain, path.tolist(), strict=True):
             friction[q].append(stay.level - lowest)
-            if not stay.cut:
-                durations[q].append(stay.slots)
+            sojourns[q].add(stay.slots, began=stay.began, ended=stay.ended)
         for q, following in pairwise(path.tolist()):
             ups[q][0] += int(following > q)
             ups[q][1] += 1
-    if min(len(of_one) for of_one in durations) < MIN_SOJOURNS:
-        raise _too_little("the slow switching system", durations)
+    if min(of_one.seen for of_one in sojourns) < MIN_SOJOURNS or not all(of_one.complete for of_one in sojourns):
+        raise _too_little("the slow switching system", sojourns)
     rest = float(np.mean(friction[0]))
     friction = [[value - rest for value in of_one] for of_one in friction]
-    return _Visits(durations, friction, [(up, total) for up, total in ups])
+    return _Visits(sojourns, friction, [(up, total) for up, total in ups])
 
 
-def _too_little(what: str, durations: list[list[int]]) -> InputError:
+def _too_little(what: str, sojourns: list[Sojourns]) -> InputError:
     """Say what was seen and how much more is needed, without claiming that there is such a system at all."""
-    counts = ", ".join(f"q = {q}: {len(of_one)}" for q, of_one in enumerate(durations) if any(durations)) or "none"
-    fewest = min(len(of_one) for of_one in durations)
+    counts = ", ".join(f"q = {q}: {of_one.seen}" for q, of_one in enumerate(sojourns) if of_one.seen) or "none"
+    fewest = min(of_one.seen if of_one.complete else 0 for of_one in sojourns)
     more = (
-        f"about {int(np.ceil(2 * MIN_SOJOURNS / fewest))} times as many recordings"
+        f"about {max(int(np.ceil(2 * MIN_SOJOURNS / fewest)), 2)} times as many recordings"
         if fewest
         else "longer recordings, in which each of its configurations is seen from beginning to end"
     )
     return InputError(
         "identify",
-        f"too little data to learn {what}: complete sojourns seen {counts}, at least {MIN_SOJOURNS} of each are "
-        "needed. So few jumps of the friction do not show that the wheel has such a system; a missing effect makes "
+        f"too little data to learn {what}: sojourns seen {counts}, at least {MIN_SOJOURNS} of each are needed, "
+        f"and one of them from begin to end, so that its mean is known to {100.0 * LARGEST_LAW_ERROR:.0f} %. "
+        "So few jumps of the friction do not show that the wheel has such a system; a missing effect makes "
         "jumps too. --no-systems (systems=False) learns nominal friction and noise without it; if the wheel has it, "
         f"give {more}",
     )
@@ -416,7 +437,7 @@ def _smallest_step(stays: list[_Sojourn]) -> float:
     return float(visible.min()) if visible.size else float("inf")
 
 
-def _system(name: str, visits: _Visits, base_Nm: float) -> SwitchingSystem:
+def _system(name: str, laws: Sequence[LearnedLaw], visits: _Visits, base_Nm: float) -> SwitchingSystem:
     """Return the wheel-file block of a system."""
     ranges = []
     for q, values in enumerate(visits.friction):
@@ -425,7 +446,7 @@ def _system(name: str, visits: _Visits, base_Nm: float) -> SwitchingSystem:
         margin = 0.0 if q == 0 else float(np.ptp(relative)) / (relative.size + 1)
         low, high = (0.0, 0.0) if q == 0 else (float(relative.min()) - margin, float(relative.max()) + margin)
         ranges.append(FrictionRange(low=_four_digits(low), high=_four_digits(high)))
-    count = len(visits.durations)
+    count = len(laws)
     up = None
     if count > 2 and all(total > 0 for _, total in visits.ups[1:-1]):
         # Laplace's rule of succession: no transition is ruled out because it was not seen.
@@ -433,53 +454,19 @@ def _system(name: str, visits: _Visits, base_Nm: float) -> SwitchingSystem:
         up = (1.0, *middle, 0.0)
     return SwitchingSystem(
         name=name,
-        durations=tuple(duration_law(np.array(of_one)) for of_one in visits.durations),
+        durations=tuple(law.law for law in laws),
         friction=tuple(ranges),
         up=up,
     )
 
 
-def duration_law(slots: IntArray) -> DurationLaw:
-    """Return the law that fits complete durations best by BIC.
-
-    A uniform law needs its ends guessed beyond the sample; the guess is the unbiased one, a margin of span/(n-1) split
-    over both ends, and its likelihood is that of the sample in it.
-
-    Parameters
-    ----------
-    slots
-        int64 (n,), n ≥ 1.
-    """
-    values = slots.astype(np.float64)
-    span = float(np.ptp(values))
-    margin = int(np.ceil(span / max(values.size - 1, 1)))
-    laws: list[DurationLaw] = [
-        Uniform(low=max(int(values.min()) - margin, 1), high=int(values.max()) + max(margin, 1)),
-        Geometric(mean_slots=max(float(values.mean()), 1.0)),
+def _note(name: str, laws: Sequence[LearnedLaw], visits: _Visits) -> str:
+    parts = [
+        f"q = {q}: {law.family} ({100.0 * law.share:.0f} %), mean {law.mean:.4g} ± {law.error * law.mean:.2g} slots"
+        f" from {seen.seen} sojourns{f', {len(seen.cut)} of them cut' if seen.cut else ''}"
+        for q, (law, seen) in enumerate(zip(laws, visits.sojourns, strict=True))
     ]
-    if span > 0:
-        logs = np.log(values)
-        laws.append(Lognormal(mu=float(logs.mean()), sigma=max(float(logs.std(ddof=1)), 1e-3)))
-        # Weibull by the moments of log x: var = π²/6k², mean = log λ - γ/k.
-        shape = float(np.pi / np.sqrt(6.0) / max(float(logs.std(ddof=1)), 1e-3))
-        shape = min(shape, 50.0)
-        laws.append(Weibull(shape=shape, scale=float(np.exp(logs.mean() - special.digamma(1.0) / shape))))
-
-    def bic(law: DurationLaw) -> float:
-        parameters = 1 if isinstance(law, Geometric) else 2
-        likelihood = float(np.sum(np.maximum(law.log_pmf(values), -700.0)))
-        return -2 * likelihood + parameters * float(np.log(values.size))
-
-    return min(laws, key=bic)
-
-
-def _note(system: SwitchingSystem, visits: _Visits) -> str:
-    parts = []
-    for q, (law, seen) in enumerate(zip(system.durations, visits.durations, strict=True)):
-        mean = float(np.mean(seen))
-        error = float(np.std(seen, ddof=1) / np.sqrt(len(seen))) if len(seen) > 1 else float("nan")
-        parts.append(f"q = {q}: {law.law}, mean {mean:.4g} ± {error:.2g} slots from {len(seen)} sojourns")
-    return f"{system.name}: {'; '.join(parts)}"
+    return f"{name}: {'; '.join(parts)}"
 
 
 def _four_digits(value: float) -> float:

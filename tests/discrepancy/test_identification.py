@@ -11,12 +11,11 @@ from click.testing import CliRunner
 
 from rwa_monitor.cli.main import main
 from rwa_monitor.diagnosis.model import built_in_model
-from rwa_monitor.discrepancy.identification import duration_law, identify
+from rwa_monitor.discrepancy.identification import identify
 from rwa_monitor.errors import InputError
 from rwa_monitor.fleet.tasks import not_nominal
 from rwa_monitor.formats.table import table_writer
 from rwa_monitor.live.core import diagnose_samples
-from rwa_monitor.physics.durations import Uniform
 from rwa_monitor.physics.scenario import Anomaly, Scenario
 from rwa_monitor.physics.speed import SpeedProfile
 from rwa_monitor.physics.telemetry import simulate
@@ -144,11 +143,38 @@ def test_a_reversed_sign_is_refused() -> None:
         identify([(name, wrong)], Wheel(name="reversed", sample_period_s=0.125), systems=False)
 
 
-def test_duration_law_of_uniform_durations_covers_them() -> None:
-    durations = Uniform(low=100, high=300).sample(np.random.default_rng(3), 40)
-    law = duration_law(durations)
-    assert law.law == "uniform"
-    assert np.all(law.pmf(durations) > 0)
+def in_levels(stays: list[tuple[int, float]], seed: int) -> Samples:
+    """Return a recording whose dry friction stays at these levels [mN m], each so many slots, with white noise."""
+    rng, period_s = np.random.default_rng(seed), 0.125
+    level = np.concatenate([np.full(slots, 1e-3 * value) for slots, value in stays])
+    at_s = np.arange(level.size) * period_s
+    speed = 200.0 + 50.0 * np.sin(at_s / 400.0)
+    friction = level + 5.3e-6 * speed + rng.normal(0.0, 4e-5, level.size)
+    return Samples((at_s * 1e9).astype(np.int64), speed, friction)
+
+
+def test_a_configuration_seen_thrice_borrows_its_law_from_those_like_it() -> None:
+    # The highest configuration is seen from begin to end three times, the others five and eight times; all last alike.
+    lengths = np.random.default_rng(12).integers(1500, 4500, 19).tolist()
+    levels = [2.4, 1.6, 2.4, 3.2, 2.4, 1.6, 2.4, 3.2, 2.4, 1.6, 2.4, 1.6, 2.4, 3.2, 2.4, 1.6, 2.4, 3.2, 2.4]
+    stays = list(zip(lengths, levels, strict=True))
+    (system,) = identify([("slow", in_levels(stays[:-1], 3))], Wheel(name="slow", sample_period_s=0.125)).wheel.fss
+    for law in system.durations:
+        # The means of 3000 are known to 0.29/√16, a fifteenth: 25 % is beyond three standard deviations.
+        assert law.mean() == pytest.approx(3000.0, rel=0.25)
+
+
+def test_a_visit_that_ends_as_another_system_jumps_is_no_configuration() -> None:
+    # Visits of ten slots (+0.5) beside a slow chain (+0.8, +1.6). One of them ends in the slot in which the chain goes
+    # up: two jumps up in a row, which a chain of three configurations cannot make from its second.
+    chain = [1.6, 2.4, 3.2, 2.4, 1.6, 2.4, 1.6, 2.4, 3.2, 2.4, 3.2, 2.4, 1.6, 2.4, 3.2, 2.4, 1.6, 2.4]
+    stays: list[tuple[int, float]] = []
+    for number, level in enumerate(chain):
+        stays += [(700, level), (10, level + 0.5), (900, level), (10, level + 0.4), (800, level)]
+        if number == 1:
+            stays.append((8, level + 0.45))
+    wheel = identify([("both", in_levels(stays, 4))], Wheel(name="both", sample_period_s=0.125)).wheel
+    assert [system.configurations for system in wheel.fss] == [2, 3]
 
 
 def test_command_writes_a_wheel_with_its_uncertainties(tmp_path: Path) -> None:

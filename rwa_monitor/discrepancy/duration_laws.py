@@ -1,0 +1,336 @@
+"""Duration laws learned from few sojourns: what the next one may last, not the one law that fits the last ones best.
+
+The ends of a uniform law fitted to nine sojourns miss the true ones by a tenth of their distance, and one sojourn in
+five of the future lies outside the nine. A law that calls these impossible makes a diagnosis certain of a wrong story.
+So what is written is the predictive law: the posterior mean over all laws of four families that the sojourns do not
+rule out, each by its probability (Bayesian model averaging).
+
+Four families stand beside each other: uniform, geometric, log-normal, Weibull. All have a scale, whose logarithm is
+flat a priori, and all but the geometric a shape with a proper prior, so that their evidences compare (the scale's prior
+is the same in all). Configurations of one system may share a law: each way to part them into groups of one law each is
+weighed by the evidence, too. So a configuration seen three times borrows from others as far as these are like it, and
+not where they are not.
+
+Records cut sojourns (errata 9). With S(e) = P(τ ≥ e), μ the mean and N the length of a record, the likelihoods are
+
+- begun and ended in the record, τ slots:    P(τ)
+- begun, cut by the end after e slots:       S(e)
+- there at the begin, ended after e slots:   S(e) / μ
+- there throughout:                          Σ_{r ≥ N} S(r) / μ
+
+Leaving the cut ones out would learn too short durations: the longest are cut the most often.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Final
+
+import numpy as np
+from pydantic import BaseModel
+from scipy import special
+
+from rwa_monitor.diagnosis.laws import broad_survival
+from rwa_monitor.physics.durations import LONGEST, Geometric, Histogram, Lognormal, Uniform, Weibull
+from rwa_monitor.samples import BoolArray, FloatArray, IntArray
+
+NODES: Final = 41  # of each parameter over its posterior
+REACH: Final = (-6.0, 10.0)  # standard errors over which a scale is integrated; sojourns that were cut only lengthen it
+SHAPES: Final = (0.5, 20.0)  # of a Weibull law: from what comes in bursts to what is nearly a clock
+SIGMAS: Final = (0.05, 2.0)  # of a log-normal law, likewise
+SCALES: Final = float(np.log(1e6))  # width of the prior of a scale's logarithm: from a slot to a day and a half at 8 Hz
+# Of the sojourns that are none: a visit of a few slots is not seen, and the rests before and after it pass for one.
+STRAY_SHARE: Final = 0.02
+BEYOND: Final = 60  # points at which the tail of a sojourn that outlasts a record is added up
+POINTS: Final = 1000  # at which the law's survival function is known before it is written
+NEGLIGIBLE: Final = 1e-7  # probability of one law of thousands: invisible in what is written
+FARTHEST: Final = 100.0  # times the longest sojourn seen: what a law may reach
+# P(τ ≥ e) at the edges of what is written; between them a histogram is straight, and what is left outside is less than
+# the share of the broad law that a diagnosis mixes in.
+EDGES: Final = (
+    *(0.9995, 0.998, 0.99, 0.97, 0.93, 0.85, 0.75, 0.65, 0.5),
+    *(0.35, 0.25, 0.15, 0.07, 0.03, 0.01, 0.002, 0.0005),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Sojourns:
+    """The sojourns seen in one configuration, in slots, by what the records cut of them.
+
+    Attributes
+    ----------
+    complete
+        From their begin to their end.
+    begun
+        Cut by the end of the record: at least as long.
+    found
+        There when the record began: what was left of them.
+    throughout
+        There when the record began and when it ended.
+    """
+
+    complete: list[int] = field(default_factory=list)
+    begun: list[int] = field(default_factory=list)
+    found: list[int] = field(default_factory=list)
+    throughout: list[int] = field(default_factory=list)
+
+    @property
+    def cut(self) -> list[int]:
+        """Those that a record cut."""
+        return self.begun + self.found + self.throughout
+
+    @property
+    def seen(self) -> int:
+        """Count all of them."""
+        return len(self.complete) + len(self.cut)
+
+    @property
+    def longest(self) -> int:
+        """The longest of all; 0 without any."""
+        return max(self.complete + self.cut, default=0)
+
+    def add(self, slots: int, *, began: bool, ended: bool) -> None:
+        """Add a sojourn that began, and ended, in the record or not."""
+        kinds = {
+            (True, True): self.complete,
+            (True, False): self.begun,
+            (False, True): self.found,
+            (False, False): self.throughout,
+        }
+        kinds[began, ended].append(slots)
+
+    def joined(self, other: Sojourns) -> Sojourns:
+        """Return the sojourns of two configurations as of one."""
+        return Sojourns(
+            self.complete + other.complete,
+            self.begun + other.begun,
+            self.found + other.found,
+            self.throughout + other.throughout,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class LearnedLaw:
+    """What is known of a configuration's durations.
+
+    Attributes
+    ----------
+    law
+        Of the next sojourn.
+    family, share
+        The likeliest family, and its probability.
+    mean, error
+        Mean duration [slots] and what is uncertain of it, as a share of it.
+    """
+
+    law: Histogram
+    family: str
+    share: float
+    mean: float
+    error: float
+
+
+@dataclass(frozen=True, slots=True)
+class _Nodes:
+    """A family at nodes over its parameters: laws whose parameters are arrays (nodes, 1), log weights, means (nodes,).
+
+    The weights are the prior's mass at each node.
+    """
+
+    laws: Any
+    log_weight: FloatArray
+    mean: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class _Group:
+    """Configurations of one law: the log evidence, and the posterior over the nodes of all families."""
+
+    log_evidence: float
+    families: tuple[_Nodes, ...]
+    posterior: tuple[FloatArray, ...]
+
+
+def learn_laws(sojourns: Sequence[Sojourns]) -> list[LearnedLaw]:
+    """Learn the laws of a system's configurations.
+
+    Parameters
+    ----------
+    sojourns
+        By configuration; at least one of each, whole or cut.
+
+    Raises
+    ------
+    ValueError
+        If a configuration was never seen.
+    """
+    groups: dict[tuple[int, ...], _Group] = {}
+    parted = []
+    for partition in _partitions(tuple(range(len(sojourns)))):
+        for group in partition:
+            if group not in groups:
+                together = Sojourns()
+                for q in group:
+                    together = together.joined(sojourns[q])
+                groups[group] = _learn(together)
+        parted.append((partition, sum(groups[group].log_evidence for group in partition)))
+    weights = special.softmax([evidence for _, evidence in parted])
+    return [
+        _mixture(
+            [
+                (float(weight), next(groups[group] for group in partition if q in group))
+                for weight, (partition, _) in zip(weights, parted, strict=True)
+            ],
+            FARTHEST * max(one.longest for one in sojourns),
+        )
+        for q in range(len(sojourns))
+    ]
+
+
+def _partitions(items: tuple[int, ...]) -> Iterator[tuple[tuple[int, ...], ...]]:
+    """Yield all ways to part items into groups."""
+    if not items:
+        yield ()
+        return
+    first, rest = items[0], items[1:]
+    for smaller in _partitions(rest):
+        yield ((first,), *smaller)
+        for i, group in enumerate(smaller):
+            yield (*smaller[:i], (first, *group), *smaller[i + 1 :])
+
+
+# ---- one law for some sojourns ---------------------------------------------------------------------------------------
+
+
+def _learn(sojourns: Sojourns) -> _Group:
+    """Weigh all laws by what was seen."""
+    seen = np.array(sojourns.complete or sojourns.cut, dtype=np.float64)
+    if seen.size == 0:
+        raise ValueError("a configuration without a sojourn has no law to learn")
+    families = tuple(make(seen, sojourns) for make in FAMILIES.values())
+    log_posterior = [nodes.log_weight + _log_likelihood(nodes, sojourns) - np.log(SCALES) for nodes in families]
+    everything = float(special.logsumexp(np.concatenate(log_posterior)))
+    return _Group(everything, families, tuple(np.exp(part - everything) for part in log_posterior))
+
+
+def _log_likelihood(nodes: _Nodes, sojourns: Sojourns) -> FloatArray:
+    """Return the log-likelihood of the sojourns at each node, float64 (nodes,)."""
+    total = np.zeros(nodes.mean.size)
+    log_mean = np.log(nodes.mean)
+    with np.errstate(divide="ignore"):
+        if sojourns.complete:
+            slots = np.array(sojourns.complete, dtype=np.float64)
+            broad = broad_survival(slots, nodes.mean[:, None]) - broad_survival(slots + 1.0, nodes.mean[:, None])
+            total += np.log((1.0 - STRAY_SHARE) * nodes.laws.pmf(slots) + STRAY_SHARE * broad).sum(axis=1)
+        if sojourns.begun:
+            total += np.log(nodes.laws.survival(np.array(sojourns.begun))).sum(axis=1)
+        if sojourns.found:
+            total += np.log(nodes.laws.survival(np.array(sojourns.found))).sum(axis=1) - len(sojourns.found) * log_mean
+        for length in sojourns.throughout:
+            at = np.geomspace(length, FARTHEST * length, BEYOND)
+            total += np.log(np.trapezoid(nodes.laws.survival(at), at, axis=1)) - log_mean
+    return total
+
+
+def _laws_at(family: type[BaseModel], **parameters: Any) -> Any:
+    """Return all laws of a family at once: one whose parameters are arrays, (nodes, 1); unchecked, a law has numbers.
+
+    Its functions take slots (m,) and return (nodes, m): they are elementwise.
+    """
+    return family.model_construct(**{name: values[:, None] for name, values in parameters.items()})
+
+
+def _geometric(seen: FloatArray, sojourns: Sojourns) -> _Nodes:
+    count = seen.size
+    z = np.linspace(*REACH, NODES)
+    mean = np.maximum(sum(sojourns.complete + sojourns.cut) / count * np.exp(z / np.sqrt(count)), 1.0)
+    return _Nodes(_laws_at(Geometric, mean_slots=mean), np.full(NODES, np.log((z[1] - z[0]) / np.sqrt(count))), mean)
+
+
+def _uniform(seen: FloatArray, sojourns: Sojourns) -> _Nodes:
+    """Nodes beyond the ends of the sample, spaced as the posterior of n sojourns falls off: by a power of n."""
+    power = max(0.5 * seen.size, 1.0)
+    share = (np.arange(NODES) + 0.5) / NODES
+    width = 1.0 / (NODES * share * power)  # of a node, in the logarithm of an end
+    low, high = (
+        values.ravel()
+        for values in np.meshgrid(seen.min() * share ** (1.0 / power), sojourns.longest * share ** (-1.0 / power))
+    )
+    of_low, of_high = (values.ravel() for values in np.meshgrid(width, width))
+    log_weight = np.log(of_low * low / high * of_high)  # low/high is uniform on [0, 1]
+    low = np.maximum(low, 1.0)
+    return _Nodes(_laws_at(Uniform, low=low, high=high), log_weight, 0.5 * (low + high))
+
+
+def _lognormal(seen: FloatArray, _: Sojourns) -> _Nodes:
+    sigma, z, log_weight = _shape_and_scale(SIGMAS, seen.size)
+    mu = float(np.log(seen).mean()) + sigma * z
+    mean = np.exp(np.minimum(mu + 0.5 * sigma**2, np.log(LONGEST)))
+    return _Nodes(_laws_at(Lognormal, mu=mu, sigma=sigma), log_weight + np.log(sigma), mean)
+
+
+def _weibull(seen: FloatArray, _: Sojourns) -> _Nodes:
+    shape, z, log_weight = _shape_and_scale(SHAPES, seen.size)
+    # The mean of log x is log λ - γ/k.
+    scale = np.exp(float(np.log(seen).mean()) + (z - special.digamma(1.0)) / shape)
+    laws = _laws_at(Weibull, shape=shape, scale=scale)
+    return _Nodes(laws, log_weight - np.log(shape), scale * special.gamma(1.0 + 1.0 / shape))
+
+
+def _shape_and_scale(shapes: tuple[float, float], count: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return nodes of a shape, of the scale's logarithm in units of the law's spread, and log weights; (nodes,)."""
+    at, z = np.geomspace(*shapes, NODES), np.linspace(*REACH, NODES) / np.sqrt(count)
+    shape, deviation = (values.ravel() for values in np.meshgrid(at, z))
+    return shape, deviation, np.full(shape.size, np.log((z[1] - z[0]) / NODES))
+
+
+FAMILIES: Final[dict[str, Callable[[FloatArray, Sojourns], _Nodes]]] = {
+    "uniform": _uniform,
+    "geometric": _geometric,
+    "lognormal": _lognormal,
+    "weibull": _weibull,
+}
+
+
+# ---- what is written -------------------------------------------------------------------------------------------------
+
+
+def _mixture(parts: Sequence[tuple[float, _Group]], farthest: float) -> LearnedLaw:
+    """Return the predictive law of groups by their weights."""
+    at: IntArray = np.unique(np.geomspace(1.0, min(max(farthest, 100.0), LONGEST), POINTS).astype(np.int64))
+    survival, shares = np.zeros(at.size), np.zeros(len(FAMILIES))
+    log_mean, square = 0.0, 0.0
+    for weight, group in parts:
+        for f, (nodes, posterior) in enumerate(zip(group.families, group.posterior, strict=True)):
+            likely = posterior * weight > NEGLIGIBLE
+            if not likely.any():
+                continue
+            chosen = _only(nodes, likely)
+            survival += weight * (posterior[likely] @ chosen.laws.survival(at))
+            shares[f] += weight * float(posterior.sum())
+            log_mean += weight * float(posterior[likely] @ np.log(chosen.mean))
+            square += weight * float(posterior[likely] @ np.log(chosen.mean) ** 2)
+    best = int(np.argmax(shares))
+    law = _histogram(at, survival / survival[0])
+    error = float(np.sqrt(max(square - log_mean**2, 0.0)))
+    return LearnedLaw(law, list(FAMILIES)[best], float(shares[best]), law.mean(), error)
+
+
+def _only(nodes: _Nodes, at: BoolArray) -> _Nodes:
+    """Return a family at some of its nodes."""
+    parameters = {name: values[at, 0] for name, values in nodes.laws if name != "law"}
+    return _Nodes(_laws_at(type(nodes.laws), **parameters), nodes.log_weight[at], nodes.mean[at])
+
+
+def _histogram(at: IntArray, survival: FloatArray) -> Histogram:
+    """Return the histogram whose edges are where the survival function passes `EDGES`."""
+    edges: IntArray = np.unique([int(at[np.flatnonzero(survival >= level)[-1]]) for level in EDGES])
+    if edges.size == 1:
+        edges = np.append(edges, edges[0] + 1)
+    tails = np.interp(edges, at, survival)
+    tails[-1] = 0.0
+    return Histogram(
+        edges=tuple(edges.tolist()),
+        weights=tuple(float(f"{share:.4g}") for share in -np.diff(tails)),
+    )
