@@ -50,6 +50,12 @@ def nearest_slot(time_ns: int | IntArray, origin_ns: int, period_ns: int) -> int
     return (2 * (time_ns - origin_ns) + period_ns) // (2 * period_ns)
 
 
+def is_nearest_slot(slot: int, time_ns: int, origin_ns: int, period_ns: int) -> bool:
+    """Tell whether `nearest_slot` of a time is this slot, without a division."""
+    beyond = 2 * (time_ns - origin_ns) + period_ns - 2 * period_ns * slot
+    return (beyond >= 0) & (beyond < 2 * period_ns)
+
+
 def period_ns(sample_period_s: float) -> int:
     """Return a sample period in whole nanoseconds."""
     return int(np.rint(sample_period_s * NANOSECONDS_PER_SECOND))

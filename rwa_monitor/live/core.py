@@ -43,7 +43,7 @@ from rwa_monitor.live.events import (
     WindowDiagnosed,
 )
 from rwa_monitor.live.friction import BLOCK_SLOTS, FrictionSource, Source, source_of
-from rwa_monitor.live.order_guard import PIECE_SLOTS, OrderGuard, Rows, both_finite, finite_or_nan
+from rwa_monitor.live.order_guard import PIECE_SLOTS, OrderGuard, Rows, finite_or_nan
 from rwa_monitor.live.ring_buffer import RingBuffer
 from rwa_monitor.live.screen import LAG_SLOTS, TORQUE, Fault, Screen, friction_limit, speed_limit
 from rwa_monitor.live.sequencer import Batch, Counts, Sequencer
@@ -207,25 +207,26 @@ class WheelCore:
 
     def _take(self, message: Batch) -> list[Event]:
         samples = message.samples
-        clean = self._guard.is_clean(samples)  # as nearly all messages are: then there is nothing to look for
-        events: list[Event] = self._settings_check.look(samples, clean=clean)
         torque = self._friction.torque(samples)
+        clean = torque is not None and self._guard.is_clean(samples)  # nearly always: there is nothing to look for
+        events: list[Event] = self._settings_check.look(samples, clean=clean)
         if torque is None:
             torque = np.full(len(samples), np.nan)
             if not self._said_missing:
                 self._said_missing = True
                 events.append(ChannelMissing(self._source))
-        channels = {
-            "speed_rad_s": samples.speed_rad_s,
-            "torque_Nm": torque,
-            "motor_torque_Nm": self._friction.motor_torque(samples),
-            "bearing_temperature_degC": samples.bearing_temperature_degC,
-        }
-        values = {name: _values_or_nan(channels[name], len(samples)) for name in self._ring.channels}
-        if clean:
-            return events + self._place(Rows(samples.time_ns, values), passed=message.passed)
-        rows = Rows(samples.time_ns, {name: finite_or_nan(array) for name, array in values.items()})
-        allowed = self._guard.reject_beyond_limits(samples)
+        values = {"speed_rad_s": samples.speed_rad_s, "torque_Nm": torque}
+        for name in self._friction.optional:
+            measured = self._friction.motor_torque(samples) if name == "motor_torque_Nm" else getattr(samples, name)
+            values[name] = np.full(len(samples), np.nan) if measured is None else measured
+        straight = clean and not (self._friction.derived or message.passed or self._waiting is not None)
+        if straight and self._guard.take_next(samples.time_ns):
+            self._ring.append(len(samples), values)
+            return events + self._advance()
+        if not clean:
+            values = {name: finite_or_nan(array) for name, array in values.items()}
+        rows = Rows(samples.time_ns, values)
+        allowed = None if clean else self._guard.reject_beyond_limits(samples)
         if allowed is not None:
             rows = rows[np.flatnonzero(allowed)]
         return events + self._place(rows, passed=message.passed)
@@ -281,7 +282,8 @@ class WheelCore:
             next_block = (self._done // BLOCK_SLOTS + 1) * BLOCK_SLOTS
             if self._done != self._next_start and ready < min(next_block, self._border):
                 return []  # nothing to work off, and many slots are screened in the time of one
-        events = self._told(*self._screen.run(self._ring, seen, self._border_before))
+        masked, faults = self._screen.run(self._ring, seen, self._border_before)
+        events = self._told(masked, faults) if masked or faults else []
         while True:
             if self._open and self._window_complete(to_the_end=to_the_end):
                 events.append(self._close(self._open.pop(0)))
@@ -321,9 +323,9 @@ class WheelCore:
         friction, masked, faults = self._friction.friction(self._ring, start, stop)
         if self._friction.reach:  # otherwise it is what the ring buffer holds
             self._ring.overwrite("torque_Nm", start, friction)
-        good = both_finite(speed, friction)
-        confirmed = [window.accumulator.append(speed, friction, good) for window in self._open]
-        events = self._told(masked, faults)
+        there = np.ones(stop - start, dtype=np.bool_)  # where values are missing they are NaN
+        confirmed = [window.accumulator.append(speed, friction, there) for window in self._open]
+        events = self._told(masked, faults) if masked or faults else []
         if not confirmed:
             return events
         # Where windows overlap, the first one to hold a slot tells of it.
@@ -500,10 +502,6 @@ class WheelCore:
                 accumulator.append(speed, friction, np.isfinite(speed) & np.isfinite(friction))
             self._open.append(_OpenWindow(start, accumulator))
         self._find_border()
-
-
-def _values_or_nan(values: FloatArray | None, size: int) -> FloatArray:
-    return np.full(size, np.nan) if values is None else values
 
 
 def _forget_positions(carried: CarriedState) -> CarriedState:

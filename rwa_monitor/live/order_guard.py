@@ -17,7 +17,7 @@ import numpy as np
 from rwa_monitor.live.sequencer import Counts
 from rwa_monitor.physics.wheel import Limits
 from rwa_monitor.samples import CHANNELS, BoolArray, FloatArray, IntArray, Samples
-from rwa_monitor.slots import SlotGrid, nearest_slot
+from rwa_monitor.slots import SlotGrid, is_nearest_slot, nearest_slot
 
 # Times that the slot arithmetic holds in 64 bits for any two of them: 1954 to 2096, if the clock counts from 1970.
 MIN_TIME_NS: Final = -500_000_000_000_000_000
@@ -161,6 +161,22 @@ class OrderGuard:
         self.counts.rejected += count
         self.counts.queued -= count
         return ~wrong
+
+    def take_next(self, time_ns: IntArray) -> bool:
+        """Take good samples if they come one for each of the next slots, as nearly all do, and count them.
+
+        As one piece that `next_piece` would return; False, and nothing is counted, where there is more to decide.
+        """
+        count = time_ns.size
+        if self.grid is None or not 0 < count <= PIECE_SLOTS:
+            return False
+        if not _are_next(time_ns, self.grid.origin_ns, self.grid.period_ns, self.frontier):
+            return False
+        self.counts.used += count
+        self.counts.queued -= count
+        self.frontier += count
+        self.last_ns = int(time_ns[-1])
+        return True
 
     def next_piece(
         self,
@@ -314,6 +330,18 @@ def _mark_beyond(values: FloatArray, limit: float, wrong: BoolArray) -> int:
 
 
 _nearest_slot = numba.njit(cache=True, error_model="numpy", nogil=True)(nearest_slot)
+
+
+_is_nearest_slot = numba.njit(cache=True, error_model="numpy", nogil=True)(is_nearest_slot)
+
+
+@numba.njit(cache=True, nogil=True)
+def _are_next(time_ns: IntArray, origin_ns: int, period_ns: int, frontier: int) -> bool:
+    """Tell whether samples take the slots from `frontier` on, one after the other."""
+    count = 0
+    for k in range(time_ns.size):
+        count += _is_nearest_slot(frontier + k, time_ns[k], origin_ns, period_ns)
+    return count == time_ns.size
 
 
 @numba.njit(cache=True, nogil=True)

@@ -35,6 +35,8 @@ class RingBuffer:
     ----------
     begin, end
         The slots held: [begin, end).
+    channels
+        Names of the channels kept.
     """
 
     def __init__(self, capacity: int, optional: tuple[str, ...] = (), values_capacity: int | None = None) -> None:
@@ -43,7 +45,8 @@ class RingBuffer:
         self.end = 0
         self._first = 0
         self._filled: NDArray[np.uint8] = np.zeros(capacity, dtype=np.uint8)
-        self._values: dict[str, FloatArray] = {name: np.zeros(self.values_capacity) for name in (*REQUIRED, *optional)}
+        self.channels = (*REQUIRED, *optional)
+        self._values: dict[str, FloatArray] = {name: np.zeros(self.values_capacity) for name in self.channels}
 
     @property
     def begin(self) -> int:
@@ -54,11 +57,6 @@ class RingBuffer:
     def values_begin(self) -> int:
         """First slot whose values are still held."""
         return max(self._first, self.end - self.values_capacity)
-
-    @property
-    def channels(self) -> tuple[str, ...]:
-        """Names of the channels kept."""
-        return tuple(self._values)
 
     @property
     def nbytes(self) -> int:
@@ -84,22 +82,27 @@ class RingBuffer:
         """
         start, count = self.end, end - self.end
         if slots.size == count:  # none is empty
-            at = start % self.capacity
-            self._filled[at : at + count] = 1
-            if at + count > self.capacity:
-                self._filled[: at + count - self.capacity] = 1
-            for name, array in self._values.items():
-                _put(array, start, values[name])
-        else:
-            rows = slots - start
-            filled = np.zeros(count, dtype=np.uint8)
-            filled[rows] = 1
-            _put(self._filled, start, filled)
-            for name, array in self._values.items():
-                spread = np.full(count, np.nan)
-                spread[rows] = values[name]
-                _put(array, start, spread)
+            self.append(count, values)
+            return
+        rows = slots - start
+        filled = np.zeros(count, dtype=np.uint8)
+        filled[rows] = 1
+        _put(self._filled, start, filled)
+        for name, array in self._values.items():
+            spread = np.full(count, np.nan)
+            spread[rows] = values[name]
+            _put(array, start, spread)
         self.end = end
+
+    def append(self, count: int, values: Mapping[str, FloatArray]) -> None:
+        """Append `count` slots, none of them empty; float64 (count,) for every channel, `values_capacity` at most."""
+        at = self.end % self.capacity
+        self._filled[at : at + count] = 1
+        if at + count > self.capacity:
+            self._filled[: at + count - self.capacity] = 1
+        for name, array in self._values.items():
+            _put(array, self.end, values[name])
+        self.end += count
 
     def restore(self, begin: int, filled: BoolArray, values: Mapping[str, FloatArray]) -> None:
         """Hold the slots [begin, begin + n) and nothing else.

@@ -172,6 +172,20 @@ def _judge(
     return found
 
 
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def _judge_both(
+    following: tuple[FloatArray, FloatArray],
+    limits: tuple[float, float],
+    recent: tuple[FloatArray, FloatArray],
+    memory: tuple[FloatArray, FloatArray],
+    kind: NDArray[np.int8],
+    since: NDArray[np.int64],
+) -> bool:
+    """Do the work of `Channel.judge` for two channels; kind and since are (2, n)."""
+    first = _judge(following[0], limits[0], recent[0], memory[0], kind[0], since[0])
+    return _judge(following[1], limits[1], recent[1], memory[1], kind[1], since[1]) or first
+
+
 def speed_limit(wheel: Wheel) -> float:
     """Return the largest change of speed within a slot that the motor can make [rad/s]; infinity if not known."""
     torque = wheel.max_motor_torque_Nm
@@ -234,21 +248,22 @@ class Screen:
         start, self.done = self.done, max(self.done, stop)
         if stop <= start:
             return 0, []
-        speed = ring.read(SPEED, start, stop + 1)
-        found = (
-            (SPEED, self.speed.judge(speed, self.speed_limit_rad_s)),
-            (TORQUE, self.torque.judge(ring.read(TORQUE, start, stop + 1), self.torque_limit_Nm)),
-        )
-        if found[0][1] is None and found[1][1] is None:
+        speed, torque = ring.read(SPEED, start, stop + 1), ring.read(TORQUE, start, stop + 1)
+        kinds, sinces = np.zeros((2, stop - start), dtype=np.int8), np.zeros((2, stop - start), dtype=np.int64)
+        if not _judge_both(
+            (speed, torque),
+            (self.speed_limit_rad_s, self.torque_limit_Nm),
+            (self.speed.recent, self.torque.recent),
+            (self.speed.memory, self.torque.memory),
+            kinds,
+            sinces,
+        ):
             return 0, []
         turning = speed[:-1] != 0.0  # before anything is masked
         held = max(start - LAG_SLOTS, ring.values_begin)  # the first slot that may still be masked
         good: BoolArray | None = None  # before anything was masked
         faults = []
-        for name, judged in found:
-            if judged is None:
-                continue
-            kind, since = judged
+        for name, kind, since in zip((SPEED, TORQUE), kinds, sinces, strict=True):
             # A tachometer at rest shows zero, and so may the current: that is no fault.
             wrong = (kind == STANDS_OUT) | ((kind == HANGS) & turning)
             if not wrong.any():

@@ -146,10 +146,10 @@ class Sequencer:
         if batch.publisher != self.current:
             return self._challenged_by(batch, frontier_ns)
         self.largest = max(self.largest, len(batch.samples))
-        events = self._end_challenge()
+        events = self._end_challenge() if self.challenge else []
         ready, more = self._in_order(batch, frontier_ns)
         self._remember_time(batch)
-        return ready, [*events, *more]
+        return ready, events + more
 
     def flush(self, frontier_ns: int | None) -> tuple[list[Batch], list[SequenceEvent]]:
         """Release everything that waits, in order: nothing more will come."""
