@@ -178,7 +178,7 @@ class WindowAccumulator:
 
         self._x: FloatArray = np.empty(self.slots)
         self._z: FloatArray = np.empty(self.slots)
-        self._good: BoolArray = np.zeros(self.slots, dtype=np.bool_)
+        self._good: BoolArray = np.empty(self.slots, dtype=np.bool_)
         self._used: BoolArray = np.zeros(self.slots, dtype=np.bool_)
         self._sums = RunningSums(self._x, self._z, self._used)
         self._structure = StructureSums(self.slots, self._speed_unit * wheel.sample_period_s)

@@ -70,12 +70,12 @@ class PeakList:
         if len(self) + self.chunk_peaks > MOST_PEAKS:
             self._prune(variances)
             return
-        more = min(max(room, self.chunk_peaks), MOST_PEAKS - room)
-        self.arrays = self.arrays._replace(
-            slots=np.concatenate((self.arrays.slots, np.empty((more, 3), dtype=np.int64))),
-            values=np.concatenate((self.arrays.values, np.empty((more, 2)))),
-            confirmed=np.empty(room + more, dtype=np.int64),
-        )
+        room = min(2 * room, MOST_PEAKS)
+        # Only the rows of peaks are copied: memory that no peak needs is not even touched.
+        slots, values = np.empty((room, 3), dtype=np.int64), np.empty((room, 2))
+        slots[: len(self)], values[: len(self)] = self.arrays.slots[: len(self)], self.arrays.values[: len(self)]
+        confirmed = np.empty(room, dtype=np.int64)
+        self.arrays = self.arrays._replace(slots=slots, values=values, confirmed=confirmed)
 
     def _prune(self, variances: FloatArray) -> None:
         """Keep the strongest peaks, half as many as there are, and those that are still open."""

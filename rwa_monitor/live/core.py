@@ -143,7 +143,8 @@ class WheelCore:
         self.check(samples)
         if not self._source:
             self._source = source_of(samples, self.wheel)
-            self._begin_source(self._source)
+            if self._source != self._friction.source:
+                self._begin_source(self._source)
         ready, notes = self._sequencer.put(Batch(publisher, batch, samples), self._guard.last_ns)
         events: list[Event] = list(notes)
         for message in ready:

@@ -65,8 +65,9 @@ class RingBuffer:
 
     def clear(self, begin: int = 0) -> None:
         """Forget all slots and begin again at slot `begin`."""
+        if self.end > self._first:
+            self._filled[:] = 0
         self.end = self._first = begin
-        self._filled[:] = 0
 
     def extend(self, end: int, slots: IntArray, values: Mapping[str, FloatArray]) -> None:
         """Append the slots [self.end, end): those in `slots` with their values, the others empty.

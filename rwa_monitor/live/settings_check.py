@@ -59,7 +59,8 @@ class SettingsCheck:
             return []
         period_s = float(np.median(steps))
         fast = period_s * PERIOD_DIFFERS < self._expected_s
-        slow = float(np.quantile(steps, SLOW_QUANTILE)) > self._expected_s * PERIOD_DIFFERS
+        longest_s = self._expected_s * PERIOD_DIFFERS
+        slow = period_s > longest_s and float(np.quantile(steps, SLOW_QUANTILE)) > longest_s
         return [SamplePeriodDiffers(period_s, self._expected_s)] if fast or slow else []
 
     def _look_at_speed(self, samples: Samples) -> list[Event]:
