@@ -16,9 +16,10 @@ from typing import Final
 import numpy as np
 
 from rwa_monitor.diagnosis import segments
-from rwa_monitor.diagnosis.assignment_search import NO_SYSTEM, REJECT, Path, Problem, Sizes, log_laws, search, step_of
+from rwa_monitor.diagnosis.assignment_paths import add_agreement, tell
+from rwa_monitor.diagnosis.assignment_search import REJECT, Path, Problem, Sizes, log_laws, search
 from rwa_monitor.diagnosis.estimation import estimate, jump_std
-from rwa_monitor.diagnosis.friction_model import Posterior, solve
+from rwa_monitor.diagnosis.friction_model import Posterior, solve_flat
 from rwa_monitor.diagnosis.friction_priors import Priors, priors_of
 from rwa_monitor.diagnosis.laws import Onset, law_tables, onsets
 from rwa_monitor.diagnosis.results import (
@@ -28,9 +29,11 @@ from rwa_monitor.diagnosis.results import (
     Candidates,
     Estimate,
     Evidence,
+    FlatStory,
     Rival,
     Story,
 )
+from rwa_monitor.diagnosis.segments import Level
 from rwa_monitor.diagnosis.state import CarriedState
 from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
@@ -59,26 +62,12 @@ class _Case:
 
 
 @dataclass(frozen=True, slots=True)
-class _Level:
-    """The window at given positions of the candidates: all that scores need."""
-
-    index: IntArray
-    pairs: FloatArray  # moments between all pairs of nodes, see `segments.pair_moments`
-    slope: float
-    information: float  # of the slope
-    variance: float
-    spread: float  # width of the prior of a level
-    jump: FloatArray  # size of each candidate's jump, between accepted neighbours
-    jump_variance: FloatArray
-
-
-@dataclass(frozen=True, slots=True)
 class _Ranked:
     """The story that a path tells, and its full log-likelihood."""
 
-    story: Story
-    system: IntArray  # (m, 2): who jumped at each candidate; REJECTED or UNATTRIBUTED alone, REJECTED in second place
-    direction: IntArray  # (m, 2)
+    story: FlatStory
+    system: IntArray  # (m, 2), see `assignment_paths.tell`, as `direction`
+    direction: IntArray
     posterior: Posterior
     score: float
 
@@ -115,7 +104,7 @@ def assign(
     everyone: IntArray = np.arange(len(candidates), dtype=np.int64)
     level = _measure(case, candidates.index, everyone)
     reach = segments.reach_of(candidates)
-    index = segments.refine(evidence.sums, candidates.index, reach, level.slope, level.variance)
+    index = segments.refine(evidence.sums, candidates.index, reach, level.slope, case.variance)
     level = _measure(case, index, everyone)
     signs = _signs(candidates, level, everyone)
     problem = _problem(case, level, signs)
@@ -127,14 +116,14 @@ def assign(
         new_signs = signs.copy()
         new_signs[accepted] = _signs(candidates, again, accepted)[accepted]
         settled = 0.5 * again.information * (again.slope - level.slope) ** 2 < SETTLED
-        if settled and np.array_equal(again.index, level.index) and np.array_equal(new_signs, signs):
+        if settled and np.array_equal(again.at, level.at) and np.array_equal(new_signs, signs):
             break
         level, signs = again, new_signs
         problem = _problem(case, level, signs)
         result = search(problem, paths=KEPT_PATHS, margin=MARGIN, budget=limit)
         states += result.states
     ranked = _rank(case, problem, result.paths, level)
-    return _result(case, level.index, ranked, states, result.pruned)
+    return _result(case, level.at, ranked, states, result.pruned)
 
 
 def _priors(evidence: Evidence, wheel: Wheel, carried: CarriedState | None) -> Priors:
@@ -145,23 +134,21 @@ def _priors(evidence: Evidence, wheel: Wheel, carried: CarriedState | None) -> P
     return priors_of(wheel, carried, typical_level, float(np.median(jumps)) if jumps.size else 0.0)
 
 
-def _measure(case: _Case, index: IntArray, accepted: IntArray) -> _Level:
+def _measure(case: _Case, index: IntArray, accepted: IntArray) -> Level:
     """Measure slope and levels between the accepted candidates."""
-    sums, variance, prior = case.evidence.sums, case.variance, case.priors.slope
-    pairs = segments.pair_moments(np.concatenate(([0], index, [case.evidence.slots])), sums.arrays)
-    nodes = _nodes(accepted, index.size)
-    slope, information = segments.shared_slope(pairs, nodes, variance, prior.mean, prior.std)
-    spread = segments.level_range(segments.levels_of(pairs, nodes, slope), variance)
-    jump, jump_variance = segments.jumps_of(pairs, nodes, slope, information, variance)
-    return _Level(index, pairs, slope, information, variance, spread, jump, jump_variance)
+    evidence, prior = case.evidence, case.priors.slope
+    nodes = segments.nodes_of(accepted, index.size)
+    return segments.measure_level(
+        index, nodes, evidence.sums.arrays, evidence.slots, case.variance, prior.mean, prior.std
+    )
 
 
-def _problem(case: _Case, level: _Level, signs: BoolArray) -> Problem:
+def _problem(case: _Case, level: Level, signs: BoolArray) -> Problem:
     """Tabulate all scores at the present positions, slope and signs."""
     systems, slots = case.wheel.fss, case.evidence.slots
     return Problem(
-        fit=segments.fit_table(level.pairs, level.slope, level.variance, level.spread),
-        laws=law_tables(systems, level.index, slots, case.onsets),
+        fit=segments.fit_table(level.pairs, level.slope, case.variance, level.spread),
+        laws=law_tables(systems, level.at, slots, case.onsets),
         configurations=np.array([system.configurations for system in systems], dtype=np.int64),
         signs=signs,
         reject=LOG_REJECT,
@@ -171,7 +158,7 @@ def _problem(case: _Case, level: _Level, signs: BoolArray) -> Problem:
     )
 
 
-def _sizes(case: _Case, level: _Level) -> Sizes:
+def _sizes(case: _Case, level: Level) -> Sizes:
     """Put sizes of jumps and friction laws side by side."""
     laws = case.priors.laws
     shape = (len(laws), max((len(of_system) for of_system in laws), default=1))
@@ -190,28 +177,19 @@ def _sizes(case: _Case, level: _Level) -> Sizes:
     )
 
 
-def _nodes(accepted: IntArray, count: int) -> IntArray:
-    """Return the nodes of the segments between the accepted candidates."""
-    return np.concatenate(([0], accepted + 1, [count + 1]))
-
-
-def _signs(candidates: Candidates, level: _Level, accepted: IntArray) -> BoolArray:
+def _signs(candidates: Candidates, level: Level, accepted: IntArray) -> BoolArray:
     """Return the possible signs of all candidates; those accepted by the levels beside them."""
-    levels = segments.levels_of(level.pairs, _nodes(accepted, len(candidates)), level.slope)
-    by_node = np.full(len(candidates) + 1, np.nan)
-    by_node[0] = levels[0]
-    by_node[accepted + 1] = levels[1:]
-    filled = np.maximum.accumulate(np.where(np.isfinite(by_node), np.arange(by_node.size), 0))
-    return segments.possible_signs(candidates, by_node[filled])
+    nodes = segments.nodes_of(accepted, len(candidates))
+    return segments.possible_signs(candidates, level.pairs, nodes, level.slope)
 
 
-def _refine_accepted(case: _Case, level: _Level, accepted: IntArray) -> IntArray:
+def _refine_accepted(case: _Case, level: Level, accepted: IntArray) -> IntArray:
     """Refine the positions of the accepted candidates between accepted neighbours; keep the order of all."""
     evidence = case.evidence
     reach = segments.reach_of(evidence.candidates)[accepted]
-    moved = level.index.copy()
-    moved[accepted] = segments.refine(evidence.sums, level.index[accepted], reach, level.slope, level.variance)
-    return moved if np.all(np.diff(moved) > 0) else level.index
+    moved = level.at.copy()
+    moved[accepted] = segments.refine(evidence.sums, level.at[accepted], reach, level.slope, case.variance)
+    return moved if np.all(np.diff(moved) > 0) else level.at
 
 
 def _log_unattributed(wheel: Wheel, slots: int) -> float:
@@ -223,51 +201,19 @@ def _log_unattributed(wheel: Wheel, slots: int) -> float:
 # ---- ranking by the full likelihood ----------------------------------------------------------------------------------
 
 
-def _rank(case: _Case, problem: Problem, paths: tuple[Path, ...], level: _Level) -> list[_Ranked]:
+def _rank(case: _Case, problem: Problem, paths: tuple[Path, ...], level: Level) -> list[_Ranked]:
     """Score the best paths by the full likelihood, best first."""
-    actions, index, scatter = problem.actions, level.index, segments.level_scatter(level.variance)
+    slots, scatter = case.evidence.slots, segments.level_scatter(case.variance)
+    places = np.concatenate(([0], level.at, [slots]))
     ranked = []
     for path in paths:
-        accepted = np.flatnonzero(path.actions != REJECT)
-        nodes = _nodes(accepted, index.size)
-        story, system, direction = _tell(path, actions, index)
-        borders = np.concatenate([[0], index[accepted], [case.evidence.slots]])
-        posterior = solve(story, borders, segments.chain_of(level.pairs, nodes), case.priors, level.variance, scatter)
+        start = np.array(path.start, dtype=np.int64)
+        story, nodes, system, direction = tell(problem.actions, level.at, start, path.actions)
+        moments = segments.chain_of(level.pairs, nodes)
+        posterior = solve_flat(story, places[nodes], moments, case.priors, case.variance, scatter)
         laws = log_laws(problem, path)
         ranked.append(_Ranked(story, system, direction, posterior, laws + posterior.log_evidence))
     return sorted(ranked, key=lambda one: -one.score)
-
-
-def _tell(path: Path, actions: IntArray, index: IntArray) -> tuple[Story, IntArray, IntArray]:
-    """Turn a path into sojourns, and into systems and directions per candidate."""
-    configurations = [[q] for q in path.start]
-    starts = [[0] for _ in path.start]
-    system = np.full((index.size, 2), REJECTED, dtype=np.int64)
-    direction = np.zeros((index.size, 2), dtype=np.int64)
-    rows, slots = actions.tolist(), index.tolist()
-    for k, action in enumerate(path.actions.tolist()):
-        if action == REJECT:
-            continue
-        if action == NO_SYSTEM:
-            system[k, 0] = UNATTRIBUTED
-            continue
-        row = rows[action]
-        for place, (who, number) in enumerate((row[:2], row[2:])):
-            if who < 0:
-                continue
-            step, missed = step_of(number)
-            if missed:  # where it happened is not known; the level says: right after the sojourn began
-                starts[who].append(starts[who][-1] + 1)
-                configurations[who].append(configurations[who][-1] + missed)
-            system[k, place], direction[k, place] = who, step
-            starts[who].append(slots[k])
-            configurations[who].append(configurations[who][-1] + step)
-    story = Story(
-        tuple(np.array(q, dtype=np.int64) for q in configurations),
-        tuple(np.array(slot, dtype=np.int64) for slot in starts),
-        index[system[:, 0] == UNATTRIBUTED],
-    )
-    return story, system, direction
 
 
 def _result(
@@ -282,25 +228,25 @@ def _result(
     jump[accepted] = np.diff(levels.level)
     std[accepted] = jump_std(evidence, levels)
     sure = _confidence(ranked, index)
-    rows = []
-    for k, place in np.argwhere((best.system != REJECTED) | (np.array([0, 1]) == 0)):
-        who, direction = int(best.system[k, place]), int(best.direction[k, place])
-        size, size_std = float(jump[k]), float(std[k])
-        if best.system[k, 1] != REJECTED:
-            size, size_std = _own_jump(best, who, int(index[k]))
-        if who == UNATTRIBUTED:
-            direction = int(np.sign(size))
-        rows.append((int(index[k]), who, direction, size, size_std, sure[k, place]))
-    columns = list(zip(*rows, strict=True)) if rows else [()] * 6
+    story = best.story.story()
+    double, alone = best.system[:, 1] != REJECTED, best.system[:, 0] == UNATTRIBUTED
+    direction = best.direction.copy()
+    direction[alone, 0] = np.sign(jump[alone])
+    # One entry for each candidate, and a second one where two systems jump at once, of which each has its own share.
+    place = np.flatnonzero(np.stack([np.ones_like(double), double], axis=1))
+    size, size_std = np.repeat(jump, 1 + double), np.repeat(std, 1 + double)
+    for entry in np.flatnonzero(double[place // 2]):
+        who, slot = int(best.system.ravel()[place[entry]]), int(index[place[entry] // 2])
+        size[entry], size_std[entry] = _own_jump(best.posterior, story, who, slot)
     assignment = Assignment(
-        index=np.array(columns[0], dtype=np.int64),
-        system=np.array(columns[1], dtype=np.int64),
-        direction=np.array(columns[2], dtype=np.int64),
-        jump=np.array(columns[3], dtype=np.float64),
-        jump_std=np.array(columns[4], dtype=np.float64),
-        confidence=np.array(columns[5], dtype=np.float64),
-        configurations=best.story.configurations,
-        starts=best.story.starts,
+        index=index[place // 2],
+        system=best.system.ravel()[place],
+        direction=direction.ravel()[place],
+        jump=size,
+        jump_std=size_std,
+        confidence=sure.ravel()[place],
+        configurations=story.configurations,
+        starts=story.starts,
         log_score=best.score,
         states=states,
         pruned=pruned,
@@ -313,11 +259,12 @@ def _rivals(ranked: list[_Ranked], index: IntArray) -> tuple[Rival, ...]:
     """Return the likeliest story of each sequence of configurations, with the weight of all that share it."""
     alike: dict[tuple[bytes, ...], list[_Ranked]] = {}
     for one in ranked:
-        same = (*(q.tobytes() for q in one.story.configurations), one.story.unattributed.tobytes())
+        story = one.story
+        same = tuple(part.tobytes() for part in (story.configurations, story.sojourns, story.unattributed))
         alike.setdefault(same, []).append(one)
     return tuple(
         Rival(
-            story=best.story,
+            story=best.story.story(),
             index=index[best.system[:, 0] != REJECTED],
             log_laws=float(np.logaddexp.reduce([one.score for one in (best, *others)])) - best.posterior.log_evidence,
             log_score=best.score,
@@ -336,13 +283,7 @@ def _confidence(ranked: list[_Ranked], index: IntArray) -> FloatArray:
     weights /= weights.sum()
     sure = np.zeros(best.system.shape)
     for weight, one in zip(weights, ranked, strict=True):
-        # Two that jump at once are listed in the order of their systems, so places correspond.
-        same = (one.system == best.system) & (one.direction == best.direction)
-        for k, place in np.argwhere(~same & (best.system != REJECTED)):
-            near = np.abs(index - index[k]) <= SAME_JUMP
-            alike = (one.system == best.system[k, place]) & (one.direction == best.direction[k, place])
-            same[k, place] = bool(np.any(alike[near]))
-        sure += weight * same
+        add_agreement(index, SAME_JUMP, best.system, best.direction, one.system, one.direction, weight, sure)
     return np.minimum(sure, 1.0)
 
 
@@ -351,13 +292,13 @@ def _contrast_std(candidates: Candidates) -> FloatArray:
     return np.asarray(np.abs(candidates.jump) / np.sqrt(np.maximum(candidates.statistic, 1e-12)))
 
 
-def _own_jump(best: _Ranked, who: int, slot: int) -> tuple[float, float]:
+def _own_jump(posterior: Posterior, story: Story, who: int, slot: int) -> tuple[float, float]:
     """Return one system's share of a jump that two made at once, from the friction of its sojourns."""
-    after = int(np.searchsorted(best.story.starts[who], slot, side="right")) - 1
+    after = int(np.searchsorted(story.starts[who], slot, side="right")) - 1
     size, variance = 0.0, 0.0
     for sojourn, sign in ((after - 1, -1.0), (after, 1.0)):
-        column = int(best.posterior.column[who][sojourn])
+        column = int(posterior.column[who][sojourn])
         if column >= 0:
-            size += sign * float(best.posterior.mean[column])
-            variance += float(best.posterior.std[column]) ** 2
+            size += sign * float(posterior.mean[column])
+            variance += float(posterior.std[column]) ** 2
     return size, float(np.sqrt(variance))

@@ -14,7 +14,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from rwa_monitor.diagnosis.assignment_bounds import NO_SYSTEM, REJECT, SKIPPED, STEPS, Bounds, Scores, size_term
-from rwa_monitor.samples import FloatArray, IntArray
+from rwa_monitor.samples import FloatArray
 
 SLACK: Final = 1e-9  # of a first sieve, whose terms are added up in another order [log-likelihood]
 
@@ -385,56 +385,3 @@ def _equal(rows: Int16Array, at: int, row: Int16Array) -> bool:
         if rows[at, column] != row[0, column]:
             return False
     return True
-
-
-@njit(cache=True, error_model="numpy", nogil=True)
-def trace(
-    parent: Int32Array, action: Int32Array, leaves: Int32Array, candidates: int, configurations: IntArray
-) -> tuple[IntArray, IntArray]:
-    """Trace paths back from their leaves in the tree.
-
-    Returns
-    -------
-    start, taken
-        int64 (paths, S) and (paths, candidates): configurations at the window's begin, and the actions.
-    """
-    start = np.empty((leaves.size, configurations.size), dtype=np.int64)
-    taken = np.empty((leaves.size, candidates), dtype=np.int64)
-    for path in range(leaves.size):
-        node = leaves[path]
-        for k in range(candidates - 1, -1, -1):
-            taken[path, k] = action[node]
-            node = parent[node]
-        number = action[node]  # of the start; the last system counts fastest
-        for s in range(configurations.size - 1, -1, -1):
-            start[path, s] = number % configurations[s]
-            number //= configurations[s]
-    return start, taken
-
-
-@njit(cache=True, error_model="numpy", nogil=True)
-def add_up_laws(scores: Scores, start: IntArray, taken: IntArray) -> float:
-    """Return the part of a path's score that comes from laws and priors of rare events; the path as from `trace`."""
-    configuration, since, total = start.copy(), np.zeros_like(start), 0.0
-    for node in range(1, taken.size + 1):
-        action = taken[node - 1]
-        if action in (REJECT, NO_SYSTEM):
-            total += scores.priors[0] if action == REJECT else scores.priors[1]
-            continue
-        for place in (0, 2):
-            s, step = scores.actions[action, place], scores.actions[action, place + 1]
-            if s < 0:
-                continue
-            direction, skipped = step % 2, step // 2
-            q, before = configuration[s], configuration[s] + SKIPPED[skipped]
-            if skipped == 0:
-                total += scores.jump[s, q, since[s], node]
-            else:
-                total += scores.missed[s, q, skipped - 1, since[s], node]
-            total += scores.turn[s, before, direction]
-            configuration[s], since[s] = before + 2 * direction - 1, node
-        total += scores.priors[2] if scores.actions[action, 2] >= 0 else 0.0
-    staying = 0.0
-    for s in range(start.size):
-        staying += scores.stay[s, configuration[s], since[s]]
-    return total + staying

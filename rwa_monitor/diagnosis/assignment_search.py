@@ -35,7 +35,8 @@ from rwa_monitor.diagnosis.assignment_bounds import (
     free_bounds,
     priced_bounds,
 )
-from rwa_monitor.diagnosis.assignment_kernel import add_up_laws, expand, trace
+from rwa_monitor.diagnosis.assignment_kernel import expand
+from rwa_monitor.diagnosis.assignment_paths import add_up_laws, trace
 from rwa_monitor.diagnosis.laws import LawTables
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 

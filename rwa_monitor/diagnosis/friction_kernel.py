@@ -10,6 +10,7 @@ from typing import Final
 import numpy as np
 from numba import njit
 
+from rwa_monitor.diagnosis.results import FlatStory
 from rwa_monitor.samples import FloatArray, IntArray
 
 PIVOT_ROUNDING: Final = 2.0**-52  # of a pivot, relative to the diagonal
@@ -17,32 +18,29 @@ LEAST_PIVOT: Final = 1e-60  # of a coefficient that a wheel file leaves no room 
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def lay_out(
-    configurations: IntArray,
-    starts: IntArray,
-    sojourns: IntArray,
-    unattributed: IntArray,
-    borders: IntArray,
-    table: FloatArray,
-) -> tuple[FloatArray, IntArray, FloatArray]:
-    """Lay out the linear model of a story.
+def lay_out(story: FlatStory, borders: IntArray, table: FloatArray) -> tuple[FloatArray, IntArray, FloatArray]:
+    """Lay out the linear model of a story; its unknowns are base, sojourns, unattributed jumps, and the slope.
 
     Parameters
     ----------
-    configurations, starts
-        int64 (all sojourns,), of all systems one after the other.
-    sojourns
-        int64 (systems,), how many of these each has.
-    unattributed, borders
-        See `Story` and `solve`.
+    story
+        Who jumped when.
+    borders
+        int64 (segments + 1,), slots at which segments begin and end.
     table
-        See `_law_table`.
+        See `friction_priors.law_table`.
 
     Returns
     -------
-    levels, column, laws
-        See `_Design`; `column` of all systems one after the other.
+    levels
+        float64 (segments, unknowns - 1), what each unknown adds to a level; the slope's column left out.
+    column
+        int64 (all sojourns,), column of each sojourn's friction, -1 where it is 0 by law.
+    laws
+        float64 (3, free sojourns), of each column that holds a sojourn's friction, which follow the base's: its system,
+        mean and standard deviation of its friction law.
     """
+    configurations, starts, sojourns, unattributed = story
     column = np.full(configurations.size, -1)
     laws = np.empty((3, configurations.size))
     free = 0
@@ -76,7 +74,41 @@ def lay_out(
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def condition_cases(
+def solve_cases(
+    story: FlatStory,
+    borders: IntArray,
+    table: FloatArray,
+    moments: FloatArray,
+    cases: FloatArray,
+    log_prior: FloatArray,
+    rest: FloatArray,
+    variance: float,
+    scatter: float,
+) -> tuple[float, FloatArray, FloatArray, FloatArray, IntArray]:
+    """Lay a story out, condition its prior of each case on the segments, and mix what comes out.
+
+    Parameters
+    ----------
+    story, borders, table
+        See `lay_out`.
+    moments, cases, rest, variance, scatter
+        See `_condition_cases`.
+    log_prior
+        float64 (cases,), log-probability of each case.
+
+    Returns
+    -------
+    tuple
+        Log evidence, mean, standard deviation and covariance of the mixture, and `column` as `lay_out` gives it.
+    """
+    levels, column, laws = lay_out(story, borders, table)
+    log_evidences, means, covariances = _condition_cases(levels, moments, cases, laws, rest, variance, scatter)
+    log_evidence, mean, std, covariance = _mix(log_evidences, means, covariances, log_prior)
+    return log_evidence, mean, std, covariance, column
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _condition_cases(
     levels: FloatArray,
     moments: FloatArray,
     cases: FloatArray,
@@ -259,7 +291,7 @@ def _invert(matrix: FloatArray, block: IntArray, inverse: FloatArray) -> float:
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def mix(
+def _mix(
     log_evidences: FloatArray, means: FloatArray, covariances: FloatArray, log_prior: FloatArray
 ) -> tuple[float, FloatArray, FloatArray, FloatArray]:
     """Mix the posteriors of all cases; return log evidence, mean, standard deviation and covariance of the mixture."""

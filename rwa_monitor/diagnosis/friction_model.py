@@ -15,9 +15,9 @@ from typing import Final
 
 import numpy as np
 
-from rwa_monitor.diagnosis.friction_kernel import condition, condition_cases, lay_out, mix
+from rwa_monitor.diagnosis.friction_kernel import condition, lay_out, solve_cases
 from rwa_monitor.diagnosis.friction_priors import Priors, case_table, law_table
-from rwa_monitor.diagnosis.results import Story
+from rwa_monitor.diagnosis.results import FlatStory, Story
 from rwa_monitor.diagnosis.running_sums import Moments
 from rwa_monitor.samples import FloatArray, IntArray
 
@@ -67,12 +67,19 @@ def solve(
     scatter
         Variance of the levels about the model, as `segments.level_scatter`.
     """
-    design = _design(story, borders, priors)
+    return solve_flat(story.flat(), borders, segments.table, priors, variance, scatter)
+
+
+def solve_flat(
+    story: FlatStory, borders: IntArray, moments: FloatArray, priors: Priors, variance: float, scatter: float
+) -> Posterior:
+    """Solve the linear model of one story; as `solve`, of the arrays behind story and moments."""
     cases, log_prior = case_table(priors.base, priors.anomaly)
     rest = np.array([priors.unattributed_std, priors.slope.mean, priors.slope.std])
-    conditioned = condition_cases(design.levels, segments.table, cases, design.laws, rest, variance, scatter)
-    log_evidence, mean, std, covariance = mix(*conditioned, log_prior)
-    return Posterior(float(log_evidence), mean, std, covariance, design.column)
+    log_evidence, mean, std, covariance, column = solve_cases(
+        story, borders, law_table(priors.laws), moments, cases, log_prior, rest, variance, scatter
+    )
+    return Posterior(log_evidence, mean, std, covariance, story.split(column))
 
 
 def measure(
@@ -90,14 +97,16 @@ def measure(
     story, borders, segments, priors, variance, scatter
         See `solve`; of the priors, those of the slope and of unattributed jumps count.
     """
-    design = _design(story, borders, priors)
-    free = 1 + design.laws.shape[1]
-    mean, std = np.zeros(design.levels.shape[1] + 1), np.full(design.levels.shape[1] + 1, priors.unattributed_std)
-    mean[0], mean[1:free], std[:free] = priors.base[0].mean, design.laws[1], FLAT_STD
+    flat = story.flat()
+    levels, column, laws = lay_out(flat, borders, law_table(priors.laws))
+    columns = flat.split(column)
+    free = 1 + laws.shape[1]
+    mean, std = np.zeros(levels.shape[1] + 1), np.full(levels.shape[1] + 1, priors.unattributed_std)
+    mean[0], mean[1:free], std[:free] = priors.base[0].mean, laws[1], FLAT_STD
     mean[-1], std[-1] = priors.slope.mean, priors.slope.std
     covariance, independent = np.empty((mean.size, mean.size)), np.arange(mean.size)
     log_evidence = condition(
-        design.levels,
+        levels,
         segments.table,
         mean.copy(),
         np.diag(std**2),
@@ -108,47 +117,7 @@ def measure(
         covariance,
     )
     # The sojourns of the systems that never rest: along such a direction all of them rise and the base falls.
-    moving = [float(column.size) for column in design.column if column.size and (column >= 0).all()]
+    moving = [float(column.size) for column in columns if column.size and (column >= 0).all()]
     lost = np.linalg.slogdet(np.ones((len(moving), len(moving))) + np.diag(moving))[1]
     log_evidence += (free - len(moving)) * np.log(FLAT_STD * np.sqrt(2.0 * np.pi)) + 0.5 * lost
-    return Posterior(
-        float(log_evidence), mean, np.sqrt(np.maximum(np.diag(covariance), 0.0)), covariance, design.column
-    )
-
-
-@dataclass(frozen=True, slots=True)
-class _Design:
-    """The linear model of a story.
-
-    Attributes
-    ----------
-    levels
-        float64 (segments, unknowns - 1), the slope's column left out.
-    column
-        For each system: int64 (sojourns,), column of each sojourn's friction, -1 where it is 0 by law.
-    laws
-        float64 (3, free sojourns), of each column that holds a sojourn's friction, which follow the base's: its system,
-        mean and standard deviation of its friction law.
-    """
-
-    levels: FloatArray
-    column: tuple[IntArray, ...]
-    laws: FloatArray
-
-
-def _design(story: Story, borders: IntArray, priors: Priors) -> _Design:
-    """Return the linear model of a story; columns are base, sojourns, unattributed jumps."""
-    sojourns = np.array([configurations.size for configurations in story.configurations], dtype=np.int64)
-    none = np.zeros(0, dtype=np.int64)
-    levels, column, laws = lay_out(
-        np.concatenate((none, *story.configurations)),
-        np.concatenate((none, *story.starts)),
-        sojourns,
-        story.unattributed,
-        borders,
-        law_table(priors.laws),
-    )
-    ends = np.cumsum(sojourns).tolist()
-    return _Design(
-        levels, tuple(column[end - count : end] for end, count in zip(ends, sojourns.tolist(), strict=True)), laws
-    )
+    return Posterior(float(log_evidence), mean, np.sqrt(np.maximum(np.diag(covariance), 0.0)), covariance, columns)

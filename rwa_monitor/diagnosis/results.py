@@ -11,8 +11,9 @@ first slot of the new level.
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
-from typing import Final, Literal
+from typing import Final, Literal, NamedTuple
 
 import numpy as np
 
@@ -143,6 +144,44 @@ class Story:
     configurations: tuple[IntArray, ...]
     starts: tuple[IntArray, ...]
     unattributed: IntArray
+
+    def flat(self) -> FlatStory:
+        """Return the same, all systems in one array."""
+        none = np.zeros(0, dtype=np.int64)  # a wheel may have no system
+        return FlatStory(
+            np.concatenate((none, *self.configurations)),
+            np.concatenate((none, *self.starts)),
+            np.array([configurations.size for configurations in self.configurations], dtype=np.int64),
+            self.unattributed,
+        )
+
+
+class FlatStory(NamedTuple):
+    """A story as compiled code takes it.
+
+    Attributes
+    ----------
+    configurations, starts
+        int64 (all sojourns,), of all systems one after the other.
+    sojourns
+        int64 (systems,), how many of these each has.
+    unattributed
+        As in `Story`.
+    """
+
+    configurations: IntArray
+    starts: IntArray
+    sojourns: IntArray
+    unattributed: IntArray
+
+    def split(self, values: IntArray) -> tuple[IntArray, ...]:
+        """Return values (all sojourns,) system by system."""
+        ends = itertools.accumulate(self.sojourns.tolist(), initial=0)
+        return tuple(values[begin:end] for begin, end in itertools.pairwise(ends))
+
+    def story(self) -> Story:
+        """Return the story."""
+        return Story(self.split(self.configurations), self.split(self.starts), self.unattributed)
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,7 +5,7 @@ Everything here comes from range sums; no sample is read again.
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -14,7 +14,6 @@ from rwa_monitor.diagnosis.noise import mean_variance_factor
 from rwa_monitor.diagnosis.results import Candidates, NoiseEstimate
 from rwa_monitor.diagnosis.running_sums import (
     MOMENTS,
-    Moments,
     RunningSums,
     SumArrays,
     moments_between,
@@ -28,6 +27,32 @@ PREFERENCE: Final = 1e-6  # log-likelihood that a slot nearer to the detected po
 # Friction drifts a little in the course of a window (temperature, speed): levels that should be equal are not quite.
 LEVEL_SCATTER: Final = 0.15  # in standard deviations of a sample's noise
 WEAK_STATISTIC: Final = 9.0  # below three standard deviations the contrast's sign is open
+
+
+class Level(NamedTuple):
+    """The window at given positions of the candidates: all that scores need.
+
+    Attributes
+    ----------
+    at
+        int64 (m,), the positions [slots].
+    pairs
+        Moments between all pairs of nodes, see `pair_moments`.
+    slope, information
+        The slope that the segments between accepted candidates share, and its information.
+    spread
+        Width of the prior of a level.
+    jump, jump_variance
+        See `jumps_of`.
+    """
+
+    at: IntArray
+    pairs: FloatArray
+    slope: float
+    information: float
+    spread: float
+    jump: FloatArray
+    jump_variance: FloatArray
 
 
 def effective_variance(noise: NoiseEstimate) -> float:
@@ -62,9 +87,47 @@ def pair_moments(nodes: IntArray, sums: SumArrays) -> FloatArray:
     return table
 
 
-def chain_of(pairs: FloatArray, nodes: IntArray) -> Moments:
-    """Pick from the moments of all pairs those of the segments between consecutive `nodes`."""
-    return Moments(pairs[:, nodes[:-1], nodes[1:]])
+@njit(cache=True, error_model="numpy", nogil=True)
+def measure_level(
+    index: IntArray, nodes: IntArray, sums: SumArrays, slots: int, variance: float, prior_mean: float, prior_std: float
+) -> Level:
+    """Measure slope, levels and jumps.
+
+    Parameters
+    ----------
+    index
+        int64 (m,), positions of all candidates.
+    nodes
+        Those accepted, see `nodes_of`.
+    sums, slots
+        The window's running sums, and its length.
+    variance, prior_mean, prior_std
+        Of the noise; mean and standard deviation of the slope's Gaussian prior.
+    """
+    places = np.empty(index.size + 2, dtype=np.int64)
+    places[0], places[1:-1], places[-1] = 0, index, slots
+    pairs = pair_moments(places, sums)
+    slope, information = shared_slope(pairs, nodes, variance, prior_mean, prior_std)
+    spread = level_range(levels_of(pairs, nodes, slope), variance)
+    jump, jump_variance = jumps_of(pairs, nodes, slope, information, variance)
+    return Level(index, pairs, slope, information, spread, jump, jump_variance)
+
+
+def nodes_of(accepted: IntArray, count: int) -> IntArray:
+    """Return the nodes of the segments between the accepted of `count` candidates: these, and both ends of the window.
+
+    int64 (accepted + 2,); candidate j is node j + 1.
+    """
+    return np.concatenate(([0], accepted + 1, [count + 1]))
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def chain_of(pairs: FloatArray, nodes: IntArray) -> FloatArray:
+    """Pick from the moments of all pairs those of the segments between consecutive `nodes`: float64 (6, segments)."""
+    chain = np.empty((pairs.shape[0], nodes.size - 1))
+    for i in range(nodes.size - 1):
+        chain[:, i] = pairs[:, nodes[i], nodes[i + 1]]
+    return chain
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
@@ -155,11 +218,14 @@ def fit_table(pairs: FloatArray, slope: float, variance: float, level_range: flo
     return table
 
 
+@njit(cache=True, error_model="numpy", nogil=True)
 def level_range(levels: FloatArray, variance: float) -> float:
     """Return the width of the prior of a level: the range seen, at least ten standard deviations of the noise."""
-    seen = levels[np.isfinite(levels)]
-    spread = float(np.ptp(seen)) if seen.size else 0.0
-    return max(spread, 10.0 * float(np.sqrt(variance)))
+    lowest, highest = np.inf, -np.inf
+    for level in levels:
+        if np.isfinite(level):
+            lowest, highest = min(lowest, level), max(highest, level)
+    return max(float(highest - lowest), 10.0 * float(np.sqrt(variance)))
 
 
 def refine(sums: RunningSums, index: IntArray, reach: IntArray, slope: float, variance: float) -> IntArray:
@@ -204,14 +270,27 @@ def reach_of(candidates: Candidates) -> IntArray:
     return np.clip(candidates.scale // 2, MIN_REACH, MAX_REACH).astype(np.int64)
 
 
-def possible_signs(candidates: Candidates, levels: FloatArray) -> BoolArray:
+def possible_signs(candidates: Candidates, pairs: FloatArray, nodes: IntArray, slope: float) -> BoolArray:
     """Return whether the level may fall, may rise at each candidate, bool (m, 2).
 
-    The contrast that found a candidate and the intervals between neighbouring candidates usually agree; where they do
-    not, or the contrast is weak, both directions stay open.
+    The contrast that found a candidate and the levels between accepted candidates, of which `nodes` tell, usually
+    agree; where they do not, or the contrast is weak, both directions stay open.
     """
-    step = np.diff(levels)
-    weak = (candidates.statistic < WEAK_STATISTIC) | ~np.isfinite(candidates.jump)
-    falls = (candidates.jump < 0) | (step < 0) | weak
-    rises = (candidates.jump > 0) | (step > 0) | weak
-    return np.stack([falls, rises], axis=1)
+    return np.asarray(_possible_signs(candidates.statistic, candidates.jump, levels_of(pairs, nodes, slope), nodes))
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _possible_signs(statistic: FloatArray, jump: FloatArray, levels: FloatArray, nodes: IntArray) -> BoolArray:
+    """See `possible_signs`; `levels` are those of the segments between consecutive `nodes`."""
+    signs = np.empty((jump.size, 2), dtype=np.bool_)
+    before, segment = levels[0], 0
+    for k in range(jump.size):
+        after = before
+        if nodes[segment + 1] == k + 1:  # accepted; without samples a segment has the level of the one before it
+            segment += 1
+            after = levels[segment] if np.isfinite(levels[segment]) else before
+        weak = statistic[k] < WEAK_STATISTIC or not np.isfinite(jump[k])
+        signs[k, 0] = jump[k] < 0.0 or after - before < 0.0 or weak
+        signs[k, 1] = jump[k] > 0.0 or after - before > 0.0 or weak
+        before = after
+    return signs
