@@ -381,9 +381,8 @@ def _persistence(
     scale = _MEDIAN_TO_STD * np.median(np.abs(value[usable]))
     if not scale > 0.0:
         return 0.0, 0.0
-    counts = usable.astype(np.float64)
     for b in range(value.size):
-        value[b] = counts[b] * min(max(value[b] / scale, -LARGEST_BLOCK), LARGEST_BLOCK)
+        value[b] = min(max(value[b] / scale, -LARGEST_BLOCK), LARGEST_BLOCK) if usable[b] else 0.0
     lags, first = expected.size, PERSISTENCE_LAGS[0]
     products, pairs = np.zeros((intervals, lags)), np.zeros((intervals, lags))
     end = value.size
@@ -391,19 +390,43 @@ def _persistence(
         begin = end
         while begin > 0 and interval[begin - 1] == i:
             begin -= 1
-        for b in range(begin, end - first):
-            # Lags in the inner loop: neighbouring sums, which the compiler can advance together.
-            for row in range(min(lags, end - b - first)):
-                products[i, row] += value[b] * value[b + first + row]
-                pairs[i, row] += counts[b] * counts[b + first + row]
-        # Taking out the level of an interval of m blocks correlates any two of them by -1/m.
-        products[i] -= pairs[i] * (expected - 1.0 / max(counts[begin:end].sum(), 1.0))
+        there = max(np.count_nonzero(usable[begin:end]), 1)
+        for row in range(lags):
+            stop = max(end - first - row, begin)
+            products[i, row] = _product(value[begin:stop], value[begin + first + row : stop + first + row])
+            pairs[i, row] = _both(usable[begin:stop], usable[begin + first + row : stop + first + row])
+            # Taking out the level of an interval of m blocks correlates any two of them by -1/m.
+            products[i, row] -= pairs[i, row] * (expected[row] - 1.0 / there)
         end = begin
     if np.count_nonzero(pairs[:, 0]) >= FEWEST_INTERVALS:
         worst = np.argmax(np.square(products).sum(axis=1))
         products[worst], pairs[worst] = 0.0, 0.0
     total, count = products.sum(axis=0), np.maximum(pairs.sum(axis=0), 1.0)
     return np.sum(total**2 / count), scale * scale * np.max(np.abs(total / count))
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True, inline="always")
+def _product(first: FloatArray, second: FloatArray) -> float:
+    """Return the inner product, as four sums side by side: none of its additions waits for the one before it."""
+    a, b, c, d = 0.0, 0.0, 0.0, 0.0
+    fours = first.size - first.size % 4
+    for i in range(0, fours, 4):
+        a += first[i] * second[i]
+        b += first[i + 1] * second[i + 1]
+        c += first[i + 2] * second[i + 2]
+        d += first[i + 3] * second[i + 3]
+    for i in range(fours, first.size):
+        a += first[i] * second[i]
+    return (a + b) + (c + d)
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True, inline="always")
+def _both(first: BoolArray, second: BoolArray) -> int:
+    """Return in how many places both are true."""
+    count = 0
+    for i in range(first.size):
+        count += first[i] & second[i]
+    return count
 
 
 def _ar_agreement(correlation: float, size: int, lag: int) -> float:

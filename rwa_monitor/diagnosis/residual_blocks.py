@@ -58,31 +58,23 @@ def residual_blocks(evidence: Evidence, estimate: Estimate, size: int) -> Blocks
         fills no block is left out.
     """
     blocks, count = evidence.slots // size, estimate.index.size + 1
-    n, x, friction, residual = np.empty((4, blocks))
-    interval, usable = np.empty(blocks, dtype=np.int64), np.empty(blocks, dtype=np.bool_)
-    slope, sums = estimate.viscous, evidence.sums.arrays
-    _cut(size, estimate.index, slope, sums, n, x, friction, residual, interval, usable)
+    n, x, friction, residual, interval, usable = _cut(
+        size, blocks, estimate.index, estimate.viscous, evidence.sums.arrays
+    )
     return Blocks(size, n, x, friction, residual, interval, usable, count)
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _cut(
-    size: int,
-    index: IntArray,
-    slope: float,
-    sums: SumArrays,
-    n: FloatArray,
-    x: FloatArray,
-    friction: FloatArray,
-    residual: FloatArray,
-    interval: IntArray,
-    usable: BoolArray,
-) -> None:
-    """Fill in the arrays of `Blocks` from the running sums; `index` are the changepoints."""
+    size: int, blocks: int, index: IntArray, slope: float, sums: SumArrays
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, IntArray, BoolArray]:
+    """Return the arrays of `Blocks` from the running sums; `index` are the changepoints."""
+    n, x, friction, residual = np.empty(blocks), np.empty(blocks), np.empty(blocks), np.empty(blocks)
+    interval, usable = np.empty(blocks, dtype=np.int64), np.empty(blocks, dtype=np.bool_)
     weight, total = np.zeros(index.size + 1), np.zeros(index.size + 1)
     own = 0
     begin = prefix_moments(0, sums)
-    for b in range(n.size):
+    for b in range(blocks):
         # The first block that begins at or after each changepoint begins its interval.
         while own < index.size and index[own] <= b * size:
             own += 1
@@ -100,5 +92,6 @@ def _cut(
     # The level is the blocks' own: an estimate leaves out samples beside the jumps, and a difference would look alike
     # in all blocks.
     level = total / np.maximum(weight, 1.0)
-    for b in range(n.size):
+    for b in range(blocks):
         residual[b] = friction[b] - level[interval[b]]
+    return n, x, friction, residual, interval, usable

@@ -119,7 +119,7 @@ def extend_checkpoints(arrays: SumArrays, running: FloatArray, start: int, stop:
         row[0], row[1], row[2], row[3], row[4], row[5] = n, sx, sz, sxx, sxz, szz
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@numba.njit(cache=True, error_model="numpy", nogil=True, inline="always")
 def prefix_moments(k: int, arrays: SumArrays) -> tuple[float, float, float, float, float, float]:
     """Return the centred sums (n, x, z, xx, xz, zz) over the slots [0, k); reads at most 15 samples."""
     row = arrays.checkpoints[k // STRIDE]
@@ -137,7 +137,7 @@ def prefix_moments(k: int, arrays: SumArrays) -> tuple[float, float, float, floa
     return n, sx, sz, sxx, sxz, szz
 
 
-@numba.njit(cache=True, error_model="numpy", nogil=True)
+@numba.njit(cache=True, error_model="numpy", nogil=True, inline="always")
 def moments_between(
     first: tuple[float, float, float, float, float, float],
     last: tuple[float, float, float, float, float, float],
