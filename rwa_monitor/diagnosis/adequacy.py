@@ -390,7 +390,7 @@ def _persistence(
         begin = end
         while begin > 0 and interval[begin - 1] == i:
             begin -= 1
-        there = max(np.count_nonzero(usable[begin:end]), 1)
+        there = max(_both(usable[begin:end], usable[begin:end]), 1)
         for row in range(lags):
             stop = max(end - first - row, begin)
             products[i, row] = _product(value[begin:stop], value[begin + first + row : stop + first + row])

@@ -13,6 +13,7 @@ probability (errata 10).
 
 from __future__ import annotations
 
+import functools
 import itertools
 import math
 from collections.abc import Sequence
@@ -200,11 +201,10 @@ def classify(
         See `features.normalised_nominal_viscous`.
     """
     history = _History(coefficient(models[0], carried.base_dry), coefficient(models[1], carried.viscous, viscous_unit))
-    combinations = np.array(list(itertools.product((False, True), repeat=len(names))))
+    combinations = _all_combinations(len(names))
     told = features.by_story or (FeaturesOfStory(0.0, features, same_jumps=True),)
-    log_likelihood = np.stack(
-        [one.log_weight + _log_likelihood(one.features, models, combinations, history)[0] for one in told]
-    )
+    weighed = [_log_likelihood(one.features, models, combinations, history) for one in told]
+    log_likelihood = np.stack([one.log_weight + found[0] for one, found in zip(told, weighed, strict=True)])
     prior = _prior(combinations, models, names, model, carried, history)
     log_prior = np.log(prior)
     by_story = special.softmax(log_prior + log_likelihood)
@@ -213,7 +213,10 @@ def classify(
         (s for s, one in enumerate(told) if one.same_jumps), key=lambda s: float(by_story[s].sum()), default=None
     )
     configurations = _as_told(features) if likeliest is None else _as_told(told[likeliest].features)
-    shift = None if features.base_known else _log_likelihood(features, models, combinations, history)[1]
+    shift = None
+    if not features.base_known:
+        # Without stories beside it the window's own features are all that was weighed.
+        shift = (_log_likelihood(features, models, combinations, history) if features.by_story else weighed[0])[1]
     base = None if history.dry is None else history.dry.before
     if shift is None:
         base = history.dry.after(features.base_dry, features.base_dry_std) if history.dry else base
@@ -236,6 +239,14 @@ def classify(
         to_carry[name] = float(special.expit(_logit(before) + gained))
     viscous = history.viscous.after(features.viscous, features.viscous_std) if history.viscous else None
     return Judgement(tuple(judged), features, to_carry, configurations, (base, viscous))
+
+
+@functools.lru_cache(maxsize=16)
+def _all_combinations(anomalies: int) -> BoolArray:
+    """Return which anomalies are there in each combination of them, bool (2^anomalies, anomalies)."""
+    combinations = np.array(list(itertools.product((False, True), repeat=anomalies)))
+    combinations.setflags(write=False)
+    return combinations
 
 
 def _says_the_same(features: Features, a: int) -> bool:
@@ -323,18 +334,7 @@ def _prior(
     how often it occurs, and to what earlier windows tell, the latter in turns until all agree (iterative proportional
     fitting): ruling out one anomaly must not, window after window, speak for the others.
     """
-    count = combinations.sum(axis=1)
-    total = combinations.shape[1]
-    known = len(model.simultaneous)
-    of_count = np.array([model.simultaneous[min(k, known - 1)] / math.comb(total, k) for k in range(total + 1)])
-    prior = of_count[count] / of_count[count].sum()
-    log_prior = np.log(prior)
-    rates = []
-    for a, learned in enumerate(models):
-        before = float(prior[combinations[:, a]].sum())
-        rates.append(before if learned is None else learned.rate)
-        log_prior += combinations[:, a] * (_logit(rates[a]) - _logit(before))
-    prior = special.softmax(log_prior)
+    prior, rates = _learned_prior(model.simultaneous, tuple(learned and learned.rate for learned in models))
     wanted = _told_before(names, rates, carried, history)
     for _ in range(PRIOR_ROUNDS if wanted else 0):
         for a, now in wanted.items():
@@ -342,6 +342,28 @@ def _prior(
             so_far = float(prior[there].sum()) / float(prior.sum())
             prior = prior * np.where(there, now / so_far, (1.0 - now) / (1.0 - so_far))
     return np.asarray(prior / prior.sum(), dtype=np.float64)
+
+
+@functools.lru_cache(maxsize=64)
+def _learned_prior(
+    simultaneous: tuple[float, ...], learned: tuple[float | None, ...]
+) -> tuple[FloatArray, tuple[float, ...]]:
+    """Return the probability of each combination by what was learned alone, and the rate of each anomaly in it.
+
+    `learned` rates; None where nothing was. A model's never change, its windows come for months.
+    """
+    total = len(learned)
+    combinations = _all_combinations(total)
+    count = combinations.sum(axis=1)
+    of_count = np.array([simultaneous[min(k, len(simultaneous) - 1)] / math.comb(total, k) for k in range(total + 1)])
+    prior = of_count[count] / of_count[count].sum()
+    log_prior = np.log(prior)
+    rates = []
+    for a, rate in enumerate(learned):
+        before = float(prior[combinations[:, a]].sum())
+        rates.append(before if rate is None else rate)
+        log_prior += combinations[:, a] * (_logit(rates[a]) - _logit(before))
+    return special.softmax(log_prior), tuple(rates)
 
 
 def _told_before(

@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 from numba import njit
 
-from rwa_monitor.samples import FloatArray
+from rwa_monitor.samples import FloatArray, IntArray
 
 # Share of anomalies that have another size than those learned. A wheel that is a third of the way to the learned
 # anomaly, or far beyond it, is anomalous too.
@@ -44,34 +44,93 @@ def band_densities(value: FloatArray, std: FloatArray, low: float, high: float, 
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def level_densities(value: FloatArray, std: FloatArray, numbers: FloatArray) -> FloatArray:
-    """Return the densities of measured values under nominal and anomalous, and their sum in the learned bands alone.
+def level_density(value: float, std: float, numbers: FloatArray) -> tuple[float, float, float]:
+    """Return the density of a measured value under nominal and anomalous, and their sum in the learned bands alone.
 
     Parameters
     ----------
     value, std
-        float64 (n,).
+        What was measured, and its standard deviation.
     numbers
         float64 (LEVEL_NUMBERS,), see `model.Levels.numbers`.
 
     Returns
     -------
-    float64 (3, n). See `likelihood.log_densities`.
+    nominal, anomalous, inside. See `likelihood.log_densities`.
     """
-    low, high, soft, anomalous_low, anomalous_high, anomalous_soft, stray_share, own_reach = numbers
+    low, high, soft = numbers[0], numbers[1], numbers[2]
+    anomalous_low, anomalous_high, anomalous_soft = numbers[3], numbers[4], numbers[5]
+    stray_share, own_reach = numbers[6], numbers[7]
+    reach = math.hypot(own_reach, std)
+    distance = abs(value - 0.5 * (low + high))
+    stray = 0.5 / reach / (1.0 + distance / reach) ** 2
+    excess = value - (high + 2.0 * soft)
+    other = _below(excess / math.hypot(soft, std)) / reach / (1.0 + max(excess, 0.0) / reach) ** 2
+    nominal = band_density(value, std, low, high, soft)
+    learned, inside = other, nominal
+    if not math.isnan(anomalous_low):
+        learned = band_density(value, std, anomalous_low, anomalous_high, anomalous_soft)
+        inside = nominal + learned
+    return (
+        (1.0 - stray_share) * nominal + stray_share * stray,
+        (1.0 - stray_share - OTHER_SIZE) * learned + OTHER_SIZE * other + stray_share * stray,
+        inside,
+    )
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def level_densities(value: FloatArray, std: FloatArray, numbers: FloatArray) -> FloatArray:
+    """Return `level_density` of each value, float64 (3, n)."""
     densities = np.empty((3, value.size))
     for i in range(value.size):
-        reach = math.hypot(own_reach, std[i])
-        distance = abs(value[i] - 0.5 * (low + high))
-        stray = 0.5 / reach / (1.0 + distance / reach) ** 2
-        excess = value[i] - (high + 2.0 * soft)
-        other = _below(excess / math.hypot(soft, std[i])) / reach / (1.0 + max(excess, 0.0) / reach) ** 2
-        nominal = band_density(value[i], std[i], low, high, soft)
-        learned, inside = other, nominal
-        if not math.isnan(anomalous_low):
-            learned = band_density(value[i], std[i], anomalous_low, anomalous_high, anomalous_soft)
-            inside = nominal + learned
-        densities[0, i] = (1.0 - stray_share) * nominal + stray_share * stray
-        densities[1, i] = (1.0 - stray_share - OTHER_SIZE) * learned + OTHER_SIZE * other + stray_share * stray
-        densities[2, i] = inside
+        densities[0, i], densities[1, i], densities[2, i] = level_density(value[i], std[i], numbers)
     return densities
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def sojourn_densities(
+    configuration: IntArray, friction: FloatArray, std: FloatArray, shift: FloatArray, numbers: FloatArray
+) -> FloatArray:
+    """Return the densities of a system's sojourns with a shift added, float64 (2, n, shifts); 1 where nothing is known.
+
+    Parameters
+    ----------
+    configuration, friction, std
+        (n,), of each sojourn.
+    shift
+        float64 (shifts,).
+    numbers
+        float64 (configurations, LEVEL_NUMBERS), see `model.AnomalyModel.numbers`.
+    """
+    densities = np.ones((2, configuration.size, shift.size))
+    for i in range(configuration.size):
+        q = configuration[i]
+        if is_known(q, friction[i], std[i], numbers):
+            for j in range(shift.size):
+                nominal, anomalous, _ = level_density(friction[i] + shift[j], std[i], numbers[q])
+                densities[0, i, j], densities[1, i, j] = nominal, anomalous
+    return densities
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def strays(
+    configuration: IntArray, value: FloatArray, std: FloatArray, numbers: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """See `likelihood.stray_probabilities`; `numbers` as in `sojourn_densities`."""
+    stray, relative = np.empty(value.size), np.empty(value.size)
+    known = 0
+    for i in range(value.size):
+        q = configuration[i]
+        if is_known(q, value[i], std[i], numbers):
+            nominal, anomalous, inside = level_density(value[i], std[i], numbers[q])
+            everything = 0.5 * (nominal + anomalous)
+            stray[known] = max(0.0, 1.0 - 0.5 * inside / everything) if everything > 0.0 else 1.0
+            relative[known] = std[i] / numbers[q, -1]
+            known += 1
+    return stray[:known], relative[:known]
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def is_known(q: int, value: float, std: float, numbers: FloatArray) -> bool:
+    """Say whether a measured value is finite and its configuration was learned."""
+    return bool(math.isfinite(value) and math.isfinite(std) and q < numbers.shape[0] and not math.isnan(numbers[q, 0]))

@@ -230,12 +230,26 @@ def _told_by(first: Onset | None, laws: tuple[SoftLaw, ...], after: FloatArray, 
 def _fill(tables: LawTables, s: int, system: SwitchingSystem, index: IntArray, slots: int, first: Onset | None) -> None:
     """Fill the tables of one system."""
     (laws, chain), at = _laws_of(system, slots), index.astype(np.float64)
-    earlier, later = np.triu_indices(index.size, k=1)
-    between = at[later] - at[earlier]  # durations of sojourns that begin and end at candidates
-    survivals = _survivals(laws, np.concatenate((between, between + 1.0, at, slots - at)))
+    survivals = _survivals(laws, _durations(at, slots))
     tables.turn[s, : len(laws)] = chain.turn
     told = _told_by(first, laws, at, slots)
     _tabulate(at, slots, survivals, chain, told, tables.jump[s], tables.stay[s], tables.missed[s])
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _durations(at: FloatArray, slots: int) -> FloatArray:
+    """Return the durations at which `_tabulate` asks for survival, in its order: float64 (points,)."""
+    count = at.size
+    pairs = count * (count - 1) // 2
+    durations = np.empty(2 * pairs + 2 * count)
+    pair = 0
+    for i in range(count):
+        for j in range(i + 1, count):
+            durations[pair], durations[pairs + pair] = at[j] - at[i], at[j] - at[i] + 1.0
+            pair += 1
+    for k in range(count):
+        durations[2 * pairs + k], durations[2 * pairs + count + k] = at[k], slots - at[k]
+    return durations
 
 
 @njit(cache=True, error_model="numpy", nogil=True)

@@ -5,11 +5,9 @@ Measured values are compared with the learned bands (`model.Levels`), each with 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 import numpy as np
 
-from rwa_monitor.diagnosis.densities import level_densities
+from rwa_monitor.diagnosis.densities import level_densities, sojourn_densities, strays
 from rwa_monitor.diagnosis.features import SystemFeatures
 from rwa_monitor.diagnosis.model import AnomalyModel, Levels
 from rwa_monitor.samples import FloatArray, IntArray
@@ -30,27 +28,12 @@ def log_densities(levels: Levels, value: FloatArray, std: FloatArray) -> FloatAr
 
 def system_evidence(model: AnomalyModel | None, system: SystemFeatures, shift: FloatArray) -> FloatArray:
     """Return the log likelihoods (2, shifts) of a system's sojourns above q = 0, with a shift added to all of them."""
-    total = np.zeros((2, shift.size))
-    if model is None:
-        return total
     configuration, friction, std = system.active()
-    log_density = np.zeros((2, friction.size, shift.size))
-    for levels, at in _sojourns_known(model, configuration, friction, std):
-        log_density[:, at] = log_densities(levels, friction[at, None] + shift, std[at, None])
-    for k in range(friction.size):  # one after the other: the sum's last bit must not depend on how many there are
-        total += log_density[:, k]
-    return total
-
-
-def _sojourns_known(
-    model: AnomalyModel, configuration: IntArray, friction: FloatArray, std: FloatArray
-) -> Iterator[tuple[Levels, IntArray]]:
-    """Yield for each configuration that was learned its levels and which sojourns, finite ones, are in it."""
-    finite = np.isfinite(friction) & np.isfinite(std)
-    for q, levels in enumerate(model.levels):
-        at = np.flatnonzero(finite & (configuration == q))
-        if levels is not None and at.size:
-            yield levels, at
+    if model is None or friction.size == 0:
+        return np.zeros((2, shift.size))
+    log_density = np.log(sojourn_densities(configuration, friction, std, shift, model.numbers))
+    # One after the other: the sum's last bit must not depend on how many there are.
+    return np.asarray(np.cumsum(log_density, axis=1)[:, -1])
 
 
 def stray_probabilities(
@@ -65,13 +48,5 @@ def stray_probabilities(
     configuration, value, std
         (n,); values of configurations that were not learned, and those that are not finite, are left out.
     """
-    stray, relative = np.full(value.size, np.nan), np.full(value.size, np.nan)
-    for levels, at in _sojourns_known(model, configuration, value, std):
-        nominal, anomalous, inside = level_densities(value[at], std[at], levels.numbers)
-        everything = 0.5 * (nominal + anomalous)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            outside = np.maximum(0.0, 1.0 - 0.5 * inside / everything)
-        stray[at] = np.where(everything > 0.0, outside, 1.0)
-        relative[at] = std[at] / levels.reach
-    known = np.isfinite(stray)
-    return stray[known], relative[known]
+    stray, relative = strays(configuration, value, std, model.numbers)
+    return stray, relative

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from rwa_monitor.diagnosis.canonical import Rounded, canonical_json, content_sha256
-from rwa_monitor.diagnosis.densities import band_densities
+from rwa_monitor.diagnosis.densities import LEVEL_NUMBERS, band_densities
 from rwa_monitor.errors import InputError
 from rwa_monitor.physics.wheel import RESERVED_ANOMALIES, SwitchingSystem, Wheel
 from rwa_monitor.samples import FloatArray
@@ -160,6 +160,12 @@ class AnomalyModel(_Part):
     levels: Annotated[tuple[Levels | None, ...], Field(min_length=1, max_length=16)]
     svm: LinearSvm | None
     rate: Annotated[Rounded, Field(gt=0, lt=1)]
+
+    @cached_property
+    def numbers(self) -> FloatArray:
+        """All that densities need, as compiled code takes it: float64 (configurations, LEVEL_NUMBERS), NaN for none."""
+        unknown = np.full(LEVEL_NUMBERS, np.nan)
+        return np.stack([unknown if levels is None else levels.numbers for levels in self.levels])
 
     @property
     def knows_friction(self) -> bool:
