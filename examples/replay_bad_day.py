@@ -25,7 +25,7 @@ print(f"replayed: {replay(folder).short()}")
 # 3. What became of every sample of the first file, by hand: a Monitor takes the messages as they came.
 content = read_telemetry(files[0])
 for telemetry in content.telemetry:
-    monitor = rwa.Monitor(content.wheel, content.model, spacecraft=telemetry.spacecraft, name=telemetry.wheel)
+    monitor = rwa.Monitor(telemetry.constants, content.model, spacecraft=telemetry.spacecraft, name=telemetry.wheel)
     diagnoses = [d for batch in telemetry.batches for d in monitor.feed(batch.samples, batch.publisher, batch.batch)]
     print(f"\n{telemetry.spacecraft}/{telemetry.wheel}: {dict(monitor.counts)}")
     for diagnosis in diagnoses:

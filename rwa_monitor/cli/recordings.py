@@ -54,6 +54,7 @@ def read_recordings(files: Sequence[Path], decoding: Decoding) -> WheelRecording
         for note in (*content.problems, *content.notes):
             say(note)
         unreadable |= bool(content.problems)
-        wheel = wheel or content.wheel
-        found.append((str(file), joined(only_wheel(content, display_name(file)))))
+        telemetry = only_wheel(content, display_name(file))
+        wheel = wheel or telemetry.constants
+        found.append((str(file), joined(telemetry)))
     return WheelRecordings(found, wheel, unreadable)

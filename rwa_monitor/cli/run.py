@@ -31,6 +31,12 @@ def _shard(ctx: click.Context, param: click.Parameter, value: str) -> tuple[int,
 @click.command(name="run", short_help="Monitor wheels live on a Zenoh bus.")
 @click.option("--wheels", default="rwa/*/*/samples", show_default=True, metavar="KEYEXPR", help="Which wheels.")
 @wheel_option
+@click.option(
+    "--wheel-folder",
+    type=FILE,
+    metavar="DIR",
+    help="Wheel files of single wheels, DIR/SPACECRAFT/WHEEL.toml; all others are as --wheel says.",
+)
 @model_option
 @method_option
 @click.option(
@@ -48,6 +54,7 @@ def _shard(ctx: click.Context, param: click.Parameter, value: str) -> tuple[int,
 def command(
     wheels: str,
     wheel_file: Path | None,
+    wheel_folder: Path | None,
     model_file: Path | None,
     method: Method,
     record: Path | None,
@@ -63,21 +70,26 @@ def command(
     """
     from rwa_monitor.cli.signals import stop_on_signals
     from rwa_monitor.formats.model_file import read_model
-    from rwa_monitor.formats.wheel_file import read_wheel
+    from rwa_monitor.formats.wheel_file import read_wheel, read_wheel_folder
     from rwa_monitor.live.run_options import RunOptions
     from rwa_monitor.live.service import run
     from rwa_monitor.live.supervisor import Supervisor
 
     tell_of_compiling()
     wheel = read_wheel(wheel_file)
+    own_wheels = read_wheel_folder(wheel_folder) if wheel_folder else {}
     for note in wheel.missing():
         say(f"{wheel.name}: {note}")
+    for (spacecraft, name), own in own_wheels.items():
+        for note in own.missing():
+            say(f"{spacecraft}/{name}: {note}")
     warn_if_alone(bus)
     if record is None:
         say("nothing is recorded; give --record DIR to be able to replay")
     options = RunOptions(
         wheels=wheels,
         wheel=wheel,
+        own_wheels=own_wheels,
         model=read_model(model_file),
         method=method,
         record=record,

@@ -188,7 +188,7 @@ class Api:
         with self.sources.fleet.lock:
             samples, jumps = wheel.trace.message(), [entry.payload for entry in wheel.provisional]
             curves = [*wheel.curves]
-            so_far = wheel.open_window.evidence_so_far(wheel.diagnosis, self.sources.fleet.constants)
+            so_far = wheel.open_window.evidence_so_far(wheel.diagnosis, wheel.constants)
             found = wheel.latest.get(Discrepancy.kind)
         curves += [so_far.to_json()] if so_far else []
         known = found.payload if found else self.sources.history.discrepancy(*name)

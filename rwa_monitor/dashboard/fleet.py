@@ -10,6 +10,7 @@ from typing import Final
 from rwa_monitor.dashboard.course import Course
 from rwa_monitor.dashboard.telemetry import DerivedFriction, Evidence, OpenWindow, Rhythm
 from rwa_monitor.dashboard.trace import Trace
+from rwa_monitor.live.wheel_set import WheelSet
 from rwa_monitor.messages import Changepoints, Diagnosis, Discrepancy, Message, Status, key_of
 from rwa_monitor.physics.wheel import Wheel as WheelConstants
 from rwa_monitor.physics.wheel import built_in_wheel
@@ -63,6 +64,11 @@ class Wheel:
     curves: deque[bytes] = field(default_factory=lambda: deque(maxlen=SHOWN_WINDOWS))
     curve_due_ns: int = 0
 
+    @property
+    def constants(self) -> WheelConstants:
+        """What the wheel is, where its friction is derived."""
+        return self.derived.wheel
+
 
 class Fleet:
     """All wheels. One thread writes; the threads of the API read.
@@ -70,12 +76,12 @@ class Fleet:
     Parameters
     ----------
     constants
-        Of all wheels, for friction that is derived from current; None: the built-in wheel's.
+        Of the wheels, for friction that is derived from current; None: the built-in wheel's.
     """
 
-    def __init__(self, constants: WheelConstants | None = None) -> None:
+    def __init__(self, constants: WheelSet | None = None) -> None:
         self.lock = Lock()
-        self.constants = constants or built_in_wheel()
+        self.constants = constants or WheelSet(built_in_wheel())
         self._open_samples = 0
         self._wheels: dict[tuple[str, str], Wheel] = {}
 
@@ -89,7 +95,8 @@ class Fleet:
         with self.lock:
             if len(self._wheels) >= MAX_WHEELS:
                 return None
-            known = self._wheels.setdefault((spacecraft, wheel), Wheel(DerivedFriction(self.constants)))
+            constants = self.constants.of(spacecraft, wheel)
+            known = self._wheels.setdefault((spacecraft, wheel), Wheel(DerivedFriction(constants)))
             known.course.extend(past)
             return known
 
@@ -139,10 +146,10 @@ class Fleet:
         wheel.diagnosis = window
         wheel.provisional.clear()
         wheel.trace.keep_from(2 * window.window_start_ns - window.window_end_ns)
-        curve = wheel.open_window.evidence(window, self.constants)
+        curve = wheel.open_window.evidence(window, wheel.constants)
         before = wheel.open_window.count
         # Windows may overlap: what the next one holds is kept.
-        hop = self.constants.window.hop_slots / self.constants.window.samples
+        hop = wheel.constants.window.hop_slots / wheel.constants.window.samples
         length_ns = window.window_end_ns - window.window_start_ns
         wheel.open_window.keep_from(window.window_start_ns + int(min(hop, 1.0) * length_ns))
         self._open_samples += wheel.open_window.count - before

@@ -193,7 +193,7 @@ class Listener:
         if wall_ns < wheel.curve_due_ns:
             return
         with self.fleet.lock:
-            curve = wheel.open_window.evidence_so_far(wheel.diagnosis, self.fleet.constants)
+            curve = wheel.open_window.evidence_so_far(wheel.diagnosis, wheel.constants)
         wheel.curve_due_ns = wall_ns + CURVE_PERIOD_NS
         if curve is not None:
             self.hub.post(Received(key_of(Evidence, spacecraft, name), curve.to_json(), wall_ns))

@@ -13,6 +13,7 @@ from rwa_monitor.dashboard.telemetry import DerivedFriction, Evidence, OpenWindo
 from rwa_monitor.dashboard.trace import samples_of, thinned_json
 from rwa_monitor.errors import InputError
 from rwa_monitor.live.recording import RECORDING_SUFFIX, RecordedMessage, Recording, read_recording
+from rwa_monitor.live.wheel_set import COMMON, WheelSet
 from rwa_monitor.messages import (
     Changepoints,
     Diagnosis,
@@ -23,12 +24,11 @@ from rwa_monitor.messages import (
     key_of,
     split_key,
 )
-from rwa_monitor.physics.wheel import Wheel, built_in_wheel
+from rwa_monitor.physics.wheel import built_in_wheel
 
 MAX_REPLAY_BYTES: Final = 512 * 2**20
 POINTS_PER_WHEEL: Final = 12_000  # of a whole recording, for its picture
 SHOWN: Final = {kind.schema_name(): kind for kind in (Diagnosis, Changepoints, Status, Discrepancy)}
-WHEEL_ATTACHMENT: Final = "wheel.toml"
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,22 +72,21 @@ def replay_json(folder: Path | None, name: str) -> bytes:
     return b'{"problems":' + problems + b',"entries":[' + b",".join(entries) + b"]}"
 
 
-def wheel_of(recording: Recording) -> Wheel:
-    """Return the wheel that a recording was made with; the built-in one where it holds none."""
-    if WHEEL_ATTACHMENT not in recording.attachments:
-        return built_in_wheel()
-    text = recording.attachments[WHEEL_ATTACHMENT].decode(errors="replace")
-    return Wheel.from_toml(text, f"{recording.path.name}: {WHEEL_ATTACHMENT}")
+def wheels_of(recording: Recording) -> WheelSet:
+    """Return the constants that a recording was made with; those of the built-in wheel where it holds none."""
+    if COMMON not in recording.attachments:
+        return WheelSet(built_in_wheel())
+    return WheelSet.of_attachments(recording.attachments, recording.path.name)
 
 
-def latest_wheel(folder: Path | None) -> Wheel | None:
-    """Return the wheel of the latest recording of a folder that has one; None where there is none."""
+def latest_wheels(folder: Path | None) -> WheelSet | None:
+    """Return the constants in the latest recording of a folder that has some; None where there is none."""
     for entry in list_recordings(folder):
         if folder is not None and entry.size_bytes <= MAX_REPLAY_BYTES:
             try:
                 recording = read_recording(folder / entry.name)
-                if WHEEL_ATTACHMENT in recording.attachments:
-                    return wheel_of(recording)
+                if COMMON in recording.attachments:
+                    return wheels_of(recording)
             except InputError:  # damaged: an earlier one tells as well
                 continue
     return None
@@ -98,14 +97,14 @@ class _Replay:
 
     def __init__(self, recording: Recording) -> None:
         self.recording = recording
-        self.wheel = wheel_of(recording)
+        self.wheels = wheels_of(recording)
         self._counts: dict[str, int] = {}
         for message in recording.messages:
             if message.schema == SamplesMessage.schema_name():
                 known = len(samples_of(message.data, message.topic))
                 self._counts[message.topic] = self._counts.get(message.topic, 0) + known
         self._phases: dict[str, int] = dict.fromkeys(self._counts, 0)
-        self._derived = {topic: DerivedFriction(self.wheel) for topic in self._counts}
+        self._derived = {topic: DerivedFriction(self.wheels.of(*split_key(topic)[:2])) for topic in self._counts}
         self._courses: dict[str, Course] = {}
         self._open = {topic: OpenWindow() for topic in self._counts}
 
@@ -140,9 +139,10 @@ class _Replay:
         course.extend([window])
         yield _entry(message, message.topic, window.to_json(), course.to_json())
         held = self._open.get(key_of(SamplesMessage, spacecraft, wheel))
-        curve = held.evidence(window, self.wheel) if held else None
+        constants = self.wheels.of(spacecraft, wheel)
+        curve = held.evidence(window, constants) if held else None
         if held is not None:
-            held.keep_from(window.window_start_ns + self.wheel.window.hop_slots * self.wheel.period_ns)
+            held.keep_from(window.window_start_ns + constants.window.hop_slots * constants.period_ns)
         if curve is not None:
             yield _entry(message, key_of(Evidence, spacecraft, wheel), curve.to_json())
 

@@ -21,11 +21,12 @@ from rwa_monitor.dashboard.feed import Hub
 from rwa_monitor.dashboard.fleet import Fleet
 from rwa_monitor.dashboard.herald import Herald
 from rwa_monitor.dashboard.listener import Listener
-from rwa_monitor.dashboard.recordings import latest_wheel
+from rwa_monitor.dashboard.recordings import latest_wheels
 from rwa_monitor.dashboard.webhook import Webhook
 from rwa_monitor.errors import RwaMonitorError
 from rwa_monitor.history.retention import Retention
 from rwa_monitor.history.store import History
+from rwa_monitor.live.wheel_set import WheelSet
 from rwa_monitor.physics.wheel import Wheel
 
 if TYPE_CHECKING:
@@ -108,7 +109,7 @@ def serve(options: DashboardOptions, session: zenoh.Session, say: Callable[[str]
     with ExitStack() as stack:
         history = stack.enter_context(History(options.history_place, retention=options.retention))
         aside = Aside(history.wheel_list)
-        fleet, hub = Fleet(options.wheel or latest_wheel(options.record)), Hub()
+        fleet, hub = Fleet(WheelSet(options.wheel) if options.wheel else latest_wheels(options.record)), Hub()
         listening = stack.enter_context(_socket(options.port))
         herald, webhook = stack.enter_context(Herald(session)), stack.enter_context(Webhook(options.webhook, hub))
         app = create_app(Sources(fleet, history, aside, hub, herald, webhook, options.record, token))

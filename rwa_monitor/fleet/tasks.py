@@ -121,11 +121,11 @@ class Diagnose(Task):
     def diagnose(self, file: Path, carried: CarriedStates | None = None) -> DiagnosedFile:
         """Diagnose a file's windows; its wheels start with their `carried` state where there is one."""
         content = read_telemetry(file, self.decoding)
-        wheel = self.wheel or content.wheel or built_in_wheel()
+        wheels = [self.wheel or telemetry.constants or built_in_wheel() for telemetry in content.telemetry]
         model = self.model or content.model or built_in_model()
-        notes = [*content.notes, *(f"{wheel.name}: {note}" for note in wheel.missing())]
-        found = DiagnosedFile([], tuple(content.problems), notes, {})
-        for telemetry in content.telemetry:
+        missing = dict.fromkeys(f"{wheel.name}: {note}" for wheel in wheels for note in wheel.missing())  # each once
+        found = DiagnosedFile([], tuple(content.problems), [*content.notes, *missing], {})
+        for telemetry, wheel in zip(content.telemetry, wheels, strict=True):
             self._diagnose_wheel(telemetry, wheel, model, carried or {}, found)
         return found
 
@@ -169,8 +169,8 @@ class FindDiscrepancy(Task):
         return [self.wheel.sha256() if self.wheel else None, self.decoding.sha256()]
 
     def __call__(self, file: Path) -> Done:
-        content, samples = _one_wheel(file, self.decoding)
-        search = find_discrepancy([samples], self.wheel or content.wheel or built_in_wheel(), lambda _: None)
+        content, telemetry, samples = _one_wheel(file, self.decoding)
+        search = find_discrepancy([samples], self.wheel or telemetry.constants or built_in_wheel(), lambda _: None)
         message = json.dumps(search.result.to_json(), ensure_ascii=False, allow_nan=False)
         return Done([discrepancy_row(str(file), search.result, message)], tuple(content.problems), tuple(content.notes))
 
@@ -199,8 +199,8 @@ class Identify(Task):
         return [self.start.sha256() if self.start else None, str(self.systems), self.decoding.sha256()]
 
     def __call__(self, file: Path) -> Done:
-        content, samples = _one_wheel(file, self.decoding)
-        start = self.start or content.wheel or bare_wheel(file.stem, samples[1])
+        content, telemetry, samples = _one_wheel(file, self.decoding)
+        start = self.start or telemetry.constants or bare_wheel(file.stem, samples[1])
         learned = identify([samples], start, systems=self.systems)
         doubt = not_nominal([samples], learned.wheel)
         notes = (*content.notes, *learned.notes, *((doubt,) if doubt else ()))
@@ -274,6 +274,7 @@ class ReadFeatures:
         return wheel
 
 
-def _one_wheel(file: Path, decoding: Decoding) -> tuple[TelemetryFile, tuple[str, Any]]:
+def _one_wheel(file: Path, decoding: Decoding) -> tuple[TelemetryFile, WheelTelemetry, tuple[str, Any]]:
     content = read_telemetry(file, decoding)
-    return content, (str(file), joined(only_wheel(content, display_name(file))))
+    telemetry = only_wheel(content, display_name(file))
+    return content, telemetry, (str(file), joined(telemetry))

@@ -46,12 +46,15 @@ class WheelTelemetry:
         From the bus key or the map; "" and None for a table, which does not say.
     batches
         In the order in which they came.
+    constants
+        What a recording carries for this wheel; None for every other file.
     """
 
     source: str
     spacecraft: str
     wheel: str | None
     batches: Sequence[SampleBatch]
+    constants: Wheel | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +65,7 @@ class TelemetryFile:
     ----------
     telemetry
         One entry for each wheel in it.
-    wheel, model
+    model
         What a recording carries; None for every other file.
     problems
         What of the file could not be read, a sentence each.
@@ -71,7 +74,6 @@ class TelemetryFile:
     """
 
     telemetry: Sequence[WheelTelemetry]
-    wheel: Wheel | None = None
     model: Model | None = None
     problems: Sequence[str] = ()
     notes: Sequence[str] = ()

@@ -112,7 +112,8 @@ class Monitor:
         self.say = say
         self.clock = clock
         self._served: dict[tuple[str, str], _Served] = {}
-        self.searches = Searches(options.wheel, options.record, say)
+        self._setup = options.setup()
+        self.searches = Searches(self._setup.wheels, options.record, say)
         self._model_sha256 = options.model.sha256() if options.model else ""
         self._tick_due_s = 0.0
         self._said: str = ""
@@ -173,7 +174,7 @@ class Monitor:
             served = self._serve(spacecraft, wheel)
             core = served.core
             if core is None:
-                core = WheelCore(self.options.wheel, self.options.model, method=self.options.method)
+                core = self._setup.new_core(spacecraft, wheel)
             core.check(samples)
         except InputError as error:
             self._refuse(key, payload, error)

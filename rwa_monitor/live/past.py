@@ -19,6 +19,7 @@ from rwa_monitor.messages import Diagnosis
 # How far back diagnoses are published again at a start: an outage may have begun before several crashes.
 REPEATED_FILES: Final = 16
 REPEATED_BYTES: Final = 64 * 2**20
+MAX_LISTED: Final = 5  # names in one line of talk
 
 
 @dataclass(slots=True)
@@ -30,7 +31,7 @@ class Past:
     predecessor
         The last recording.
     cores
-        As they stood after its last input.
+        As they stood after its last input; without those whose wheel file, model or method is another one now.
     unrecorded
         Outputs of its inputs that had not reached the disk.
     diagnoses
@@ -58,17 +59,28 @@ def read_past(folder: Path, setup: rebuild.Setup, stop: Event, say: Callable[[st
             continue
         for problem in recording.problems:
             say(f"{path}: {problem}")
-        if not recorded_setup.equals(setup):
-            say(f"{path} was made with another wheel, model or method: the monitor starts anew")
-            return past
-        rebuilt = rebuild.start(recording, setup)
-        rebuild.run_inputs(recording, setup, rebuilt, stop)
-        past.cores = rebuilt.cores
+        rebuilt = rebuild.start(recording, recorded_setup)
+        rebuild.run_inputs(recording, recorded_setup, rebuilt, stop)
+        past.cores = _same(rebuilt.cores, recorded_setup, setup)
+        if anew := sorted(f"{spacecraft}/{wheel}" for spacecraft, wheel in rebuilt.cores.keys() - past.cores.keys()):
+            say(f"{path} was made with another wheel file, model or method of {_listed(anew)}: begun anew")
         past.unrecorded = _unrecorded(recording, rebuilt.outputs)
         past.diagnoses = [*_earlier_diagnoses(paths[place + 1 :]), *_diagnoses(recording)]
         say(f"going on from {path}: {len(past.cores)} wheels, {rebuilt.inputs} messages")
         return past
     return past
+
+
+def _same(
+    cores: dict[tuple[str, str], WheelCore], before: rebuild.Setup, now: rebuild.Setup
+) -> dict[tuple[str, str], WheelCore]:
+    """Return the cores whose diagnoses depend on nothing that has changed."""
+    return {key: core for key, core in cores.items() if before.identity_of(*key) == now.identity_of(*key)}
+
+
+def _listed(names: Sequence[str]) -> str:
+    more = f" and {len(names) - MAX_LISTED} more" if len(names) > MAX_LISTED else ""
+    return f"{', '.join(names[:MAX_LISTED])}{more}"
 
 
 def _unrecorded(recording: Recording, outputs: list[Output]) -> list[Output]:

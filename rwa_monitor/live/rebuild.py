@@ -14,8 +14,8 @@ from rwa_monitor.live.checkpoint import Checkpoint
 from rwa_monitor.live.core import WheelCore
 from rwa_monitor.live.outputs import CARRIED_SCHEMA, Output, outputs_of
 from rwa_monitor.live.recording import Recording
-from rwa_monitor.messages import KEY_PREFIX, Changepoints, Diagnosis, SamplesMessage, split_key
-from rwa_monitor.physics.wheel import Wheel
+from rwa_monitor.live.wheel_set import WheelSet, key_of_name
+from rwa_monitor.messages import Changepoints, Diagnosis, SamplesMessage, split_key
 
 # What a replay must give again; health follows from the diagnosis, status has the wall clock in it.
 COMPARED_SCHEMAS: Final = (Changepoints.schema_name(), Diagnosis.schema_name(), CARRIED_SCHEMA)
@@ -24,9 +24,9 @@ CHECKPOINT_PREFIX: Final = "checkpoint/"
 
 @dataclass(frozen=True, slots=True)
 class Setup:
-    """What a recording was made with."""
+    """What a recording was made with: the constants of its wheels, what was learned, and how jumps are assigned."""
 
-    wheel: Wheel
+    wheels: WheelSet
     model: Model | None
     method: Method
 
@@ -38,18 +38,18 @@ class Setup:
         method: Method | None = settings.get("method")
         if method is None or method not in get_args(Method):
             raise InputError(source, f"{method!r} is none of {', '.join(get_args(Method))}", "settings.json: method")
-        wheel = Wheel.from_toml(_text(recording, "wheel.toml"), f"{source}: wheel.toml")
+        wheels = WheelSet.of_attachments(recording.attachments, source)
         model_text = _text(recording, "model.json")
         model = Model.from_json(model_text, f"{source}: model.json") if model_text else None
-        return cls(wheel, model, method)
+        return cls(wheels, model, method)
 
-    def equals(self, other: Setup) -> bool:
-        """Tell whether two setups give the same diagnoses."""
-        return self.identity() == other.identity()
+    def new_core(self, spacecraft: str, wheel: str) -> WheelCore:
+        """Return the core of a wheel of which nothing is known yet."""
+        return WheelCore(self.wheels.of(spacecraft, wheel), self.model, method=self.method)
 
-    def identity(self) -> tuple[str, str, str]:
-        """Return the hashes of wheel and model, and the method."""
-        return self.wheel.sha256(), self.model.sha256() if self.model else "", self.method
+    def identity_of(self, spacecraft: str, wheel: str) -> tuple[str, str, Method]:
+        """Return what the diagnoses of a wheel depend on: the hashes of its constants and the model, and the method."""
+        return self.wheels.of(spacecraft, wheel).sha256(), self.model.sha256() if self.model else "", self.method
 
 
 def _text(recording: Recording, name: str) -> str:
@@ -85,11 +85,10 @@ def start(recording: Recording, setup: Setup) -> Rebuilt:
     rebuilt = Rebuilt()
     for name, data in recording.attachments.items():
         if name.startswith(CHECKPOINT_PREFIX):
-            wheel_name = name.removeprefix(CHECKPOINT_PREFIX).removesuffix(".json")
-            spacecraft, wheel, _ = split_key(f"{KEY_PREFIX}/{wheel_name}/{SamplesMessage.kind}")
+            spacecraft, wheel = key_of_name(name.removeprefix(CHECKPOINT_PREFIX).removesuffix(".json"))
             checkpoint = Checkpoint.from_json(data, f"{recording.path}: {name}")
             rebuilt.cores[spacecraft, wheel] = WheelCore.resume(
-                checkpoint, setup.wheel, setup.model, method=setup.method
+                checkpoint, setup.wheels.of(spacecraft, wheel), setup.model, method=setup.method
             )
     return rebuilt
 
@@ -126,7 +125,7 @@ def run_inputs(
             spacecraft, wheel, _ = split_key(recorded.topic)
             message = SamplesMessage.parse(recorded.data, f"{recording.path}: {recorded.topic}")
             if (spacecraft, wheel) not in rebuilt.cores:
-                rebuilt.cores[spacecraft, wheel] = WheelCore(setup.wheel, setup.model, method=setup.method)
+                rebuilt.cores[spacecraft, wheel] = setup.new_core(spacecraft, wheel)
             core = rebuilt.cores[spacecraft, wheel]
             events = core.feed(message.samples(), message.publisher, message.batch)
             rebuilt.inputs += 1

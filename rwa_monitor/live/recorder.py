@@ -19,11 +19,12 @@ import fcntl
 import os
 import shutil
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import Path
+from types import MappingProxyType
 from typing import IO, Any, Final, Self, cast
 
 from mcap.writer import CompressionType, Writer
@@ -236,6 +237,8 @@ class Recorder:
         Made if it does not exist.
     wheel_toml, model_json, settings
         Attached to every file; `settings` gets the version, the software and the predecessor added.
+    own_wheels
+        Further attachments by name: the constants of single wheels.
     predecessor
         The last recording in the folder, None in an empty one.
     wall_ns
@@ -267,10 +270,11 @@ class Recorder:
         wall_ns: Callable[[], int],
         max_file_bytes: int = MAX_FILE_BYTES,
         max_total_bytes: int | None = None,
+        own_wheels: Mapping[str, bytes] = MappingProxyType({}),
     ) -> None:
         self.folder = folder
         self.error = ""
-        self._attachments = {"wheel.toml": wheel_toml.encode(), "model.json": model_json.encode()}
+        self._attachments = {"wheel.toml": wheel_toml.encode(), **own_wheels, "model.json": model_json.encode()}
         self._settings = settings
         self._predecessor = predecessor
         self._wall_ns = wall_ns

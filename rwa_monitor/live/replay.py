@@ -18,6 +18,7 @@ from rwa_monitor.live.compare import Comparable, Comparison, compare
 from rwa_monitor.live.publisher import LINGER_S, ReliablePublisher
 from rwa_monitor.live.recording import Recording, file_sha256, read_recording, recordings_of
 from rwa_monitor.live.searches import jobs_of, search_message
+from rwa_monitor.live.wheel_set import WheelSet
 from rwa_monitor.messages import Diagnosis, Discrepancy, SamplesMessage
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND
 
@@ -146,19 +147,19 @@ class _Chain:
             replayed, self.owed = replayed[: len(own)], replayed[len(own) :]
         self.comparison.add_all(compare(own, replayed))
 
-        self._search_again(recording, setup.wheel.to_toml())
+        self._search_again(recording, setup.wheels)
         if not any(schema == Diagnosis.schema_name() for _, schema, _ in (*own, *inherited)):
             self._note(recording, f"holds no closed window ({rebuilt.inputs} messages of samples)")
         self.files.append(recording.path)
 
-    def _search_again(self, recording: Recording, wheel_toml: str) -> None:
+    def _search_again(self, recording: Recording, wheels: WheelSet) -> None:
         """Repeat the discrepancy searches whose reports are recorded, and compare by content."""
         for message in recording.messages:
             if message.schema == SamplesMessage.schema_name():
                 self.inputs.append((message.topic, message.data))
         reports = [m for m in recording.messages if m.schema == Discrepancy.schema_name()]
         parsed = [Discrepancy.parse(message.data, message.topic) for message in reports]
-        jobs = jobs_of(parsed, self.inputs, wheel_toml)
+        jobs = jobs_of(parsed, self.inputs, wheels)
         for message, job in zip(reports, jobs, strict=True):
             again = search_message(job)
             entry = (message.topic, message.schema)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ from rwa_monitor.diagnosis.results import Method
 from rwa_monitor.live.bus import BusOptions
 from rwa_monitor.live.rebuild import Setup
 from rwa_monitor.live.recorder import MAX_FILE_BYTES
+from rwa_monitor.live.wheel_set import WheelKey, WheelSet
 from rwa_monitor.physics.wheel import Wheel, built_in_wheel
 
 
@@ -23,7 +25,9 @@ class RunOptions:
     wheels
         Key expression of the samples to listen to.
     wheel
-        Constants of the wheels.
+        Constants of the wheels that have none of their own.
+    own_wheels
+        Constants of single wheels, by spacecraft and wheel.
     model
         What was learned about nominal and anomalous friction; None leaves all verdicts open.
     method
@@ -46,6 +50,7 @@ class RunOptions:
 
     wheels: str = "rwa/*/*/samples"
     wheel: Wheel = field(default_factory=built_in_wheel)
+    own_wheels: Mapping[WheelKey, Wheel] = field(default_factory=dict)
     model: Model | None = None
     method: Method = "joint"
     record: Path | None = None
@@ -58,7 +63,7 @@ class RunOptions:
 
     def setup(self) -> Setup:
         """Return what diagnoses depend on."""
-        return Setup(self.wheel, self.model, self.method)
+        return Setup(WheelSet(self.wheel, self.own_wheels), self.model, self.method)
 
     def settings(self) -> dict[str, Any]:
         """Return the settings as they are written into a recording."""

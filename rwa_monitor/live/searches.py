@@ -24,6 +24,7 @@ from rwa_monitor.discrepancy.find import find_discrepancy
 from rwa_monitor.errors import RwaMonitorError
 from rwa_monitor.formats.files import write_text
 from rwa_monitor.live.outputs import Output
+from rwa_monitor.live.wheel_set import WheelKey, WheelSet
 from rwa_monitor.messages import Discrepancy, SamplesMessage, key_of
 from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import concatenate
@@ -32,8 +33,6 @@ PATIENCE: Final = 2  # windows in a row whose model does not fit, before a searc
 NICENESS: Final = 10  # of the child process: it takes what diagnosis leaves
 MAX_KEPT_BYTES: Final = 64_000_000  # of messages kept for searches, all wheels together
 MAX_WAITING: Final = 16  # searches that wait for the one that runs; a fleet gone wrong needs an engineer, not a queue
-
-WheelKey = tuple[str, str]
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,7 +121,7 @@ class Searches:
 
     Parameters
     ----------
-    wheel
+    wheels
         Constants of all wheels.
     folder
         Where reports are written, `discrepancy/{spacecraft}/{wheel}/` below it; None for nowhere.
@@ -130,8 +129,8 @@ class Searches:
         Takes lines of talk.
     """
 
-    def __init__(self, wheel: Wheel, folder: Path | None, say: Callable[[str], None]) -> None:
-        self.wheel_toml = wheel.to_toml()
+    def __init__(self, wheels: WheelSet, folder: Path | None, say: Callable[[str], None]) -> None:
+        self.wheels = wheels
         self.folder = folder
         self.say = say
         self._watched: dict[WheelKey, _Watched] = {}
@@ -164,7 +163,8 @@ class Searches:
         watched.inadequate += 1
         if watched.inadequate >= PATIENCE and not watched.searched and watched.payloads:
             if len(self._waiting) < MAX_WAITING:
-                self._waiting.append(SearchJob(spacecraft, wheel, self.wheel_toml, tuple(watched.payloads)))
+                constants = self.wheels.of(spacecraft, wheel).to_toml()
+                self._waiting.append(SearchJob(spacecraft, wheel, constants, tuple(watched.payloads)))
                 self.say(f"{spacecraft}/{wheel}: its friction model does not fit; searching for the cause")
             else:
                 self.say(f"{spacecraft}/{wheel}: its friction model does not fit; too many wheels wait for a search")
@@ -239,7 +239,7 @@ class Searches:
         watched.payloads, watched.size = [], 0
 
 
-def jobs_of(messages: Sequence[Discrepancy], inputs: Sequence[tuple[str, bytes]], wheel_toml: str) -> list[SearchJob]:
+def jobs_of(messages: Sequence[Discrepancy], inputs: Sequence[tuple[str, bytes]], wheels: WheelSet) -> list[SearchJob]:
     """Return the searches that recorded reports came from, for a replay.
 
     Parameters
@@ -248,8 +248,8 @@ def jobs_of(messages: Sequence[Discrepancy], inputs: Sequence[tuple[str, bytes]]
         The recorded reports.
     inputs
         Topic and payload of all samples recorded, in order.
-    wheel_toml
-        The recording's wheel.
+    wheels
+        The recording's constants.
     """
     jobs = []
     for message in messages:
@@ -260,5 +260,6 @@ def jobs_of(messages: Sequence[Discrepancy], inputs: Sequence[tuple[str, bytes]]
                 time_ns = SamplesMessage.parse(payload, key).time_ns
                 if time_ns and min(time_ns) >= message.start_ns and max(time_ns) <= message.end_ns:
                     payloads.append(payload)
-        jobs.append(SearchJob(message.spacecraft, message.wheel, wheel_toml, tuple(payloads)))
+        constants = wheels.of(message.spacecraft, message.wheel).to_toml()
+        jobs.append(SearchJob(message.spacecraft, message.wheel, constants, tuple(payloads)))
     return jobs

@@ -20,7 +20,6 @@ import zenoh
 from rwa_monitor.build import build
 from rwa_monitor.live.bus import Inbox, MonitorBus, endpoints, open_session
 from rwa_monitor.live.bus_watch import BusNews, BusWatch
-from rwa_monitor.live.core import WheelCore
 from rwa_monitor.live.monitor import IDLE_WAIT_S, Clock, Monitor
 from rwa_monitor.live.past import Past, read_past
 from rwa_monitor.live.recorder import FolderLock, Recorder
@@ -61,19 +60,22 @@ def run(
     """
     say = _unbreakable(say)
     supervisor = supervisor or Supervisor({})
-    WheelCore(options.wheel, options.model, method=options.method)  # a wheel that cannot be served is told at once
+    setup = options.setup()
+    for key in ("", ""), *options.own_wheels:
+        setup.new_core(*key)  # a wheel that cannot be served is told at once
     with ExitStack() as stack:
         clock = Clock()
         recorder: Recorder | None = None
         past = Past()
         if options.record is not None:
             stack.enter_context(FolderLock(options.record))
-            past = read_past(options.record, options.setup(), stop, say)
+            past = read_past(options.record, setup, stop, say)
             if stop.is_set():
                 return
             recorder = Recorder(
                 options.record,
                 wheel_toml=options.wheel.to_toml(),
+                own_wheels=setup.wheels.own_attachments(),
                 model_json=options.model.to_json() if options.model else "",
                 settings={**options.settings(), "build": build()},
                 predecessor=past.predecessor,
@@ -82,7 +84,7 @@ def run(
                 max_total_bytes=options.max_record_bytes,
             )
         # In a thread of its own, so that a stop signal is heard while kernels are compiled on a new machine.
-        compiling = Thread(target=warm_up, args=(options.setup(),), name="warm-up", daemon=True)
+        compiling = Thread(target=warm_up, args=(setup,), name="warm-up", daemon=True)
         compiling.start()
         if session is None:
             session = stack.enter_context(open_session(options.bus))

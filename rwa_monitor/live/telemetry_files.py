@@ -9,13 +9,13 @@ from typing import Final
 from rwa_monitor.diagnosis.model import Model
 from rwa_monitor.errors import InputError
 from rwa_monitor.formats.ccsds_packets import read_packets
-from rwa_monitor.formats.files import decode_utf8, display_name
+from rwa_monitor.formats.files import display_name
 from rwa_monitor.formats.ros2_bag import read_bag
 from rwa_monitor.formats.table import FileFormat, file_format, read_table
 from rwa_monitor.formats.telemetry import Decoding, Reader, SampleBatch, TelemetryFile, WheelTelemetry
 from rwa_monitor.live.recording import Recording, read_recording
+from rwa_monitor.live.wheel_set import COMMON, WheelSet
 from rwa_monitor.messages import SamplesMessage, split_key
-from rwa_monitor.physics.wheel import Wheel
 
 NO_DECODING: Final = Decoding()
 
@@ -56,11 +56,11 @@ def _read_mcap(path: Path, decoding: Decoding) -> TelemetryFile:
     del decoding
     source = display_name(path)
     recording = read_recording(path)
-    wheel, model = (recording.attachments.get(name) for name in ("wheel.toml", "model.json"))
-    telemetry, notes = _recorded(recording, source)
+    model = recording.attachments.get("model.json")
+    wheels = WheelSet.of_attachments(recording.attachments, source) if COMMON in recording.attachments else None
+    telemetry, notes = _recorded(recording, source, wheels)
     return TelemetryFile(
         telemetry,
-        Wheel.from_toml(decode_utf8(wheel, path), f"{source}: wheel.toml") if wheel else None,
         Model.from_json(model, f"{source}: model.json") if model else None,
         [f"{source}: {problem}" for problem in recording.problems],
         notes,
@@ -76,7 +76,7 @@ READERS: Final[Mapping[FileFormat, Reader]] = {
 }
 
 
-def _recorded(recording: Recording, source: str) -> tuple[list[WheelTelemetry], list[str]]:
+def _recorded(recording: Recording, source: str, constants: WheelSet | None) -> tuple[list[WheelTelemetry], list[str]]:
     """Return the samples of a recording, wheel by wheel, and a note on messages refused: the bus refused them too."""
     wheels: dict[str, list[SampleBatch]] = {}
     refused: list[InputError] = []
@@ -91,16 +91,16 @@ def _recorded(recording: Recording, source: str) -> tuple[list[WheelTelemetry], 
             continue
         batches.append(SampleBatch(parsed.samples(), parsed.publisher, parsed.batch))
     notes = [f"{source}: {len(refused)} messages refused, the first: {refused[0]}"] if refused else []
-    found = [_of_topic(source, topic, batches) for topic, batches in sorted(wheels.items()) if batches]
+    found = [_of_topic(source, topic, batches, constants) for topic, batches in sorted(wheels.items()) if batches]
     if not found:
         raise InputError(source, f"holds no messages {SamplesMessage.schema_name()}")
     return found, notes
 
 
-def _of_topic(source: str, topic: str, batches: list[SampleBatch]) -> WheelTelemetry:
-    """Name the wheel as its topic does."""
+def _of_topic(source: str, topic: str, batches: list[SampleBatch], constants: WheelSet | None) -> WheelTelemetry:
+    """Name the wheel as its topic does, and give it the constants that the recording has for it."""
     try:
         spacecraft, wheel, _ = split_key(topic)
     except InputError as error:
         raise InputError(source, error.reason, f"topic {topic}") from error
-    return WheelTelemetry(source, spacecraft, wheel, batches)
+    return WheelTelemetry(source, spacecraft, wheel, batches, constants.of(spacecraft, wheel) if constants else None)

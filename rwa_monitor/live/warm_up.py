@@ -13,6 +13,7 @@ import numpy as np
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.live.core import WheelCore
 from rwa_monitor.live.rebuild import Setup
+from rwa_monitor.live.wheel_set import WheelSet
 from rwa_monitor.physics.wheel import built_in_wheel
 from rwa_monitor.samples import Samples
 
@@ -22,7 +23,7 @@ WINDOWS: Final = 2  # the second one has a state carried over from the first
 
 def warm_up(setup: Setup) -> None:
     """Diagnose two short made-up windows with a jump in each, and forget about them."""
-    wheel = setup.wheel
+    wheel = setup.wheels.common
     short = wheel.model_copy(
         update={"window": wheel.window.model_copy(update={"samples": WINDOW_SLOTS, "hop": WINDOW_SLOTS})}
     )
@@ -38,4 +39,4 @@ def warm_up(setup: Setup) -> None:
 
 
 if __name__ == "__main__":  # when an image is built
-    warm_up(Setup(built_in_wheel(), built_in_model(), "joint"))
+    warm_up(Setup(WheelSet(built_in_wheel()), built_in_model(), "joint"))

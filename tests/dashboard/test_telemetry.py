@@ -15,6 +15,7 @@ from rwa_monitor.dashboard.course import Course
 from rwa_monitor.dashboard.fleet import Fleet, Received
 from rwa_monitor.dashboard.telemetry import FIRST_STALE_S, DerivedFriction, OpenWindow, Rhythm
 from rwa_monitor.dashboard.trace import thinned_json
+from rwa_monitor.live.wheel_set import WheelSet
 from rwa_monitor.messages import SamplesMessage
 from rwa_monitor.physics.torque_balance import derive_friction
 from rwa_monitor.physics.wheel import built_in_wheel
@@ -72,7 +73,7 @@ def with_friction(n: int) -> Samples:
 
 
 def test_a_closed_window_has_its_curve_and_its_samples_are_let_go() -> None:
-    known = Fleet(WHEEL)
+    known = Fleet(WheelSet(WHEEL))
     wheel = known.begin("sat", "wheel_1", [])
     assert wheel is not None
     samples = with_friction(20_000)
@@ -93,7 +94,7 @@ def test_a_closed_window_has_its_curve_and_its_samples_are_let_go() -> None:
 
 def test_open_windows_have_room_for_so_many_samples_and_a_page_goes_first(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(fleet, "MAX_OPEN_SAMPLES", 1_000)
-    known = Fleet(WHEEL)
+    known = Fleet(WheelSet(WHEEL))
     wheels = [known.begin("sat", f"wheel_{n}", []) for n in range(3)]
     samples = with_friction(600)
     for wheel, watched in zip(wheels, (False, False, True), strict=True):

@@ -17,6 +17,7 @@ from rwa_monitor.live.replay import replay
 from rwa_monitor.live.run_options import RunOptions
 from rwa_monitor.live.searches import Searches, SearchJob, search_message
 from rwa_monitor.live.service import run
+from rwa_monitor.live.wheel_set import WheelSet
 from rwa_monitor.messages import Discrepancy, samples_json
 from rwa_monitor.physics.datasets import scaled_wheel
 from rwa_monitor.physics.scenario import Scenario
@@ -60,7 +61,7 @@ def wait_for_output(searches: Searches) -> list[Discrepancy]:
 
 def test_two_inadequate_windows_are_searched_once(tmp_path: Path) -> None:
     said: list[str] = []
-    searches = Searches(small_wheel(), tmp_path, said.append)
+    searches = Searches(WheelSet(small_wheel()), tmp_path, said.append)
     try:
         searches.take_diagnosis("sat", "a", adequate=False)
         for payload in batches(telemetry(1)):
@@ -79,7 +80,7 @@ def test_two_inadequate_windows_are_searched_once(tmp_path: Path) -> None:
 
 
 def test_an_adequate_window_in_between_starts_again(tmp_path: Path) -> None:
-    searches = Searches(small_wheel(), tmp_path, lambda _: None)
+    searches = Searches(WheelSet(small_wheel()), tmp_path, lambda _: None)
     for adequate in (False, True, False):
         searches.take_diagnosis("sat", "a", adequate=adequate)
         searches.take_input("sat", "a", b"{}")
@@ -89,7 +90,7 @@ def test_an_adequate_window_in_between_starts_again(tmp_path: Path) -> None:
 
 def test_samples_that_cannot_be_searched_are_told_and_nothing_is_published(tmp_path: Path) -> None:
     said: list[str] = []
-    searches = Searches(small_wheel(), tmp_path, said.append)
+    searches = Searches(WheelSet(small_wheel()), tmp_path, said.append)
     try:
         searches.take_diagnosis("sat", "a", adequate=False)
         few = Samples(np.arange(5) * 125_000_000, np.full(5, 100.0), np.full(5, 1e-3))
@@ -105,7 +106,7 @@ def test_samples_that_cannot_be_searched_are_told_and_nothing_is_published(tmp_p
 
 
 def test_close_ends_a_running_search_at_once(tmp_path: Path) -> None:
-    searches = Searches(small_wheel(), tmp_path, lambda _: None)
+    searches = Searches(WheelSet(small_wheel()), tmp_path, lambda _: None)
     searches.take_diagnosis("sat", "a", adequate=False)
     for payload in batches(telemetry(1)):
         searches.take_input("sat", "a", payload)

@@ -16,6 +16,7 @@ from rwa_monitor.live.rebuild import Setup, start
 from rwa_monitor.live.recorder import RecordingWriter
 from rwa_monitor.live.recording import Recording
 from rwa_monitor.live.telemetry_files import read_telemetry
+from rwa_monitor.live.wheel_set import WheelSet
 from rwa_monitor.messages import SamplesMessage, samples_json, split_key
 from tests.live.support import model, telemetry, wheel
 
@@ -40,7 +41,7 @@ def test_a_key_names_nothing_that_is_no_plain_name(name: str) -> None:
 def test_a_recording_names_no_wheel_that_leads_out(name: str, tmp_path: Path) -> None:
     recording = Recording(tmp_path / "x.mcap", attachments={f"checkpoint/{name}.json": b"{}"})
     with pytest.raises(InputError):
-        start(recording, Setup(wheel(), model(), "joint"))
+        start(recording, Setup(WheelSet(wheel()), model(), "joint"))
 
 
 def test_a_recorded_topic_names_no_wheel_that_leads_out(tmp_path: Path) -> None:
