@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from rwa_monitor.diagnosis.noise import mean_variance_factor, mean_variance_factors
+from rwa_monitor.diagnosis.noise import mean_variance_factors
 from rwa_monitor.diagnosis.results import Estimate, Evidence, NoiseEstimate
 from rwa_monitor.diagnosis.running_sums import MOMENTS, Moments, RunningSums, SumArrays, range_moments
 from rwa_monitor.physics.wheel import Wheel
@@ -106,12 +106,6 @@ def _interval_moments(slots: int, index: IntArray, exclude: IntArray, sums: SumA
 def default_exclusion(scale: IntArray) -> IntArray:
     """Return Δk_error = w/2 slots of the detecting scale (errata 6)."""
     return scale // 2
-
-
-def contrast_variance(noise: NoiseEstimate, left: FloatArray, right: FloatArray) -> FloatArray:
-    """Return the variance of the difference of two means over `left` and `right` neighbouring samples."""
-    variance = noise.std**2
-    return variance * (mean_variance_factor(noise, left) / left + mean_variance_factor(noise, right) / right)
 
 
 def estimate(
@@ -263,11 +257,24 @@ def jump_std(evidence: Evidence, estimate_: Estimate, exclude: IntArray | int = 
     """
     margin = np.full(estimate_.index.size, exclude, dtype=np.int64)
     moments = interval_moments(evidence.sums, evidence.slots, estimate_.index, margin)
-    n = np.maximum(moments.n, 1.0)
-    x_mean = moments.x / n
-    own = contrast_variance(evidence.noise, n[:-1], n[1:])
-    step = np.square(np.diff(x_mean))
-    with np.errstate(invalid="ignore"):
-        shared = np.nan_to_num(step * estimate_.viscous_std**2, nan=0.0, posinf=np.inf)
-    blind = (moments.n[:-1] == 0) | (moments.n[1:] == 0)
-    return np.where(blind, np.inf, np.sqrt(own + shared))
+    noise = evidence.noise
+    return np.asarray(
+        _jump_std(moments.table, estimate_.viscous_std, noise.std**2, noise.autocovariance, noise.long_run_factor)
+    )
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _jump_std(
+    moments: FloatArray, slope_std: float, variance: float, autocovariance: FloatArray, long_run_factor: float
+) -> FloatArray:
+    """See `jump_std`; parameters as those of `_levels`."""
+    std = np.full(moments.shape[1] - 1, np.inf)
+    n = np.maximum(moments[0], 1.0)
+    factor = mean_variance_factors(n, autocovariance, long_run_factor)
+    for i in range(std.size):
+        if moments[0, i] > 0.0 and moments[0, i + 1] > 0.0:
+            own = variance * (factor[i] / n[i] + factor[i + 1] / n[i + 1])
+            step = moments[1, i + 1] / n[i + 1] - moments[1, i] / n[i]
+            shared = step * step * slope_std**2 if step != 0.0 else 0.0  # however unknown the slope
+            std[i] = np.sqrt(own + shared)
+    return std

@@ -305,16 +305,10 @@ class WindowAccumulator:
             raise ValueError("the window is closed already")
         self._advance(self.filled, last=True)
         self._closed = True
-        self._refresh()
-        noise = estimate_noise(
-            *self._measured_blocks(),
-            self._scales,
-            self._variances,
-            self._sums.count,
-            self._start_std,
-        )
+        levels, counts, tails = self._refresh()
+        noise = estimate_noise(levels, counts, self._scales, self._variances, self._sums.count, self._start_std)
         evidence = self._evidence(noise, self._peaks.above(self._threshold(), self._variances))
-        return replace(evidence, candidates=self._choose(evidence))
+        return replace(evidence, candidates=self._choose(evidence, tails))
 
     def _evidence(self, noise: NoiseEstimate, candidates: Candidates) -> Evidence:
         """Return the evidence of the slots seen so far."""
@@ -403,17 +397,20 @@ class WindowAccumulator:
         count = pieces_before(self._done, BLOCK + LAGS, self._hop, self._block_sums.shape[0])
         return self._block_sums[:count], self._block_pairs[:count]
 
-    def _refresh(self) -> None:
-        """Bring the variance of each scale, and what is kept and announced, up to date."""
+    def _refresh(self) -> tuple[FloatArray, FloatArray, Tails]:
+        """Bring the variance of each scale, and what is kept and announced, up to date.
+
+        Returns what it learned: levels and counts of `quiet_levels`, and the tails of the noise.
+        """
         start = None if self._start_std is None else self._start_std**2
-        levels, _ = quiet_levels(*self._measured_blocks())
+        levels, counts = quiet_levels(*self._measured_blocks())
         # On a coarse lattice neighbours are mostly equal and quantiles say little; mean squares then hold the variance.
         self._variances = np.maximum(
             scale_variances(self._state.histogram, self._scales, self._strides, start),
             LEAST_SHARE * contrast_variances(levels, self._scales),
         )
-        known = np.isfinite(self._variances)
-        by_chance = np.where(known, self._tails().largest_outlier ** 2 / (2.0 * self._scales), np.inf)
+        known, tails = np.isfinite(self._variances), self._tails()
+        by_chance = np.where(known, tails.largest_outlier**2 / (2.0 * self._scales), np.inf)
         variances = np.where(known, self._variances, np.inf)
         sure = float(special.chdtri(1, CONFIRMED_RATE))
         # A tail is known to a factor: twice the largest outlier by chance is sure, half of it is worth keeping.
@@ -422,6 +419,7 @@ class WindowAccumulator:
             self._sure if self.method == "paper" else np.maximum(KEPT_STATISTIC * variances, 0.25 * by_chance)
         )
         self._settle()
+        return levels, counts, tails
 
     def _learn_slope(self) -> None:
         """Centre the slope's prior on what the window has shown so far; takes effect with the next chunk."""
@@ -485,7 +483,7 @@ class WindowAccumulator:
             return float(special.chdtri(1, CONFIRMED_RATE))
         return max(threshold_for(self.false_candidates, TESTS_PER_SLOT * self._sums.count), KEPT_STATISTIC)
 
-    def _choose(self, evidence: Evidence) -> Candidates:
+    def _choose(self, evidence: Evidence, tails: Tails) -> Candidates:
         """Return the candidates: the paper's runs as they are; else those that stand beside all others."""
         if self.method == "paper":
             return evidence.candidates
@@ -495,7 +493,7 @@ class WindowAccumulator:
             return evidence.candidates
         table = variance_table(self._scales[known], self._variances[known])
         colour = ar_coefficient(evidence.noise)
-        index, tails = suppress(peaks), self._tails()
+        index = suppress(peaks)
         margin: IntArray | int = STEP // 4
         candidates = peaks
         for _ in range(3):

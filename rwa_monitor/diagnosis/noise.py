@@ -360,14 +360,19 @@ def _contrast_correlations(scales: tuple[int, ...]) -> FloatArray:
 
 
 def estimate_noise(
-    sums: FloatArray, pairs: FloatArray, scales: IntArray, variances: FloatArray, samples: int, start_std: float | None
+    levels: FloatArray,
+    counts: FloatArray,
+    scales: IntArray,
+    variances: FloatArray,
+    samples: int,
+    start_std: float | None,
 ) -> NoiseEstimate:
     """Combine the block differences and the scales' variances to the noise of the window.
 
     Parameters
     ----------
-    sums, pairs
-        float64 (B, LAGS), see `block_differences`.
+    levels, counts
+        float64 (LAGS,), see `quiet_levels`.
     scales, variances
         (S,), see `scale_variances`.
     samples
@@ -376,7 +381,6 @@ def estimate_noise(
         Standard deviation expected before any data; used when there are no blocks and no variances.
     """
     autocovariance = np.zeros(LAGS)
-    levels, counts = quiet_levels(sums, pairs)
     if not counts.any():
         known = [value for value in (float(variances[0]), (start_std or np.nan) ** 2) if np.isfinite(value)]
         autocovariance[0] = max(known[0] if known else 0.0, SMALLEST_STD**2)

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any, Final
 
 import numpy as np
@@ -80,9 +81,15 @@ class _Case:
             "coverage": self.evidence.good / self.evidence.slots if self.evidence.slots else 0.0,
             "method": self.method,
             "model_sha256": self.model.sha256() if self.model else "",
-            "wheel_sha256": self.wheel.sha256(),
+            "wheel_sha256": _sha256_of(self.wheel),
             "prior_sha256": self.carried.sha256(),
         }
+
+
+@lru_cache(maxsize=256)
+def _sha256_of(wheel: Wheel) -> str:
+    """Return the hash of a wheel, which never changes, while its windows come for months."""
+    return wheel.sha256()
 
 
 @dataclass(frozen=True, slots=True)
@@ -484,9 +491,9 @@ def _diagnosis(
         fss=tuple(
             SystemFriction(
                 system.name,
-                tuple(int(q) for q in system.configuration),
-                tuple(float(friction) * torque for friction in system.friction),
-                tuple(int(start) for start in starts),
+                tuple(system.configuration.tolist()),
+                tuple((system.friction * torque).tolist()),
+                tuple(starts.tolist()),
             )
             for system, starts in zip(features.systems, stages.assignment.starts, strict=True)
         ),
@@ -521,15 +528,10 @@ def changepoints_of(assignment: Assignment, wheel: Wheel) -> tuple[Changepoint, 
     # Of two jumps with no usable sample between them only the sum is known: either may be all of it.
     open_ended = ~np.isfinite(assignment.jump_std)
     std = np.where(open_ended, np.abs(assignment.jump[open_ended]).sum(), assignment.jump_std)
+    columns = (assignment.index, assignment.jump * torque, std * torque, assignment.system, assignment.confidence)
     return tuple(
-        Changepoint(
-            index=int(assignment.index[j]),
-            jump_Nm=float(assignment.jump[j]) * torque,
-            std_Nm=float(std[j]) * torque,
-            fss=names[int(assignment.system[j])],
-            confidence=float(assignment.confidence[j]),
-        )
-        for j in order
+        Changepoint(index, jump_Nm, std_Nm, names[system], confidence)
+        for index, jump_Nm, std_Nm, system, confidence in zip(*(c[order].tolist() for c in columns), strict=True)
     )
 
 

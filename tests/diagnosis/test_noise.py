@@ -47,7 +47,7 @@ def _blocks(z, hop=4 * BLOCK, used=None):
 
 def _estimate(z, **kwargs):
     nothing = np.full(1, np.nan)
-    return estimate_noise(*_blocks(z, **kwargs), np.ones(1, dtype=np.int64), nothing, z.size, None)
+    return estimate_noise(*quiet_levels(*_blocks(z, **kwargs)), np.ones(1, dtype=np.int64), nothing, z.size, None)
 
 
 @pytest.mark.parametrize("variance", [1e-9, 1.0, 5.76e-4])
@@ -113,10 +113,11 @@ def test_jumps_gaps_and_outliers_do_not_become_noise():
 
 def test_a_window_too_short_for_blocks_uses_what_is_known():
     empty = np.zeros((0, LAGS))
+    nothing = quiet_levels(empty, empty)
     scales = np.array([1])
-    known = estimate_noise(empty, empty, scales, np.full(1, np.nan), 50, 0.024)
+    known = estimate_noise(*nothing, scales, np.full(1, np.nan), 50, 0.024)
     assert known.std == pytest.approx(0.024)
-    measured = estimate_noise(empty, empty, scales, np.array([0.01]), 50, 0.024)
+    measured = estimate_noise(*nothing, scales, np.array([0.01]), 50, 0.024)
     assert measured.std == pytest.approx(0.1)
     assert measured.long_run_factor == 1.0
 
