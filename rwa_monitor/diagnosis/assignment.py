@@ -130,8 +130,7 @@ def _priors(evidence: Evidence, wheel: Wheel, carried: CarriedState | None) -> P
     """Gather the priors; sizes seen in the window stand in for what the wheel does not tell."""
     whole = evidence.sums.between(np.array([0]), np.array([evidence.slots]))
     typical_level = float(whole.z[0] / max(whole.n[0], 1.0))
-    jumps = np.abs(evidence.candidates.jump[np.isfinite(evidence.candidates.jump)])
-    return priors_of(wheel, carried, typical_level, float(np.median(jumps)) if jumps.size else 0.0)
+    return priors_of(wheel, carried, typical_level, segments.typical_jump(evidence.candidates.jump))
 
 
 def _measure(case: _Case, index: IntArray, accepted: IntArray) -> Level:

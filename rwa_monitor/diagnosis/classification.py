@@ -207,7 +207,7 @@ def classify(
     log_likelihood = np.stack([one.log_weight + found[0] for one, found in zip(told, weighed, strict=True)])
     prior = _prior(combinations, models, names, model, carried, history)
     log_prior = np.log(prior)
-    by_story = special.softmax(log_prior + log_likelihood)
+    by_story = _softmax(log_prior + log_likelihood)
     posterior = by_story.sum(axis=0)
     likeliest = max(
         (s for s, one in enumerate(told) if one.same_jumps), key=lambda s: float(by_story[s].sum()), default=None
@@ -247,6 +247,12 @@ def _all_combinations(anomalies: int) -> BoolArray:
     combinations = np.array(list(itertools.product((False, True), repeat=anomalies)))
     combinations.setflags(write=False)
     return combinations
+
+
+def _softmax(scores: FloatArray) -> FloatArray:
+    """Return exp(scores) over their sum; scipy's does the same behind a dispatch that costs more than it."""
+    weights = np.exp(scores - scores.max())
+    return np.asarray(weights / weights.sum())
 
 
 def _says_the_same(features: Features, a: int) -> bool:
@@ -363,7 +369,7 @@ def _learned_prior(
         before = float(prior[combinations[:, a]].sum())
         rates.append(before if rate is None else rate)
         log_prior += combinations[:, a] * (_logit(rates[a]) - _logit(before))
-    return special.softmax(log_prior), tuple(rates)
+    return _softmax(log_prior), tuple(rates)
 
 
 def _told_before(

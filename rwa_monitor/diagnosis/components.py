@@ -14,6 +14,7 @@ from itertools import islice, product
 from typing import Final
 
 import numpy as np
+from numba import njit
 
 from rwa_monitor.diagnosis.friction_model import Posterior, measure, solve
 from rwa_monitor.diagnosis.friction_priors import Priors, priors_of
@@ -29,7 +30,7 @@ from rwa_monitor.diagnosis.results import (
     Rival,
     Story,
 )
-from rwa_monitor.diagnosis.segments import effective_variance, level_scatter
+from rwa_monitor.diagnosis.segments import effective_variance, level_scatter, typical_jump
 from rwa_monitor.diagnosis.state import CarriedState
 from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import FloatArray, IntArray
@@ -62,13 +63,13 @@ def split(
         wheel names no system at all, they show that there is one; then any share of the level may be its friction.
     """
     story = Story(assignment.configurations, assignment.starts, assignment.index[assignment.system == UNATTRIBUTED])
-    jumps = np.unique(assignment.index[assignment.system != REJECTED])
+    accepted = assignment.system != REJECTED
+    jumps = np.unique(assignment.index[accepted])
     borders = np.concatenate([[0], jumps, [evidence.slots]]).astype(np.int64)
     segments = evidence.sums.between(borders[:-1], borders[1:])
-    sizes = np.abs(assignment.jump[assignment.system != REJECTED])
-    typical_jump = float(np.median(sizes)) if sizes.size else 0.0
     seen = np.isfinite(estimate.level)
-    priors = priors_of(wheel, carried, float(np.mean(estimate.level[seen])) if seen.any() else 0.0, typical_jump)
+    level = float(np.mean(estimate.level[seen])) if seen.any() else 0.0
+    priors = priors_of(wheel, carried, level, typical_jump(assignment.jump[accepted]))
     variance = effective_variance(evidence.noise)
     told = onsets(wheel.fss, carried)
 
@@ -89,7 +90,7 @@ def split(
         base_dry_std=float(
             np.hypot(
                 _spread(weights, np.array([v.base for v in views]), np.array([v.base_std for v in views])),
-                best.base if sizes.size and not wheel.fss else 0.0,
+                best.base if jumps.size and not wheel.fss else 0.0,
             )
         ),
         viscous=best.viscous,
@@ -127,8 +128,11 @@ def _shifts(story: Story, wheel: Wheel) -> list[Story]:
     """Return the story, and those in which systems are some configurations higher or lower throughout."""
     options = []
     for system, configurations in zip(wheel.fss, story.configurations, strict=True):
-        low, high = -int(configurations.min()), system.configurations - 1 - int(configurations.max())
+        visited = configurations.tolist()
+        low, high = -min(visited), system.configurations - 1 - max(visited)
         options.append([0, *(shift for shift in range(low, high + 1) if shift)])
+    if all(len(shifts) == 1 for shifts in options):
+        return [story]
     return [
         replace(story, configurations=tuple(q + d for q, d in zip(story.configurations, shift, strict=True)))
         for shift in islice(product(*options), MOST_SHIFTS)
@@ -204,10 +208,18 @@ def _readings(rivals: list[Rival], evidence: Evidence, priors: Priors) -> tuple[
 
 def _spread(weights: FloatArray, values: FloatArray, stds: FloatArray) -> FloatArray:
     """Return the root mean square distance from the first view's values to all that may be; arrays (views, …)."""
+    if weights.size == 1:
+        return np.asarray(stds[0])
     return np.asarray(np.sqrt(weights @ (stds**2 + (values - values[0]) ** 2)))
 
 
+@njit(cache=True, error_model="numpy", nogil=True)
 def _rests(configurations: IntArray, starts: IntArray, borders: IntArray, samples: FloatArray) -> bool:
     """Whether the system is in configuration 0 in any segment that holds samples."""
-    sojourn = np.searchsorted(starts, borders[1:] - 1, side="right") - 1
-    return bool(np.any((configurations[sojourn] == 0) & (samples > 0)))
+    sojourn = 0
+    for segment in range(samples.size):
+        while sojourn + 1 < starts.size and starts[sojourn + 1] < borders[segment + 1]:
+            sojourn += 1
+        if configurations[sojourn] == 0 and samples[segment] > 0.0:
+            return True
+    return False

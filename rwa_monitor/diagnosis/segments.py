@@ -265,9 +265,16 @@ def _refine(nodes: IntArray, reach: IntArray, slope: float, variance: float, sum
     return refined
 
 
+@njit(cache=True, error_model="numpy", nogil=True)
+def typical_jump(jump: FloatArray) -> float:
+    """Return the median size of jumps, those that are finite; 0 without any."""
+    sizes = np.abs(jump[np.isfinite(jump)])
+    return float(np.median(sizes)) if sizes.size > 0 else 0.0
+
+
 def reach_of(candidates: Candidates) -> IntArray:
     """Return how far each candidate's position may be off [slots]: half the window that found it."""
-    return np.clip(candidates.scale // 2, MIN_REACH, MAX_REACH).astype(np.int64)
+    return np.minimum(np.maximum(candidates.scale // 2, MIN_REACH), MAX_REACH)
 
 
 def possible_signs(candidates: Candidates, pairs: FloatArray, nodes: IntArray, slope: float) -> BoolArray:
