@@ -136,28 +136,48 @@ class FrictionSource:
             One for each time that derived friction stands out.
         """
         torque = ring.read("torque_Nm", start, stop)
-        masked = 0
-        faults: list[Fault] = []
         if self.reach == 0:
-            return torque, masked, faults
-        torque = torque.copy()
+            return torque, 0, []
         around = ring.read("speed_rad_s", start - self.reach, stop + self.reach)
         acceleration = differentiate_over_gaps(around, self.wheel.friction.derivative, self.wheel.sample_period_s)
         acceleration = acceleration[self.reach : self.reach + stop - start]
+        masked = 0
+        faults: list[Fault] = []
         if self.derived:
-            inertia = inertia_of(self.wheel)
-            torque = friction_torque(torque, acceleration, inertia)
-            # The last slot is judged by the one after it, whose acceleration is not known yet, but nearly the same.
-            following = friction_torque(ring.read("torque_Nm", stop, stop + 1), acceleration[-1:], inertia)
-            judged = self.channel.judge(np.concatenate((torque, following)), self.limit_Nm)
-            kind, since = judged or (np.zeros(0, dtype=np.int8), np.zeros(0, dtype=np.int64))
+            torque = friction_torque(torque, acceleration, inertia_of(self.wheel))
+            masked, faults = self._mask_what_stands_out(ring, start, stop, acceleration, torque)
+        else:
+            torque = torque.copy()
+        self._take_effects_out(ring, start, stop, acceleration, torque)
+        return torque, masked, faults
+
+    def _mask_what_stands_out(
+        self, ring: RingBuffer, start: int, stop: int, acceleration: FloatArray, torque: FloatArray
+    ) -> tuple[int, list[Fault]]:
+        """Judge the derived friction of the slots [start, stop), mask in it what is not believed; return as `friction`.
+
+        The last slot of a block is judged by the one after it, whose acceleration may not be known yet, but is nearly
+        the same. What stands out is masked from the beginning of its block on at most: slots before may be gone.
+        """
+        slots = np.arange(start, stop)
+        last = np.flatnonzero((slots + 1) % BLOCK_SLOTS == 0)
+        if last.size == 0 or last[-1] != slots.size - 1:
+            last = np.append(last, slots.size - 1)
+        after = np.append(torque[1:], np.nan)
+        following = ring.read("torque_Nm", start + 1, stop + 1)[last]
+        after[last] = friction_torque(following, acceleration[last], inertia_of(self.wheel))
+        judged = self.channel.judge(torque, after, self.limit_Nm)
+        masked = 0
+        faults: list[Fault] = []
+        if judged is not None:
+            kind, since = judged
             for k in np.flatnonzero(kind == STANDS_OUT).tolist():
-                first = max(k - int(since[k]), 0)
+                block = (start + k) // BLOCK_SLOTS * BLOCK_SLOTS
+                first = max(k - int(since[k]), block - start, 0)
                 masked += int(np.isfinite(torque[first : k + 1]).sum())
                 torque[first : k + 1] = np.nan
                 faults.append(Fault("friction", False, start + first))
-        self._take_effects_out(ring, start, stop, acceleration, torque)
-        return torque, masked, faults
+        return masked, faults
 
     def _take_effects_out(
         self, ring: RingBuffer, start: int, stop: int, acceleration: FloatArray, torque: FloatArray

@@ -92,13 +92,13 @@ class Channel:
     recent: FloatArray = field(default_factory=lambda: np.full(OUTSTANDING_SLOTS, np.nan))
     memory: FloatArray = field(default_factory=lambda: np.array([np.nan, *[0.0] * (len(MEMORY) - 1)]))
 
-    def judge(self, values: FloatArray, limit: float) -> tuple[NDArray[np.int8], IntArray] | None:
+    def judge(self, values: FloatArray, after: FloatArray, limit: float) -> tuple[NDArray[np.int8], IntArray] | None:
         """Judge the next slots.
 
         Parameters
         ----------
-        values
-            float64 (n + 1,): the slots and the one after them, NaN where missing.
+        values, after
+            float64 (n,): the slots, and for each the slot after it, NaN where missing.
         limit
             What the channel can do within a slot, in its unit; infinity where that is not known.
 
@@ -111,14 +111,14 @@ class Channel:
 
         None instead of both where nothing is found.
         """
-        count = values.size - 1
-        kind, since = np.zeros(count, dtype=np.int8), np.zeros(count, dtype=np.int64)
-        found = _judge(values, limit, self.recent, self.memory, kind, since)
+        kind, since = np.zeros(values.size, dtype=np.int8), np.zeros(values.size, dtype=np.int64)
+        found = _judge(values, after, limit, self.recent, self.memory, kind, since)
         return (kind, since) if found else None
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
 def _judge(
+    new: FloatArray,
     following: FloatArray,
     limit: float,
     recent: FloatArray,
@@ -126,17 +126,17 @@ def _judge(
     kind: NDArray[np.int8],
     since: NDArray[np.int64],
 ) -> bool:
-    """Do the work of `Channel.judge`; all but `following` and `limit` are written.
+    """Do the work of `Channel.judge`; all but `new`, `following` and `limit` are written.
 
     Returns whether anything is found.
     """
-    values = np.concatenate((recent, following))
-    recent[:] = values[kind.size : kind.size + OUTSTANDING_SLOTS]
+    values = np.concatenate((recent, new))
+    recent[:] = values[kind.size :]
     found = False
     last, step, bend, restless, repeated, restless_before, rough, steps = memory
     for k in range(kind.size):
         at = k + OUTSTANDING_SLOTS
-        value, before, after = values[at], values[at - 1], values[at + 1]
+        value, before, after = values[at], values[at - 1], following[k]
         if np.isnan(value):
             continue
         far = limit + ROUGHNESS_FACTOR * rough / max(steps, 1.0)
@@ -174,16 +174,17 @@ def _judge(
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
 def _judge_both(
-    following: tuple[FloatArray, FloatArray],
+    slots: tuple[FloatArray, FloatArray],
     limits: tuple[float, float],
     recent: tuple[FloatArray, FloatArray],
     memory: tuple[FloatArray, FloatArray],
     kind: NDArray[np.int8],
     since: NDArray[np.int64],
 ) -> bool:
-    """Do the work of `Channel.judge` for two channels; kind and since are (2, n)."""
-    first = _judge(following[0], limits[0], recent[0], memory[0], kind[0], since[0])
-    return _judge(following[1], limits[1], recent[1], memory[1], kind[1], since[1]) or first
+    """Do the work of `Channel.judge` for two channels: n slots and the one after them; kind and since are (2, n)."""
+    first, second = slots
+    in_first = _judge(first[:-1], first[1:], limits[0], recent[0], memory[0], kind[0], since[0])
+    return _judge(second[:-1], second[1:], limits[1], recent[1], memory[1], kind[1], since[1]) or in_first
 
 
 def speed_limit(wheel: Wheel) -> float:

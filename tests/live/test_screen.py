@@ -189,7 +189,7 @@ def test_lost_samples_cost_their_own_slots_and_not_a_stencil_each(kind: str) -> 
 
 
 def judged(values: FloatArray, limit: float = np.inf) -> FloatArray:
-    found = Channel().judge(np.append(values, np.nan), limit)
+    found = Channel().judge(values, np.append(values[1:], np.nan), limit)
     return np.zeros(values.size) if found is None else np.asarray(found[0])
 
 
