@@ -145,6 +145,7 @@ def bus_options(command: Decorated) -> Decorated:
         no_multicast_scouting: bool,
         **rest: Any,
     ) -> Any:
+        """Call the command with the options as one."""
         from rwa_monitor.live.bus import BusOptions
 
         return command(bus=BusOptions(mode, connect, listen, config, no_multicast_scouting), **rest)

@@ -13,11 +13,12 @@ from typing import Annotated, Final, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import Field, ValidationError, model_validator
 
 from rwa_monitor.diagnosis.canonical import Rounded, canonical_json, content_sha256
 from rwa_monitor.diagnosis.densities import LEVEL_NUMBERS, band_densities
 from rwa_monitor.errors import InputError
+from rwa_monitor.physics.strict import Strict
 from rwa_monitor.physics.wheel import RESERVED_ANOMALIES, SwitchingSystem, Wheel
 from rwa_monitor.samples import FloatArray
 
@@ -37,11 +38,7 @@ Positive = Annotated[Rounded, Field(gt=0, allow_inf_nan=False)]
 Fraction = Annotated[Rounded, Field(ge=0, le=1)]
 
 
-class _Part(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
-
-class Band(_Part):
+class Band(Strict):
     """Where values of one class lie: uniform on [low, high], the edges softened by a Gaussian of std `soft`.
 
     It holds both laws that friction follows here: a range (soft small) and a value with scatter (low = high).
@@ -68,7 +65,7 @@ class Band(_Part):
         return np.asarray(band_densities(at.ravel(), sigma.ravel(), self.low, self.high, self.soft)).reshape(at.shape)
 
 
-class Levels(_Part):
+class Levels(Strict):
     """Nominal and anomalous values of one coefficient, or of one configuration of a switching system.
 
     Attributes
@@ -109,7 +106,7 @@ class Levels(_Part):
         return self.nominal.high + 2.0 * self.nominal.soft
 
 
-class LinearSvm(_Part):
+class LinearSvm(Strict):
     """The paper's classifier: sign(w·z + b) with z the standardised value, or the histogram of a system's friction.
 
     Attributes
@@ -141,7 +138,7 @@ class LinearSvm(_Part):
         return self
 
 
-class AnomalyModel(_Part):
+class AnomalyModel(Strict):
     """What was learned about one anomaly.
 
     Attributes
@@ -184,7 +181,7 @@ class AnomalyModel(_Part):
         )
 
 
-class Provenance(_Part):
+class Provenance(Strict):
     """How a model was trained, enough to do it again."""
 
     wheel: str
@@ -194,7 +191,7 @@ class Provenance(_Part):
     command: str
 
 
-class Model(_Part):
+class Model(Strict):
     """All classifiers of a wheel.
 
     Attributes

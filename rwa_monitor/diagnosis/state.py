@@ -16,11 +16,12 @@ from collections.abc import Mapping
 from typing import Annotated, Final, Self
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import Field, ValidationError
 
 from rwa_monitor.diagnosis.canonical import Rounded, canonical_json, content_sha256
 from rwa_monitor.diagnosis.results import Assignment, Components
 from rwa_monitor.errors import InputError
+from rwa_monitor.physics.strict import Strict
 from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import FloatArray
 
@@ -43,11 +44,7 @@ NotNegative = Annotated[Rounded, Field(ge=0, allow_inf_nan=False)]
 Probability = Annotated[Rounded, Field(ge=0, le=1)]
 
 
-class _Part(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
-
-class Tracked(_Part):
+class Tracked(Strict):
     """A value that is followed over windows by a scalar Kalman filter with a random walk.
 
     Attributes
@@ -94,7 +91,7 @@ class Tracked(_Part):
         )
 
 
-class FrictionMemory(_Part):
+class FrictionMemory(Strict):
     """Friction that a configuration showed lately, each window's share forgotten by `REMEMBERED` per window.
 
     Attributes
@@ -110,7 +107,7 @@ class FrictionMemory(_Part):
     std: NotNegative
 
 
-class SystemState(_Part):
+class SystemState(Strict):
     """What earlier windows tell about one switching system.
 
     Attributes
@@ -130,7 +127,7 @@ class SystemState(_Part):
     friction: tuple[FrictionMemory | None, ...] = ()
 
 
-class CarriedState(_Part):
+class CarriedState(Strict):
     """What earlier windows of a wheel tell the next one; all values normalised.
 
     Attributes

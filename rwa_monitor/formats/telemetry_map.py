@@ -32,11 +32,12 @@ from fractions import Fraction
 from math import pi
 from typing import Annotated, Any, Final, Literal, TypeVar
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BeforeValidator, Field, ValidationError, model_validator
 
 from rwa_monitor.errors import InputError
 from rwa_monitor.formats.telemetry import MAX_MAP_BYTES, TextFile
 from rwa_monitor.messages import SamplesMessage, key_of, split_key
+from rwa_monitor.physics.strict import Strict
 from rwa_monitor.physics.toml import parse_toml
 
 MAX_WHEELS: Final = 4_096
@@ -93,11 +94,7 @@ TIME_UNITS: Final[dict[str, Fraction]] = {
 }
 
 
-class _Part(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
-
-class PacketChannel(_Part):
+class PacketChannel(Strict):
     """A channel as a parameter of a packet.
 
     Attributes
@@ -115,7 +112,7 @@ class PacketChannel(_Part):
     valid: Name | None = None
 
 
-class TopicChannel(_Part):
+class TopicChannel(Strict):
     """A channel as a field of the messages on a topic.
 
     Attributes
@@ -139,10 +136,10 @@ class TopicChannel(_Part):
     time: Literal["header", "log", "publish"] = "header"
 
 
-class _WheelMap(_Part):
+class _WheelMap(Strict):
     spacecraft: Name
     wheel: Name
-    channels: Mapping[ChannelName, _Part]
+    channels: Mapping[ChannelName, PacketChannel | TopicChannel]
 
     @property
     def key(self) -> str:

@@ -189,6 +189,8 @@ def ask_publisher(session: zenoh.Session, wake: Event) -> Ask:
     """Return a way to ask publishers for their history over a session; sets `wake` when there are no more answers."""
 
     def ask(before: Arrival, first: int, found: Callable[[Arrival], None], finished: Callable[[], None]) -> None:
+        """Ask the publisher of a message for those from number `first` on that came before it."""
+
         def on_reply(reply: zenoh.Reply) -> None:
             if reply.ok is not None:
                 found(arrival_of(reply.ok))

@@ -82,6 +82,7 @@ class _ViewWriter:
         self._writer.start(library=SOFTWARE)
 
     def write(self, views: Sequence[View]) -> None:
+        """Write messages, in the order given; each brings its schema and channel along when they are new."""
         for view in views:
             if view.schema not in self._schemas:
                 data = dump_json(self._known[view.schema])
@@ -93,4 +94,5 @@ class _ViewWriter:
             self._writer.add_message(self._channels[view.topic], view.time_ns, view.payload, view.time_ns)
 
     def finish(self) -> None:
+        """Write the end of the file."""
         self._writer.finish()  # type: ignore[no-untyped-call]

@@ -134,6 +134,7 @@ class _Walk:
         self.records = 0
 
     def run(self) -> None:
+        """Go from the beginning to the end, or to what cannot be passed."""
         position = len(MCAP0_MAGIC)
         while position < len(self.data) and not self.recording.finished:
             stop = self._record_end(position)

@@ -11,19 +11,18 @@ from typing import Annotated, Final, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import ConfigDict, Field, model_validator
 from scipy import special
 
+from rwa_monitor.physics.strict import Strict
 from rwa_monitor.samples import FloatArray, IntArray
 
 LONGEST: Final = 10**12  # slots; four thousand years at 8 Hz: longer is a wrong unit, and would leave exact integers
 EXACT_TERMS: Final = 200_000  # terms of a sum over durations that are added one by one
 
 
-class _Law(BaseModel):
+class _Law(Strict):
     """What all duration laws share: everything follows from the survival function P(τ ≥ e)."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     def survival(self, slots: ArrayLike) -> FloatArray:
         """Return P(τ ≥ slots), float64, the shape of `slots`; 1 for slots ≤ 1."""
@@ -101,7 +100,7 @@ class Geometric(_Law):
     law: Literal["geometric"] = "geometric"
     mean_slots: Annotated[float, Field(ge=1, le=LONGEST, alias="mean")]
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, populate_by_name=True)
+    model_config = ConfigDict(populate_by_name=True)
 
     def survival(self, slots: ArrayLike) -> FloatArray:
         at = np.maximum(np.asarray(slots, dtype=np.float64), 1.0)

@@ -29,11 +29,12 @@ from __future__ import annotations
 from typing import Annotated, Any, Final
 
 import tomli_w
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
+from pydantic import Field, ValidationError, field_validator
 
 from rwa_monitor.errors import InputError
 from rwa_monitor.physics.sensors import Fault, FrictionNoise, Sensors
 from rwa_monitor.physics.speed import SpeedProfile
+from rwa_monitor.physics.strict import Strict
 from rwa_monitor.physics.toml import parse_toml
 from rwa_monitor.physics.torque_balance import inertia_of, torque_constant_of
 from rwa_monitor.physics.wheel import EffectBlock, Wheel
@@ -45,11 +46,7 @@ MAX_SLOTS: Final = 100_000_000  # of one simulated record: 10 GB of channels and
 NoNegative = Annotated[float, Field(ge=0)]
 
 
-class _Part(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
-
-class Anomaly(_Part):
+class Anomaly(Strict):
     """A component of the friction grows by a factor.
 
     Attributes
@@ -77,14 +74,14 @@ class Anomaly(_Part):
         return 1.0 if self.growth_s == 0.0 else min(1.0, (time_s - self.onset_s) / self.growth_s)
 
 
-class Base(_Part):
+class Base(Strict):
     """Where this wheel's healthy friction lies beside its wheel file's historical averages, as factors on them."""
 
     dry: Annotated[float, Field(gt=0)] = 1.0
     viscous: NoNegative = 1.0
 
 
-class Scenario(_Part):
+class Scenario(Strict):
     """What happens to a simulated wheel; see the module's example.
 
     Attributes
@@ -110,7 +107,7 @@ class Scenario(_Part):
 
     speed: SpeedProfile = SpeedProfile()
     base: Base = Base()
-    anomalies: dict[str, Anomaly] = {}
+    anomalies: dict[str, Anomaly] = Field(default_factory=dict)
     noise: FrictionNoise = FrictionNoise()
     sensors: Sensors = Sensors()
     effect: Annotated[tuple[EffectBlock, ...], Field(max_length=32)] = ()

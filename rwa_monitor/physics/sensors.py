@@ -9,9 +9,10 @@ from __future__ import annotations
 from typing import Annotated, Final, Literal
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 from scipy import signal
 
+from rwa_monitor.physics.strict import Strict
 from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import BoolArray, FloatArray
 
@@ -31,10 +32,8 @@ ORBITAL_SWING_K: Final = (1.0, 5.0)  # K, peak to peak over an orbit (effects.md
 NoNegative = Annotated[float, Field(ge=0)]
 
 
-class Sensors(BaseModel):
+class Sensors(Strict):
     """Noise (standard deviations) and quantisation (steps) of the channels; None: usual for a wheel of this size."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     speed_noise_rad_s: NoNegative | None = None
     speed_quantum_rad_s: NoNegative | None = None
@@ -61,7 +60,7 @@ class Sensors(BaseModel):
         return cls(**dict.fromkeys(cls.model_fields, 0.0))
 
 
-class FrictionNoise(BaseModel):
+class FrictionNoise(Strict):
     """Noise of the friction torque v_k (paper, section II).
 
     Attributes
@@ -75,8 +74,6 @@ class FrictionNoise(BaseModel):
     degrees_of_freedom
         ν of "student_t", above 2 so that it has a variance.
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     std_Nm: NoNegative | None = None
     law: Literal["white", "ar1", "student_t"] = "white"
@@ -143,7 +140,7 @@ def bearing_temperature(
     return temperature
 
 
-class Fault(BaseModel):
+class Fault(Strict):
     """A declared fault of the telemetry, applied after the sensors.
 
     Attributes
@@ -160,8 +157,6 @@ class Fault(BaseModel):
     size
         Of a spike, in the channel's unit; its sign is random.
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     kind: Literal["gap", "dropout", "stuck", "spikes"]
     start_s: NoNegative

@@ -13,9 +13,10 @@ from dataclasses import dataclass
 from typing import Annotated, Final, Literal, get_args
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
 from rwa_monitor.errors import InputError
+from rwa_monitor.physics.strict import Strict
 from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import FloatArray
 
@@ -34,7 +35,7 @@ AT_REST: Final = 1.0e-12  # of the nominal speed
 UNLIMITED_ACCELERATION_S: Final = 30.0  # s, from rest to the nominal speed, where no maximum current is known
 
 
-class SpeedProfile(BaseModel):
+class SpeedProfile(Strict):
     """What the wheel is made to do.
 
     Attributes
@@ -52,8 +53,6 @@ class SpeedProfile(BaseModel):
     activity
         RMS of the control activity, in units of the nominal speed.
     """
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
     kind: ProfileKind = "orbit"
     direction: Literal[-1, 0, 1] = 0

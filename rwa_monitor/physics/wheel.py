@@ -11,10 +11,11 @@ import json
 from typing import Annotated, Any, Final, Literal
 
 import tomli_w
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import Field, ValidationError, model_validator
 
 from rwa_monitor.errors import InputError
 from rwa_monitor.physics.durations import DurationLaw
+from rwa_monitor.physics.strict import Strict
 from rwa_monitor.physics.toml import parse_toml
 from rwa_monitor.slots import MIN_PERIOD_NS, period_ns
 
@@ -26,11 +27,7 @@ Positive = Annotated[float, Field(gt=0)]
 Fraction = Annotated[float, Field(ge=0, le=1)]
 
 
-class _Part(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
-
-class Nominal(_Part):
+class Nominal(Strict):
     """Historical averages: torque is normalised by the dry torque, speed by the nominal speed."""
 
     dry_torque_Nm: Positive
@@ -38,33 +35,33 @@ class Nominal(_Part):
     nominal_speed_rad_s: Positive
 
 
-class Noise(_Part):
+class Noise(Strict):
     """Measurement noise of the friction torque; estimated from the data where missing."""
 
     friction_std_Nm: Positive | None = None
 
 
-class Derivative(_Part):
+class Derivative(Strict):
     """How dω/dt is derived when friction comes from current: Savitzky-Golay (quadratic) or central difference."""
 
     method: Literal["savitzky_golay", "central"] = "savitzky_golay"
     window_s: Positive = 2.0
 
 
-class FrictionFilter(_Part):
+class FrictionFilter(Strict):
     """Settings of the friction derived from current and speed."""
 
     derivative: Derivative = Derivative()
 
 
-class Limits(_Part):
+class Limits(Strict):
     """What the wheel cannot exceed: values beyond are wrong units or a broken sensor, not telemetry."""
 
     max_speed_rad_s: Positive | None = None
     max_current_A: Positive | None = None
 
 
-class Window(_Part):
+class Window(Strict):
     """Window of diagnosis, in slots."""
 
     samples: Annotated[int, Field(ge=16, le=10_000_000)] = 80_000
@@ -77,7 +74,7 @@ class Window(_Part):
         return self.samples if self.hop is None else self.hop
 
 
-class FrictionRange(_Part):
+class FrictionRange(Strict):
     """Range of a configuration's friction, in units of the nominal dry torque."""
 
     low: float
@@ -90,7 +87,7 @@ class FrictionRange(_Part):
         return self
 
 
-class SwitchingSystem(_Part):
+class SwitchingSystem(Strict):
     """A friction switching system (FSS): a hidden semi-Markov chain over the configurations q = 0 … q_max.
 
     Transitions go to adjacent configurations only (paper, section III-B; errata 12).
@@ -125,7 +122,7 @@ class SwitchingSystem(_Part):
         return 0.5 if self.up is None else self.up[q]
 
 
-class EffectBlock(_Part):
+class EffectBlock(Strict):
     """One effect beyond the base model, by its catalogue name, with its parameters in SI units."""
 
     name: str
@@ -135,7 +132,7 @@ class EffectBlock(_Part):
 RESERVED_ANOMALIES: Final = ("dry", "viscous")  # anomaly names beside those of the switching systems
 
 
-class Wheel(_Part):
+class Wheel(Strict):
     """One reaction wheel. Fields are those of wheel.toml; units stand in the names."""
 
     name: Annotated[str, Field(min_length=1, max_length=200)]
