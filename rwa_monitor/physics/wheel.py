@@ -128,6 +128,10 @@ class EffectBlock(Strict):
     name: str
     parameters: dict[str, float]
 
+    def __hash__(self) -> int:
+        """Hash by content, as the other parts do: what is worked out for a wheel is kept by the wheel."""
+        return hash((self.name, frozenset(self.parameters.items())))
+
 
 RESERVED_ANOMALIES: Final = ("dry", "viscous")  # anomaly names beside those of the switching systems
 

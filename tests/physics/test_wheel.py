@@ -65,6 +65,15 @@ def test_hash_is_that_of_the_meaning():
     assert WHEEL.model_copy(update={"inertia_kg_m2": 0.0118}).sha256() != WHEEL.sha256()
 
 
+def test_a_wheel_with_effects_is_a_key_like_any_other():
+    def extended(strength: float) -> Wheel:
+        effect = EffectBlock(name="stribeck", parameters={"strength_Nm": strength, "stribeck_speed_rad_s": 8.0})
+        return built_in_wheel().model_copy(update={"effect": (effect,)})
+
+    known = {extended(1e-4): "weak", extended(5e-4): "strong"}
+    assert [known.get(extended(strength)) for strength in (1e-4, 5e-4, 2e-4)] == ["weak", "strong", None]
+
+
 def test_transitions_go_to_adjacent_configurations():
     system = WHEEL.fss[1]
     assert [system.probability_up(q) for q in range(3)] == [1.0, 0.5, 0.0]
