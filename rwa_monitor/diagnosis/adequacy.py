@@ -139,19 +139,30 @@ def slope_finding(evidence: Evidence, estimate: Estimate) -> Adequacy | None:
 
 def _slope_deviations(evidence: Evidence, estimate: Estimate) -> tuple[FloatArray, FloatArray]:
     """Return each interval's slope less the common one in standard deviations, and its mean speed; (intervals,)."""
-    edges = np.concatenate([[0], estimate.index, [evidence.slots]]).astype(np.int64)
-    edges = np.unique(edges)
+    edges = np.concatenate(([0], estimate.index, [evidence.slots]))
     sums = evidence.sums.between(edges[:-1], edges[1:])
-    n = np.maximum(sums.n, 1.0)
-    spread = sums.xx - sums.x**2 / n
-    # The slope must be known to a tenth of what speed spans: else rounding is read as a slope.
-    usable = (sums.n >= MIN_INTERVAL) & (spread > 1e-9 * np.maximum(sums.xx, 1e-300))
     variance = evidence.noise.std**2 * max(evidence.noise.long_run_factor, 1.0)
-    if int(usable.sum()) < 2 or not variance > 0:
-        return np.zeros(0), np.zeros(0)
-    spread, cross = spread[usable], (sums.xz - sums.x * sums.z / n)[usable]
-    deviation = (cross / spread - cross.sum() / spread.sum()) * np.sqrt(spread / variance)
-    return deviation, (sums.x / n)[usable]
+    return _deviations_of_slopes(sums.table, variance)
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def _deviations_of_slopes(moments: FloatArray, variance: float) -> tuple[FloatArray, FloatArray]:
+    """See `_slope_deviations`; `moments` are float64 (6, intervals), `variance` that of the noise of a long mean."""
+    deviation, spread, speed = np.empty((3, moments.shape[1]))
+    usable, information, pull = 0, 0.0, 0.0
+    for i in range(moments.shape[1]):
+        n, x, z, xx, xz = moments[0, i], moments[1, i], moments[2, i], moments[3, i], moments[4, i]
+        own = xx - x * x / max(n, 1.0)
+        # The slope must be known to a tenth of what speed spans: else rounding is read as a slope.
+        if n >= MIN_INTERVAL and own > 1e-9 * max(xx, 1e-300):
+            cross = xz - x * z / n
+            deviation[usable], spread[usable], speed[usable] = cross / own, own, x / n
+            usable, information, pull = usable + 1, information + own, pull + cross
+    if usable < 2 or not variance > 0.0:
+        usable = 0
+    for i in range(usable):
+        deviation[i] = (deviation[i] - pull / information) * np.sqrt(spread[i] / variance)
+    return deviation[:usable], speed[:usable]
 
 
 # ---- sides -----------------------------------------------------------------------------------------------------------

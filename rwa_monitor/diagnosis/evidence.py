@@ -307,10 +307,11 @@ class WindowAccumulator:
         self._closed = True
         levels, counts, tails = self._refresh()
         noise = estimate_noise(levels, counts, self._scales, self._variances, self._sums.count, self._start_std)
-        evidence = self._evidence(noise, self._peaks.above(self._threshold(), self._variances))
+        threshold = self._threshold()
+        evidence = self._evidence(noise, self._peaks.above(threshold, self._variances), threshold)
         return replace(evidence, candidates=self._choose(evidence, tails))
 
-    def _evidence(self, noise: NoiseEstimate, candidates: Candidates) -> Evidence:
+    def _evidence(self, noise: NoiseEstimate, candidates: Candidates, threshold: float) -> Evidence:
         """Return the evidence of the slots seen so far."""
         return Evidence(
             slots=self._done,
@@ -319,7 +320,7 @@ class WindowAccumulator:
             candidates=candidates,
             sums=self._sums,
             noise=noise,
-            threshold=self._threshold(),
+            threshold=threshold,
             structure=self._structure.close(),
         )
 
@@ -427,7 +428,7 @@ class WindowAccumulator:
         if self.method == "paper" or variance == 0.0 or self._sums.count < CHUNK:
             return
         noise = NoiseEstimate(float(np.sqrt(variance)), np.full(1, variance), 1.0)
-        so_far = self._evidence(noise, self._peaks.above(CERTAIN_STATISTIC, self._variances))
+        so_far = self._evidence(noise, self._peaks.above(CERTAIN_STATISTIC, self._variances), CERTAIN_STATISTIC)
         slope, std = estimate_slope(so_far, suppress(so_far.candidates), STEP // 4, self.slope_prior)
         if np.isfinite(std):
             self._slope = slope

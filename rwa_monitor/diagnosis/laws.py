@@ -295,17 +295,18 @@ def _tabulate(
             ended = chain.entered[q] * _soft_survival(begun[q, k], at[k], mean)
             jump[q, 0, 1 + k] = np.log(_first(ended, told.ends[k], q, told.configuration))
         stay[q, 0] = np.log(_first(chain.never[q], told.lasts, q, told.configuration))
-        for direction in (DOWN, UP):
-            after = q + 2 * direction - 1
-            if not 0 <= after < configurations:
-                continue
-            both = mean + chain.means[after]  # of two sojourns in a row, seen as one
-            log_prior = np.log(MISSED_SHARE) + chain.turn[q, direction] + np.log(2.0 / both)
-            for i in range(count):
-                for j in range(i + 1, count):
-                    duration = at[j] - at[i]
-                    if duration >= 2.0:
-                        missed[q, direction, 1 + i, 1 + j] = log_prior - 3.0 * np.log1p(duration / both)
+        if q + 1 == configurations:
+            continue
+        both = mean + chain.means[q + 1]  # of two sojourns in a row, up or down, seen as one
+        log_up = np.log(MISSED_SHARE) + chain.turn[q, UP] + np.log(2.0 / both)
+        log_down = np.log(MISSED_SHARE) + chain.turn[q + 1, DOWN] + np.log(2.0 / both)
+        for i in range(count):
+            for j in range(i + 1, count):
+                duration = at[j] - at[i]
+                if duration >= 2.0:
+                    longer = 3.0 * np.log1p(duration / both)
+                    missed[q, UP, 1 + i, 1 + j] = log_up - longer
+                    missed[q + 1, DOWN, 1 + i, 1 + j] = log_down - longer
 
 
 @njit(cache=True, error_model="numpy", nogil=True)

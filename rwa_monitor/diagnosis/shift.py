@@ -110,9 +110,10 @@ def integrate_shift(
     of_base, held_of_base = np.ones((2, SHIFT_STEPS)), np.zeros((2, SHIFT_STEPS))
     if dry is not None:
         steps = np.full(SHIFT_STEPS, step)
-        log_held, log_changed = dry.log_parts(base, steps)
         of_base = np.exp(dry.log_evidence(base, steps))
-        held_of_base = np.exp(log_held - np.logaddexp(log_held, log_changed))
+        if dry.before is not None:
+            log_held, log_changed = dry.log_parts(base, steps)
+            held_of_base = np.exp(log_held - np.logaddexp(log_held, log_changed))
 
     count = 2 ** (len(unrested) + 1)
     log_likelihood, mean, variance = np.full(count, -np.inf), np.full(count, features.base_dry), np.zeros(count)
