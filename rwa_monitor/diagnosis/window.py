@@ -11,7 +11,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
 from typing import Any, Final
 
 import numpy as np
@@ -81,15 +80,9 @@ class _Case:
             "coverage": self.evidence.good / self.evidence.slots if self.evidence.slots else 0.0,
             "method": self.method,
             "model_sha256": self.model.sha256() if self.model else "",
-            "wheel_sha256": _sha256_of(self.wheel),
+            "wheel_sha256": self.wheel.sha256(),
             "prior_sha256": self.carried.sha256(),
         }
-
-
-@lru_cache(maxsize=256)
-def _sha256_of(wheel: Wheel) -> str:
-    """Return the hash of a wheel, which never changes, while its windows come for months."""
-    return wheel.sha256()
 
 
 @dataclass(frozen=True, slots=True)
