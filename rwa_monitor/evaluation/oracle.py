@@ -19,10 +19,10 @@ from rwa_monitor.diagnosis.components import split
 from rwa_monitor.diagnosis.estimation import estimate
 from rwa_monitor.diagnosis.evidence import WindowAccumulator
 from rwa_monitor.diagnosis.features import Features, SystemFeatures, features_of
+from rwa_monitor.diagnosis.physical_units import changepoints_of
 from rwa_monitor.diagnosis.results import Assignment, Candidates, NoiseEstimate
 from rwa_monitor.diagnosis.running_sums import RunningSums
 from rwa_monitor.diagnosis.state import CarriedState
-from rwa_monitor.diagnosis.window import changepoints_of
 from rwa_monitor.diagnosis.window_diagnosis import Changepoint
 from rwa_monitor.physics.datasets import LabelledWindow
 from rwa_monitor.physics.telemetry import Truth

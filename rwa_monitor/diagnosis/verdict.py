@@ -1,0 +1,174 @@
+"""From the judgement on each anomaly to the verdict on a window: its reason, and what helps where there is none."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+from rwa_monitor.diagnosis import explanation
+from rwa_monitor.diagnosis.adequacy import Adequacy
+from rwa_monitor.diagnosis.case import Case
+from rwa_monitor.diagnosis.classification import Judged
+from rwa_monitor.diagnosis.window_diagnosis import AnomalyDiagnosis, Verdict
+
+MIN_COVERAGE: Final = 0.5  # share of the slots that must be used; below, the window says little about what it missed
+MIN_SHARE: Final = 0.1  # of a whole window's samples: with fewer, at the end of a file, it is called nominal by no rule
+
+
+@dataclass(frozen=True, slots=True)
+class Shown:
+    """What a verdict asks beside the judgement.
+
+    Attributes
+    ----------
+    unmoved
+        For each anomaly whether it is that of a system without a jump in the window.
+    deviations
+        The standard deviation of each anomaly's estimate, in its unit.
+    unnamed_jumps
+        Whether friction jumps and the wheel file names no switching system.
+    mean_speed_rad_s
+        Mean |ω| of the used samples [rad/s].
+    """
+
+    unmoved: tuple[bool, ...]
+    deviations: tuple[float, ...]
+    unnamed_jumps: bool
+    mean_speed_rad_s: float
+
+
+def verdict_of(
+    case: Case,
+    judged: Sequence[Judged],
+    anomalies: Sequence[AnomalyDiagnosis],
+    fits: Adequacy,
+    shown: Shown,
+) -> tuple[Verdict, str]:
+    """Return the verdict and its reason. A found anomaly stands; what keeps a window from being nominal comes after."""
+    nothing = _nothing_to_judge(case)
+    if nothing or case.model is None:
+        return "inconclusive", nothing
+    low, high = case.model.undecided if case.method == "joint" else (0.5, 0.5)
+    leaning = [entry.name for entry in judged if entry.leans]
+    # Where the friction model lacks something, only what the window tells for sure counts as found: what is missing
+    # leaves base dry friction in doubt by its own size, and half of such a doubt lies above any nominal range.
+    # And a system that made no jump is not told from the base, or shows nothing at all.
+    open_to_doubt = [
+        not (entry.telling or fits.adequate) or jumpless for entry, jumpless in zip(judged, shown.unmoved, strict=True)
+    ]
+    certain = [
+        anomaly
+        for anomaly, entry, doubtful in zip(anomalies, judged, open_to_doubt, strict=True)
+        if entry.active and entry.probability >= high and not doubtful
+    ]
+    exchanged = _exchanged(anomalies[0], anomalies[1], shown.mean_speed_rad_s) if case.method == "joint" else None
+    if certain == [exchanged]:
+        return "inconclusive", explanation.reason_exchanged(anomalies[0], anomalies[1])
+    if certain:
+        shown_before = [anomaly.name for anomaly in certain if anomaly.name in leaning]
+        return "anomalous", explanation.reason_anomalous(certain, shown_before)
+    lacking = "" if fits.adequate else f" while the friction model lacks something ({fits.finding})"
+    if shown.unnamed_jumps and not lacking:
+        lacking = " while friction jumps and the wheel file names no switching system ([[fss]])"
+    for anomaly, entry, doubtful in zip(anomalies, judged, open_to_doubt, strict=True):
+        what = explanation.title(entry.name)
+        if _rested(anomaly):
+            continue
+        if low < entry.probability and (entry.probability < high or doubtful):
+            return "inconclusive", (
+                f"Whether {what} is anomalous cannot be decided{lacking}: it is"
+                f" {explanation.quantity(anomaly.estimate, anomaly.unit)}"
+                f" (nominal {explanation.span(anomaly.nominal_low, anomaly.nominal_high, anomaly.unit)}),"
+                f" probability of an anomaly {explanation.percent(entry.probability)}."
+            )
+        if entry.unlike:
+            return "inconclusive", (
+                f"The {what}, {explanation.quantity(anomaly.estimate, anomaly.unit)}, is unlike anything learned,"
+                f" nominal ({explanation.span(anomaly.nominal_low, anomaly.nominal_high, anomaly.unit)}) or anomalous"
+                f"{explanation.BELOW_NOMINAL if _below(anomaly) else ''}."
+            )
+    for anomaly, std in zip(anomalies, shown.deviations, strict=True):
+        if case.method == "joint" and _outside(anomaly, std, adequate=fits.adequate):
+            return "inconclusive", explanation.reason_outside(anomaly, lacking, below=_below(anomaly))
+    silent = [entry.name for entry in judged if not entry.telling]
+    if silent:
+        return (
+            "inconclusive",
+            explanation.reason_silent(silent, len(judged), lacking),
+        )
+    whole = case.wheel.window.samples
+    if case.evidence.used < MIN_SHARE * whole:
+        return "inconclusive", (
+            f"Nothing is anomalous in these {case.evidence.used} samples, but a whole window has {whole}: they are too"
+            " few to call the wheel nominal."
+        )
+    return "nominal", explanation.reason_nominal(anomalies, leaning, lacking)
+
+
+def _nothing_to_judge(case: Case) -> str:
+    """Return why nothing can be judged, whatever the friction is; "" where it can."""
+    if case.wheel.nominal is None:
+        return "The wheel file has no [nominal], so there is nothing to compare the friction with."
+    if case.model is None:
+        return "There is no model, so no nominal range to compare the friction with."
+    used = case.evidence.used / case.evidence.slots
+    if used < MIN_COVERAGE:
+        return (
+            f"Only {100.0 * used:.0f} % of the window's slots hold a usable sample"
+            f" ({100.0 * MIN_COVERAGE:.0f} % are needed)."
+        )
+    return ""
+
+
+def remedy_of(case: Case, anomalies: Sequence[AnomalyDiagnosis], shown: Shown, *, adequate: bool) -> str:
+    """Return what helps an inconclusive window where waiting for the next one does not; "" where it does."""
+    if case.wheel.nominal is None:
+        return "Learn the wheel file from healthy recordings with rwa-monitor identify, or add [nominal] to it."
+    if case.evidence.used < MIN_COVERAGE * case.evidence.slots:
+        return explanation.CHECK_TELEMETRY
+    if shown.unnamed_jumps:
+        return "Learn its switching systems from longer recordings with rwa-monitor identify: waiting does not help."
+    if adequate and any(_below(anomaly) and not anomaly.active for anomaly in anomalies[:2]):
+        return "Friction hardly falls below nominal: check units, sign and the wheel file before the wheel."
+    return ""
+
+
+def _rested(anomaly: AnomalyDiagnosis) -> bool:
+    """Return whether it is that of a system that rested throughout: no friction, healthy or not."""
+    return anomaly.nominal_low == anomaly.nominal_high == 0.0
+
+
+def _exchanged(dry: AnomalyDiagnosis, viscous: AnomalyDiagnosis, speed_rad_s: float) -> AnomalyDiagnosis | None:
+    """Return that of the two whose excess the other lacks, so that the sum at the window's speed is nominal, or None.
+
+    No healthy or failing wheel has much less than nominal friction. Where the speed hardly moves, noise of its
+    measurement flattens the slope (errors in variables: Fuller 1987, section 1.1), and the base takes up the rest.
+    """
+    found = None
+    for high, lacking, lever in ((dry, viscous, speed_rad_s), (viscous, dry, 1.0 / max(speed_rad_s, 1e-9))):
+        bounds = (high.nominal_high, lacking.nominal_low, lacking.nominal_high)
+        if high.estimate is None or lacking.estimate is None or None in bounds or not high.active:
+            continue
+        top, low_end, high_end = (float(bound or 0.0) for bound in bounds)
+        # By a whole width of the range: healthy wheels have that nowhere.
+        lacks = lacking.estimate < low_end - (high_end - low_end)
+        if lacks and high.estimate - (0.5 * (low_end + high_end) - lacking.estimate) * lever <= top:
+            found = high
+    return found
+
+
+def _below(anomaly: AnomalyDiagnosis) -> bool:
+    return anomaly.estimate is not None and anomaly.nominal_low is not None and anomaly.estimate < anomaly.nominal_low
+
+
+def _outside(anomaly: AnomalyDiagnosis, std: float, *, adequate: bool) -> bool:
+    """Return whether an estimate contradicts that its friction is nominal, `std` [the anomaly's unit] its deviation.
+
+    It does outside the nominal range by more than that. Where the friction model does not fit, the deviation holds what
+    is missing, and the range must hold all of it.
+    """
+    if anomaly.estimate is None or anomaly.nominal_low is None or anomaly.nominal_high is None:
+        return False
+    beyond = max(anomaly.estimate - anomaly.nominal_high, anomaly.nominal_low - anomaly.estimate)
+    return beyond > (std if adequate else -std)
