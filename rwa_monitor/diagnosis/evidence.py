@@ -16,18 +16,14 @@ from typing import Final
 import numpy as np
 from scipy import special
 
+from rwa_monitor.diagnosis.candidates import choose
 from rwa_monitor.diagnosis.changepoints import (
     TESTS_PER_SLOT,
-    join,
-    peaks_behind_gaps,
-    select_candidates,
     suppress,
     threshold_for,
-    variance_table,
 )
 from rwa_monitor.diagnosis.estimation import (
     SlopePrior,
-    default_exclusion,
     estimate_slope,
     nominal_slope_prior,
 )
@@ -45,7 +41,6 @@ from rwa_monitor.diagnosis.noise import (
     LAGS,
     SMALLEST_STD,
     Tails,
-    ar_coefficient,
     contrast_variances,
     estimate_noise,
     estimate_tails,
@@ -309,7 +304,10 @@ class WindowAccumulator:
         noise = estimate_noise(levels, counts, self._scales, self._variances, self._sums.count, self._start_std)
         threshold = self._threshold()
         evidence = self._evidence(noise, self._peaks.above(threshold, self._variances), threshold)
-        return replace(evidence, candidates=self._choose(evidence, tails))
+        if self.method == "paper":
+            return evidence  # the paper's runs as they are
+        candidates = choose(evidence, self._scales, self._variances, tails, self.slope_prior)
+        return replace(evidence, candidates=candidates)
 
     def _evidence(self, noise: NoiseEstimate, candidates: Candidates, threshold: float) -> Evidence:
         """Return the evidence of the slots seen so far."""
@@ -483,28 +481,6 @@ class WindowAccumulator:
         if self.method == "paper":
             return float(special.chdtri(1, CONFIRMED_RATE))
         return max(threshold_for(self.false_candidates, TESTS_PER_SLOT * self._sums.count), KEPT_STATISTIC)
-
-    def _choose(self, evidence: Evidence, tails: Tails) -> Candidates:
-        """Return the candidates: the paper's runs as they are; else those that stand beside all others."""
-        if self.method == "paper":
-            return evidence.candidates
-        known = np.isfinite(self._variances)
-        peaks = join(evidence.candidates, peaks_behind_gaps(self._sums))
-        if len(peaks) == 0 or not known.any():
-            return evidence.candidates
-        table = variance_table(self._scales[known], self._variances[known])
-        colour = ar_coefficient(evidence.noise)
-        index = suppress(peaks)
-        margin: IntArray | int = STEP // 4
-        candidates = peaks
-        for _ in range(3):
-            slope, _ = estimate_slope(evidence, index, margin, self.slope_prior)
-            candidates = select_candidates(peaks, self._sums, slope, table, evidence.threshold, tails, colour)
-            if np.array_equal(candidates.index, index):
-                break
-            index = candidates.index
-            margin = default_exclusion(candidates.scale)
-        return candidates
 
 
 def _settings_change(slot: int) -> int:
