@@ -137,7 +137,7 @@ def test_a_checkpoint_of_before_windows_kept_their_samples_is_understood() -> No
     run_core(core, parts[:1])
     now = core.checkpoint()
     # What such a checkpoint held: the values of all slots of the open windows, and no samples of the windows.
-    slots = SlotsState.of(core._ring, now.slots.begin, now.slots.begin)
+    slots = SlotsState.of(core._windows.ring, now.slots.begin, now.slots.begin)
     before = now.model_copy(
         update={"slots": slots, "windows": now.windows.model_copy(update={"gathered": None}), "screen": now.screen}
     )
