@@ -33,7 +33,9 @@ CREDIBLE_SIZE: Final = 0.5  # of the least friction of its configuration: a sojo
 SMALL_SHARE: Final = 0.3  # of a system's sojourns from which its rests are not believed
 LONGEST_AWAKE: Final = 4.0  # mean sojourns that a system may well go without a rest
 STRIBECK_SPEEDS: Final = (0.03, 0.1, 0.3)  # of the nominal speed: the catalogue's 1 … 100 rad/s at 300 rad/s
-SUBLINEAR: Final = 0.6  # between SKF's exponent and Palmgren's 2/3
+# SKF's exponent, near Palmgren's 2/3, and the ends of the catalogue's range: the nearer to 1, the more of such a drag
+# the viscous slope takes up, and the less of it shows.
+SUBLINEAR: Final = (0.3, 0.6, 0.9)
 LAGS_S: Final = (60.0, 300.0)  # s, within the 10 s … 30 min that lubricant takes to follow
 
 
@@ -149,7 +151,7 @@ def _shapes(blocks: Blocks, evidence: Evidence, estimate: Estimate, wheel: Wheel
     motor = direction * (level + estimate.viscous * x) + inertia / block_s * acceleration
     shapes = [
         x**2,
-        x**SUBLINEAR,
+        *(x**exponent for exponent in SUBLINEAR),
         *(np.exp(-x / at) for at in STRIBECK_SPEEDS),
         direction,
         direction * x,

@@ -61,3 +61,16 @@ def test_doubt_only_adds(base: float, viscous: float, systems: float) -> None:
     assert wide.viscous_std >= max(0.02, viscous)
     assert wide.fss_friction_std[0][0] == 0.0  # at rest a system has no friction, whatever is missing
     assert wide.fss_friction_std[0][1] >= max(0.02, systems)
+
+
+@pytest.mark.parametrize(("seed", "motion"), [(50_000, "crossings"), (50_000, "orbit"), (50_002, "rich")])
+def test_a_drag_that_hardly_bends_may_be_most_of_the_viscous_slope(seed: int, motion: ProfileKind) -> None:
+    # Two to four times the nominal slope, all of it a drag of a power below one that the model lacks.
+    (diagnosis,) = hide_and_diagnose("sublinear_viscous", motion, seed, windows=1).windows
+    viscous = diagnosis.anomaly("viscous")
+    assert not diagnosis.model_adequate
+    assert viscous.estimate is not None
+    assert viscous.nominal_high is not None
+    assert viscous.estimate > 2.0 * viscous.nominal_high
+    assert viscous.probability < 0.9
+    assert diagnosis.verdict == "inconclusive"
