@@ -147,8 +147,8 @@ def short_table(pool: multiprocessing.pool.Pool, seed: int, seeds: int) -> list[
 def diagnosis_table(jobs: Sequence[Job], trials: Sequence[Trial]) -> list[str]:
     """Return the rows that compare the diagnosis with and without doubt."""
     rows = [
-        "| wheel | effect | doubt | detected | near-certain | near-certain of what is not there | inconclusive |",
-        "|---|---|---|---|---|---|---|",
+        "| wheel | effect | doubt | detected | near-certain | near-certain of what is not there | so called | open |",
+        "|---|---|---|---|---|---|---|---|",
     ]
     for anomaly in ("", *MILD_SEVERITIES):
         for sigmas in STRENGTHS:
@@ -161,10 +161,14 @@ def diagnosis_table(jobs: Sequence[Job], trials: Sequence[Trial]) -> list[str]:
                 total = len(windows)
                 there = [w.anomaly(anomaly).probability for w in windows] if anomaly else []
                 wrong = sum(any(a.probability > SURE for a in w.anomalies if a.name != anomaly) for w in windows)
+                called = sum(
+                    w.verdict == "anomalous" and any(a.probability > SURE for a in w.anomalies if a.name != anomaly)
+                    for w in windows
+                )
                 rows.append(
                     f"| {anomaly or 'healthy'} | {sigmas:g} σ | {'yes' if doubting else 'no'} |"
                     f" {f'{sum(p > 0.5 for p in there)} of {total}' if anomaly else '–'} |"
-                    f" {sum(p > SURE for p in there) if anomaly else '–'} | {rate(wrong, total)} |"
+                    f" {sum(p > SURE for p in there) if anomaly else '–'} | {rate(wrong, total)} | {called} |"
                     f" {sum(w.verdict == 'inconclusive' for w in windows)} |"
                 )
     return rows
@@ -269,9 +273,10 @@ the samples and sees more: it names effects in measured records of 1,760 samples
 
 One window, one effect on one motion, all 17 × 4 that can be shown. *Doubt*: whether the standard deviations hold what
 the missing effect can have moved (`diagnosis/doubt.py`). The anomalies are those of recipe `mild`; *near-certain* is a
-probability above 0.9. A failing wheel that is not detected with doubt is mostly inconclusive, with a reason that names
-what the model lacks; its search is started, and once the wheel file is extended nothing is in doubt. Windows without a
-missing effect are adequate and are not touched.
+probability above 0.9; *so called*: of the windows near-certain of what is not there, those whose verdict is
+`anomalous`, too; *open*: the verdict is `inconclusive`. A failing wheel that is not detected with doubt is mostly
+inconclusive, with a reason that names what the model lacks; its search is started, and once the wheel file is extended
+nothing is in doubt. Windows without a missing effect are adequate and are not touched.
 
 {diagnosis}
 
