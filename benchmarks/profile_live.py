@@ -25,8 +25,9 @@ from rwa_monitor.evaluation.speed.detection import Window
 from rwa_monitor.evaluation.speed.live import BATCH, samples_of
 from rwa_monitor.evaluation.speed.machine import describe_machine
 from rwa_monitor.evaluation.speed.windows import window_of
-from rwa_monitor.live import core as live_core
+from rwa_monitor.live import windows
 from rwa_monitor.live.bus import Inbox
+from rwa_monitor.live.core import WheelCore
 from rwa_monitor.live.friction import FrictionSource
 from rwa_monitor.live.monitor import Clock, Monitor
 from rwa_monitor.live.order_guard import OrderGuard
@@ -46,17 +47,18 @@ STAGES: dict[str, tuple[Any, str]] = {
     "lists to arrays": (SamplesMessage, "samples"),
     "record the message: MCAP, zstd": (Recorder, "input"),
     "sequencer": (Sequencer, "put"),
-    "order guard": (OrderGuard, "next_piece"),
-    "ring buffer": (RingBuffer, "extend"),
+    "look for values that cannot be": (OrderGuard, "is_clean"),
+    "order guard": (OrderGuard, "take_next"),
+    "ring buffer": (RingBuffer, "append"),
     "screen for broken sensors": (Screen, "run"),
     "friction": (FrictionSource, "friction"),
     "detection: stage 1": (WindowAccumulator, "append"),
     "close: stage 1's end": (WindowAccumulator, "close"),
-    "diagnosis: stages 2 to 4": (live_core, "diagnose_window"),
+    "diagnosis: stages 2 to 4": (windows, "diagnose_window"),
     "record what is said": (Recorder, "output"),
     "bring to the disk": (Recorder, "sync"),
     "flush, rotate, status by the clock": (Monitor, "tick"),
-    "the core around them": (live_core.WheelCore, "feed"),
+    "the core around them": (WheelCore, "feed"),
     "the monitor around it": (Monitor, "receive"),
 }
 
