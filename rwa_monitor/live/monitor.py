@@ -179,6 +179,8 @@ class Monitor:
         except InputError as error:
             self._refuse(key, payload, error)
             return
+        if served.core is None and self.options.own_wheels and (spacecraft, wheel) not in self.options.own_wheels:
+            self.say(f"{spacecraft}/{wheel}: has no wheel file of its own; it goes by {core.wheel.name}")
         served.core = core
         if self.recorder is not None:
             self.recorder.input(key, SamplesMessage.schema_name(), payload, message.time_ns[-1])

@@ -68,8 +68,10 @@ def test_each_wheel_goes_by_its_own_file_and_only_the_one_whose_file_changed_sta
     both = {name: telemetry(whole, seed) for seed, name in enumerate(("wheel_1", "wheel_2"), 1)}
     before = {name: samples[:half] for name, samples in both.items()}
     after = {name: samples[half:] for name, samples in both.items()}
-    run_once(tmp_path, wheel(WINDOW // 2), before, 0, dict.fromkeys(both, half))
+    talk = run_once(tmp_path, wheel(WINDOW // 2), before, 0, dict.fromkeys(both, half))
+    assert f"sat/wheel_1: has no wheel file of its own; it goes by {wheel().name}" in talk
     talk = run_once(tmp_path, wheel(WINDOW // 4), after, half // BATCH, {"wheel_1": whole, "wheel_2": half})
+    assert not any("wheel_2: has no wheel file of its own" in line for line in talk)
     assert any("another wheel file, model or method of sat/wheel_2: begun anew" in line for line in talk)
 
     recorded: dict[str, list[bytes]] = {name: [] for name in both}
