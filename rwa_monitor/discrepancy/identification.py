@@ -302,7 +302,7 @@ def _tell_apart(chains: list[_Chain]) -> list[_Visits]:
         if len(visits.sojourns[0].complete) < MIN_SOJOURNS:
             raise _too_little("a switching system of short visits", visits.sojourns)
         systems.append(visits)
-    _join_coincidences(chains, max((slots for fast in systems for slots in fast.sojourns[1].complete), default=0))
+    _take_out_halves(chains, max((slots for fast in systems for slots in fast.sojourns[1].complete), default=0))
     if any(chain.jumps for chain in chains):
         systems.append(_slow_system([chain.stays() for chain in chains]))
     return systems
@@ -354,12 +354,17 @@ def _take_out(chains: list[_Chain], pairs: list[list[tuple[int, int]]]) -> _Visi
     return _Visits([rests, active], [[0.0], heights], [(0, 0), (0, 0)])
 
 
-def _join_coincidences(chains: list[_Chain], longest: int) -> None:
-    """Take out visits that began or ended in the very slot of a slower system's jump, and so were not undone.
+def _take_out_halves(chains: list[_Chain], longest: int) -> None:
+    """Take out visits that were not undone: one end in the very slot of a slower system's jump, or beyond the record.
 
-    They leave two jumps of the chain close by each other: no further apart than the `longest` visit [slots].
+    They leave two jumps of the chain, or a jump and an end of the record, close by each other: no further apart than
+    the `longest` visit [slots].
     """
     for chain in chains:
+        if chain.jumps and int(chain.slot[chain.jumps[0]] - chain.slot[0]) <= longest:
+            chain.quiet[: chain.jumps.pop(0)] = False
+        if chain.jumps and int(chain.slot[-1] - chain.slot[chain.jumps[-1]]) < longest:
+            chain.quiet[chain.jumps.pop() :] = False
         for first, second in reversed(list(pairwise(chain.jumps))):
             if int(chain.slot[second] - chain.slot[first]) <= longest:
                 chain.quiet[first:second] = False

@@ -164,15 +164,21 @@ def test_a_configuration_seen_thrice_borrows_its_law_from_those_like_it() -> Non
         assert law.mean() == pytest.approx(3000.0, rel=0.25)
 
 
-def test_a_visit_that_ends_as_another_system_jumps_is_no_configuration() -> None:
+@pytest.mark.parametrize("place", ["jump", "begin", "end"])
+def test_a_visit_that_is_not_undone_is_no_configuration(place: str) -> None:
     # Visits of ten slots (+0.5) beside a slow chain (+0.8, +1.6). One of them ends in the slot in which the chain goes
-    # up: two jumps up in a row, which a chain of three configurations cannot make from its second.
+    # up: two jumps up in a row, which a chain of three configurations cannot make from its second. Or it is cut by an
+    # end of the recording while the chain is at its highest.
     chain = [1.6, 2.4, 3.2, 2.4, 1.6, 2.4, 1.6, 2.4, 3.2, 2.4, 3.2, 2.4, 1.6, 2.4, 3.2, 2.4, 1.6, 2.4]
     stays: list[tuple[int, float]] = []
     for number, level in enumerate(chain):
         stays += [(700, level), (10, level + 0.5), (900, level), (10, level + 0.4), (800, level)]
-        if number == 1:
+        if number == 1 and place == "jump":
             stays.append((8, level + 0.45))
+    if place == "begin":
+        stays[:0] = [(8, 3.7), (900, 3.2), (900, 2.4)]
+    if place == "end":
+        stays += [(900, 3.2), (8, 3.7)]
     wheel = identify([("both", in_levels(stays, 4))], Wheel(name="both", sample_period_s=0.125)).wheel
     assert [system.configurations for system in wheel.fss] == [2, 3]
 
