@@ -34,6 +34,7 @@ ANNEALING: Final = (8.0, 3.0, 1.0, 1.0, 1.0, 1.0)
 CONVERGED: Final = 0.1  # change of the criterion
 TUKEY: Final = 4.685  # scales of the residual: 95 % efficient for Gaussian noise (Huber, Robust Statistics, 1981)
 CACHE_BYTES: Final = 400_000_000
+JUMP_CACHE_BYTES: Final = 50_000_000
 MIN_USED: Final = 200  # fewer moving samples cannot tell anything apart
 DIGITS: Final = 1e-5  # of the RMS of the friction: what is smaller is no sensor's noise
 HEAVY_SHARE: Final = 1e-3  # of samples beyond four standard deviations; Gaussian noise has 6e-5
@@ -57,6 +58,26 @@ class ColumnCache:
         if self._bytes + columns.nbytes <= CACHE_BYTES:
             self._columns[key] = columns
             self._bytes += columns.nbytes
+
+
+class JumpCache:
+    """Jumps already found, by all that decides them: one model is segmented from many starts, which soon meet."""
+
+    def __init__(self) -> None:
+        # With the data by identity: an array that is held cannot give its place to another.
+        self._jumps: dict[Hashable, tuple[FloatArray, IntArray]] = {}
+        self._bytes = 0
+
+    def get(self, z: FloatArray, key: Hashable) -> IntArray | None:
+        """Return the jumps in `z` less a model, or None where they are not kept."""
+        kept = self._jumps.get((id(z), key))
+        return None if kept is None else kept[1]
+
+    def put(self, z: FloatArray, key: Hashable, jumps: IntArray) -> None:
+        """Keep jumps as long as there is room."""
+        if self._bytes + jumps.nbytes <= JUMP_CACHE_BYTES:
+            self._jumps[id(z), key] = z, jumps
+            self._bytes += jumps.nbytes
 
 
 @dataclass(frozen=True, slots=True)
@@ -105,6 +126,7 @@ class Problem:
     noise: Noise
     nominal_viscous: float | None
     columns: ColumnCache = field(default_factory=ColumnCache)
+    jumps: JumpCache = field(default_factory=JumpCache)
     derivative_taps: FloatArray = field(default_factory=lambda: np.ones(1))
     each: Mapper = in_turn
     lowest_viscous: float = -np.inf
@@ -245,6 +267,7 @@ def fit(
     bounds: tuple[FloatArray, FloatArray] | None = None,
     start: Sequence[IntArray] = (),
     parameters: int = 0,
+    name: Hashable = None,
 ) -> Fit:
     """Fit levels, jumps, viscous friction and the coefficients of `columns`.
 
@@ -260,7 +283,11 @@ def fit(
         Jump sets to start from, besides the robust start.
     parameters
         Number of parameters beyond viscous friction that the criterion is charged for.
+    name
+        Says which columns these are: jumps found for columns of the same name are not looked for again. None: of no
+        other call.
     """
+    name = object() if name is None else name
     design = np.column_stack([problem.speed, columns])
     low = np.concatenate([[-np.inf], np.full(columns.shape[1], -np.inf) if bounds is None else bounds[0]])
     high = np.concatenate([[np.inf], np.full(columns.shape[1], np.inf) if bounds is None else bounds[1]])
@@ -276,7 +303,12 @@ def fit(
             coefficients = solve_bounded(problem, equations.gram, equations.moment, low, high)
         previous = np.inf
         for expensive in ANNEALING:
-            jumps = _segment_records(problem, problem.z - design @ coefficients, expensive * penalty)
+            key = name, expensive * penalty, coefficients.tobytes()
+            known = problem.jumps.get(problem.z, key)
+            if known is None:
+                known = _segment_records(problem, problem.z - design @ coefficients, expensive * penalty)
+                problem.jumps.put(problem.z, key, known)
+            jumps = known
             equations = moments.within(segment_starts(problem, jumps))
             coefficients = solve_bounded(problem, equations.gram, equations.moment, low, high)
             criterion = _criterion(problem, equations.rss(coefficients), jumps, parameters)

@@ -25,6 +25,8 @@ from rwa_monitor.discrepancy.coloured import coloured_gain, is_coloured
 from rwa_monitor.discrepancy.terms import (
     EXPLAINED_AWAY,
     FEW_CHOICES,
+    Background,
+    RobustBackground,
     Term,
     available,
     depends_on_level,
@@ -249,41 +251,83 @@ def extensions(
     problem: Problem, current: Model, effects: Sequence[type[MeanEffect]], progress: Progress
 ) -> list[Model]:
     """Return `current` extended by each candidate, refitted, best first."""
+    progress(" + ".join((*current.names, f"one of {len(effects)} effects")))
+    outset = _outset(problem, current)
+    tries = [(effect, way) for effect in effects if effect.name not in current.names for way in _ways(effect)]
+    screened: dict[str, Model] = {}
+    for model in problem.each(lambda one: one[1](outset, one[0]), tries):
+        if model is not None and _is_better(model, screened.get(model.names[-1])):
+            screened[model.names[-1]] = model
+    best = sorted(screened.values(), key=lambda model: model.fit.criterion)[:MAX_REFITS]
+    worth = [model for model in best if model.fit.criterion < current.fit.criterion + SCREEN_MARGIN]
+    settled = problem.each(lambda model: refit(problem, model.terms, [model.fit.jumps]), worth)
+    return sorted(_with_best_choices(problem, settled), key=lambda model: model.fit.criterion)
+
+
+def _is_better(model: Model, known: Model | None) -> bool:
+    return known is None or model.fit.criterion < known.fit.criterion
+
+
+@dataclass(frozen=True, slots=True)
+class _Outset:
+    """What every candidate of a round starts from: the model that is to be extended, and several sets of its jumps."""
+
+    problem: Problem
+    current: Model
+    starts: list[IntArray]
+    backgrounds: list[Background]  # of those
+    strong: Background
+    robust: RobustBackground
+
+    def extended(self, term: Term, starts: Sequence[IntArray]) -> Model:
+        """Return the model with a term more."""
+        terms = (*self.current.terms, term)
+        return Model(terms, _fit(self.problem, terms, starts))
+
+
+def _outset(problem: Problem, current: Model) -> _Outset:
     starts = jump_sets(problem, current.fit)
     backgrounds = [make_background(problem, current.terms, jumps) for jumps in starts]
-    robust = make_robust_background(problem, current.terms)
     strong = make_background(problem, current.terms, strong_jumps(problem, current.fit))
+    return _Outset(problem, current, starts, backgrounds, strong, make_robust_background(problem, current.terms))
 
-    def screen(effect: type[MeanEffect]) -> Model:
-        # Several starts: the jumps as they are, which may have swallowed the effect; only those that nothing smooth
-        # makes; none at all; those away from a threshold.
-        tries = [(profile(effect, backgrounds, current.fit.level)[0], starts)]
-        if effect.shape_parameters() or depends_on_level(effect):
-            tries.append((profile(effect, [strong], strong.level)[0], [strong.jump_set]))
-        if effect.shape_parameters() and not depends_on_level(effect):
-            tries.append((profile_robustly(effect, robust, current.fit.level), []))
-        if effect is SpeedDeadZone:
 
-            def dead_below(speed: float) -> Term:
-                return make_term(problem, SpeedDeadZone, {"dead_zone_rad_s": speed}, None)
+def _ways(effect: type[MeanEffect]) -> list[Callable[[_Outset, type[MeanEffect]], Model | None]]:
+    """Return the ways to start with an effect, each independent of the others."""
+    ways: list[Callable[[_Outset, type[MeanEffect]], Model | None]] = [_from_jumps]
+    if effect.shape_parameters() or depends_on_level(effect):
+        ways.append(_from_strong_jumps)
+    if effect.shape_parameters() and not depends_on_level(effect):
+        ways.append(_from_no_jumps)
+    if effect is SpeedDeadZone:
+        ways.append(_from_threshold)
+    return ways
 
-            limits = shape_limits(problem, SpeedDeadZone)["dead_zone_rad_s"]
-            at_jumps = best_threshold(problem, current.terms, current.fit, dead_below, limits)
-            if at_jumps is not None:
-                tries.append((at_jumps[0], [at_jumps[1]]))
-        models = [Model((*current.terms, term), _fit(problem, (*current.terms, term), jumps)) for term, jumps in tries]
-        return min(models, key=lambda model: model.fit.criterion)
 
-    def complete(model: Model) -> Model:
-        return _best_choice(problem, refit(problem, model.terms, [model.fit.jumps]))
+def _from_jumps(outset: _Outset, effect: type[MeanEffect]) -> Model:
+    """Start with the jumps as they are, which may have swallowed the effect."""
+    return outset.extended(profile(effect, outset.backgrounds, outset.current.fit.level)[0], outset.starts)
 
-    progress(" + ".join((*current.names, f"one of {len(effects)} effects")))
-    candidates = [effect for effect in effects if effect.name not in current.names]
-    screened = problem.each(screen, candidates)
-    best = sorted(screened, key=lambda model: model.fit.criterion)[:MAX_REFITS]
-    worth = [model for model in best if model.fit.criterion < current.fit.criterion + SCREEN_MARGIN]
-    models = problem.each(complete, worth)
-    return sorted(models, key=lambda model: model.fit.criterion)
+
+def _from_strong_jumps(outset: _Outset, effect: type[MeanEffect]) -> Model:
+    """Start with only those jumps that nothing smooth makes."""
+    return outset.extended(profile(effect, [outset.strong], outset.strong.level)[0], [outset.strong.jump_set])
+
+
+def _from_no_jumps(outset: _Outset, effect: type[MeanEffect]) -> Model:
+    return outset.extended(profile_robustly(effect, outset.robust, outset.current.fit.level), [])
+
+
+def _from_threshold(outset: _Outset, effect: type[MeanEffect]) -> Model | None:
+    """Start with the jumps away from a threshold."""
+    (axis,) = effect.shape_parameters()
+
+    def beyond(speed: float) -> Term:
+        return make_term(outset.problem, effect, {axis.name: speed}, None)
+
+    limits = shape_limits(outset.problem, effect)[axis.name]
+    found = best_threshold(outset.problem, outset.current.terms, outset.current.fit, beyond, limits)
+    return None if found is None else outset.extended(found[0], [found[1]])
 
 
 def refit(problem: Problem, terms: Sequence[Term], starts: Sequence[IntArray]) -> Model:
@@ -312,22 +356,32 @@ def refit(problem: Problem, terms: Sequence[Term], starts: Sequence[IntArray]) -
     return best
 
 
-def _best_choice(problem: Problem, model: Model) -> Model:
-    """Try the other values of a discrete shape parameter of the last term, where they are few.
+def _with_best_choices(problem: Problem, models: Sequence[Model]) -> list[Model]:
+    """Try the other values of a discrete shape parameter of each model's last term, where they are few.
 
     Jumps that were fitted to one value would not let another win.
     """
-    best, last = model, model.terms[-1]
-    for parameter in last.effect.shape_parameters():
-        if not 1 < len(parameter.choices) <= FEW_CHOICES:
-            continue
-        for value in parameter.choices:
-            if value != last.shape[parameter.name]:
-                background = make_background(problem, model.terms[:-1], model.fit.jumps)
-                term, _ = profile(last.effect, [background], model.fit.level, fixed={parameter.name: value})
-                terms = (*model.terms[:-1], term)
-                others = [refit(problem, terms, [model.fit.jumps]), refit(problem, terms, [])]
-                best = min(best, *others, key=lambda m: m.fit.criterion)
+    tries = [
+        (index, parameter.name, value, starts)
+        for index, model in enumerate(models)
+        for parameter in model.terms[-1].effect.shape_parameters()
+        if 1 < len(parameter.choices) <= FEW_CHOICES
+        for value in parameter.choices
+        if value != model.terms[-1].shape[parameter.name]
+        for starts in ([model.fit.jumps], [])
+    ]
+
+    def other(one: tuple[int, str, float, list[IntArray]]) -> Model:
+        index, name, value, starts = one
+        *chosen, last = models[index].terms
+        background = make_background(problem, chosen, models[index].fit.jumps)
+        term, _ = profile(last.effect, [background], models[index].fit.level, fixed={name: value})
+        return refit(problem, (*chosen, term), starts)
+
+    best = list(models)
+    for (index, *_), model in zip(tries, problem.each(other, tries), strict=True):
+        if _is_better(model, best[index]):
+            best[index] = model
     return best
 
 
@@ -340,6 +394,7 @@ def _fit(problem: Problem, terms: tuple[Term, ...], starts: Sequence[IntArray]) 
         (np.concatenate([term.low for term in terms]), np.concatenate([term.high for term in terms])),
         start=starts,
         parameters=sum(term.parameters for term in terms),
+        name=None if any(term.name is None for term in terms) else tuple(term.name for term in terms),
     )
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -60,6 +60,11 @@ class Term:
     smooth: bool = False
 
     @property
+    def name(self) -> Hashable:
+        """Say which columns these are, of one problem; None where effect and shape do not tell."""
+        return None if depends_on_level(self.effect) else _name(self.effect, self.shape)
+
+    @property
     def parameters(self) -> int:
         """Count the free parameters, shape included."""
         return len(self.effect.parameters)
@@ -89,7 +94,7 @@ def _make_term(
 ) -> Term:
     """Evaluate an effect's columns, given the level with only its strong jumps."""
     strengths = effect.strength_parameters()
-    key = (effect.name, tuple(shape.items()))
+    key = _name(effect, shape)
     columns = problem.columns.get(key)
     if columns is None and strong is not None:
         columns = _columns_with_level(problem, effect, shape, strong)
@@ -102,6 +107,10 @@ def _make_term(
     return Term(
         effect, dict(shape), columns, np.array([p.low for p in strengths]), np.array([p.high for p in strengths])
     )
+
+
+def _name(effect: type[MeanEffect], shape: Mapping[str, float]) -> Hashable:
+    return effect.name, tuple(shape.items())
 
 
 def depends_on_level(effect: type[MeanEffect]) -> bool:
