@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -22,7 +23,7 @@ from rwa_monitor.discrepancy.base_fit import (
     strong_level,
 )
 from rwa_monitor.discrepancy.delay_term import LEAD, without_pulses
-from rwa_monitor.physics.effects.base import MeanEffect, Parameter
+from rwa_monitor.physics.effects.base import Channels, MeanEffect, Parameter
 from rwa_monitor.physics.effects.torque_ripple import TorqueRipple
 from rwa_monitor.samples import FloatArray, IntArray
 
@@ -81,23 +82,72 @@ def make_term(problem: Problem, effect: type[MeanEffect], shape: Mapping[str, fl
     return _make_term(problem, effect, shape, _strong(problem, effect, level))
 
 
-def _strong(problem: Problem, effect: type[MeanEffect], level: FloatArray | None) -> FloatArray | None:
-    """Return what of a level an effect's columns follow [N m]; None where they follow none.
+class _Strong:
+    """A level with only its strong jumps, which columns follow, and the channels that it gives.
+
+    The channels are the same for every shape of an effect: they are made when they are first asked for.
+    """
+
+    def __init__(self, problem: Problem, level: FloatArray) -> None:
+        self.problem = problem
+        self.level = level  # (n,) [N m]
+        self._cleaned: dict[float, _Strong] = {}
+
+    def without_pulses(self, lead: float) -> _Strong:
+        """Return the level with its pulses taken out, see `delay_term`."""
+        if lead not in self._cleaned:
+            self._cleaned[lead] = _Strong(self.problem, without_pulses(self.level, lead))
+        return self._cleaned[lead]
+
+    @cached_property
+    def step(self) -> float:
+        """A small step of the level [N m], for differences."""
+        return 1e-3 * float(np.mean(np.abs(self.level))) or 1.0
+
+    @cached_property
+    def stepped(self) -> _Strong:
+        """The level a small step up."""
+        return _Strong(self.problem, self.level + self.step)
+
+    @cached_property
+    def channels(self) -> list[Channels]:
+        """The channels of each record with this level, and with the motor torque that would overcome it."""
+        problem, level = self.problem, self.level
+        slope = float((problem.z - level) @ problem.speed / max(float(problem.speed @ problem.speed), 1e-300))
+        per_record = []
+        for record, dry in zip(problem.records, problem.spread(level), strict=True):
+            channels = replace(record.channels, dry_level_Nm=dry)
+            if record.accelerating_torque_Nm is not None:
+                motor = record.accelerating_torque_Nm + channels.direction * dry + slope * channels.speed_rad_s
+                rate = np.gradient(motor, channels.sample_period_s)
+                channels = replace(channels, motor_torque_Nm=motor, motor_torque_rate_Nm_s=rate)
+            per_record.append(channels)
+        return per_record
+
+    def columns(self, effect: type[MeanEffect], shape: Mapping[str, float]) -> FloatArray:
+        """Evaluate the columns of an effect with this level, float64 (n, p), multiplied by s."""
+        records = zip(self.channels, self.problem.records, strict=True)
+        per_record = [effect.columns(channels, shape)[0][record.used] for channels, record in records]
+        return np.nan_to_num(np.concatenate(per_record)) * self.problem.sign[:, None]
+
+
+def _strong(problem: Problem, effect: type[MeanEffect], level: FloatArray | None) -> _Strong | None:
+    """Return what of a level an effect's columns follow; None where they follow none.
 
     Only strong jumps count: many weak ones may follow another effect, and the column would then follow it as well.
     """
-    return strong_level(problem, level) if depends_on_level(effect) and level is not None else None
+    return _Strong(problem, strong_level(problem, level)) if depends_on_level(effect) and level is not None else None
 
 
 def _make_term(
-    problem: Problem, effect: type[MeanEffect], shape: Mapping[str, float], strong: FloatArray | None
+    problem: Problem, effect: type[MeanEffect], shape: Mapping[str, float], strong: _Strong | None
 ) -> Term:
     """Evaluate an effect's columns, given the level with only its strong jumps."""
     strengths = effect.strength_parameters()
     key = _name(effect, shape)
     columns = problem.columns.get(key)
     if columns is None and strong is not None:
-        columns = _columns_with_level(problem, effect, shape, strong)
+        columns = _columns_with_level(effect, shape, strong)
     if columns is None:
         channels = [record.undrifted if effect is TorqueRipple else record.channels for record in problem.records]
         per_record = [effect.columns(c, shape)[0][r.used] for c, r in zip(channels, problem.records, strict=True)]
@@ -118,9 +168,7 @@ def depends_on_level(effect: type[MeanEffect]) -> bool:
     return effect.uses_level or "motor_torque_Nm" in effect.needs
 
 
-def _columns_with_level(
-    problem: Problem, effect: type[MeanEffect], shape: Mapping[str, float], level: FloatArray
-) -> FloatArray:
+def _columns_with_level(effect: type[MeanEffect], shape: Mapping[str, float], strong: _Strong) -> FloatArray:
     """Evaluate the columns with a dry level, and with the motor torque that accelerates and overcomes that level.
 
     The measured motor torque holds the very friction that is to be explained, jumps and noise included: less J·dω/dt it
@@ -128,32 +176,16 @@ def _columns_with_level(
     part in proportion to the level is left to the levels.
     """
     if LEAD in shape:
-        level = without_pulses(level, shape[LEAD])
-    columns = _evaluate_with_level(problem, effect, shape, level)
+        strong = strong.without_pulses(shape[LEAD])
+    level, columns = strong.level, strong.columns(effect, shape)
     if not effect.uses_level:
-        step = 1e-3 * float(np.mean(np.abs(level))) or 1.0
-        share = np.median((_evaluate_with_level(problem, effect, shape, level + step) - columns) / step, axis=0)
+        share = np.median((strong.stepped.columns(effect, shape) - columns) / strong.step, axis=0)
         return np.asarray(columns - level[:, None] * share, dtype=np.float64)
     centred = level - level.mean()
     energy = float(centred @ centred)
     if energy <= (1e-9 * float(np.max(np.abs(level)))) ** 2 * level.size:
         return columns
     return np.asarray(columns - centred[:, None] * (centred @ columns / energy), dtype=np.float64)
-
-
-def _evaluate_with_level(
-    problem: Problem, effect: type[MeanEffect], shape: Mapping[str, float], level: FloatArray
-) -> FloatArray:
-    slope = float((problem.z - level) @ problem.speed / max(float(problem.speed @ problem.speed), 1e-300))
-    per_record = []
-    for record, dry in zip(problem.records, problem.spread(level), strict=True):
-        channels = replace(record.channels, dry_level_Nm=dry)
-        if record.accelerating_torque_Nm is not None:
-            motor = record.accelerating_torque_Nm + channels.direction * dry + slope * channels.speed_rad_s
-            rate = np.gradient(motor, channels.sample_period_s)
-            channels = replace(channels, motor_torque_Nm=motor, motor_torque_rate_Nm_s=rate)
-        per_record.append(effect.columns(channels, shape)[0][record.used])
-    return np.nan_to_num(np.concatenate(per_record)) * problem.sign[:, None]
 
 
 def design_of(problem: Problem, terms: Sequence[Term]) -> FloatArray:
