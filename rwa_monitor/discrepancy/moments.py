@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 
 from rwa_monitor.samples import FloatArray, IntArray
 
@@ -28,9 +29,8 @@ class Moments:
     def of(cls, design: FloatArray, z: FloatArray) -> Moments:
         """Sum up a design, float64 (n, p), and the data, float64 (n,)."""
         rows = np.concatenate([design.T, z[None, :]])
-        rows -= rows.mean(axis=1, keepdims=True)
-        running = np.zeros((rows.shape[0], z.size + 1))
-        np.cumsum(rows, axis=1, out=running[:, 1:])
+        running = np.empty((rows.shape[0], z.size + 1))
+        _sum_up(rows, rows.mean(axis=1), running)
         return cls(rows @ rows.T, running)
 
     def within(self, first: IntArray) -> NormalEquations:
@@ -39,6 +39,16 @@ class Moments:
         sums = np.diff(self.running[:, edges], axis=1)
         inner = self.products - (sums / np.diff(edges)) @ sums.T
         return NormalEquations(inner[:-1, :-1], inner[:-1, -1], float(inner[-1, -1]))
+
+
+@njit(cache=True, nogil=True)
+def _sum_up(rows: FloatArray, mean: FloatArray, running: FloatArray) -> None:
+    """Subtract each row's mean in place and write the running sums, in one pass over the samples."""
+    running[:, 0] = 0.0
+    for k in range(rows.shape[1]):
+        for i in range(rows.shape[0]):
+            rows[i, k] -= mean[i]
+            running[i, k + 1] = running[i, k] + rows[i, k]
 
 
 @dataclass(frozen=True, slots=True)
