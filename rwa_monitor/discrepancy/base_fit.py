@@ -113,6 +113,8 @@ class Problem:
     lowest_viscous
         Lower bound of the viscous coefficient [N m s/rad]: zero where the base model's own is positive, so that no
         effect is propped up by a negative viscosity.
+    top_speed
+        Largest speed [rad/s].
     """
 
     records: tuple[Record, ...]
@@ -130,6 +132,11 @@ class Problem:
     derivative_taps: FloatArray = field(default_factory=lambda: np.ones(1))
     each: Mapper = in_turn
     lowest_viscous: float = -np.inf
+    top_speed: float = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Note what every solution asks for."""
+        object.__setattr__(self, "top_speed", float(self.speed.max(initial=0.0)))
 
     @property
     def size(self) -> int:
@@ -352,18 +359,19 @@ def solve_bounded(
 
     The first coefficient is that of viscous friction; the problem itself bounds it from below.
     """
-    gram, moment = gram.copy(), moment.copy()
-    low = np.concatenate([np.maximum(low[:1], problem.lowest_viscous), low[1:]])
-    scale = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    if low[0] < problem.lowest_viscous:
+        low = np.append(problem.lowest_viscous, low[1:])
+    scale = np.sqrt(np.maximum(gram.diagonal(), 1e-300))
     # A prior on the slope as weak as one sample at the largest speed: it decides only where the data cannot.
     if problem.nominal_viscous is not None:
-        weight = float(problem.speed.max()) ** 2 * 1e-3
+        weight = problem.top_speed**2 * 1e-3
+        gram, moment = gram.copy(), moment.copy()
         gram[0, 0] += weight
         moment[0] += weight * problem.nominal_viscous
         scale[0] = np.sqrt(gram[0, 0])
     normalised, target = gram / (scale[:, None] * scale), moment / scale
     solution: FloatArray = np.linalg.lstsq(normalised, target, rcond=1e-10)[0] / scale
-    if np.all((solution >= low) & (solution <= high)):
+    if ((solution >= low) & (solution <= high)).all():
         return solution
     free = np.ones(scale.size, dtype=bool)
     while free.any():  # the slope has no bounds and stays free
@@ -406,7 +414,7 @@ def robust_coefficients(problem: Problem, design: FloatArray, low: FloatArray, h
         coefficients = solve_bounded(problem, rise.T @ weighted, weighted.T @ z, low, high)
         residual = z - rise @ coefficients
         scale = max(float(np.median(np.abs(residual))) / 0.6745, 1e-300)
-        weight = np.clip(1.0 - (residual / (TUKEY * scale)) ** 2, 0.0, None) ** 2
+        weight = np.maximum(1.0 - (residual / (TUKEY * scale)) ** 2, 0.0) ** 2
     return coefficients
 
 

@@ -9,6 +9,7 @@ from functools import cached_property
 from typing import Final
 
 import numpy as np
+from numba import njit
 from scipy import optimize
 
 from rwa_monitor.discrepancy.base_fit import (
@@ -32,6 +33,7 @@ GRID_POINTS: Final = 9  # per continuous shape parameter; the profile is then re
 LOG_SPACING_FROM: Final = 8.0  # ratio of bounds from which a shape parameter is spaced in logarithm
 ROBUST_PAIRS: Final = 8_000  # differences that the robust start looks at, evenly spread
 ROBUST_ROUNDS: Final = 5  # reweightings; the shape only starts the fit
+LARGEST: Final = float(np.finfo(np.float64).max)  # in place of an infinite value
 EXPLAINED_AWAY: Final = 1e-8  # share of a column's square below which levels and slope already hold it
 
 
@@ -126,9 +128,7 @@ class _Strong:
 
     def columns(self, effect: type[MeanEffect], shape: Mapping[str, float]) -> FloatArray:
         """Evaluate the columns of an effect with this level, float64 (n, p), multiplied by s."""
-        records = zip(self.channels, self.problem.records, strict=True)
-        per_record = [effect.columns(channels, shape)[0][record.used] for channels, record in records]
-        return np.nan_to_num(np.concatenate(per_record)) * self.problem.sign[:, None]
+        return _evaluate(self.problem, effect, shape, self.channels)
 
 
 def _strong(problem: Problem, effect: type[MeanEffect], level: FloatArray | None) -> _Strong | None:
@@ -139,9 +139,7 @@ def _strong(problem: Problem, effect: type[MeanEffect], level: FloatArray | None
     return _Strong(problem, strong_level(problem, level)) if depends_on_level(effect) and level is not None else None
 
 
-def _make_term(
-    problem: Problem, effect: type[MeanEffect], shape: Mapping[str, float], strong: _Strong | None
-) -> Term:
+def _make_term(problem: Problem, effect: type[MeanEffect], shape: Mapping[str, float], strong: _Strong | None) -> Term:
     """Evaluate an effect's columns, given the level with only its strong jumps."""
     strengths = effect.strength_parameters()
     key = _name(effect, shape)
@@ -150,13 +148,35 @@ def _make_term(
         columns = _columns_with_level(effect, shape, strong)
     if columns is None:
         channels = [record.undrifted if effect is TorqueRipple else record.channels for record in problem.records]
-        per_record = [effect.columns(c, shape)[0][r.used] for c, r in zip(channels, problem.records, strict=True)]
-        columns = np.nan_to_num(np.concatenate(per_record)) * problem.sign[:, None]
+        columns = _evaluate(problem, effect, shape, channels)
         if not depends_on_level(effect):
             problem.columns.put(key, columns)
     return Term(
         effect, dict(shape), columns, np.array([p.low for p in strengths]), np.array([p.high for p in strengths])
     )
+
+
+def _evaluate(
+    problem: Problem, effect: type[MeanEffect], shape: Mapping[str, float], channels: Sequence[Channels]
+) -> FloatArray:
+    """Evaluate the columns on the channels of each record, joined and multiplied by s, float64 (n, p)."""
+    records = zip(channels, problem.records, strict=True)
+    columns = np.concatenate([effect.columns(of_one, shape)[0][record.used] for of_one, record in records])
+    _multiply_known(columns, problem.sign)
+    return columns
+
+
+@njit(cache=True, nogil=True)
+def _multiply_known(columns: FloatArray, sign: FloatArray) -> None:
+    """Multiply columns by s in place, zero where they are unknown."""
+    for k in range(columns.shape[0]):
+        for j in range(columns.shape[1]):
+            value = columns[k, j]
+            if np.isnan(value):
+                value = 0.0
+            elif np.isinf(value):
+                value = LARGEST if value > 0 else -LARGEST
+            columns[k, j] = value * sign[k]
 
 
 def _name(effect: type[MeanEffect], shape: Mapping[str, float]) -> Hashable:
@@ -292,8 +312,8 @@ class RobustBackground:
             weighted = rise * weight[:, None]
             solution = solve_bounded(self.problem, rise.T @ weighted, weighted.T @ self.z, low, high)
             residual = self.z - rise @ solution
-            weight = np.clip(1.0 - (residual / (TUKEY * self.scale)) ** 2, 0.0, None) ** 2
-        return float(np.sum(1.0 - np.clip(1.0 - (residual / (TUKEY * self.scale)) ** 2, 0.0, None) ** 3))
+            weight = np.maximum(1.0 - (residual / (TUKEY * self.scale)) ** 2, 0.0) ** 2
+        return float(np.sum(1.0 - np.maximum(1.0 - (residual / (TUKEY * self.scale)) ** 2, 0.0) ** 3))
 
 
 def make_robust_background(problem: Problem, chosen: Sequence[Term]) -> RobustBackground:
