@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -117,10 +118,8 @@ def find_discrepancy(
     if not {effect.name for effect in others} & {"tachometer_quantisation", "cage_instability"}:
         leftover = leftover or wanders
     progress("gain on held-out data")
-    scores = tuple(
-        held_out(problem, model) if aside is None else on_other_recordings(problem, aside, model)
-        for model in found.ladder
-    )
+    score = partial(held_out, problem) if aside is None else partial(on_other_recordings, problem, aside)
+    scores = tuple(each(score, found.ladder))
     mean = tuple(_describe(problem, found.ladder[-1], entry) for entry in found.found)
     effects = (*mean, *sorted(others, key=lambda effect: -effect.delta_deviance))
     verdict: Verdict = "inadequate" if effects or leftover is not None else "adequate"

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Final
 
 import numpy as np
@@ -220,24 +221,23 @@ def sort_out(
     problem: Problem, effects: Sequence[type[MeanEffect]], base: Model
 ) -> tuple[list[type[MeanEffect]], list[tuple[str, str]]]:
     """Split the effects into those this data can test and those it cannot, with the reason."""
-    testable: list[type[MeanEffect]] = []
-    untestable: list[tuple[str, str]] = []
     background = make_background(problem, (), np.zeros(0, dtype=np.int64))  # jumps may have swallowed the effect
-    for effect in effects:
-        lacking = available(problem, effect)
-        if lacking is not None:
-            untestable.append((effect.name, lacking))
-            continue
+
+    def lacking(effect: type[MeanEffect]) -> str | None:
+        channel = available(problem, effect)
+        if channel is not None:
+            return channel
         term = make_term(problem, effect, middle_shape(problem, effect), base.fit.level)
         inner = remove_levels(term.columns, background.first)
         scale = float(background.design[:, 0] @ background.design[:, 0])
         if scale > 0:
             inner = inner - np.outer(background.design[:, 0], background.design[:, 0] @ inner / scale)
-        if float(np.sum(inner**2)) <= EXPLAINED_AWAY * float(np.sum(term.columns**2)):
-            untestable.append((effect.name, effect.separate_by))
-        else:
-            testable.append(effect)
-    return testable, untestable
+        explained_away = float(np.sum(inner**2)) <= EXPLAINED_AWAY * float(np.sum(term.columns**2))
+        return effect.separate_by if explained_away else None
+
+    reasons = list(zip(effects, problem.each(lacking, effects), strict=True))
+    testable = [effect for effect, reason in reasons if reason is None]
+    return testable, [(effect.name, reason) for effect, reason in reasons if reason is not None]
 
 
 def middle_shape(problem: Problem, effect: type[MeanEffect]) -> dict[str, float]:
@@ -296,8 +296,9 @@ class _Outset:
 
 def _outset(problem: Problem, current: Model) -> _Outset:
     starts = jump_sets(problem, current.fit)
-    backgrounds = [make_background(problem, current.terms, jumps) for jumps in starts]
-    strong = make_background(problem, current.terms, strong_jumps(problem, current.fit))
+    *backgrounds, strong = problem.each(
+        lambda jumps: make_background(problem, current.terms, jumps), [*starts, strong_jumps(problem, current.fit)]
+    )
     return _Outset(problem, current, starts, backgrounds, strong, make_robust_background(problem, current.terms))
 
 
@@ -446,7 +447,7 @@ def _without(problem: Problem, model: Model, index: int) -> Model:
 def _prune(problem: Problem, model: Model) -> Model:
     """Leave out effects that later ones have made superfluous."""
     while model.terms:
-        reduced = [_without(problem, model, i) for i in range(len(model.terms))]
+        reduced = problem.each(partial(_without, problem, model), range(len(model.terms)))
         losses = [_worth(problem, simpler, model) for simpler in reduced]
         if min(losses) >= ACCEPT_GAIN:
             return model

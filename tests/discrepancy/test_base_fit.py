@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from rwa_monitor.discrepancy.base_fit import Problem, fit, make_problem, robust_coefficients, solve_bounded
+from rwa_monitor.discrepancy.base_fit import JumpCache, Problem, fit, make_problem, robust_coefficients, solve_bounded
 from rwa_monitor.discrepancy.record import make_record
 from rwa_monitor.errors import InputError
 from tests.discrepancy.simple import DRY_NM, NOISE_NM, VISCOUS, WHEEL, record, swing
@@ -49,7 +51,7 @@ def test_bounds_hold_and_the_rest_is_refitted() -> None:
     truth = np.array([1.0, -2.0, 3.0])
     z = design @ truth
     low, high = np.array([-np.inf, 0.0, -np.inf]), np.full(3, np.inf)
-    unprior = Problem(**{**{f: getattr(problem, f) for f in problem.__slots__}, "nominal_viscous": None})
+    unprior = replace(problem, nominal_viscous=None)
     solution = solve_bounded(unprior, design.T @ design, design.T @ z, low, high)
     expected, *_ = np.linalg.lstsq(design[:, [0, 2]], z, rcond=None)
     assert solution[1] == 0.0
@@ -69,3 +71,19 @@ def test_too_few_moving_samples_are_refused() -> None:
     made = make_record(record(swing()[:150], jumps=())[0], WHEEL, "short")
     with pytest.raises(InputError, match="at least 200"):
         make_problem([made], WHEEL)
+
+
+def test_jumps_that_were_found_before_give_the_same_fit() -> None:
+    problem = replace(problem_of(), jumps=JumpCache())
+    column = np.exp(-problem.speed / 20.0)[:, None]
+    starts = [np.zeros(0, dtype=np.int64), fit(problem, column).jumps]
+    afresh = fit(problem, column, start=starts)
+    for _ in range(2):
+        again = fit(problem, column, start=starts, name="exponential")
+        np.testing.assert_array_equal(again.jumps, afresh.jumps)
+        np.testing.assert_array_equal(again.coefficients, afresh.coefficients)
+    # The same name, other data: nothing is taken over.
+    higher = replace(problem, z=problem.z + np.where(np.arange(problem.size) < problem.size // 2, 0.0, 20 * NOISE_NM))
+    named, unnamed = (fit(higher, column, name=name) for name in ("exponential", None))
+    np.testing.assert_array_equal(named.jumps, unnamed.jumps)
+    assert named.jumps.size > afresh.jumps.size
