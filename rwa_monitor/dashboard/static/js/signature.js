@@ -16,6 +16,7 @@ export function signature() {
       if (!secret.hidden) setToken(secret.value);
       const answer = await ask(path, { method: "POST", headers: { Authorization: `Bearer ${token()}`, "Content-Type": "application/json" }, body: JSON.stringify({ name: name.value, note: note.value, ...content }) });
       problem.textContent = "";
+      note.value = ""; // it was of this deed
       name.blur();
       note.blur();
       then(answer);
