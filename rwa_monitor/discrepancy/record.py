@@ -22,7 +22,7 @@ from rwa_monitor.physics import torque_balance
 from rwa_monitor.physics.effects.base import Channels
 from rwa_monitor.physics.speed import wheel_angle
 from rwa_monitor.physics.wheel import Wheel
-from rwa_monitor.samples import BoolArray, FloatArray, Samples
+from rwa_monitor.samples import BoolArray, FloatArray, IntArray, Samples
 from rwa_monitor.slots import SlotGrid
 
 MAX_GAP_FACTOR: Final = 4  # a record may hold at most this many slots per sample; sparser ones are wrong files
@@ -119,15 +119,8 @@ def make_record(samples: Samples, wheel: Wheel, source: str) -> Record:
     """
     check_plausible(samples, wheel, source)
     samples = without_end_stops(samples, source)
-    grid = SlotGrid(int(samples.time_ns[0]), wheel.period_ns)
-    slot = grid.slot_of(samples.time_ns)
+    slot = _slots_of(samples, wheel, source)
     count = int(slot[-1]) + 1
-    if count > MAX_GAP_FACTOR * len(samples):
-        raise InputError(
-            source,
-            f"{len(samples)} samples span {count} slots of {wheel.sample_period_s} s; is sample_period_s right?",
-            "time",
-        )
 
     def on_grid(values: FloatArray | None) -> FloatArray | None:
         if values is None:
@@ -169,13 +162,6 @@ def make_record(samples: Samples, wheel: Wheel, source: str) -> Record:
         ),
     )
     good = channels.good
-    accelerating = None
-    if torque is not None:
-        accelerating = (
-            _from_neighbours(torque - friction, 0, SMOOTHING_REACH, order=0)
-            if wheel.inertia_kg_m2 is None
-            else wheel.inertia_kg_m2 * channels.acceleration_rad_s2
-        )
     return Record(
         source=source,
         channels=channels,
@@ -185,10 +171,30 @@ def make_record(samples: Samples, wheel: Wheel, source: str) -> Record:
         friction_is_derived=derived,
         speed_noise_rad_s=noise,
         speed_step_rad_s=step,
-        accelerating_torque_Nm=accelerating,
+        accelerating_torque_Nm=None if torque is None else _accelerating_torque(torque, friction, channels, wheel),
         bent=bent,
         derivative_slots=2 * hole + 1 if derived else 0,
     )
+
+
+def _slots_of(samples: Samples, wheel: Wheel, source: str) -> IntArray:
+    """Return the slot of each sample, int64 (n,), counted from the first; InputError for a far sparser record."""
+    slot = SlotGrid(int(samples.time_ns[0]), wheel.period_ns).slot_of(samples.time_ns)
+    count = int(slot[-1]) + 1
+    if count > MAX_GAP_FACTOR * len(samples):
+        raise InputError(
+            source,
+            f"{len(samples)} samples span {count} slots of {wheel.sample_period_s} s; is sample_period_s right?",
+            "time",
+        )
+    return slot
+
+
+def _accelerating_torque(torque: FloatArray, friction: FloatArray, channels: Channels, wheel: Wheel) -> FloatArray:
+    """Return the part of the motor's torque that accelerates the wheel [N m]: by its inertia where that is known."""
+    if wheel.inertia_kg_m2 is None:
+        return _from_neighbours(torque - friction, 0, SMOOTHING_REACH, order=0)
+    return wheel.inertia_kg_m2 * channels.acceleration_rad_s2
 
 
 def check_plausible(samples: Samples, wheel: Wheel, source: str) -> None:
