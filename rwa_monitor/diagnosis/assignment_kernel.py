@@ -119,7 +119,7 @@ def expand(
                 at, action = states.entry[state, rank], states.action[state, rank]
                 for column in range(width):
                     following.rows[count, column] = states.rows[state, column]
-                _learn(scores, entries, at, k, action, following.friction[count])
+                _learn(scores, entries, at, k, action, following.friction, count)
                 following.score[count] = states.score[state, rank]
                 following.node[count] = used
                 tree.parent[used] = entries.node[at]
@@ -325,14 +325,14 @@ def _move(scores: Scores, entries: Entries, at: int, k: int, a: int, out: Int16A
 
 
 @njit(cache=True, error_model="numpy", nogil=True, inline="always")
-def _learn(scores: Scores, entries: Entries, at: int, k: int, a: int, friction: FloatArray) -> None:
+def _learn(scores: Scores, entries: Entries, at: int, k: int, a: int, friction: FloatArray, to: int) -> None:
     """Write the friction of each system after action `a` at candidate k.
 
     The jump's size tells the new friction: the law's mean and variance are conditioned on it (a scalar Kalman step).
     """
     rows, actions = entries.rows, scores.actions
-    for s in range(friction.shape[0]):
-        friction[s, 0], friction[s, 1] = entries.friction[at, s, 0], entries.friction[at, s, 1]
+    for s in range(friction.shape[1]):
+        friction[to, s, 0], friction[to, s, 1] = entries.friction[at, s, 0], entries.friction[at, s, 1]
     if a == REJECT:
         return
     surprise, total = scores.size[k - 1], scores.size_variance[k - 1]
@@ -343,20 +343,20 @@ def _learn(scores: Scores, entries: Entries, at: int, k: int, a: int, friction: 
         before = rows[at, 1 + 2 * s] + SKIPPED[step // 2]
         after = before + 2 * (step % 2) - 1
         if step // 2 == 0:
-            surprise += friction[s, 0]
-            total += friction[s, 1]
+            surprise += friction[to, s, 0]
+            total += friction[to, s, 1]
         else:
             surprise += scores.law_mean[s, before]
             total += scores.law_variance[s, before]
-        friction[s, 0], friction[s, 1] = scores.law_mean[s, after], scores.law_variance[s, after]
-        surprise -= friction[s, 0]
-        total += friction[s, 1]
+        friction[to, s, 0], friction[to, s, 1] = scores.law_mean[s, after], scores.law_variance[s, after]
+        surprise -= friction[to, s, 0]
+        total += friction[to, s, 1]
     for place in (0, 2):
         s = actions[a, place]
         if s >= 0 and scores.sized:
-            share = friction[s, 1] / total
-            friction[s, 0] += share * surprise
-            friction[s, 1] *= 1.0 - share
+            share = friction[to, s, 1] / total
+            friction[to, s, 0] += share * surprise
+            friction[to, s, 1] *= 1.0 - share
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
