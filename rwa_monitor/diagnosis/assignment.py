@@ -19,7 +19,7 @@ from rwa_monitor.diagnosis import segments
 from rwa_monitor.diagnosis.assignment_paths import add_agreement, tell
 from rwa_monitor.diagnosis.assignment_search import REJECT, Path, Problem, Sizes, log_laws, search
 from rwa_monitor.diagnosis.estimation import estimate, jump_std
-from rwa_monitor.diagnosis.friction_model import Posterior, solve_flat
+from rwa_monitor.diagnosis.friction_model import Posterior, log_evidence, solve_flat
 from rwa_monitor.diagnosis.friction_priors import Priors, priors_of
 from rwa_monitor.diagnosis.laws import Onset, law_tables, onsets
 from rwa_monitor.diagnosis.results import (
@@ -68,7 +68,9 @@ class _Ranked:
     story: FlatStory
     system: IntArray  # (m, 2), see `assignment_paths.tell`, as `direction`
     direction: IntArray
-    posterior: Posterior
+    borders: IntArray  # slots at which its segments begin and end
+    moments: FloatArray  # of these
+    log_evidence: float
     score: float
 
 
@@ -209,9 +211,10 @@ def _rank(case: _Case, problem: Problem, paths: tuple[Path, ...], level: Level) 
         start = np.array(path.start, dtype=np.int64)
         story, nodes, system, direction = tell(problem.actions, level.at, start, path.actions)
         moments = segments.chain_of(level.pairs, nodes)
-        posterior = solve_flat(story, places[nodes], moments, case.priors, case.variance, scatter)
-        laws = log_laws(problem, path)
-        ranked.append(_Ranked(story, system, direction, posterior, laws + posterior.log_evidence))
+        borders = places[nodes]
+        evidence = log_evidence(story, borders, moments, case.priors, case.variance, scatter)
+        score = log_laws(problem, path) + evidence
+        ranked.append(_Ranked(story, system, direction, borders, moments, evidence, score))
     return sorted(ranked, key=lambda one: -one.score)
 
 
@@ -234,9 +237,12 @@ def _result(
     # One entry for each candidate, and a second one where two systems jump at once, of which each has its own share.
     place = np.flatnonzero(np.stack([np.ones_like(double), double], axis=1))
     size, size_std = np.repeat(jump, 1 + double), np.repeat(std, 1 + double)
-    for entry in np.flatnonzero(double[place // 2]):
-        who, slot = int(best.system.ravel()[place[entry]]), int(index[place[entry] // 2])
-        size[entry], size_std[entry] = _own_jump(best.posterior, story, who, slot)
+    if double.any():
+        scatter = segments.level_scatter(case.variance)
+        posterior = solve_flat(best.story, best.borders, best.moments, case.priors, case.variance, scatter)
+        for entry in np.flatnonzero(double[place // 2]):
+            who, slot = int(best.system.ravel()[place[entry]]), int(index[place[entry] // 2])
+            size[entry], size_std[entry] = _own_jump(posterior, story, who, slot)
     assignment = Assignment(
         index=index[place // 2],
         system=best.system.ravel()[place],
@@ -265,7 +271,7 @@ def _rivals(ranked: list[_Ranked], index: IntArray) -> tuple[Rival, ...]:
         Rival(
             story=best.story.story(),
             index=index[best.system[:, 0] != REJECTED],
-            log_laws=float(np.logaddexp.reduce([one.score for one in (best, *others)])) - best.posterior.log_evidence,
+            log_laws=float(np.logaddexp.reduce([one.score for one in (best, *others)])) - best.log_evidence,
             log_score=best.score,
         )
         for best, *others in alike.values()

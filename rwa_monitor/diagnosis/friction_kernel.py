@@ -136,33 +136,87 @@ def _condition_cases(
     tuple
         Log evidence (cases,), posterior mean (cases, unknowns) and covariance (cases, unknowns, unknowns).
     """
-    count, unknowns, sojourns = cases.shape[0], levels.shape[1] + 1, laws.shape[1]
+    count, unknowns = cases.shape[0], levels.shape[1] + 1
     log_evidence = np.empty(count)
     means = np.empty((count, unknowns))
     covariances = np.empty((count, unknowns, unknowns))
-    # What a system's anomaly does to its sojourns is common to them; all else is independent before the window.
-    block = np.arange(unknowns)
-    for i in range(1, sojourns):
-        if laws[0, i] == laws[0, i - 1]:
-            block[1 + i] = block[i]
+    block = _blocks_of(laws, unknowns)
     mean, covariance = np.empty(unknowns), np.zeros((unknowns, unknowns))
     for c in range(count):
-        mean[0], covariance[0, 0] = cases[c, 0, 0], cases[c, 0, 1] * cases[c, 0, 1]
-        for i in range(sojourns):
-            owner = 1 + int(laws[0, i])
-            factor, spread = 1.0 + cases[c, owner, 0], cases[c, owner, 1]
-            mean[1 + i] = factor * laws[1, i]
-            deviation = factor * laws[2, i]
-            for j in range(block[1 + i] - 1, i):
-                covariance[1 + i, 1 + j] = (spread * laws[1, i]) * (spread * laws[1, j])
-            covariance[1 + i, 1 + i] = deviation * deviation + (spread * laws[1, i]) * (spread * laws[1, i])
-        for i in range(1 + sojourns, unknowns - 1):
-            mean[i], covariance[i, i] = 0.0, rest[0] * rest[0]
-        mean[unknowns - 1], covariance[unknowns - 1, unknowns - 1] = rest[1], rest[2] * rest[2]
+        _prior_of_case(cases[c], laws, rest, block, mean, covariance)
         log_evidence[c] = condition(
             levels, moments, mean, covariance, block, variance, scatter, means[c], covariances[c]
         )
     return log_evidence, means, covariances
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _blocks_of(laws: FloatArray, unknowns: int) -> IntArray:
+    """Return the block of each unknown, see `_invert`, in the prior of a case.
+
+    What a system's anomaly does to its sojourns is common to them; all else is independent before the window.
+    """
+    block = np.arange(unknowns)
+    for i in range(1, laws.shape[1]):
+        if laws[0, i] == laws[0, i - 1]:
+            block[1 + i] = block[i]
+    return block
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _prior_of_case(
+    case: FloatArray, laws: FloatArray, rest: FloatArray, block: IntArray, mean: FloatArray, covariance: FloatArray
+) -> None:
+    """Write mean, and the lower triangle within the blocks of the covariance, of the prior of one case."""
+    unknowns, sojourns = mean.size, laws.shape[1]
+    mean[0], covariance[0, 0] = case[0, 0], case[0, 1] * case[0, 1]
+    for i in range(sojourns):
+        owner = 1 + int(laws[0, i])
+        factor, spread = 1.0 + case[owner, 0], case[owner, 1]
+        mean[1 + i] = factor * laws[1, i]
+        deviation = factor * laws[2, i]
+        for j in range(block[1 + i] - 1, i):
+            covariance[1 + i, 1 + j] = (spread * laws[1, i]) * (spread * laws[1, j])
+        covariance[1 + i, 1 + i] = deviation * deviation + (spread * laws[1, i]) * (spread * laws[1, i])
+    for i in range(1 + sojourns, unknowns - 1):
+        mean[i], covariance[i, i] = 0.0, rest[0] * rest[0]
+    mean[unknowns - 1], covariance[unknowns - 1, unknowns - 1] = rest[1], rest[2] * rest[2]
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def evidence_of_cases(
+    story: FlatStory,
+    borders: IntArray,
+    table: FloatArray,
+    moments: FloatArray,
+    cases: FloatArray,
+    log_prior: FloatArray,
+    rest: FloatArray,
+    variance: float,
+    scatter: float,
+) -> float:
+    """Return the log evidence alone, in a third of the time of `solve_cases`; parameters as there."""
+    levels, _, laws = lay_out(story, borders, table)
+    count, unknowns = cases.shape[0], levels.shape[1] + 1
+    block = _blocks_of(laws, unknowns)
+    mean, covariance = np.empty(unknowns), np.zeros((unknowns, unknowns))
+    precision, response = np.empty((unknowns, unknowns)), np.empty(unknowns)
+    scores = np.empty(count)
+    for c in range(count):
+        _prior_of_case(cases[c], laws, rest, block, mean, covariance)
+        squares, log_determinant = _add_segments(
+            levels, moments, mean, covariance, block, variance, scatter, precision, response
+        )
+        log_determinant += _factor(precision, np.zeros(unknowns, dtype=np.int64))
+        explained = 0.0
+        for i in range(unknowns):  # the response, by forward substitution in units of the posterior's deviations
+            for j in range(i):
+                response[i] -= precision[i, j] * response[j]
+            response[i] /= precision[i, i]
+            explained += response[i] * response[i]
+        scores[c] = log_prior[c] - 0.5 * (squares - explained) - 0.5 * log_determinant
+    best = scores.max()
+    return float(best + np.log(np.exp(scores - best).sum()))
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
@@ -193,11 +247,43 @@ def condition(
     posterior_mean, posterior
         Posterior mean (unknowns,) and covariance (unknowns, unknowns), written.
     """
+    unknowns = mean.size
+    precision, response = np.empty((unknowns, unknowns)), np.empty(unknowns)
+    squares, log_determinant = _add_segments(
+        levels, moments, mean, covariance, block, variance, scatter, precision, response
+    )
+    log_determinant += _invert(precision, np.zeros(unknowns, dtype=np.int64), posterior)
+    explained = 0.0
+    for a in range(unknowns):
+        shift = 0.0
+        for b in range(unknowns):
+            shift += posterior[a, b] * response[b]
+        explained += shift * response[a]
+        posterior_mean[a] = mean[a] + shift
+    return -0.5 * (squares - explained) - 0.5 * log_determinant
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _add_segments(
+    levels: FloatArray,
+    moments: FloatArray,
+    mean: FloatArray,
+    covariance: FloatArray,
+    block: IntArray,
+    variance: float,
+    scatter: float,
+    precision: FloatArray,
+    response: FloatArray,
+) -> tuple[float, float]:
+    """Add to a prior what the segments tell; return squared misses of its mean, and the log-determinant of variances.
+
+    Parameters as in `condition`; written are the posterior's precision, its lower triangle, and (unknowns,) the
+    response: precision times the shift of the mean.
+    """
     segments, unknowns = levels.shape[0], mean.size
     slope_at = unknowns - 1
-    precision = np.empty((unknowns, unknowns))
     log_determinant = _invert(covariance, block, precision)
-    response = np.zeros(unknowns)
+    response[:] = 0.0
     row, column = np.empty(unknowns), np.empty(unknowns, dtype=np.int64)  # what is not zero in a segment's row
     slope, squares = mean[slope_at], 0.0
     for i in range(segments):
@@ -230,31 +316,12 @@ def condition(
             response[column[k]] += row[k] * rest / mean_variance
             for other in range(k + 1):
                 precision[column[k], column[other]] += row[k] * row[other] / mean_variance
-    log_determinant += _invert(precision, np.zeros(unknowns, dtype=np.int64), posterior)
-    explained = 0.0
-    for a in range(unknowns):
-        shift = 0.0
-        for b in range(unknowns):
-            shift += posterior[a, b] * response[b]
-        explained += shift * response[a]
-        posterior_mean[a] = mean[a] + shift
-    return -0.5 * (squares - explained) - 0.5 * log_determinant
+    return squares, log_determinant
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _invert(matrix: FloatArray, block: IntArray, inverse: FloatArray) -> float:
-    """Write the inverse of a symmetric positive definite matrix; return its log-determinant. By its Cholesky factor.
-
-    Parameters
-    ----------
-    matrix
-        float64 (n, n); its lower triangle is read, and holds the inverse of the Cholesky factor afterwards.
-    block
-        int64 (n,): the first row of the diagonal block that each row belongs to; beyond the blocks it is zero. 0
-        throughout for a full matrix.
-    inverse
-        float64 (n, n), written.
-    """
+def _factor(matrix: FloatArray, block: IntArray) -> float:
+    """Put the Cholesky factor in the place of the lower triangle; return the log-determinant. As in `_invert`."""
     size = matrix.shape[0]
     diagonal, column = np.empty(size), np.empty(size)
     for i in range(size):
@@ -271,6 +338,25 @@ def _invert(matrix: FloatArray, block: IntArray, inverse: FloatArray) -> float:
             for c in range(j + 1, i + 1):  # inner loops along rows, here and below: in the cache, several at once
                 matrix[i, c] -= column[i] * column[c]
             i += 1
+    return log_determinant
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _invert(matrix: FloatArray, block: IntArray, inverse: FloatArray) -> float:
+    """Write the inverse of a symmetric positive definite matrix; return its log-determinant. By its Cholesky factor.
+
+    Parameters
+    ----------
+    matrix
+        float64 (n, n); its lower triangle is read, and holds the Cholesky factor afterwards.
+    block
+        int64 (n,): the first row of the diagonal block that each row belongs to; beyond the blocks it is zero. 0
+        throughout for a full matrix.
+    inverse
+        float64 (n, n), written.
+    """
+    size = matrix.shape[0]
+    log_determinant = _factor(matrix, block)
     lower = np.zeros((size, size))  # inverse of the factor
     for i in range(size):
         for c in range(block[i], i):
