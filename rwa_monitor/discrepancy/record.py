@@ -36,6 +36,7 @@ CORNER: Final = 10.0  # standard deviations of the friction from which a bias mu
 AGREED_TO: Final = 0.02  # of the largest bias around: so well do polynomials agree on a smooth bend
 DOUBTED: Final = 4.0  # standard deviations of the friction between two opinions: one of them sees a corner
 CORNER_REACH: Final = 4  # slots on each side of such a corner
+CORNER_WINDOWS: Final = 3  # derivative windows in which the speed must bend as a step of torque bends it
 WRONG_UNIT_FACTOR: Final = (
     100.0  # of nominal friction: mN m read as N m are a thousand; no bearing gets there and turns
 )
@@ -289,14 +290,17 @@ def _derived_friction(
     hole = torque_balance.derivative_taps(wheel.friction.derivative, wheel.sample_period_s).size // 2
     bias = wheel.inertia_kg_m2 * _derivative_bias(speed, wheel, BIAS_REACH)
     doubt = np.abs(bias - wheel.inertia_kg_m2 * _derivative_bias(speed, wheel, SHORT_BIAS_REACH))
+    sigma = _spread_between_neighbours(friction + bias, 2 * hole + 1)
     friction = friction + bias
-    sigma = _spread_between_neighbours(friction, 2 * hole + 1)
+    # What a step of torque makes of it is no bend that a polynomial knows.
+    rounding = torque_balance.rounding_error(speed, torque, wheel, CORNER_WINDOWS)
+    stepped = (rounding != 0.0) & ~(np.abs(rounding + bias) <= sigma)
     unknown = (np.abs(bias) > BENT * sigma) & (doubt > BIAS_KNOWN_TO * np.abs(bias))
     # Opinions may agree by chance in the middle of a corner, but not all around it.
     largest, most_doubt = (maximum_filter(np.abs(values), 2 * hole + 1) for values in (bias, doubt))
     corner = (np.abs(bias) > CORNER * sigma) & (most_doubt > AGREED_TO * largest)
     corner |= (doubt > DOUBTED * sigma) & (doubt > AGREED_TO * largest)
-    friction[unknown | binary_dilation(corner, iterations=CORNER_REACH)] = np.nan
+    friction[unknown | stepped | binary_dilation(corner, iterations=CORNER_REACH)] = np.nan
     return friction, hole, binary_dilation(np.abs(bias) > sigma, iterations=CORNER_REACH)
 
 

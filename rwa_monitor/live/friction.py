@@ -17,7 +17,13 @@ from rwa_monitor.live.screen import STANDS_OUT, Channel, Fault, friction_limit
 from rwa_monitor.physics.effects.base import Channels, Memory
 from rwa_monitor.physics.effects.catalogue import mean_effects
 from rwa_monitor.physics.effects.removal import effect_torque
-from rwa_monitor.physics.torque_balance import differentiate_over_gaps, friction_torque, half_width, inertia_of
+from rwa_monitor.physics.torque_balance import (
+    differentiate_over_gaps,
+    friction_torque,
+    half_width,
+    inertia_of,
+    rounding_error,
+)
 from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import FloatArray, Samples
 
@@ -129,7 +135,7 @@ class FrictionSource:
         Returns
         -------
         torque
-            float64 (stop - start,) [N m], NaN where it is not known or stands out.
+            float64 (stop - start,) [N m], NaN where it is not known, stands out, or a corner of the speed hides it.
         masked
             Slots where it was known and is not believed.
         faults
@@ -145,7 +151,12 @@ class FrictionSource:
         faults: list[Fault] = []
         if self.derived:
             torque = friction_torque(torque, acceleration, inertia_of(self.wheel))
-            masked, faults = self._mask_what_stands_out(ring, start, stop, acceleration, torque)
+            known = np.isfinite(torque)
+            of_motor = ring.read("torque_Nm", start - self.reach, stop + self.reach)
+            torque -= rounding_error(around, of_motor, self.wheel)[self.reach : self.reach + stop - start]
+            masked = int(np.count_nonzero(known & np.isnan(torque)))
+            stand_out, faults = self._mask_what_stands_out(ring, start, stop, acceleration, torque)
+            masked += stand_out
         else:
             torque = torque.copy()
         self._take_effects_out(ring, start, stop, acceleration, torque)

@@ -20,6 +20,10 @@ MAX_HALF_WIDTH: Final = (
     5_000  # slots; a wider derivative is a wrong window_s, and would see nothing of a wheel's motion
 )
 MAX_VARIANCE_RATIO: Final = 2.0  # of a slope over a gap to one without a gap
+LEAST_ERROR: Final = 0.02  # of the torque unit (nominal dry friction): half of a usual noise; less does no harm
+DOUBT_STDS: Final = 1.0  # of derived friction's noise: an error that is known to this much can be taken out
+MOVES_THE_ROTOR: Final = 0.5  # share of a step of torque that must be seen in the speed: between none and all
+CLEAR_STDS: Final = 3.0  # by which that share must be above none: one slot in a thousand of a noisy current
 
 
 def friction_torque(motor_torque_Nm: FloatArray, acceleration_rad_s2: FloatArray, inertia_kg_m2: float) -> FloatArray:
@@ -135,6 +139,130 @@ def _bridge(speed: FloatArray, result: FloatArray, half: int, period_s: float) -
         if n > 2.0 and variance * full <= MAX_VARIANCE_RATIO * determinant:
             slope = ((s2 * s3 - s1 * s4) * y + variance * jy + (s1 * s2 - n * s3) * jjy) / determinant
             result[k] = slope / period_s
+
+
+def rounding_error(speed_rad_s: FloatArray, motor_torque_Nm: FloatArray, wheel: Wheel, windows: int = 1) -> FloatArray:
+    """Return by how much derived friction is wrong where the derivative rounds off a bend of the speed.
+
+    The motor's torque steps when a slew begins or ends, and dω/dt with it. The filter's slope does not: it is an
+    average of the accelerations over its window, so that K_T·I − J·dω/dt shows a pulse as large as half of the step.
+    A step of torque that friction asks for, at a jump or at a reversal, leaves the speed straight, and does no harm.
+    So a slot is told by two things: the torque there is not what the same average makes of the torque, and within the
+    window the speed does bend as that torque, less its mean, bends a free rotor (least squares beside a straight line).
+
+    Parameters
+    ----------
+    speed_rad_s, motor_torque_Nm
+        float64 (n,), consecutive slots, NaN where missing [rad/s, N m].
+    wheel
+        Gives inertia, sample period, the derivative filter and the unit of torque.
+    windows
+        How many times as wide as the filter's the window is in which the speed must bend: noise in the speed hides
+        steps of the torque in a narrow one.
+
+    Returns
+    -------
+    FloatArray
+        float64 (n,) [N m], to be subtracted from `derive_friction`: 0 where that is right, and where the stencil meets
+        an end of the arrays; NaN where it is wrong by nobody knows how much. Each slot depends on its window alone.
+
+    Raises
+    ------
+    InputError
+        If the wheel has no inertia.
+    """
+    period_s = wheel.sample_period_s
+    taps = derivative_taps(wheel.friction.derivative, period_s)
+    half = taps.size // 2
+    # Σ c_j ω_{k+j} = Σ_i W_i a_{k+i+½}: what lies between slots i and i + 1 counts in each tap beyond it.
+    weights = period_s * np.cumsum(taps[:half:-1])[::-1]
+    error = np.zeros(speed_rad_s.size)
+    _rounding_error(
+        speed_rad_s,
+        motor_torque_Nm,
+        weights,
+        period_s / inertia_of(wheel),
+        inertia_of(wheel) * float(np.sqrt(taps @ taps)),
+        LEAST_ERROR * wheel.torque_unit_Nm,
+        windows * half,
+        error,
+    )
+    return error
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def _rounding_error(
+    speed: FloatArray,
+    torque: FloatArray,
+    weights: FloatArray,
+    per_torque: float,
+    noise_gain: float,
+    least: float,
+    reach: int,
+    error: FloatArray,
+) -> None:
+    """Set `error`; `per_torque` is the change of speed in a slot, `noise_gain` that of noise from speed to friction."""
+    half = weights.size
+    bend = np.empty(2 * reach + 1)  # the speed that the torque alone would give, from the slot on [rad/s]
+    for k in range(half, speed.size - half):
+        if np.isnan(torque[k]) or np.isnan(speed[k]):
+            continue
+        off, slope = 0.0, 0.0  # the torque less its average, by trapezoids; its mean step from slot to slot
+        for i in range(half):
+            far, near = torque[k + i + 1] + torque[k - i - 1], torque[k + i] + torque[k - i]
+            steps = torque[k + i + 1] - torque[k + i] + torque[k - i] - torque[k - i - 1]
+            if not np.isnan(steps):
+                off += weights[i] * (2.0 * torque[k] - 0.5 * (far + near))
+                slope += weights[i] * steps
+        # Where between its two samples a step of torque acts, nobody says: half a slot to either side.
+        doubt = 0.0
+        for i in range(half):
+            right, left = torque[k + i + 1] - torque[k + i], torque[k - i] - torque[k - i - 1]
+            if not np.isnan(right + left):
+                doubt = max(doubt, 0.5 * weights[i] * max(abs(right - slope), abs(left - slope)))
+        if abs(off) + doubt <= least:
+            continue
+        aside = min(reach, k, speed.size - 1 - k)
+        bend[aside] = 0.0
+        for i in range(aside):
+            right, left = torque[k + i] - torque[k], torque[k - i - 1] - torque[k]
+            bend[aside + i + 1] = bend[aside + i] + (0.0 if np.isnan(right) else per_torque * right)
+            bend[aside - i - 1] = bend[aside - i] - (0.0 if np.isnan(left) else per_torque * left)
+        share, std, left_over = _share_of(bend[: 2 * aside + 1], speed[k - aside : k + aside + 1])
+        if share <= max(MOVES_THE_ROTOR, CLEAR_STDS * std):
+            continue
+        known = doubt <= max(least, DOUBT_STDS * noise_gain * left_over)
+        error[k] = off if known else np.nan
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def _share_of(shape: FloatArray, speed: FloatArray) -> tuple[float, float, float]:
+    """Return how much of a shape a speed holds beside a straight line, its std, and the std of what is left."""
+    middle = shape.size // 2
+    n, j1, j2, s0, s1, v0, v1 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for i in range(shape.size):
+        value = speed[i] - speed[middle]
+        if not np.isnan(value):
+            j = float(i - middle)
+            n, j1, j2 = n + 1.0, j1 + j, j2 + j * j
+            s0, s1 = s0 + shape[i], s1 + j * shape[i]
+            v0, v1 = v0 + value, v1 + j * value
+    determinant = n * j2 - j1 * j1
+    if n < 4.0 or determinant <= 0.0:
+        return 0.0, np.inf, 0.0
+    shape_slope, shape_level = (n * s1 - j1 * s0) / determinant, (j2 * s0 - j1 * s1) / determinant
+    slope, level = (n * v1 - j1 * v0) / determinant, (j2 * v0 - j1 * v1) / determinant
+    cross, energy, total = 0.0, 0.0, 0.0
+    for i in range(shape.size):
+        value = speed[i] - speed[middle]
+        if not np.isnan(value):
+            j = float(i - middle)
+            bent, beside = shape[i] - shape_level - shape_slope * j, value - level - slope * j
+            cross, energy, total = cross + bent * beside, energy + bent * bent, total + beside * beside
+    if energy <= 0.0:
+        return 0.0, np.inf, 0.0
+    left_over = np.sqrt(max(total - cross * cross / energy, 0.0) / (n - 3.0))
+    return cross / energy, left_over / np.sqrt(energy), left_over
 
 
 def derive_friction(speed_rad_s: FloatArray, motor_torque_Nm: FloatArray, wheel: Wheel) -> FloatArray:

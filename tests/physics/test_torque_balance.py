@@ -153,3 +153,74 @@ def test_what_the_wheel_lacks_is_named():
         tb.torque_constant_of(wheel)
     with pytest.raises(InputError, match=r"friction\.derivative\.window_s"):
         tb.half_width(Derivative(window_s=1e9), PERIOD)
+
+
+# ---- where the speed bends -------------------------------------------------------------------------------------------
+
+SPEED_STD = 0.01
+SLEWS = built_in_wheel()  # with the filter GOLAY
+
+
+def slews(seed, torque_Nm):
+    """Return speed, motor torque, friction and slots of the steps of a rotor under a torque that steps."""
+    rng = np.random.default_rng(seed)
+    slots = 12_000
+    steps = np.arange(400, slots - 400, 400)
+    command = np.zeros(slots)
+    for number, at in enumerate(steps):
+        command[at:] = (0.0, torque_Nm, 0.0, -torque_Nm)[(number + 1) % 4]
+    friction = np.full(slots, 1.6e-3)
+    friction[2_100:] += 6e-4  # the motor follows at once: the speed does not show it
+    friction[7_700:7_760] += 8e-4
+    inertia = tb.inertia_of(SLEWS)
+    speed = 150.0 + np.concatenate(([0.0], np.cumsum(command[:-1] * PERIOD / inertia)))
+    return speed + rng.normal(0.0, SPEED_STD, slots), command + friction, friction, steps
+
+
+@pytest.mark.parametrize("torque_Nm", [2e-3, 0.02, 0.2])
+def test_where_torque_steps_derived_friction_is_known_to_be_wrong(torque_Nm):
+    """It is off by up to half of the step; what is left errs by its noise, and no jump of friction is taken away."""
+    speed, motor, friction, steps = slews(1, torque_Nm)
+    derived = tb.derive_friction(speed, motor, SLEWS)
+    rounding = tb.rounding_error(speed, motor, SLEWS)
+    std = np.sqrt(tb.derived_noise_autocovariance(SLEWS, SPEED_STD)[0])
+    assert np.nanmax(np.abs(derived - friction)) > 0.3 * torque_Nm
+    assert np.nanmax(np.abs(derived - rounding - friction)) < 6.0 * std
+    reach = tb.half_width(GOLAY, PERIOD) + 1
+    touched = np.abs(np.arange(rounding.size)[:, None] - steps).min(axis=1) <= reach
+    assert np.isnan(rounding[np.concatenate((steps - 1, steps))]).all()
+    assert np.all(rounding[~touched] == 0.0)
+
+
+def test_a_motor_that_follows_friction_does_no_harm():
+    """Jumps of the friction, its reversal, and the noise of the current."""
+    speed, motor, _, _ = slews(2, 0.0)
+    speed, motor = speed - 150.0 + np.linspace(-30.0, 30.0, speed.size), motor * np.sign(np.linspace(-1, 1, speed.size))
+    assert np.diff(motor).max() > 3e-3
+    assert not tb.rounding_error(speed, motor, SLEWS).any()
+    noisy = motor + np.random.default_rng(3).normal(0.0, 2e-4, motor.size)
+    assert np.mean(tb.rounding_error(speed, noisy, SLEWS) != 0.0) < 0.005
+
+
+@pytest.mark.parametrize("period_s", [12.5, 60.0, 600.0])
+def test_a_smooth_bend_is_taken_out(period_s):
+    time = np.arange(8_000) * PERIOD
+    rate = 2 * np.pi / period_s
+    speed = 150.0 + 5.0 * np.sin(rate * time)
+    torque = 1.6e-3 + tb.inertia_of(SLEWS) * 5.0 * rate * np.cos(rate * time)
+    left = tb.derive_friction(speed, torque, SLEWS) - tb.rounding_error(speed, torque, SLEWS) - 1.6e-3
+    half = tb.half_width(GOLAY, PERIOD)
+    assert np.nanmax(np.abs(left)) <= tb.LEAST_ERROR * 1.6e-3  # less is not looked at
+    assert np.isfinite(left[half:-half]).all()
+
+
+@given(st.integers(1_000, 11_000))
+@settings(max_examples=20, deadline=None)
+def test_the_error_does_not_depend_on_where_a_record_is_cut(cut):
+    speed, motor, _, _ = slews(4, 5e-3)
+    speed[3_000:3_003] = np.nan
+    motor[np.random.default_rng(5).random(motor.size) < 0.01] = np.nan
+    reach = tb.half_width(GOLAY, PERIOD)
+    parts = [tb.rounding_error(speed[: cut + reach], motor[: cut + reach], SLEWS)[:cut]]
+    parts.append(tb.rounding_error(speed[cut - reach :], motor[cut - reach :], SLEWS)[reach:])
+    assert np.array_equal(np.concatenate(parts), tb.rounding_error(speed, motor, SLEWS), equal_nan=True)

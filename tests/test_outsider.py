@@ -1,0 +1,116 @@
+"""Telemetry that our simulator did not make: a rotor under torque commands that step, integrated slot by slot.
+
+A spacecraft is slewed by steps of torque, ten times the friction. Only speed and current are measured.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from rwa_monitor import Samples, Wheel, diagnose, find_discrepancy
+from rwa_monitor.samples import FloatArray
+
+PERIOD_S = 0.125
+SLOTS = 20_000
+INERTIA, TORQUE_CONSTANT = 0.0117, 0.032
+DRY, VISCOUS = 1.6e-3, 5.333e-6  # N m, N m s/rad
+SPEED_STD, CURRENT_STD = 0.01, 6e-4  # rad/s, A
+WHEEL = Wheel.from_toml(
+    f"""
+    [wheel]
+    name = "outsider"
+    sample_period_s = {PERIOD_S}
+    inertia_kg_m2 = {INERTIA}
+    torque_constant_Nm_A = {TORQUE_CONSTANT}
+    [nominal]
+    dry_torque_Nm = {DRY}
+    viscous_Nm_s_rad = {VISCOUS}
+    nominal_speed_rad_s = 300.0
+    [window]
+    samples = {SLOTS}
+    hop = {SLOTS}
+    [[fss]]
+    name = "fss_1"
+    durations = [{{ law = "uniform", low = 1500, high = 3500 }}, {{ law = "uniform", low = 40, high = 200 }}]
+    [[fss]]
+    name = "fss_2"
+    durations = [{{ law = "uniform", low = 2500, high = 6000 }}, {{ law = "uniform", low = 2500, high = 6000 }},
+      {{ law = "uniform", low = 2500, high = 6000 }}]
+    """,
+    "outsider",
+)
+
+
+def levels(rng: np.random.Generator) -> tuple[FloatArray, list[int]]:
+    """Return the level of the dry friction, of its nominal value, and the slots of its jumps."""
+    level, jumps = np.ones(SLOTS), []
+    pulses, stairs = ((0.0, 0.0), (0.3, 0.6)), ((0.0, 0.0), (0.4, 0.6), (0.8, 1.2))
+    for stays, frictions in ((((1_500, 3_500), (40, 200)), pulses), (((2_500, 6_000),) * 3, stairs)):
+        at, q, up = 0, int(rng.integers(len(frictions))), True
+        until = int(rng.integers(40, stays[q][1]))
+        while at < SLOTS:
+            level[at:until] += rng.uniform(*frictions[q])
+            jumps.append(at)
+            up = q == 0 or (q < len(frictions) - 1 and rng.random() < 0.5)
+            at, q = until, q + (1 if up else -1)
+            until = at + int(rng.integers(*stays[q]))
+    return level, sorted(jump for jump in jumps if jump)
+
+
+def telemetry(seed: int, hidden: Callable[[float], float] | None = None) -> tuple[Samples, list[int]]:
+    """Return speed and current of a wheel whose drag has something hidden in it, and where its dry friction jumps."""
+    rng = np.random.default_rng(seed)
+    level, jumps = levels(rng)
+    changes = np.sort(rng.uniform(0, SLOTS * PERIOD_S, 14))
+    targets = rng.uniform(-260.0, 260.0, 15)
+    speed, motor = np.empty(SLOTS), np.empty(SLOTS)
+    omega = targets[0]
+    for k in range(SLOTS):
+        time_s = k * PERIOD_S
+        goal = targets[np.searchsorted(changes, time_s)] + 18.0 * math.sin(2 * math.pi * time_s / 900.0)
+        acceleration = max(-1.5, min(1.5, (goal - omega) / 30.0))  # at once: the torque steps by 17.6 mN m
+        friction = DRY * level[k] * math.copysign(1.0, omega) + VISCOUS * omega
+        friction += hidden(omega) if hidden else 0.0
+        speed[k], motor[k] = omega, INERTIA * acceleration + friction
+        omega += acceleration * PERIOD_S
+    samples = Samples(
+        time_ns=np.arange(SLOTS, dtype=np.int64) * int(PERIOD_S * 1e9),
+        speed_rad_s=speed + rng.normal(0.0, SPEED_STD, SLOTS),
+        motor_current_A=motor / TORQUE_CONSTANT + rng.normal(0.0, CURRENT_STD, SLOTS),
+    )
+    return samples, jumps
+
+
+def stribeck(omega: float) -> float:
+    return 0.5 * DRY * math.exp(-abs(omega) / 10.0) * math.copysign(1.0, omega)
+
+
+def windage(omega: float) -> float:
+    return 5e-9 * omega * abs(omega)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_healthy_wheel_that_slews_by_steps_of_torque_is_nominal(seed: int) -> None:
+    """The derivative rounds off the corners of the speed; taken as friction that is three false jumps a corner."""
+    samples, jumps = telemetry(seed)
+    (diagnosis,) = diagnose(samples, WHEEL)
+    assert diagnosis.verdict == "nominal", diagnosis.reason
+    assert diagnosis.model_adequate
+    found = [c.index for c in diagnosis.changepoints if c.fss not in {"rejected", "unattributed"}]
+    assert sum(min(abs(index - jump) for jump in jumps) > 4 for index in found) == 0
+    # A jump next to a corner may be lost with it.
+    assert sum(min(abs(index - jump) for index in found) <= 4 for jump in jumps) >= len(jumps) - 1
+
+
+@pytest.mark.parametrize(("hidden", "name"), [(None, None), (stribeck, "stribeck"), (windage, "quadratic_drag")])
+def test_what_is_hidden_in_such_telemetry_is_named_and_nothing_else(
+    hidden: Callable[[float], float] | None, name: str | None
+) -> None:
+    samples, _ = telemetry(4, hidden)
+    found = find_discrepancy(samples, WHEEL).result
+    assert [effect.name for effect in found.effects] == ([] if name is None else [name])
+    assert found.verdict == ("adequate" if name is None else "inadequate")
