@@ -144,13 +144,13 @@ def squares_told_twice(residual: FloatArray, good: BoolArray, lags: int) -> floa
     power = float(values @ values)
     if power == 0.0:
         return 1.0
-    count = np.count_nonzero(usable)
+    count = int(np.count_nonzero(usable))
     total = 1.0
     for lag in range(1, min(lags, values.size - 1) + 1):
-        pairs = np.count_nonzero(usable[lag:] & usable[:-lag])
-        correlation = float(values[lag:] @ values[:-lag]) / max(pairs, 1) / (power / count)
+        pairs = max(int(np.count_nonzero(usable[lag:] & usable[:-lag])), 1)
+        correlation = float(values[lag:] @ values[:-lag]) / pairs / (power / count)
         # A correlation estimated from n pairs has a variance of 1/n of its own.
-        total += 2.0 * max(correlation**2 - 1.0 / max(pairs, 1), 0.0)
+        total += 2.0 * max(correlation**2 - 1.0 / pairs, 0.0)
     return total
 
 
