@@ -119,28 +119,28 @@ def search_section(costs: list[SearchCost]) -> Section:
             f"in them in this order, seed {SEED}, each in a process of its own. Times by the clock hold whatever else "
             "the machine did; processor times are of all threads."
         ),
-        targets=(
-            Target(
-                f"search of {LENGTH:,} samples by the clock, the slowest of {len(by_hidden)} [s]",
-                max(cost.wall_s for cost in by_hidden),
-                MOST_SECONDS,
-                least=False,
-                absolute="; ".join(f"{cost.hidden} hidden: {cost.wall_s:.1f} s" for cost in by_hidden),
-            ),
-            Target(
-                f"memory of a search of {LENGTH:,} samples [GB]",
-                max(cost.memory_GB for cost in by_hidden),
-                MOST_GB,
-                least=False,
-                absolute=", ".join(f"{cost.memory_GB:.2f} GB" for cost in by_hidden),
-            ),
-            Target(
-                f"search, processor time per sample, {by_length[-1].samples:,} / {by_length[0].samples:,} samples",
-                growth(by_length),
-                MOST_GROWTH,
-                least=False,
-                absolute=", ".join(f"{cost.samples:,}: {cost.processor_s:.1f} s" for cost in by_length),
-            ),
+        targets=tuple(
+            Target(what, reached, most, least=False, absolute=figures)
+            for what, reached, most, figures in (
+                (
+                    f"search of {LENGTH:,} samples by the clock, the slowest of {len(by_hidden)} [s]",
+                    max(cost.wall_s for cost in by_hidden),
+                    MOST_SECONDS,
+                    "; ".join(f"{cost.hidden} hidden: {cost.wall_s:.1f} s" for cost in by_hidden),
+                ),
+                (
+                    f"memory of a search of {LENGTH:,} samples [GB]",
+                    max(cost.memory_GB for cost in by_hidden),
+                    MOST_GB,
+                    ", ".join(f"{cost.memory_GB:.2f} GB" for cost in by_hidden),
+                ),
+                (
+                    f"search, processor time per sample, {by_length[-1].samples:,} / {by_length[0].samples:,} samples",
+                    growth(by_length),
+                    MOST_GROWTH,
+                    ", ".join(f"{cost.samples:,}: {cost.processor_s:.1f} s" for cost in by_length),
+                ),
+            )
         ),
         figures={
             f"{cost.samples:,} samples, {cost.hidden} hidden, named {', '.join(cost.named) or 'none'}": cost.in_words()
