@@ -264,17 +264,14 @@ def extensions(
     tries = [(effect, way) for effect in effects if effect.name not in current.names for way in _ways(effect)]
     screened: dict[str, Model] = {}
     for model in problem.each(lambda one: one[1](outset, one[0]), tries):
-        if model is not None and _is_better(model, screened.get(model.names[-1])):
-            screened[model.names[-1]] = model
+        if model is not None:
+            known = screened.get(model.names[-1], model)
+            screened[model.names[-1]] = min(known, model, key=lambda one: one.fit.criterion)
     best = sorted(screened.values(), key=lambda model: model.fit.criterion)[:MAX_REFITS]
     most = min(most, current.fit.criterion + SCREEN_MARGIN)
     worth = [model for model in best if model.fit.criterion < most]
     settled = problem.each(lambda model: refit(problem, model.terms, [model.fit.jumps]), worth)
     return sorted(_with_best_choices(problem, settled), key=lambda model: model.fit.criterion)
-
-
-def _is_better(model: Model, known: Model | None) -> bool:
-    return known is None or model.fit.criterion < known.fit.criterion
 
 
 @dataclass(frozen=True, slots=True)
@@ -390,8 +387,7 @@ def _with_best_choices(problem: Problem, models: Sequence[Model]) -> list[Model]
 
     best = list(models)
     for (index, *_), model in zip(tries, problem.each(other, tries), strict=True):
-        if _is_better(model, best[index]):
-            best[index] = model
+        best[index] = min(best[index], model, key=lambda one: one.fit.criterion)
     return best
 
 
@@ -473,20 +469,29 @@ def _found(problem: Problem, grown: Growth, progress: Progress) -> tuple[Found, 
             if (coloured_gain(problem, rival, model) if by_colour else rival.fit.criterion - model.fit.criterion)
             < EQUIVALENT_WITHIN
         )
+        if not by_colour:
+            as_good = _as_good_at_its_level(problem, model, index, grown.testable)
+            equivalent = tuple(dict.fromkeys((*equivalent, *as_good)))
         if term.effect is Presliding and not _is_sampled(problem, term):
             equivalent = tuple(dict.fromkeys((*equivalent, SpeedDeadZone.name)))
         found.append(Found(term.effect.name, gain, equivalent))
     return tuple(sorted(found, key=lambda entry: -entry.gain))
 
 
+def _as_good_at_its_level(problem: Problem, model: Model, index: int, effects: Sequence[type[MeanEffect]]) -> list[str]:
+    """Return the effects that are as good in the place of a term with jumps and level of the model as they are.
+
+    Without the term, levels may take its part wherever a change of direction parts them, as in a few dwells: an effect
+    that follows the level then follows that, too, and never comes near.
+    """
+    chosen = tuple(term for i, term in enumerate(model.terms) if i != index)
+    background = make_background(problem, chosen, model.fit.jumps)
+    others = [effect for effect in effects if effect.name not in model.names]
+    bounds = problem.each(lambda effect: profile(effect, [background], model.fit.level)[1], others)
+    most = model.fit.criterion + EQUIVALENT_WITHIN
+    return [effect.name for effect, bound in zip(others, bounds, strict=True) if bound < most]
+
+
 def _is_sampled(problem: Problem, term: Term) -> bool:
     angle = term.shape["breakaway_angle_rad"]
     return any(Presliding.is_sampled(record.channels, angle) for record in problem.records)
-
-
-def effect_torque(problem: Problem, model: Model) -> FloatArray:
-    """Return s·torque of all effects of the model at the joined samples [N m]."""
-    total = np.zeros(problem.size)
-    for index, term in enumerate(model.terms):
-        total += term.columns @ model.strengths(index)
-    return total

@@ -50,6 +50,14 @@ def test_a_record_in_one_direction_with_current_is_adequate() -> None:
     assert result.verdict == "adequate", [effect.name for effect in result.effects]
 
 
+def test_an_offset_in_a_few_dwells_may_be_an_asymmetry() -> None:
+    # Level and direction change together from dwell to dwell: without the offset, levels take its part.
+    dwells = np.repeat([60.0, -60.0, 150.0, -150.0, 300.0, -300.0], 1000)
+    samples, _ = record(np.convolve(dwells, np.ones(41) / 41, "same")[20:-20], (), lambda _, level: 0.05 * level)
+    (effect,) = find_discrepancy([("dwells", samples)], WHEEL).result.effects
+    assert {effect.name, *effect.equivalent} >= {"torque_bias", "coulomb_asymmetry"}
+
+
 def test_the_bias_of_the_derivative_is_taken_out() -> None:
     assert WHEEL.inertia_kg_m2 is not None
     assert WHEEL.torque_constant_Nm_A is not None
