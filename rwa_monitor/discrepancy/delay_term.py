@@ -42,6 +42,7 @@ class DelayTerm(MeanEffect):
     def columns(
         cls, channels: Channels, shape: Mapping[str, float], memory: Memory = None
     ) -> tuple[FloatArray, Memory]:
+        """Return the pulses beside the jumps of the dry level and the slope of what else the torque is, over time."""
         del memory
         dry = channels.direction * known_or_nan(channels.dry_level_Nm, channels)
         step = np.nan_to_num(np.diff(dry))

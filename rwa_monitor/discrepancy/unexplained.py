@@ -7,6 +7,7 @@ effect that is not needed beside the curve was a wrong name for it and is withdr
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import ClassVar, Final
@@ -51,14 +52,15 @@ class _FreeCurve(MeanEffect):
     flips: ClassVar[bool]  # with the direction of rotation, as friction does
 
     @classmethod
+    @abstractmethod
     def quantity(cls, channels: Channels) -> FloatArray | None:
         """Return the quantity that the curve is a function of, None where it is not known."""
-        raise NotImplementedError
 
     @classmethod
     def columns(
         cls, channels: Channels, shape: Mapping[str, float], memory: Memory = None
     ) -> tuple[FloatArray, Memory]:
+        """Return the hats of the piecewise linear curve, one for each knot."""
         del shape, memory
         quantity = cls.quantity(channels)
         assert quantity is not None
@@ -131,6 +133,7 @@ class _Periodic(MeanEffect):
     def columns(
         cls, channels: Channels, shape: Mapping[str, float], memory: Memory = None
     ) -> tuple[FloatArray, Memory]:
+        """Return cosine and sine."""
         del memory
         phase = 2 * np.pi * shape["frequency_Hz"] * channels.time_s
         columns = np.stack([np.cos(phase), np.sin(phase)], axis=1)
@@ -165,6 +168,7 @@ class _Step(MeanEffect):
     def columns(
         cls, channels: Channels, shape: Mapping[str, float], memory: Memory = None
     ) -> tuple[FloatArray, Memory]:
+        """Return s above the speed of the step, zero below."""
         del memory
         return (channels.direction * (np.abs(channels.speed_rad_s) > shape["speed_rad_s"]))[:, None], None
 

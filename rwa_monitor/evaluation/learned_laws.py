@@ -70,6 +70,7 @@ class _Task:
     seed: int
 
     def run(self) -> _Wheel:
+        """Learn the laws of one wheel, and judge them and what is diagnosed with them."""
         model = built_in_model()
         mild = RECIPES["mild"]
         # The same seed and number draw the same wheel; its recordings and windows then differ by their length.

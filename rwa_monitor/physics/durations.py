@@ -7,6 +7,7 @@ and the mass below 1 is put on 1. Every law gives what the assignment needs: log
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from typing import Annotated, Final, Literal
 
 import numpy as np
@@ -24,17 +25,17 @@ EXACT_TERMS: Final = 200_000  # terms of a sum over durations that are added one
 class _Law(Strict):
     """What all duration laws share: everything follows from the survival function P(τ ≥ e)."""
 
+    @abstractmethod
     def survival(self, slots: ArrayLike) -> FloatArray:
         """Return P(τ ≥ slots), float64, the shape of `slots`; 1 for slots ≤ 1."""
-        raise NotImplementedError
 
+    @abstractmethod
     def sample(self, rng: np.random.Generator, size: int) -> IntArray:
         """Draw `size` durations [slots], int64, each at least 1."""
-        raise NotImplementedError
 
+    @abstractmethod
     def longest(self) -> float:
         """Return the largest duration with positive probability, or one with survival below 1e-12."""
-        raise NotImplementedError
 
     def pmf(self, slots: ArrayLike) -> FloatArray:
         """Return P(τ = slots), float64, the shape of `slots`."""
@@ -120,12 +121,13 @@ class Geometric(_Law):
 class _RoundedContinuous(_Law):
     """A continuous positive law, rounded to the nearest slot, at least 1."""
 
+    @abstractmethod
     def _tail(self, value: FloatArray) -> FloatArray:
         """Return P(x > value) of the continuous law."""
-        raise NotImplementedError
 
+    @abstractmethod
     def _draw(self, rng: np.random.Generator, size: int) -> FloatArray:
-        raise NotImplementedError
+        """Draw `size` values of the continuous law, float64."""
 
     def survival(self, slots: ArrayLike) -> FloatArray:
         at = np.asarray(slots, dtype=np.float64)

@@ -13,6 +13,8 @@ from rwa_monitor.errors import InputError
 from rwa_monitor.physics.effects.base import Effect, MeanEffect, Parameter
 from rwa_monitor.physics.effects.catalogue import CATALOGUE, MEAN_EFFECTS, build, mean_effects, register, to_block
 from rwa_monitor.physics.effects.describe import _range, describe, index
+from rwa_monitor.physics.effects.noise_base import NoiseEffect
+from rwa_monitor.physics.effects.switching_base import SwitchingEffect
 from rwa_monitor.physics.wheel import EffectBlock, Wheel, built_in_wheel
 from tests.effects.records import rich_motion
 
@@ -200,3 +202,12 @@ def test_an_effect_from_outside_joins_the_catalogue_once() -> None:
     finally:
         for family in (CATALOGUE, MEAN_EFFECTS):
             family.pop(Outside.name, None)
+
+
+@pytest.mark.parametrize(
+    ("base", "missing"), [(MeanEffect, "columns"), (NoiseEffect, "apply"), (SwitchingEffect, "fit")]
+)
+def test_an_effect_without_what_its_family_asks_for_cannot_be_made(base: type[Effect], missing: str) -> None:
+    unfinished = type("Unfinished", (base,), {"name": "unfinished"})
+    with pytest.raises(TypeError, match=missing):
+        unfinished()

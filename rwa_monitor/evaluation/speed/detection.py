@@ -115,6 +115,7 @@ def seven_scales(window: Window) -> Callable[[], object]:
     x, z, used = window.x, window.z, window.good
 
     def run() -> object:
+        """Scan the whole window afresh."""
         peaks = PeakList(scales)
         state = ScanState(
             prefix=np.zeros((PREFIXES, HISTORY + CHUNK + 1)),

@@ -7,6 +7,7 @@ effects change the jumps. This file has what all share and the mean family; `cat
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import ClassVar, Literal, Self
@@ -161,7 +162,7 @@ class Effect:
 Memory = FloatArray | None
 
 
-class MeanEffect(Effect):
+class MeanEffect(Effect, ABC):
     """An effect that adds a torque, positive when it opposes positive rotation, like the friction itself.
 
     The torque is Σ strength_j · column_j(channels, shape). Effects with memory (a lag, a bristle) carry a small state
@@ -176,6 +177,7 @@ class MeanEffect(Effect):
     parity: ClassVar[Literal["odd", "even", "none"]] = "odd"
 
     @classmethod
+    @abstractmethod
     def columns(
         cls, channels: Channels, shape: Mapping[str, float], memory: Memory = None
     ) -> tuple[FloatArray, Memory]:
@@ -197,7 +199,6 @@ class MeanEffect(Effect):
         memory
             None for effects without memory.
         """
-        raise NotImplementedError
 
     @classmethod
     def shape_bounds(cls, channels: Channels) -> dict[str, tuple[float, float]]:

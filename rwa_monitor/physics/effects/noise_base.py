@@ -6,6 +6,7 @@ law, its jumps and the mean effects are removed; it is compared with white Gauss
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from typing import ClassVar
 
 import numpy as np
@@ -15,11 +16,12 @@ from rwa_monitor.physics.effects.likelihood import LikelihoodFit, no_gain
 from rwa_monitor.samples import BoolArray, FloatArray
 
 
-class NoiseEffect(Effect):
+class NoiseEffect(Effect, ABC):
     """An effect that changes the noise of the friction torque, or of the speed that it is derived from."""
 
     family: ClassVar[Family] = "noise"
 
+    @abstractmethod
     def apply(self, noise_Nm: FloatArray, channels: Channels, rng: np.random.Generator) -> FloatArray:
         """Return the noise of a simulated friction torque with this effect in it.
 
@@ -32,7 +34,6 @@ class NoiseEffect(Effect):
         rng
             Source of all randomness.
         """
-        raise NotImplementedError
 
     def read_speed(self, speed_rad_s: FloatArray) -> FloatArray:
         """Return what the tachometer reads of a true speed [rad/s]; unchanged by most effects.
@@ -43,6 +44,7 @@ class NoiseEffect(Effect):
         return speed_rad_s
 
     @classmethod
+    @abstractmethod
     def fit(cls, residual_Nm: FloatArray, channels: Channels, good: BoolArray) -> LikelihoodFit:
         """Fit the effect to a residual.
 
@@ -60,7 +62,6 @@ class NoiseEffect(Effect):
         LikelihoodFit
             At the maximum of the likelihood; a gain of zero where the record cannot show the effect.
         """
-        raise NotImplementedError
 
     @classmethod
     def nothing_found(cls, samples: int = 0) -> LikelihoodFit:

@@ -102,6 +102,7 @@ def _sojourn_gain(evidence: SwitchingEvidence, x: FloatArray) -> Callable[[float
     """Return the gain of c by the sojourns: on the clock of rate ∝ exp(c·x) they must follow the known laws."""
 
     def log_likelihood(c: float) -> float:
+        """Return the log-likelihood of all sojourns on the clock of this c."""
         rate = np.exp(c * x - abs(c))
         rate /= rate.mean()
         elapsed = np.concatenate([[0.0], np.cumsum(rate)])

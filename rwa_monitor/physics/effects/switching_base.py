@@ -6,6 +6,7 @@ torque that depends on the jumps, which is then a regression column too, once th
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import ClassVar, Final
@@ -161,7 +162,7 @@ class JumpClock:
         )
 
 
-class SwitchingEffect(Effect):
+class SwitchingEffect(Effect, ABC):
     """An effect that changes the jumps of the dry level. Each overrides what it changes; the rest stays.
 
     A simulator asks in this order: `change_system` for each switching system, `clock` for the clock on which all run,
@@ -200,9 +201,9 @@ class SwitchingEffect(Effect):
         return torque
 
     @classmethod
+    @abstractmethod
     def fit(cls, evidence: SwitchingEvidence) -> LikelihoodFit:
         """Fit the effect; a gain of zero where the evidence cannot show it."""
-        raise NotImplementedError
 
     @classmethod
     def nothing_found(cls, samples: int = 0) -> LikelihoodFit:
