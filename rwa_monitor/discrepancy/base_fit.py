@@ -18,6 +18,7 @@ from typing import Final
 
 import numpy as np
 
+from rwa_monitor.discrepancy.caches import ColumnCache, JumpCache
 from rwa_monitor.discrepancy.mapper import Mapper, in_turn
 from rwa_monitor.discrepancy.moments import Moments
 from rwa_monitor.discrepancy.noise import Noise, clip_outliers, estimate_noise
@@ -33,51 +34,11 @@ JUMP_PENALTY: Final = 3.0  # times log N, for place, size and sign of a jump (Zh
 ANNEALING: Final = (8.0, 3.0, 1.0, 1.0, 1.0, 1.0)
 CONVERGED: Final = 0.1  # change of the criterion
 TUKEY: Final = 4.685  # scales of the residual: 95 % efficient for Gaussian noise (Huber, Robust Statistics, 1981)
-CACHE_BYTES: Final = 400_000_000
-JUMP_CACHE_BYTES: Final = 50_000_000
 MIN_USED: Final = 200  # fewer moving samples cannot tell anything apart
 DIGITS: Final = 1e-5  # of the RMS of the friction: what is smaller is no sensor's noise
 HEAVY_SHARE: Final = 1e-3  # of samples beyond four standard deviations; Gaussian noise has 6e-5
 NEAR_CROSSING: Final = 20  # samples: bristles and balls take a few slots to turn over
 LONG_LAG_SHARE: Final = 0.02  # of the record: a lag of a few per cent of a sojourn or more (effects.md, step 1)
-
-
-class ColumnCache:
-    """Columns already evaluated, by effect and shape: the search visits the same shapes many times."""
-
-    def __init__(self) -> None:
-        self._columns: dict[Hashable, FloatArray] = {}
-        self._bytes = 0
-
-    def get(self, key: Hashable) -> FloatArray | None:
-        """Return the columns, or None where they are not kept."""
-        return self._columns.get(key)
-
-    def put(self, key: Hashable, columns: FloatArray) -> None:
-        """Keep columns as long as there is room; what is kept stays."""
-        if self._bytes + columns.nbytes <= CACHE_BYTES:
-            self._columns[key] = columns
-            self._bytes += columns.nbytes
-
-
-class JumpCache:
-    """Jumps already found, by all that decides them: one model is segmented from many starts, which soon meet."""
-
-    def __init__(self) -> None:
-        # With the data by identity: an array that is held cannot give its place to another.
-        self._jumps: dict[Hashable, tuple[FloatArray, IntArray]] = {}
-        self._bytes = 0
-
-    def get(self, z: FloatArray, key: Hashable) -> IntArray | None:
-        """Return the jumps in `z` less a model, or None where they are not kept."""
-        kept = self._jumps.get((id(z), key))
-        return None if kept is None else kept[1]
-
-    def put(self, z: FloatArray, key: Hashable, jumps: IntArray) -> None:
-        """Keep jumps as long as there is room."""
-        if self._bytes + jumps.nbytes <= JUMP_CACHE_BYTES:
-            self._jumps[id(z), key] = z, jumps
-            self._bytes += jumps.nbytes
 
 
 @dataclass(frozen=True, slots=True)

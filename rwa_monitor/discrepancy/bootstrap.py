@@ -12,7 +12,7 @@ from typing import Final
 
 import numpy as np
 
-from rwa_monitor.discrepancy.base_fit import ColumnCache
+from rwa_monitor.discrepancy.caches import ColumnCache
 from rwa_monitor.discrepancy.find import Search
 from rwa_monitor.discrepancy.search import Progress, extensions, refit
 from rwa_monitor.physics.effects.catalogue import MEAN_EFFECTS

@@ -1,0 +1,49 @@
+"""What a search has worked out before and meets again, as far as there is room: columns of effects, places of jumps."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable
+from typing import Final
+
+from rwa_monitor.samples import FloatArray, IntArray
+
+CACHE_BYTES: Final = 400_000_000
+JUMP_CACHE_BYTES: Final = 50_000_000
+
+
+class ColumnCache:
+    """Columns already evaluated, by effect and shape: the search visits the same shapes many times."""
+
+    def __init__(self) -> None:
+        self._columns: dict[Hashable, FloatArray] = {}
+        self._bytes = 0
+
+    def get(self, key: Hashable) -> FloatArray | None:
+        """Return the columns, or None where they are not kept."""
+        return self._columns.get(key)
+
+    def put(self, key: Hashable, columns: FloatArray) -> None:
+        """Keep columns as long as there is room; what is kept stays."""
+        if self._bytes + columns.nbytes <= CACHE_BYTES:
+            self._columns[key] = columns
+            self._bytes += columns.nbytes
+
+
+class JumpCache:
+    """Jumps already found, by all that decides them: one model is segmented from many starts, which soon meet."""
+
+    def __init__(self) -> None:
+        # With the data by identity: an array that is held cannot give its place to another.
+        self._jumps: dict[Hashable, tuple[FloatArray, IntArray]] = {}
+        self._bytes = 0
+
+    def get(self, z: FloatArray, key: Hashable) -> IntArray | None:
+        """Return the jumps in `z` less a model, or None where they are not kept."""
+        kept = self._jumps.get((id(z), key))
+        return None if kept is None else kept[1]
+
+    def put(self, z: FloatArray, key: Hashable, jumps: IntArray) -> None:
+        """Keep jumps as long as there is room."""
+        if self._bytes + jumps.nbytes <= JUMP_CACHE_BYTES:
+            self._jumps[id(z), key] = z, jumps
+            self._bytes += jumps.nbytes
