@@ -19,7 +19,7 @@ from rwa_monitor.errors import InputError
 from rwa_monitor.live.friction import source_of
 from rwa_monitor.live.trends import CoefficientTrend, WindowFriction, wheel_trends
 from rwa_monitor.messages import Diagnosis
-from rwa_monitor.physics.torque_balance import derive_friction, torque_constant_of
+from rwa_monitor.physics.torque_balance import mended_friction, torque_constant_of
 from rwa_monitor.physics.wheel import Wheel, built_in_wheel
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, FloatArray, Samples
 
@@ -91,7 +91,7 @@ def _friction(samples: Samples, wheel: Wheel) -> FloatArray:
     if source == "friction_torque_Nm":
         return given
     motor_torque_Nm = torque_constant_of(wheel) * given if source == "motor_current_A" else given
-    return derive_friction(samples.speed_rad_s, motor_torque_Nm, wheel)
+    return mended_friction(samples.speed_rad_s, motor_torque_Nm, wheel)
 
 
 def _minutes(time_ns: np.ndarray[tuple[int], np.dtype[np.int64]], diagnosis: Diagnosis) -> FloatArray:

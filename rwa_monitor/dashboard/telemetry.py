@@ -12,7 +12,7 @@ from pydantic import Field
 
 from rwa_monitor.diagnosis.evidence_curve import evidence_curve
 from rwa_monitor.messages import Diagnosis, Message, Number, TimeNs, dump_json
-from rwa_monitor.physics.torque_balance import derive_friction, half_width
+from rwa_monitor.physics.torque_balance import half_width, mended_friction
 from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, FloatArray, IntArray, Samples, concatenate
 from rwa_monitor.slots import SlotGrid
@@ -82,7 +82,7 @@ class DerivedFriction:
     def _derive(self, samples: Samples, slot: IntArray) -> FloatArray:
         speed, torque = np.full(int(slot[-1]) + 1, np.nan), np.full(int(slot[-1]) + 1, np.nan)
         speed[slot], torque[slot] = samples.speed_rad_s, samples.motor_torque_Nm
-        return derive_friction(speed, torque, self.wheel)[slot]
+        return mended_friction(speed, torque, self.wheel)[slot]
 
 
 @dataclass(slots=True)

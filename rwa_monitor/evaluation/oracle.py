@@ -26,7 +26,7 @@ from rwa_monitor.diagnosis.state import CarriedState
 from rwa_monitor.diagnosis.window_diagnosis import Changepoint
 from rwa_monitor.physics.datasets import LabelledWindow
 from rwa_monitor.physics.telemetry import Truth
-from rwa_monitor.physics.torque_balance import derive_friction
+from rwa_monitor.physics.torque_balance import mended_friction
 from rwa_monitor.samples import FloatArray, IntArray
 
 ORACLE_SCALE = 8  # slots: the assignment moves a candidate by half of this at most
@@ -155,4 +155,4 @@ def on_slots(window: LabelledWindow) -> tuple[FloatArray, FloatArray]:
     assert wheel.torque_constant_Nm_A is not None
     motor = np.full(slots, np.nan)
     motor[at] = samples.motor_current_A * wheel.torque_constant_Nm_A
-    return speed, derive_friction(speed, motor, wheel)
+    return speed, mended_friction(speed, motor, wheel)

@@ -289,6 +289,15 @@ def derive_friction(speed_rad_s: FloatArray, motor_torque_Nm: FloatArray, wheel:
     return friction_torque(motor_torque_Nm, acceleration, inertia_of(wheel))
 
 
+def mended_friction(speed_rad_s: FloatArray, motor_torque_Nm: FloatArray, wheel: Wheel) -> FloatArray:
+    """Return what `derive_friction` does, less its error where the speed bends: as the monitor sees it.
+
+    Parameters, units and errors are those of `derive_friction`; NaN also where the error is not known.
+    """
+    friction = derive_friction(speed_rad_s, motor_torque_Nm, wheel)
+    return friction - rounding_error(speed_rad_s, motor_torque_Nm, wheel)
+
+
 def derived_noise_autocovariance(wheel: Wheel, speed_std_rad_s: float, current_std_A: float = 0.0) -> FloatArray:
     """Return the autocovariance of the derived friction's noise when speed and current carry white noise.
 

@@ -17,7 +17,7 @@ from rwa_monitor.dashboard.telemetry import FIRST_STALE_S, DerivedFriction, Open
 from rwa_monitor.dashboard.trace import thinned_json
 from rwa_monitor.live.wheel_set import WheelSet
 from rwa_monitor.messages import SamplesMessage
-from rwa_monitor.physics.torque_balance import derive_friction
+from rwa_monitor.physics.torque_balance import mended_friction
 from rwa_monitor.physics.wheel import built_in_wheel
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND as SECOND
 from rwa_monitor.samples import Samples
@@ -38,7 +38,7 @@ def current(n: int) -> Samples:
 def test_friction_from_current_does_not_depend_on_the_messages(cuts: list[int]) -> None:
     whole = current(200)
     assert WHEEL.torque_constant_Nm_A is not None
-    expected = derive_friction(whole.speed_rad_s, WHEEL.torque_constant_Nm_A * whole.motor_current_A, WHEEL)
+    expected = mended_friction(whole.speed_rad_s, WHEEL.torque_constant_Nm_A * whole.motor_current_A, WHEEL)
     derived = DerivedFriction(WHEEL)
     bounds = [0, *sorted(cuts), 200]
     parts = [derived.add(whole[a:b]) for a, b in itertools.pairwise(bounds)]
