@@ -17,7 +17,7 @@ from rwa_monitor.physics.effects.base import Channels, Effect
 from rwa_monitor.physics.effects.cage_instability import CageInstability
 from rwa_monitor.physics.effects.catalogue import CATALOGUE, NOISE_EFFECTS
 from rwa_monitor.physics.effects.likelihood import LikelihoodFit
-from rwa_monitor.physics.effects.speed_dependent_noise import spread_factor
+from rwa_monitor.physics.effects.speed_dependent_noise import SpeedDependentNoise, spread_factor
 from rwa_monitor.samples import BoolArray, FloatArray
 
 OUTLIER_AT: Final = 7.0  # standard deviations
@@ -119,11 +119,10 @@ def _fit_noise(problem: Problem, index: int, view: _View, name: str) -> Likeliho
         return coloured_beyond_filter(view.residual, view.good, problem.derivative_taps)
     if name == CAGE:
         return CageInstability.fit_band(view.residual, view.channels, view.good)
-    fit = NOISE_EFFECTS[name].fit(view.residual, view.channels, view.good)
     if name == SPEED:
         twice = squares_told_twice(view.residual, view.good, problem.derivative_taps.size - 1)
-        return replace(fit, log_likelihood_gain=fit.log_likelihood_gain / twice)
-    return fit
+        return SpeedDependentNoise.fit(view.residual, view.channels, view.good, twice)
+    return NOISE_EFFECTS[name].fit(view.residual, view.channels, view.good)
 
 
 def squares_told_twice(residual: FloatArray, good: BoolArray, lags: int) -> float:
