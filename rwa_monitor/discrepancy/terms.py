@@ -11,6 +11,7 @@ from typing import Final
 import numpy as np
 from numba import njit
 from scipy import optimize
+from scipy.ndimage import uniform_filter1d
 
 from rwa_monitor.discrepancy.base_fit import (
     JUMP_PENALTY,
@@ -23,7 +24,8 @@ from rwa_monitor.discrepancy.base_fit import (
     solve_bounded,
     strong_level,
 )
-from rwa_monitor.discrepancy.delay_term import LEAD, without_pulses
+from rwa_monitor.discrepancy.delay_term import LEAD, SLOPE_REACH, without_pulses
+from rwa_monitor.discrepancy.record import Record
 from rwa_monitor.physics.effects.base import Channels, MeanEffect, Parameter
 from rwa_monitor.physics.effects.torque_ripple import TorqueRipple
 from rwa_monitor.samples import FloatArray, IntArray
@@ -120,7 +122,7 @@ class _Strong:
         for record, dry in zip(problem.records, problem.spread(level), strict=True):
             channels = replace(record.channels, dry_level_Nm=dry)
             if record.accelerating_torque_Nm is not None:
-                motor = record.accelerating_torque_Nm + channels.direction * dry + slope * channels.speed_rad_s
+                motor = record.accelerating_torque_Nm + channels.direction * dry + slope * _steady_speed(record)
                 rate = np.gradient(motor, channels.sample_period_s)
                 channels = replace(channels, motor_torque_Nm=motor, motor_torque_rate_Nm_s=rate)
             per_record.append(channels)
@@ -129,6 +131,21 @@ class _Strong:
     def columns(self, effect: type[MeanEffect], shape: Mapping[str, float]) -> FloatArray:
         """Evaluate the columns of an effect with this level, float64 (n, p), multiplied by s."""
         return _evaluate(self.problem, effect, shape, self.channels)
+
+
+def _steady_speed(record: Record) -> FloatArray:
+    """Return the speed [rad/s] whose slope shares no noise with friction derived from it, float64 (slots,).
+
+    The slope of a moving mean is told by what enters and leaves it: so far away that no derivative reaches there.
+    """
+    speed = record.channels.speed_rad_s
+    if not record.friction_is_derived:
+        return speed
+    reach = record.derivative_slots // 2 + SLOPE_REACH + 1
+    known = np.isfinite(speed)
+    sums = uniform_filter1d(np.where(known, speed, 0.0), 2 * reach + 1, mode="nearest")
+    share = uniform_filter1d(known.astype(np.float64), 2 * reach + 1, mode="nearest")
+    return np.where(known, sums / np.where(known, share, 1.0), np.nan)
 
 
 def _strong(problem: Problem, effect: type[MeanEffect], level: FloatArray | None) -> _Strong | None:

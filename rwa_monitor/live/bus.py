@@ -14,7 +14,7 @@ import re
 from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from threading import Condition, Event
 from types import TracebackType
@@ -70,7 +70,8 @@ class BusOptions:
     Attributes
     ----------
     mode
-        -m: peer, client or router; peer unless told.
+        -m: peer, client or router. Unless told, what only connects is a client where somebody answers: peers behind a
+        router do not hear each other. Where nobody answers yet it is a peer, which waits for whoever comes.
     connect, listen
         -e, -l: endpoints such as "tcp/127.0.0.1:7447". Neither: embedded, the process talks to itself without a socket.
     config
@@ -160,11 +161,20 @@ def open_session(options: BusOptions) -> zenoh.Session:
     if options.mode == "client" and not options.connect and options.config is None:
         raise InputError("--mode", "a client needs to know where to connect (-e tcp/HOST:PORT)")
     zenoh.init_log_from_env_or("error")
+    if _only_connects(options):
+        as_client = session_config(replace(options, mode="client"))
+        with suppress(zenoh.ZError):  # nobody answers: as a peer it can wait
+            return zenoh.open(as_client)
     try:
         return zenoh.open(config)
     except zenoh.ZError as error:
         where = ", ".join((*options.connect, *options.listen)) or str(options.config or "embedded")
         raise RwaMonitorError(f"the bus cannot be opened ({where}): {_plain(error)}") from error
+
+
+def _only_connects(options: BusOptions) -> bool:
+    """Tell whether nobody said which role a session has that connects and does not listen."""
+    return options.mode is None and options.config is None and bool(options.connect) and not options.listen
 
 
 # ---- in --------------------------------------------------------------------------------------------------------------

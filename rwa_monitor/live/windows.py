@@ -182,8 +182,6 @@ class Windows:
         start, self._done = self._done, stop
         speed = self.ring.read("speed_rad_s", start, stop)
         friction, masked, faults = self.friction.friction(self.ring, start, stop)
-        if self.friction.reach:  # otherwise it is what the ring buffer holds
-            self.ring.overwrite("torque_Nm", start, friction)
         there = np.ones(stop - start, dtype=np.bool_)  # where values are missing they are NaN
         confirmed = [window.accumulator.append(speed, friction, there) for window in self._open]
         events = self._told(masked, faults) if masked or faults else []

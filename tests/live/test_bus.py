@@ -7,6 +7,7 @@ from collections import deque
 from collections.abc import Callable
 from pathlib import Path
 from threading import Thread
+from typing import Literal
 
 import pytest
 
@@ -15,7 +16,7 @@ from rwa_monitor.live.backfill import PAUSES_S, TIMEOUT_S, Arrival, Backfill
 from rwa_monitor.live.bus import BusOptions, Inbox, MonitorBus, open_session, session_config
 from rwa_monitor.live.publisher import ReliablePublisher
 from tests.live.processes import wait_for
-from tests.live.support import KEY
+from tests.live.support import KEY, free_port
 
 
 def setting(options: BusOptions, key: str) -> object:
@@ -218,3 +219,34 @@ def test_a_bus_whose_inbox_overflows_gets_everything_in_the_end() -> None:
         publisher.close()
     assert taken == list(range(60))
     assert bus.missed == {}
+
+
+@pytest.mark.parametrize("mode", ["router", "peer"])
+def test_those_who_only_connect_hear_each_other_through_whoever_listens(mode: Literal["router", "peer"]) -> None:
+    """As peers behind a router they would be silently deaf to each other."""
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    heard: list[bytes] = []
+    with (
+        open_session(BusOptions(mode=mode, listen=(endpoint,))),
+        open_session(BusOptions(connect=(endpoint,))) as one,
+        open_session(BusOptions(connect=(endpoint,))) as other,
+        one.declare_subscriber("rwa/**", lambda sample: heard.append(sample.payload.to_bytes())),
+        other.declare_publisher("rwa/sat/wheel_1/samples") as publisher,
+    ):
+        wait_for(lambda: bool(publisher.matching_status.matching), "a match")
+        publisher.put(b"a message")
+        wait_for(lambda: heard == [b"a message"], "the message")
+
+
+def test_who_only_connects_waits_for_whoever_comes_late() -> None:
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    heard: list[bytes] = []
+    with (
+        open_session(BusOptions(connect=(endpoint,))) as early,
+        early.declare_subscriber("rwa/**", lambda sample: heard.append(sample.payload.to_bytes())),
+        open_session(BusOptions(mode="router", listen=(endpoint,))) as late,
+        late.declare_publisher("rwa/sat/wheel_1/samples") as publisher,
+    ):
+        wait_for(lambda: bool(publisher.matching_status.matching), "a match")
+        publisher.put(b"a message")
+        wait_for(lambda: heard == [b"a message"], "the message")
