@@ -294,7 +294,9 @@ def _derived_friction(
     friction = friction + bias
     # What a step of torque makes of it is no bend that a polynomial knows.
     rounding = torque_balance.rounding_error(speed, torque, wheel, CORNER_WINDOWS)
-    stepped = (rounding != 0.0) & ~(np.abs(rounding + bias) <= sigma)
+    typical = wheel.nominal.dry_torque_Nm if wheel.nominal else float(np.nanmedian(np.abs(friction)))
+    agreed = np.abs(rounding + bias) <= max(sigma, torque_balance.LEAST_ERROR * typical)
+    stepped = (rounding != 0.0) & ~agreed
     unknown = (np.abs(bias) > BENT * sigma) & (doubt > BIAS_KNOWN_TO * np.abs(bias))
     # Opinions may agree by chance in the middle of a corner, but not all around it.
     largest, most_doubt = (maximum_filter(np.abs(values), 2 * hole + 1) for values in (bias, doubt))

@@ -20,8 +20,10 @@ MAX_HALF_WIDTH: Final = (
     5_000  # slots; a wider derivative is a wrong window_s, and would see nothing of a wheel's motion
 )
 MAX_VARIANCE_RATIO: Final = 2.0  # of a slope over a gap to one without a gap
-LEAST_ERROR: Final = 0.02  # of the torque unit (nominal dry friction): half of a usual noise; less does no harm
+LEAST_ERROR: Final = 0.02  # of the nominal dry friction, or of friction itself: half of a usual noise; less is no harm
 DOUBT_STDS: Final = 1.0  # of derived friction's noise: an error that is known to this much can be taken out
+OVER_NOISE: Final = 4.0  # standard deviations of the torque's own noise: less is noise of the current
+FEWEST_DIFFERENCES: Final = 5  # of the torque, that tell its noise
 MOVES_THE_ROTOR: Final = 0.5  # share of a step of torque that must be seen in the speed: between none and all
 CLEAR_STDS: Final = 3.0  # by which that share must be above none: one slot in a thousand of a noisy current
 
@@ -147,8 +149,9 @@ def rounding_error(speed_rad_s: FloatArray, motor_torque_Nm: FloatArray, wheel: 
     The motor's torque steps when a slew begins or ends, and dω/dt with it. The filter's slope does not: it is an
     average of the accelerations over its window, so that K_T·I − J·dω/dt shows a pulse as large as half of the step.
     A step of torque that friction asks for, at a jump or at a reversal, leaves the speed straight, and does no harm.
-    So a slot is told by two things: the torque there is not what the same average makes of the torque, and within the
-    window the speed does bend as that torque, less its mean, bends a free rotor (least squares beside a straight line).
+    So a slot is told by two things: the torque there is not what the same average makes of the torque, by more than its
+    noise, and within the window the speed does bend as that torque, less its mean, bends a free rotor (least squares
+    beside a straight line).
 
     Parameters
     ----------
@@ -183,7 +186,7 @@ def rounding_error(speed_rad_s: FloatArray, motor_torque_Nm: FloatArray, wheel: 
         weights,
         period_s / inertia_of(wheel),
         inertia_of(wheel) * float(np.sqrt(taps @ taps)),
-        LEAST_ERROR * wheel.torque_unit_Nm,
+        LEAST_ERROR * wheel.nominal.dry_torque_Nm if wheel.nominal else np.nan,
         windows * half,
         error,
     )
@@ -201,9 +204,12 @@ def _rounding_error(
     reach: int,
     error: FloatArray,
 ) -> None:
-    """Set `error`; `per_torque` is the change of speed in a slot, `noise_gain` that of noise from speed to friction."""
+    """Set `error`; `per_torque` is the change of speed in a slot, `noise_gain` that of noise from speed to friction.
+
+    `least` is NaN where the wheel's nominal friction is not known.
+    """
     half = weights.size
-    bend = np.empty(2 * reach + 1)  # the speed that the torque alone would give, from the slot on [rad/s]
+    bend = np.zeros(2 * reach + 1)  # the speed that the torque alone would give, from the slot on [rad/s]
     for k in range(half, speed.size - half):
         if np.isnan(torque[k]) or np.isnan(speed[k]):
             continue
@@ -220,24 +226,47 @@ def _rounding_error(
             right, left = torque[k + i + 1] - torque[k + i], torque[k - i] - torque[k - i - 1]
             if not np.isnan(right + left):
                 doubt = max(doubt, 0.5 * weights[i] * max(abs(right - slope), abs(left - slope)))
-        if abs(off) + doubt <= least:
+        if np.isnan(least):
+            slope_there = _share_of(bend[: 2 * half + 1], speed[k - half : k + half + 1])[3]
+            enough = LEAST_ERROR * abs(torque[k] - off - slope_there / per_torque)
+        else:
+            enough = least
+        if abs(off) + doubt <= enough:
+            continue
+        if abs(off) <= OVER_NOISE * _noise_of(torque[k - half : k + half + 1]):
             continue
         aside = min(reach, k, speed.size - 1 - k)
         bend[aside] = 0.0
         for i in range(aside):
-            right, left = torque[k + i] - torque[k], torque[k - i - 1] - torque[k]
+            right = 0.5 * (torque[k + i] + torque[k + i + 1]) - torque[k]
+            left = 0.5 * (torque[k - i] + torque[k - i - 1]) - torque[k]
             bend[aside + i + 1] = bend[aside + i] + (0.0 if np.isnan(right) else per_torque * right)
             bend[aside - i - 1] = bend[aside - i] - (0.0 if np.isnan(left) else per_torque * left)
-        share, std, left_over = _share_of(bend[: 2 * aside + 1], speed[k - aside : k + aside + 1])
+        share, std, left_over, _ = _share_of(bend[: 2 * aside + 1], speed[k - aside : k + aside + 1])
         if share <= max(MOVES_THE_ROTOR, CLEAR_STDS * std):
             continue
-        known = doubt <= max(least, DOUBT_STDS * noise_gain * left_over)
+        known = doubt <= max(enough, DOUBT_STDS * noise_gain * left_over)
         error[k] = off if known else np.nan
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
-def _share_of(shape: FloatArray, speed: FloatArray) -> tuple[float, float, float]:
-    """Return how much of a shape a speed holds beside a straight line, its std, and the std of what is left."""
+def _noise_of(torque: FloatArray) -> float:
+    """Return the noise of a torque from the median of its fourth differences: a step, or a bend, hardly moves it."""
+    differences = np.empty(torque.size)
+    count = 0
+    for i in range(torque.size - 4):
+        outer, inner = torque[i + 4] + torque[i], torque[i + 3] + torque[i + 1]
+        difference = abs(outer - 4.0 * inner + 6.0 * torque[i + 2])
+        if not np.isnan(difference):
+            differences[count] = difference
+            count += 1
+    # The variance of a fourth difference is 70σ²; the median of |N(0, 1)| is 0.6745.
+    return np.median(differences[:count]) / (0.6745 * np.sqrt(70.0)) if count >= FEWEST_DIFFERENCES else 0.0
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def _share_of(shape: FloatArray, speed: FloatArray) -> tuple[float, float, float, float]:
+    """Return how much of a shape a speed holds beside a line, its std, that of what is left, and the line's slope."""
     middle = shape.size // 2
     n, j1, j2, s0, s1, v0, v1 = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
     for i in range(shape.size):
@@ -249,7 +278,7 @@ def _share_of(shape: FloatArray, speed: FloatArray) -> tuple[float, float, float
             v0, v1 = v0 + value, v1 + j * value
     determinant = n * j2 - j1 * j1
     if n < 4.0 or determinant <= 0.0:
-        return 0.0, np.inf, 0.0
+        return 0.0, np.inf, 0.0, 0.0
     shape_slope, shape_level = (n * s1 - j1 * s0) / determinant, (j2 * s0 - j1 * s1) / determinant
     slope, level = (n * v1 - j1 * v0) / determinant, (j2 * v0 - j1 * v1) / determinant
     cross, energy, total = 0.0, 0.0, 0.0
@@ -260,9 +289,9 @@ def _share_of(shape: FloatArray, speed: FloatArray) -> tuple[float, float, float
             bent, beside = shape[i] - shape_level - shape_slope * j, value - level - slope * j
             cross, energy, total = cross + bent * beside, energy + bent * bent, total + beside * beside
     if energy <= 0.0:
-        return 0.0, np.inf, 0.0
+        return 0.0, np.inf, 0.0, slope
     left_over = np.sqrt(max(total - cross * cross / energy, 0.0) / (n - 3.0))
-    return cross / energy, left_over / np.sqrt(energy), left_over
+    return cross / energy, left_over / np.sqrt(energy), left_over, slope
 
 
 def derive_friction(speed_rad_s: FloatArray, motor_torque_Nm: FloatArray, wheel: Wheel) -> FloatArray:

@@ -202,6 +202,15 @@ def test_a_motor_that_follows_friction_does_no_harm():
     assert np.mean(tb.rounding_error(speed, noisy, SLEWS) != 0.0) < 0.005
 
 
+def test_the_noise_of_the_current_is_no_step_while_the_wheel_is_slewed_smoothly():
+    time = np.arange(8_000) * PERIOD
+    rate = 2 * np.pi / 60.0
+    rng = np.random.default_rng(6)
+    speed = 150.0 + 50.0 * np.sin(rate * time) + rng.normal(0.0, SPEED_STD, time.size)
+    torque = 1.6e-3 + tb.inertia_of(SLEWS) * 50.0 * rate * np.cos(rate * time) + rng.normal(0.0, 6e-4, time.size)
+    assert np.mean(tb.rounding_error(speed, torque, SLEWS) != 0.0) < 0.01
+
+
 @pytest.mark.parametrize("period_s", [12.5, 60.0, 600.0])
 def test_a_smooth_bend_is_taken_out(period_s):
     time = np.arange(8_000) * PERIOD
