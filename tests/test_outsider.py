@@ -114,3 +114,19 @@ def test_what_is_hidden_in_such_telemetry_is_named_and_nothing_else(
     found = find_discrepancy(samples, WHEEL).result
     assert [effect.name for effect in found.effects] == ([] if name is None else [name])
     assert found.verdict == ("adequate" if name is None else "inadequate")
+
+
+@pytest.mark.parametrize("speed_std", [1e-3, 1e-2])
+def test_an_hour_at_constant_speed_shows_no_effect_of_motion(speed_std: float) -> None:
+    """All that moves the speed is its noise, which is in the friction derived from it, too."""
+    rng = np.random.default_rng(1)
+    slots = 28_800
+    current = (DRY + VISCOUS * 300.0) / TORQUE_CONSTANT + rng.normal(0.0, 1e-3, slots)
+    samples = Samples(
+        time_ns=np.arange(slots, dtype=np.int64) * int(PERIOD_S * 1e9),
+        speed_rad_s=300.0 + rng.normal(0.0, speed_std, slots),
+        motor_current_A=current,
+    )
+    found = find_discrepancy(samples, WHEEL).result
+    assert found.verdict == "untestable"
+    assert {"current_delay", "lubricant_lag", "inertia_error", "stribeck"} <= {name for name, _ in found.untested}

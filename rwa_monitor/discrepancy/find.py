@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import Final
 
 import numpy as np
 
@@ -30,7 +31,7 @@ from rwa_monitor.discrepancy.search import Found, Model, Progress, SearchResult,
 from rwa_monitor.discrepancy.switching_effects import switching_effects
 from rwa_monitor.discrepancy.uncertainty import described, spread
 from rwa_monitor.discrepancy.unexplained import judge_leftover, wandering
-from rwa_monitor.discrepancy.untested import too_weak_to_show, untested_others
+from rwa_monitor.discrepancy.untested import as_a_part, too_weak_to_show, untested_others
 from rwa_monitor.physics.effects.base import MeanEffect
 from rwa_monitor.physics.effects.catalogue import CATALOGUE, MEAN_EFFECTS, mean_effects
 from rwa_monitor.physics.effects.removal import effect_torque
@@ -40,6 +41,8 @@ from rwa_monitor.samples import Samples
 CALMER = 0.9  # of the long-run variance: from there on a second search with the extended model's noise is worth it
 # All that has columns: mean effects, and effects of jumps that are torques too; some with columns of their own here.
 CANDIDATES = tuple({**MEAN_EFFECTS, **{term.name: term for term in (DelayTerm, *JUMP_TERMS)}}.values())
+# What time or temperature shows while the speed stays as it is.
+SHOWN_AT_REST: Final = frozenset({"run_in_drift", "viscosity_temperature", "torque_constant_temperature"})
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,6 +98,11 @@ def find_discrepancy(
     aside = prepare(_records(held_out_recordings, wheel), wheel) if held_out_recordings else None
     known = {block.name for block in wheel.effect}
     candidates = [effect for effect in CANDIDATES if effect.name not in known]
+    beyond_motion: list[type[MeanEffect]] = []
+    if problem.friction_is_derived and _speed_is_constant(problem):
+        # All that moves the speed is its noise, which is in the friction, too: it would pass for an effect of motion.
+        beyond_motion = [effect for effect in candidates if effect.name not in SHOWN_AT_REST]
+        candidates = [effect for effect in candidates if effect.name in SHOWN_AT_REST]
     problem, found, leftover, complete = _explain(problem, candidates, progress)
     progress("noise and jumps")
     cage = cage_bursts(problem, complete) if problem.has_noise else None
@@ -126,7 +134,10 @@ def find_discrepancy(
     if verdict == "adequate" and _nothing_could_be_tested(problem, found):
         verdict = "untestable"
     gain = replace(_gain(problem, found, scores), held_out=tuple(name for name, _ in held_out_recordings))
-    result = DiscrepancyResult(verdict, effects, leftover, _untested(problem, found, candidates, wheel), gain)
+    listed = dict(_untested(problem, found, candidates, wheel))
+    for effect in beyond_motion:
+        listed.setdefault(effect.name, as_a_part(effect.separate_by))
+    result = DiscrepancyResult(verdict, effects, leftover, tuple(listed.items()), gain)
     return Search(wheel, problem, found, scores, result)
 
 
@@ -207,10 +218,13 @@ def _untested(
 
 def _nothing_could_be_tested(problem: Problem, found: SearchResult) -> bool:
     """Say whether the record is blind: speed that does not vary lets no law of speed be tested."""
-    spread = float(np.std(problem.speed))
+    return _speed_is_constant(problem) and len(problem.noise.autocovariance) > 0 and not found.found
+
+
+def _speed_is_constant(problem: Problem) -> bool:
+    """Say whether the speed varies by hardly more than its noise."""
     noise = max(record.speed_noise_rad_s for record in problem.records)
-    constant = spread < max(1e-3 * float(np.max(problem.speed)), 3 * noise)
-    return constant and len(problem.noise.autocovariance) > 0 and not found.found
+    return float(np.std(problem.speed)) < max(1e-3 * float(np.max(problem.speed)), 3 * noise)
 
 
 def _gain(problem: Problem, found: SearchResult, scores: tuple[HeldOut, ...]) -> Gain:
