@@ -130,3 +130,26 @@ def test_an_hour_at_constant_speed_shows_no_effect_of_motion(speed_std: float) -
     found = find_discrepancy(samples, WHEEL).result
     assert found.verdict == "untestable"
     assert {"current_delay", "lubricant_lag", "inertia_error", "stribeck"} <= {name for name, _ in found.untested}
+
+
+@pytest.mark.parametrize("measured", [False, True])
+def test_drag_that_falls_while_the_bearing_warms_unseen_may_be_either(measured: bool) -> None:
+    """One speed, and viscosity that falls as the bearing warms: with the temperature that is known, without it not."""
+    rng = np.random.default_rng(2)
+    slots = 28_800
+    time_s = np.arange(slots) * PERIOD_S
+    temperature = 15.0 + 15.0 * (1.0 - np.exp(-time_s / 1_500.0))
+    speed = np.full(slots, 300.0)
+    samples = Samples(
+        time_ns=np.arange(slots, dtype=np.int64) * int(PERIOD_S * 1e9),
+        speed_rad_s=speed,
+        friction_torque_Nm=DRY
+        + VISCOUS * np.exp(-0.03 * (temperature - 20.0)) * speed
+        + rng.normal(0.0, 3.9e-5, slots),
+        bearing_temperature_degC=temperature if measured else None,
+    )
+    (effect,) = find_discrepancy(samples, WHEEL).result.effects
+    if measured:
+        assert effect.name == "viscosity_temperature"
+    else:
+        assert (effect.name, effect.equivalent) == ("run_in_drift", ("viscosity_temperature",))

@@ -42,7 +42,10 @@ CALMER = 0.9  # of the long-run variance: from there on a second search with the
 # All that has columns: mean effects, and effects of jumps that are torques too; some with columns of their own here.
 CANDIDATES = tuple({**MEAN_EFFECTS, **{term.name: term for term in (DelayTerm, *JUMP_TERMS)}}.values())
 # What time or temperature shows while the speed stays as it is.
-SHOWN_AT_REST: Final = frozenset({"run_in_drift", "viscosity_temperature", "torque_constant_temperature"})
+DRIFT: Final = "run_in_drift"
+WARMING: Final = "viscosity_temperature"
+SHOWN_AT_REST: Final = frozenset({DRIFT, WARMING, "torque_constant_temperature"})
+NEARLY_CONSTANT: Final = 0.05  # of the mean speed: its spread, below which a slope of the drag is no more than a level
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,13 +131,14 @@ def find_discrepancy(
     progress("gain on held-out data")
     score = partial(held_out, problem) if aside is None else partial(on_other_recordings, problem, aside)
     scores = tuple(each(score, found.ladder))
-    mean = tuple(_describe(problem, found.ladder[-1], entry) for entry in found.found)
+    mean = tuple(_with_warm_up(problem, _describe(problem, found.ladder[-1], entry)) for entry in found.found)
     effects = (*mean, *sorted(others, key=lambda effect: -effect.delta_deviance))
     verdict: Verdict = "inadequate" if effects or leftover is not None else "adequate"
     if verdict == "adequate" and _nothing_could_be_tested(problem, found):
         verdict = "untestable"
     gain = replace(_gain(problem, found, scores), held_out=tuple(name for name, _ in held_out_recordings))
-    listed = dict(_untested(problem, found, candidates, wheel))
+    beside = {name for effect in mean for name in effect.equivalent}
+    listed = {k: v for k, v in _untested(problem, found, candidates, wheel) if k not in beside}
     for effect in beyond_motion:
         listed.setdefault(effect.name, as_a_part(effect.separate_by))
     result = DiscrepancyResult(verdict, effects, leftover, tuple(listed.items()), gain)
@@ -201,6 +205,19 @@ def _describe(problem: Problem, model: Model, found: Found) -> FoundEffect:
         built_in_nulls().p_value("mean", found.gain, problem.log_size, derived=problem.friction_is_derived),
         found.gain,
     )
+
+
+def _with_warm_up(problem: Problem, effect: FoundEffect) -> FoundEffect:
+    """Name warming up beside a drift that came while nobody measured the temperature, at nearly the same speed.
+
+    Viscosity that falls as the bearing warms changes drag with the speed, a bearing that runs in changes it at any: at
+    one speed the two are the same curve over time.
+    """
+    measured = any(record.channels.bearing_temperature_degC is not None for record in problem.records)
+    nearly_constant = float(np.std(problem.speed)) < NEARLY_CONSTANT * float(np.mean(problem.speed))
+    if effect.name != DRIFT or measured or not nearly_constant or WARMING in effect.equivalent:
+        return effect
+    return replace(effect, equivalent=(*effect.equivalent, WARMING), separate_by=CATALOGUE[WARMING].separate_by)
 
 
 def _untested(
