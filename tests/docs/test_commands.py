@@ -67,10 +67,12 @@ def _parse(words: list[str]) -> None:
     [(page.name, line) for page in PAGES for line in _lines(page)],
 )
 def test_every_command_line_exists(page: str, line: str) -> None:
+    wrong = ""
     try:
         _parse(shlex.split(line)[1:])
     except click.UsageError as error:
-        pytest.fail(f"{page}: {line}: {error.format_message()}")
+        wrong = error.format_message()
+    assert not wrong, f"{page}: {line}"
 
 
 @pytest.mark.parametrize(("page", "line"), [(page.name, line) for page in PAGES for line in _inline(page)])

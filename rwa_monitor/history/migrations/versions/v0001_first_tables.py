@@ -14,6 +14,7 @@ ROW_ID = sa.BigInteger().with_variant(sa.Integer, "sqlite")
 
 
 def upgrade() -> None:
+    """Make the first tables."""
     op.create_table(
         "diagnoses",
         sa.Column("id", ROW_ID, primary_key=True),
