@@ -228,7 +228,8 @@ def classify(
 
     judged, to_carry = [], {}
     for a, name in enumerate(names):
-        probability = float(posterior[combinations[:, a]].sum())
+        # Shares that add up to one do so to the last digit only: 1 + 2e-16 would be refused as a probability.
+        probability = min(1.0, float(posterior[combinations[:, a]].sum()))
         before = float(prior[combinations[:, a]].sum())
         telling, unlike = _quality(features, models[a], a)
         leans = a == 1 and history.viscous is not None and history.viscous.leans(features.viscous_std)

@@ -88,6 +88,17 @@ def test_more_dry_friction_is_never_less_suspect_by_much(dry: float, more: float
         assert judged(features(dry=dry + more))["dry"] > 0.5
 
 
+def test_a_sure_anomaly_beside_doubtful_ones_has_no_more_than_probability_one() -> None:
+    rng = np.random.default_rng(50110)
+    pulses = SystemFeatures("fss_1", np.tile([0, 1], 12), np.tile([0.0, 0.75], 12), np.full(24, 1e-3), rests=True)
+    sure = []
+    for _ in range(100):
+        seen = features(rng.uniform(1.0, 1.3), rng.uniform(1.0, 1.2), factor_2=rng.uniform(1.0, 1.6), std=0.03)
+        sure.append(judged(replace(seen, systems=(pulses, seen.systems[1])))["fss_1"])
+    assert min(sure) > 1.0 - 1e-12
+    assert max(sure) <= 1.0
+
+
 def test_uncertainty_leaves_the_prior() -> None:
     """A value known to nothing tells nothing: what remains is the share of the training windows."""
     seen = features(dry=1.3, std=1e4)
