@@ -280,15 +280,23 @@ def _crossing_deviation(evidence: Evidence, estimate: Estimate, crossing: IntArr
 
 def ripple_finding(evidence: Evidence) -> Adequacy | None:
     """Test whether friction repeats with the wheel's angle."""
-    if len(evidence.structure.ripple) == 0:
+    ripple = evidence.structure.ripple
+    if len(ripple) == 0:
         return None
-    power = np.minimum(evidence.structure.ripple, RIPPLE_CAP).sum(axis=0)
-    strongest = int(np.argmax(power))
+    told = np.isfinite(ripple).sum(axis=0)
     colour = float(np.clip(_spectral_peak(evidence.noise), *RIPPLE_COLOUR))
-    by_chance = float(special.chdtri(2.0 * len(evidence.structure.ripple), RIPPLE_CHANCE / HARMONICS))
-    if power[strongest] < colour * by_chance:
+    over_chance = np.nansum(np.minimum(ripple, RIPPLE_CAP), axis=0) / _ripple_by_chance(len(ripple))[told]
+    strongest = int(np.argmax(over_chance))
+    if over_chance[strongest] < colour:
         return None
     return Adequacy(False, "torque_ripple", f"friction repeats with the wheel's angle, {strongest + 1} times in a turn")
+
+
+@functools.lru_cache(maxsize=256)
+def _ripple_by_chance(stretches: int) -> FloatArray:
+    """Return the summed power that white noise exceeds in any harmonic with `RIPPLE_CHANCE`; over 0 … stretches."""
+    told = np.arange(stretches + 1)
+    return np.asarray(special.chdtri(2.0 * np.maximum(told, 1), RIPPLE_CHANCE / HARMONICS))
 
 
 def _spectral_peak(noise: NoiseEstimate) -> float:

@@ -31,6 +31,10 @@ FEWEST_ZEROS: Final = 3
 GAP_IN_STEPS: Final = 3.0
 LARGEST_GAP: Final = 0.1  # of the nominal speed
 HARMONICS: Final = 2 * MAX_HARMONIC  # `torque_ripple` holds a harmonic and its double
+# Turns in a slot, whole ones apart, below which a harmonic looks like slow friction: four in a stretch. Of faster ones
+# a jump in a stretch holds at most 0.81 / (STRETCH·turns²) = 13 where noise holds 2, whatever its size. At one speed
+# each stretch shows a harmonic at the same turns: of slower ones, jumps would add up to a ripple.
+SLOWEST_TURNS: Final = 4.0 / STRETCH
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,7 +49,7 @@ class Structure:
         float64 (4, blocks): n, Σx, Σz, Σz² of the good samples in the dead band whose sign of ω is certain.
     ripple
         float64 (stretches, harmonics), power of the friction at 1 … 96 times the wheel's angle in each stretch without
-        a masked slot, in units that are 2 on average for white noise.
+        a masked slot, in units that are 2 on average for white noise; NaN where slow friction would look like it.
     zero_runs, plateaus
         Runs of speed readings of exactly zero, and how many of them end like a tachometer's dead zone.
     """
@@ -145,7 +149,7 @@ class StructureSums:
 
     def close(self) -> Structure:
         """Return what was gathered."""
-        there = np.isfinite(self.arrays.ripple[:, 0])
+        there = np.isfinite(self.arrays.ripple).any(axis=1)
         zero_runs, plateaus = int(self.arrays.zeros[3]), int(self.arrays.zeros[4])
         direction = self.arrays.signs / np.maximum(self.arrays.counts, 1)
         return Structure(direction, self.arrays.near_zero, self.arrays.ripple[there], zero_runs, plateaus)
@@ -241,7 +245,10 @@ def _find_plateaus(x: FloatArray, good: BoolArray, start: int, stop: int, certai
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
 def _ripple_power(x: FloatArray, z: FloatArray, angle_per_x: float, power: FloatArray) -> None:
-    """Write 2|Σ e exp(ihθ)|² / Σ e² to `power` (harmonics,), e the friction less a straight line in time."""
+    """Write 2|Σ e exp(ihθ)|² / Σ e² to `power` (harmonics,), e the friction less a straight line in time.
+
+    Harmonics slower than `SLOWEST_TURNS` are left as they are.
+    """
     n = x.size
     middle = 0.5 * (n - 1)
     mean, tilt, spread = 0.0, 0.0, 0.0
@@ -272,4 +279,6 @@ def _ripple_power(x: FloatArray, z: FloatArray, angle_per_x: float, power: Float
             turned = real[k] * c[k] - imaginary[k] * s[k]
             imaginary[k] = real[k] * s[k] + imaginary[k] * c[k]
             real[k] = turned
-        power[h] = 2.0 * ((r0 + r1 + r2 + r3) ** 2 + (i0 + i1 + i2 + i3) ** 2) / max(energy, 1e-300)
+        turns = (h + 1) * angle / (2.0 * np.pi * (n - 1))
+        if abs(turns - np.rint(turns)) >= SLOWEST_TURNS:
+            power[h] = 2.0 * ((r0 + r1 + r2 + r3) ** 2 + (i0 + i1 + i2 + i3) ** 2) / max(energy, 1e-300)
