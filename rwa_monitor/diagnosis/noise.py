@@ -153,29 +153,31 @@ def _trimmed_variance(counts: IntArray, edges: FloatArray, widths: FloatArray) -
     variance = 0.0
     if total == 0:
         return 0, 0.0
-    first = 0  # bin that holds anything
-    while counts[first] == 0:
-        first += 1
+    # Counts, and sum of the statistics, of all bins below each one, as far as three quarters of all.
+    before, weight_before = np.empty(counts.size), np.empty(counts.size)
+    seen = weighted = 0.0
+    place = -1
+    while seen < _KEPT * total:
+        place += 1
+        before[place], weight_before[place] = seen, weighted
+        seen += counts[place]
+        weighted += counts[place] * (edges[place] + 0.5 * widths[place])
     for _ in range(4):
         kept = _KEPT * (1.0 - jumped) * total
-        seen = 0.0
-        weighted = 0.0
-        place = first
-        while seen + counts[place] < kept:
-            seen += counts[place]
-            weighted += counts[place] * (edges[place] + 0.5 * widths[place])
-            place += 1
+        while before[place] >= kept:
+            place -= 1
         # Within a bin counts are taken as evenly spread.
-        rest = kept - seen
-        weighted += rest * (edges[place] + 0.5 * rest / counts[place] * widths[place])
+        rest = kept - before[place]
+        weighted = weight_before[place] + rest * (edges[place] + 0.5 * rest / counts[place] * widths[place])
         variance = weighted / kept / _KEPT_MEAN
-        while place < counts.size and edges[place] + widths[place] <= _JUMPED * variance:
-            seen += counts[place]
-            place += 1
-        if place < counts.size:
-            seen += counts[place] * max(_JUMPED * variance - edges[place], 0.0) / widths[place]
-        before, jumped = jumped, min(max(1.0 - seen / total - _JUMPED_RATE, 0.0), _MOST_JUMPED)
-        if jumped == before:
+        seen, end = before[place], place
+        while end < counts.size and edges[end] + widths[end] <= _JUMPED * variance:
+            seen += counts[end]
+            end += 1
+        if end < counts.size:
+            seen += counts[end] * max(_JUMPED * variance - edges[end], 0.0) / widths[end]
+        last, jumped = jumped, min(max(1.0 - seen / total - _JUMPED_RATE, 0.0), _MOST_JUMPED)
+        if jumped == last:
             break  # as nearly always, at once: nothing jumps, and another round would give the same
     return total, variance
 
@@ -314,9 +316,14 @@ def _sum_quiet_blocks(sums: FloatArray, pairs: FloatArray) -> tuple[FloatArray, 
     blocks, lags = sums.shape
     score = np.empty(blocks)
     for b in range(blocks):
-        score[b] = sums[b].sum() / pairs[b].sum() if pairs[b].min() >= _LEAST_PAIRS else np.nan
+        total, count, least = 0.0, 0.0, np.inf
+        for lag in range(lags):
+            total += sums[b, lag]
+            count += pairs[b, lag]
+            least = min(least, pairs[b, lag])
+        score[b] = total / count if least >= _LEAST_PAIRS else np.nan
     full = score[np.isfinite(score)]
-    total, counts = np.zeros(lags), np.zeros(lags)
+    level, counts = np.zeros(lags), np.zeros(lags)
     if full.size == 0:
         return np.full(lags, np.nan), counts
     middle = np.median(full)
@@ -324,9 +331,9 @@ def _sum_quiet_blocks(sums: FloatArray, pairs: FloatArray) -> tuple[FloatArray, 
     for b in range(blocks):
         if score[b] <= most:
             for lag in range(lags):
-                total[lag] += sums[b, lag]
+                level[lag] += sums[b, lag]
                 counts[lag] += pairs[b, lag]
-    return total, counts
+    return level, counts
 
 
 def contrast_variances(levels: FloatArray, scales: IntArray) -> FloatArray:
@@ -380,36 +387,63 @@ def estimate_noise(
     start_std
         Standard deviation expected before any data; used when there are no blocks and no variances.
     """
-    autocovariance = np.zeros(LAGS)
     if not counts.any():
         known = [value for value in (float(variances[0]), (start_std or np.nan) ** 2) if np.isfinite(value)]
+        autocovariance = np.zeros(LAGS)
         autocovariance[0] = max(known[0] if known else 0.0, SMALLEST_STD**2)
         return NoiseEstimate(float(np.sqrt(autocovariance[0])), autocovariance, 1.0)
-    variance = float(levels[3 * LAGS // 4 :].mean())
+    return NoiseEstimate(*_combine(levels, counts, scales, variances, samples))
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def _combine(
+    levels: FloatArray, counts: FloatArray, scales: IntArray, variances: FloatArray, samples: int
+) -> tuple[float, FloatArray, float]:
+    """Return the fields of the `NoiseEstimate` where there are blocks; parameters as those of `estimate_noise`."""
+    tried = 3 * LAGS // 4  # lags at which the noise may remember
+    variance = _sum(levels[tried:]) / (LAGS - tried)
     last = 0  # the last lag whose correlation is certain
     for _ in range(2):
         correlation = 1.0 - levels / max(variance, SMALLEST_STD**2)
-        error = np.sqrt((1.0 + 2.0 * float(np.square(correlation[:last]).sum())) / counts)
-        certain = np.flatnonzero(np.abs(correlation[: 3 * LAGS // 4]) > 4.0 * error[: 3 * LAGS // 4])
-        last = int(certain[-1]) + 1 if certain.size else 0
-        variance = float(np.average(levels[last:], weights=counts[last:]))
+        spread = 1.0 + 2.0 * _sum(np.square(correlation[:last]))
+        last = 0
+        for lag in range(tried):
+            if abs(correlation[lag]) > 4.0 * np.sqrt(spread / counts[lag]):
+                last = lag + 1
+        variance = _sum(levels[last:] * counts[last:]) / _sum(counts[last:])
     variance = max(variance, SMALLEST_STD**2)
+    autocovariance = np.zeros(LAGS)
     autocovariance[0] = variance
     # Beyond the last certain lag the autocovariance is noise of the estimate: 63 such lags would swamp the long run.
     autocovariance[1 : last + 1] = variance - levels[:last]
-    factor = 1.0 + 2.0 * float(autocovariance[1:].sum()) / variance
+    factor = 1.0 + 2.0 * _sum(autocovariance[1:]) / variance
 
     # The widest scale with enough independent contrasts bounds the long run from its own side. A short window has only
     # narrow ones, which cannot deny a long memory.
-    independent = samples / scales
-    wide = np.flatnonzero(np.isfinite(variances) & (scales >= 8) & (independent >= np.where(scales > 16, 100, 20)))
-    if wide.size:
-        s = wide[-1]
-        error = 3.0 * 1.5 * np.sqrt(2.0 / independent[s])
-        ratio = float(variances[s]) / variance
-        highest = ratio * (1.0 + error) if independent[s] >= 100 else np.inf
-        factor = float(np.clip(factor, ratio * max(1.0 - error, 0.5), highest))
-    return NoiseEstimate(float(np.sqrt(variance)), autocovariance, max(factor, 1e-3))
+    for s in range(scales.size - 1, -1, -1):
+        independent = samples / scales[s]
+        if np.isfinite(variances[s]) and scales[s] >= 8 and independent >= (100 if scales[s] > 16 else 20):
+            error = 3.0 * 1.5 * np.sqrt(2.0 / independent)
+            ratio = variances[s] / variance
+            highest = ratio * (1.0 + error) if independent >= 100 else np.inf
+            factor = min(max(factor, ratio * max(1.0 - error, 0.5)), highest)
+            break
+    return np.sqrt(variance), autocovariance, max(factor, 1e-3)
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def _sum(values: FloatArray) -> float:
+    """Return the sum, as eight side by side: none of its additions waits for the one before it."""
+    total, eights = 0.0, values.size - values.size % 8
+    if eights > 0:
+        a, b, c, d, e, f, g, h = values[:8]
+        for i in range(8, eights, 8):
+            a, b, c, d = a + values[i], b + values[i + 1], c + values[i + 2], d + values[i + 3]
+            e, f, g, h = e + values[i + 4], f + values[i + 5], g + values[i + 6], h + values[i + 7]
+        total = ((a + b) + (c + d)) + ((e + f) + (g + h))
+    for i in range(eights, values.size):
+        total += values[i]
+    return total
 
 
 def mean_variance_factor(noise: NoiseEstimate, count: FloatArray) -> FloatArray:
