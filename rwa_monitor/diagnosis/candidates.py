@@ -43,7 +43,7 @@ def choose(
     margin: IntArray | int = STEP // 4
     candidates = peaks
     for _ in range(MOST_ROUNDS):
-        slope, _ = estimate_slope(evidence, index, margin, slope_prior)
+        slope, _ = estimate_slope(evidence.sums, evidence.noise, index, margin, slope_prior)
         candidates = select_candidates(peaks, evidence.sums, slope, table, evidence.threshold, tails, colour)
         if np.array_equal(candidates.index, index):
             break

@@ -214,12 +214,15 @@ def _fill_unseen(level: FloatArray) -> None:
 
 
 def estimate_slope(
-    evidence: Evidence, index: IntArray, exclude: IntArray | int = 0, prior: SlopePrior | None = None
+    sums: RunningSums,
+    noise: NoiseEstimate,
+    index: IntArray,
+    exclude: IntArray | int = 0,
+    prior: SlopePrior | None = None,
 ) -> tuple[float, float]:
-    """Return the shared slope and its standard deviation alone; parameters as those of `estimate`."""
+    """Return the shared slope and its standard deviation alone, from the sums so far; see `estimate`."""
     margin = np.full(index.size, exclude, dtype=np.int64)
-    moments = interval_moments(evidence.sums, evidence.slots, index, margin)
-    return _slope(moments, evidence.noise, prior)
+    return _slope(interval_moments(sums, sums.slots, index, margin), noise, prior)
 
 
 def _slope(moments: Moments, noise: NoiseEstimate, prior: SlopePrior | None) -> tuple[float, float]:

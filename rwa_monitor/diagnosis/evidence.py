@@ -28,12 +28,17 @@ from rwa_monitor.diagnosis.estimation import (
     nominal_slope_prior,
 )
 from rwa_monitor.diagnosis.evidence_kernel import (
+    CONFIRMED_STATISTIC,
+    KEPT_STATISTIC,
     Judge,
     WindowArrays,
     WindowSettings,
     advance,
+    bars,
     judge_confirmed,
     mark_used,
+    median_bend,
+    median_step,
     take,
 )
 from rwa_monitor.diagnosis.noise import (
@@ -71,8 +76,6 @@ PAPER_WEIGHT: Final = 1e-4  # W_b, in the paper's units
 SMALLEST_WEIGHT: Final = 1e-12  # W_b where nothing is known of the slope: only keeps 0/0 away
 
 PEAK_TESTS_PER_SLOT: Final = 1.5  # independent tests that the peaks of all scales are, a slot: Σ 1/w, hardly less
-CONFIRMED_RATE: Final = 1e-9  # false-alarm probability of a sample, as in the paper
-KEPT_STATISTIC: Final = 12.0  # peaks below are not kept: no threshold at the close is as low
 FALSE_CANDIDATES: Final = 0.3  # bearable in a window without a jump; the assignment sorts them out
 CERTAIN_STATISTIC: Final = 30.0  # peaks that split the window while its slope is first estimated
 SMALLEST_SLOPE_SPREAD: Final = 0.05  # [of the slope] the slope known so far is never trusted further than that
@@ -377,19 +380,14 @@ class WindowAccumulator:
 
     def _certain_speed(self, stop: int) -> float:
         """Return the speed from which its sign is certain, normalised, from its noise in the slots [0, stop)."""
-        speed = self._x[:stop][self._good[:stop]]
-        if speed.size < 3:
-            return 0.0
         # The second difference of a smooth speed is noise, of √6 times its standard deviation.
-        return float(SPEED_NOISES * np.median(np.abs(np.diff(speed, 2))) / (_NORMAL_MEDIAN * np.sqrt(6.0)))
+        bend = median_bend(self._x[:stop], self._good[:stop])
+        return float(SPEED_NOISES * bend / (_NORMAL_MEDIAN * np.sqrt(6.0)))
 
     def _difference_std(self, stop: int) -> float:
         """Return the noise's standard deviation as neighbour differences show it in the slots [0, stop)."""
-        there = self._used[:stop]
-        residual = self._z[:stop][there] - self._slope * self._x[:stop][there]
-        if residual.size < 2:
-            return 0.0
-        return float(np.median(np.abs(np.diff(residual))) / (_NORMAL_MEDIAN * np.sqrt(2.0)))
+        step = median_step(self._x[:stop], self._z[:stop], self._used[:stop], self._slope)
+        return float(step / (_NORMAL_MEDIAN * np.sqrt(2.0)))
 
     def _measured_blocks(self) -> tuple[FloatArray, FloatArray]:
         """Return sums and pairs of the blocks of the noise that are complete."""
@@ -408,26 +406,21 @@ class WindowAccumulator:
             scale_variances(self._state.histogram, self._scales, self._strides, start),
             LEAST_SHARE * contrast_variances(levels, self._scales),
         )
-        known, tails = np.isfinite(self._variances), self._tails()
-        by_chance = np.where(known, tails.largest_outlier**2 / (2.0 * self._scales), np.inf)
-        variances = np.where(known, self._variances, np.inf)
-        sure = float(special.chdtri(1, CONFIRMED_RATE))
-        # A tail is known to a factor: twice the largest outlier by chance is sure, half of it is worth keeping.
-        self._sure = np.maximum(sure * variances, 4.0 * by_chance)
-        self._floors = (
-            self._sure if self.method == "paper" else np.maximum(KEPT_STATISTIC * variances, 0.25 * by_chance)
-        )
+        tails = self._tails()
+        self._sure, kept = bars(self._variances, self._scales, tails.largest_outlier)
+        self._floors = self._sure if self.method == "paper" else kept
         self._settle()
         return levels, counts, tails
 
     def _learn_slope(self) -> None:
         """Centre the slope's prior on what the window has shown so far; takes effect with the next chunk."""
-        variance = float(np.nanmax(self._variances)) if np.isfinite(self._variances).any() else 0.0
+        known = self._variances[np.isfinite(self._variances)]
+        variance = float(known.max()) if known.size else 0.0
         if self.method == "paper" or variance == 0.0 or self._sums.count < CHUNK:
             return
         noise = NoiseEstimate(float(np.sqrt(variance)), np.full(1, variance), 1.0)
-        so_far = self._evidence(noise, self._peaks.above(CERTAIN_STATISTIC, self._variances), CERTAIN_STATISTIC)
-        slope, std = estimate_slope(so_far, suppress(so_far.candidates), STEP // 4, self.slope_prior)
+        certain = suppress(self._peaks.above(CERTAIN_STATISTIC, self._variances))
+        slope, std = estimate_slope(self._sums, noise, certain, STEP // 4, self.slope_prior)
         if np.isfinite(std):
             self._slope = slope
             spread = max(std, SMALLEST_SLOPE_SPREAD * abs(slope), SMALLEST_STD)
@@ -479,7 +472,7 @@ class WindowAccumulator:
 
     def _threshold(self) -> float:
         if self.method == "paper":
-            return float(special.chdtri(1, CONFIRMED_RATE))
+            return CONFIRMED_STATISTIC
         return max(threshold_for(self.false_candidates, TESTS_PER_SLOT * self._sums.count), KEPT_STATISTIC)
 
 

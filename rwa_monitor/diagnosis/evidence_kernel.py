@@ -11,6 +11,7 @@ from typing import Any, Final, NamedTuple
 
 import numba
 import numpy as np
+from scipy import special
 
 from rwa_monitor.diagnosis.changepoints import contrast
 from rwa_monitor.diagnosis.noise import BLOCK, LAGS, block_differences
@@ -29,6 +30,9 @@ from rwa_monitor.diagnosis.wglr import (
 )
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 
+CONFIRMED_RATE: Final = 1e-9  # false-alarm probability of a sample, as in the paper
+CONFIRMED_STATISTIC: Final = float(special.chdtri(1, CONFIRMED_RATE))
+KEPT_STATISTIC: Final = 12.0  # peaks below are not kept: no threshold at the close is as low
 LARGEST_VALUE: Final = 1e4  # normalised speed or friction beyond is a broken word of telemetry, not a wheel's
 
 
@@ -48,17 +52,15 @@ def normalise(
     Where it is not good, x and z are zero.
     """
     count = 0
-    for k in range(speed.size):
+    most_speed, most_torque = LARGEST_VALUE * speed_unit, LARGEST_VALUE * torque_unit
+    for k in range(speed.size):  # without branches: several slots at once
         # Written so that NaN fails.
-        is_good[k] = (
-            good[k] and abs(speed[k]) <= LARGEST_VALUE * speed_unit and abs(torque[k]) <= LARGEST_VALUE * torque_unit
-        )
-        if is_good[k]:
-            count += 1
-            x[k] = abs(speed[k]) / speed_unit
-            z[k] = np.sign(speed[k]) * torque[k] / torque_unit
-        else:
-            x[k] = z[k] = 0.0
+        fits = good[k] & (abs(speed[k]) <= most_speed) & (abs(torque[k]) <= most_torque)
+        is_good[k] = fits
+        count += fits
+        turning, friction = (speed[k] if fits else 0.0), (torque[k] if fits else 0.0)
+        x[k] = abs(turning) / speed_unit
+        z[k] = ((turning > 0.0) - (turning < 0.0)) * friction / torque_unit
     return count
 
 
@@ -187,8 +189,44 @@ def advance(
 @numba.njit(cache=True, error_model="numpy", nogil=True)
 def mark_used(x: FloatArray, good: BoolArray, band: float, start: int, stop: int, used: BoolArray) -> None:
     """Mark the slots of [start, stop) that are good and turn faster than the dead band."""
-    for k in range(start, stop):
-        used[k] = good[k] & (x[k] >= band) & (x[k] > 0.0)  # without branches: several slots at once
+    speed, there, out = x[start:stop], good[start:stop], used[start:stop]
+    for k in range(speed.size):  # without branches: several slots at once
+        out[k] = there[k] & (speed[k] >= band) & (speed[k] > 0.0)
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def median_bend(x: FloatArray, good: BoolArray) -> float:
+    """Return the median size of the second differences of the good samples; 0 with less than three."""
+    there = x[good]
+    if there.size < 3:
+        return 0.0
+    steps = there[1:] - there[:-1]
+    return float(np.median(np.abs(steps[1:] - steps[:-1])))
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def median_step(x: FloatArray, z: FloatArray, used: BoolArray, slope: float) -> float:
+    """Return the median size of the differences of neighbouring used z - slope x; 0 with less than two."""
+    residual = z[used] - slope * x[used]
+    if residual.size < 2:
+        return 0.0
+    return float(np.median(np.abs(residual[1:] - residual[:-1])))
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def bars(variances: FloatArray, scales: IntArray, outlier: float) -> tuple[FloatArray, FloatArray]:
+    """Return the statistics [torque²] from which a peak of each scale is sure, and from which it is kept, (S,) each.
+
+    A tail is known to a factor: twice the largest outlier by chance is sure, half of it is worth keeping. Infinite
+    where the variance is not known.
+    """
+    sure, kept = np.full(scales.size, np.inf), np.full(scales.size, np.inf)
+    for s in range(scales.size):
+        if np.isfinite(variances[s]):
+            by_chance = outlier**2 / (2.0 * scales[s])
+            sure[s] = max(CONFIRMED_STATISTIC * variances[s], 4.0 * by_chance)
+            kept[s] = max(KEPT_STATISTIC * variances[s], 0.25 * by_chance)
+    return sure, kept
 
 
 class Judge(NamedTuple):

@@ -194,12 +194,12 @@ def estimate_tails(counts: IntArray, variance: float, samples: int) -> Tails:
     samples
         Used samples of the window.
     """
-    total = float(counts.sum())
     level = max(OUTLIERS / max(samples, 2), 1e-9)
-    gaussian = Tails(np.inf, float(np.sqrt(variance) * -special.ndtri(0.5 * level)))
+    gaussian = Tails(np.inf, float(np.sqrt(variance) * _gaussian_outlier(level)))
+    total, middle, end = _quantile_bins(counts)
     if total < 200:
         return gaussian
-    median, far = (float(_BIN_MIDDLES[_quantile_bin(counts, total, p)]) for p in (0.5, 0.995))
+    median, far = float(_BIN_MIDDLES[middle]), float(_BIN_MIDDLES[end])
     if median < _LATTICE * variance * _CHI_MEDIAN:
         return gaussian  # neighbours are mostly equal: a coarse lattice, whose quantiles say nothing about tails
     # The 99.5 % quantile has a relative standard error of about 0.225/√(0.005 n).
@@ -212,16 +212,25 @@ def estimate_tails(counts: IntArray, variance: float, samples: int) -> Tails:
     return Tails(freedom, float(-scale * special.stdtrit(freedom, 0.5 * level)))
 
 
+@lru_cache(maxsize=256)
+def _gaussian_outlier(level: float) -> float:
+    """Return the size, in standard deviations, that a Gaussian sample exceeds with this probability."""
+    return float(-special.ndtri(0.5 * level))
+
+
 @numba.njit(cache=True, error_model="numpy", nogil=True)
-def _quantile_bin(counts: IntArray, total: float, share: float) -> int:
-    """Return the first bin up to which at least this share of all is counted."""
-    seen = 0
-    place = 0
+def _quantile_bins(counts: IntArray) -> tuple[float, int, int]:
+    """Return how many are counted, and the bins up to which at least 50 % and 99.5 % of them are."""
+    total = float(counts.sum())
+    seen, middle, end = 0, 0, 0
     for place in range(counts.size):
         seen += counts[place]
-        if seen / total >= share:
+        if seen / total < 0.5:
+            middle += 1
+        if seen / total >= 0.995:
+            end = place
             break
-    return place
+    return total, middle, end
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
@@ -279,8 +288,8 @@ def block_differences(
             for i in range(BLOCK):
                 for lag in range(LAGS):
                     difference = e[i + 1 + lag] - e[i]
-                    total[lag] += 0.5 * difference * difference
-            sums[b] = total
+                    total[lag] += difference * difference
+            sums[b] = 0.5 * total  # exact
             pairs[b] = BLOCK
             continue
         sums[b] = 0.0
@@ -353,10 +362,18 @@ def contrast_variances(levels: FloatArray, scales: IntArray) -> FloatArray:
     -------
     float64 (S,); 0 where a contrast is longer than the lags reach, or nothing is known.
     """
-    if not np.isfinite(levels).all():
-        return np.zeros(scales.size)
-    variances: FloatArray = np.maximum(-(_contrast_correlations(tuple(scales.tolist())) @ levels) / scales, 0.0)
-    return np.where(2 * scales <= LAGS, variances, 0.0)
+    lacking = _contrast_correlations(tuple(scales.tolist())) @ levels
+    return np.asarray(_contrast_variances(lacking, scales))
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def _contrast_variances(lacking: FloatArray, scales: IntArray) -> FloatArray:
+    """See `contrast_variances`; `lacking`, (S,), is w Σ r(l) (γ(0) - γ(l)) of each scale."""
+    variances = np.zeros(scales.size)
+    for s in range(scales.size):
+        if 2 * scales[s] <= LAGS and np.isfinite(lacking[s]):
+            variances[s] = max(-lacking[s] / scales[s], 0.0)
+    return variances
 
 
 @lru_cache(maxsize=16)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
+import numba
 import numpy as np
 
 from rwa_monitor.diagnosis.results import Candidates
@@ -112,13 +113,26 @@ class PeakList:
 
     def above(self, threshold: float, variances: FloatArray) -> Candidates:
         """Return the peaks whose statistic, over its scale's variance, reaches `threshold`; sorted by slot."""
-        slots, values = self.arrays.slots[: len(self)], self.arrays.values[: len(self)]
-        statistic = values[:, PEAK_STATISTIC] / variances[slots[:, PEAK_SCALE]]
-        chosen = np.flatnonzero(statistic >= threshold)
-        chosen = chosen[np.lexsort((slots[chosen, PEAK_SCALE], slots[chosen, PEAK_INDEX]))]
-        return Candidates(
-            index=slots[chosen, PEAK_INDEX],
-            scale=self.scales[slots[chosen, PEAK_SCALE]],
-            statistic=statistic[chosen],
-            jump=values[chosen, PEAK_JUMP],
-        )
+        return Candidates(*_above(self.arrays.slots, self.arrays.values, len(self), self.scales, variances, threshold))
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def _above(
+    slots: IntArray, values: FloatArray, count: int, scales: IntArray, variances: FloatArray, threshold: float
+) -> tuple[IntArray, IntArray, FloatArray, FloatArray]:
+    """Return the fields of the `Candidates` that `PeakList.above` chooses among the first `count` rows."""
+    chosen, key = np.empty(count, dtype=np.int64), np.empty(count, dtype=np.int64)
+    found = 0
+    for p in range(count):
+        if values[p, PEAK_STATISTIC] / variances[slots[p, PEAK_SCALE]] >= threshold:
+            chosen[found] = p
+            key[found] = slots[p, PEAK_INDEX] * scales.size + slots[p, PEAK_SCALE]  # by slot, then narrow scales first
+            found += 1
+    index, scale = np.empty(found, dtype=np.int64), np.empty(found, dtype=np.int64)
+    statistic, jump = np.empty(found), np.empty(found)
+    order = np.argsort(key[:found], kind="mergesort")
+    for i in range(found):
+        p = chosen[order[i]]
+        index[i], scale[i] = slots[p, PEAK_INDEX], scales[slots[p, PEAK_SCALE]]
+        statistic[i], jump[i] = values[p, PEAK_STATISTIC] / variances[slots[p, PEAK_SCALE]], values[p, PEAK_JUMP]
+    return index, scale, statistic, jump

@@ -234,13 +234,7 @@ class RunningSums:
         """Centre the sums on what the slots up to `stop`, which are about to be added, hold first."""
         if self.count:
             return
-        _, x, z, used, centre = self.arrays
-        new = used[self.slots : stop]
-        if new.any():
-            # Medians of the first used slots: one wild first sample must not become the origin of all sums.
-            begin = self.slots + int(np.argmax(new))
-            first = slice(begin, min(stop, begin - begin % CENTRE_BLOCK + CENTRE_BLOCK))
-            centre[:] = np.median(x[first][used[first]]), np.median(z[first][used[first]])
+        _find_centre(self.arrays, self.slots, stop)
 
     def between(self, start: IntArray, stop: IntArray) -> Moments:
         """Return the moments of the slots [start, stop), element by element; empty ranges give zeros.
@@ -262,3 +256,17 @@ class RunningSums:
             raise IndexError(f"a range reaches beyond the window's {self.slots} slots")
         self.samples_read += read
         return Moments(out.reshape(MOMENTS, *starts.shape))
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def _find_centre(arrays: SumArrays, start: int, stop: int) -> None:
+    """Write medians of the first used slots of [start, stop), if any, to the centre.
+
+    One wild first sample must not become the origin of all sums.
+    """
+    x, z, used, centre = arrays.x, arrays.z, arrays.used, arrays.centre
+    for begin in range(start, stop):
+        if used[begin]:
+            first = slice(begin, min(stop, begin - begin % CENTRE_BLOCK + CENTRE_BLOCK))
+            centre[0], centre[1] = np.median(x[first][used[first]]), np.median(z[first][used[first]])
+            return

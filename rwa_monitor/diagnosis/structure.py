@@ -175,8 +175,12 @@ def extend_structure(
     arrays: StructureArrays,
 ) -> None:
     """Do the work of `StructureSums.extend`."""
-    _add_near_zero(x, z, good, used, start, stop, certain, arrays.near_zero)
-    _find_plateaus(x, good, start, stop, certain, arrays.zeros)
+    for block in range(start // BLOCK, (stop + BLOCK - 1) // BLOCK):
+        new = slice(max(block * BLOCK, start), min((block + 1) * BLOCK, stop))
+        if _differ(good[new], used[new]):  # in few blocks, as the next
+            _add_near_zero(x[new], z[new], good[new], used[new], certain, arrays.near_zero[:, block])
+        if arrays.zeros[0] != 0.0 or _hold_zero(x[new]):
+            _find_plateaus(x[new], good[new], certain, arrays.zeros)
     most = arrays.ripple.shape[0]
     for stretch in range(pieces_before(start, STRETCH, hop, most), pieces_before(stop, STRETCH, hop, most)):
         there = slice(stretch * hop, stretch * hop + STRETCH)
@@ -192,40 +196,52 @@ def count_signs(first: int, speed: FloatArray, good: BoolArray, signs: IntArray,
         block = (first + start) // BLOCK
         stop = min((block + 1) * BLOCK - first, speed.size)
         count = forward = 0
-        for k in range(start, stop):
-            count += good[k]
-            forward += good[k] & (speed[k] > 0.0)
+        here, there = speed[start:stop], good[start:stop]
+        for k in range(here.size):
+            count += there[k]
+            forward += there[k] & (here[k] > 0.0)
         counts[block] += count
         signs[block] += 2 * forward - count
         start = stop
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
-def _add_near_zero(
-    x: FloatArray,
-    z: FloatArray,
-    good: BoolArray,
-    used: BoolArray,
-    start: int,
-    stop: int,
-    certain: float,
-    out: FloatArray,
-) -> None:
-    for k in range(start, stop):
-        if good[k] and not used[k] and x[k] > certain:
-            block = k // BLOCK
-            out[0, block] += 1.0
-            out[1, block] += x[k]
-            out[2, block] += z[k]
-            out[3, block] += z[k] * z[k]
+def _differ(first: BoolArray, second: BoolArray) -> bool:
+    """Return whether two arrays differ anywhere; without branches, many slots at once."""
+    apart = False
+    for k in range(first.size):
+        apart |= first[k] != second[k]
+    return apart
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
-def _find_plateaus(x: FloatArray, good: BoolArray, start: int, stop: int, certain: float, state: FloatArray) -> None:
+def _hold_zero(values: FloatArray) -> bool:
+    """Return whether any value is exactly zero; likewise."""
+    found = False
+    for k in range(values.size):
+        found |= values[k] == 0.0
+    return found
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def _add_near_zero(
+    x: FloatArray, z: FloatArray, good: BoolArray, used: BoolArray, certain: float, out: FloatArray
+) -> None:
+    """Add the good samples in the dead band whose direction is certain to the sums of their block, `out` (4,)."""
+    for k in range(x.size):
+        if good[k] and not used[k] and x[k] > certain:
+            out[0] += 1.0
+            out[1] += x[k]
+            out[2] += z[k]
+            out[3] += z[k] * z[k]
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def _find_plateaus(x: FloatArray, good: BoolArray, certain: float, state: FloatArray) -> None:
     """Count runs of zeros and those that end in a gap; `state` (5,) is carried from piece to piece."""
-    for k in range(start, stop):
+    for k in range(x.size):
         if state[0] == 0.0 and x[k] != 0.0:
-            continue  # nearly all slots
+            continue
         if good[k] and x[k] == 0.0:
             state[0] += 1.0
             state[1] = state[2] = 0.0  # noise may carry a reading over the zone's edge and back

@@ -91,21 +91,18 @@ def fill_prefix(
         prefix[3, column],
         prefix[4, column],
     )
-    for k in range(begin, stop):
-        if used[k]:
-            u = x[k] - x_centre
-            e = (z[k] - z_centre) - slope * u
+    speed, friction, counted = x[begin:stop], z[begin:stop], used[begin:stop]
+    sums = prefix[:, column + 1 : column + 1 + speed.size]
+    for j in range(speed.size):
+        if counted[j]:
+            u = speed[j] - x_centre
+            e = (friction[j] - z_centre) - slope * u
             n += 1.0
             sx += u
             se += e
             sxx += u * u
             sxe += u * e
-        column += 1
-        prefix[0, column] = n
-        prefix[1, column] = sx
-        prefix[2, column] = se
-        prefix[3, column] = sxx
-        prefix[4, column] = sxe
+        sums[0, j], sums[1, j], sums[2, j], sums[3, j], sums[4, j] = n, sx, se, sxx, sxe
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
@@ -276,6 +273,15 @@ def _keep_peaks(
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
+def _exceeds(values: FloatArray, floor: float) -> bool:
+    """Return whether any value is above the floor; without branches, many at once."""
+    above = False
+    for j in range(values.size):
+        above |= values[j] > floor
+    return above
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
 def _confirm_peaks(stop: int, settings: ScanSettings, peaks: PeakArrays) -> None:
     """List the sure peaks that no later slot can replace, each once; `stop` ends what was scanned."""
     settled = peaks.counters[COUNT_SETTLED]
@@ -331,7 +337,7 @@ def scan(
     peaks.counters[COUNT_CONFIRMED] = 0
     scales = settings.scales
     statistic, jump = np.empty((scales.size, STRETCH)), np.empty((scales.size, STRETCH))
-    first_right = np.empty(scales.size, dtype=np.int64)
+    first_right, above = np.empty(scales.size, dtype=np.int64), np.empty(scales.size, dtype=np.bool_)
     begin = start
     while begin < stop:
         chunk = begin - begin % CHUNK
@@ -342,20 +348,23 @@ def scan(
         for s in range(scales.size):
             w = scales[s]
             right = max(begin + 1, 2 * w)  # the first slot's end k + w, with both halves in the window
-            first_right[s] = right
+            first_right[s], above[s] = right, False
             count = end - right + 1
             if count <= 0:
                 continue
             column = HISTORY + right - chunk
             evaluate(state.prefix, column, count, w, settings.weight, statistic[s], jump[s])
+            above[s] = _exceeds(statistic[s, :count], settings.floors[s])  # in few stretches
             if count_bins:
                 _count_bins(state.histogram[s], statistic[s].view(np.int64), right - w, count, max(1, w // 4))
         for step in range(begin, end, STEP):
             step_end = min(step + STEP, end)
             for s in range(scales.size):
+                if not above[s]:
+                    continue
                 w, floor = scales[s], settings.floors[s]
                 right = max(step + 1, first_right[s])
-                if right <= step_end and floor < np.inf:
+                if right <= step_end:
                     first, count = right - w, step_end + 1 - right
                     here = slice(right - first_right[s], right - first_right[s] + count)
                     reach = 0 if settings.runs else w

@@ -70,7 +70,9 @@ def test_levels_slope_and_stds_are_those_of_least_squares(prior, share, exclude)
     fit = estimate(_evidence(x, z, used), index, exclude, prior)
     solution, covariance, _ = _least_squares(x, z, used, index, exclude, prior)
     np.testing.assert_allclose([*fit.level, fit.viscous], solution, rtol=1e-9)
-    assert estimate_slope(_evidence(x, z, used), index, exclude, prior) == pytest.approx((fit.viscous, fit.viscous_std))
+    window = _evidence(x, z, used)
+    slope = estimate_slope(window.sums, window.noise, index, exclude, prior)
+    assert slope == pytest.approx((fit.viscous, fit.viscous_std))
     np.testing.assert_allclose([*fit.level_std, fit.viscous_std], np.sqrt(np.diag(covariance)), rtol=1e-7)
 
 

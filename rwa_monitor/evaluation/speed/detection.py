@@ -9,7 +9,8 @@ from typing import Final
 import numba
 import numpy as np
 
-from rwa_monitor.diagnosis.evidence import KEPT_STATISTIC, WindowAccumulator
+from rwa_monitor.diagnosis.evidence import WindowAccumulator
+from rwa_monitor.diagnosis.evidence_kernel import KEPT_STATISTIC
 from rwa_monitor.diagnosis.peaks import PeakList
 from rwa_monitor.diagnosis.wglr import BINS, CHUNK, HISTORY, PREFIXES, ScanSettings, ScanState, scan, wglr
 from rwa_monitor.evaluation.speed import plain_paper
