@@ -2,8 +2,10 @@
 
 A strength given the shape is known far better than a strength whose shape is fitted too: the two trade. So the
 derivatives of the model by its shape parameters enter the design beside the columns (Gauss–Newton; Seber & Wild,
-Nonlinear Regression, 1989, chapter 5), with levels eliminated and the noise as coloured as it is. A parameter whose
-interval of two standard deviations reaches the end of what the record can show is not determined by it.
+Nonlinear Regression, 1989, chapter 5), with levels eliminated and the noise as coloured as it is. A model that lacks
+something leaves a residual that is no such noise: the error is then what the residual itself says (Newey & West,
+Econometrica 55, 1987). A parameter whose interval of two standard deviations reaches the end of what the record can
+show is not determined by it.
 """
 
 from __future__ import annotations
@@ -14,6 +16,7 @@ from typing import Final
 import numpy as np
 
 from rwa_monitor.discrepancy.base_fit import Problem, remove_levels, segment_starts, with_noise_of
+from rwa_monitor.discrepancy.noise import MAX_LAG
 from rwa_monitor.discrepancy.result import ParameterValue
 from rwa_monitor.discrepancy.search import Model
 from rwa_monitor.discrepancy.terms import LOG_SPACING_FROM, Term, make_term, shape_limits
@@ -22,6 +25,8 @@ from rwa_monitor.samples import FloatArray
 
 STEP: Final = 1e-3  # of a shape parameter's range, for the derivative
 WIDTH: Final = 2.0  # standard deviations each way: 95 %
+STRETCHES: Final = 20  # of the samples: what a stretch leaves is taken to know little of what the next but one leaves
+FEWEST_TELLING: Final = 1.5  # stretches: from fewer, a residual cannot tell how it scatters
 
 
 @dataclass(frozen=True, slots=True)
@@ -127,12 +132,36 @@ def _derivative(
 
 
 def _standard_deviations(problem: Problem, model: Model, columns: FloatArray) -> FloatArray:
-    """Return the standard deviation of each coefficient; columns of any scale, levels free."""
+    """Return the standard deviation of each coefficient; columns of any scale, levels free.
+
+    The larger of two: that of the noise as it was estimated, and that of the residual as it is.
+    """
     design = remove_levels(columns, segment_starts(problem, model.fit.jumps))
     scale = np.sqrt(np.sum(design**2, axis=0))
     scale[scale == 0] = 1.0
     design = design / scale
     inverse = np.linalg.pinv(design.T @ design, rcond=1e-14, hermitian=True)
-    variance = np.array([problem.noise.variance_along(design @ inverse[:, j]) for j in range(scale.size)])
-    std: FloatArray = np.sqrt(np.maximum(np.diag(inverse), 0.0) * variance) / scale
+    influence = design @ inverse  # of each sample on each coefficient
+    of_noise = [float(row @ row) * problem.noise.variance_along(row) for row in influence.T]
+    variance = np.maximum(of_noise, _remembered(influence, model.fit.residual))
+    std: FloatArray = np.sqrt(variance) / scale
     return std
+
+
+def _remembered(influence: FloatArray, residual: FloatArray) -> FloatArray:
+    """Return the variance of the coefficients by a residual that remembers over a stretch of samples, float64 (p,).
+
+    The products of the scores influence · residual over all lags, weighted by a triangle as wide as a stretch: that is
+    the mean square of the sums over all windows of that width, over the width. A fit leaves less than there was:
+    of m stretches that tell a coefficient, m - 1 in m.
+    """
+    size = residual.size
+    width = max(size // STRETCHES, min(MAX_LAG, size // 2))
+    scores = influence * residual[:, None]
+    sums = np.concatenate([np.zeros((width, scores.shape[1])), np.cumsum(scores, axis=0)])
+    sums = np.concatenate([sums, np.repeat(sums[-1:], width - 1, axis=0)])
+    windows = sums[width:] - sums[:-width]
+    weight = np.add.reduceat(influence**2, np.arange(0, size, width), axis=0)
+    telling = np.sum(weight, axis=0) ** 2 / np.maximum(np.sum(weight**2, axis=0), 1e-300)
+    telling = np.maximum(telling, FEWEST_TELLING)
+    return np.asarray(np.sum(windows**2, axis=0) / width * telling / (telling - 1.0), dtype=np.float64)

@@ -81,3 +81,11 @@ def test_a_joint_whose_cause_is_not_in_its_table_is_not_explained_away() -> None
     result = joint(6)[0].result
     assert result.verdict == "inadequate"
     assert result.unexplained is not None
+
+
+def test_no_parameter_is_stated_better_than_its_gain_says() -> None:
+    # The noise alone would have said 65 standard errors, where leaving the effect out costs a deviance of 36.
+    (effect,) = (effect for effect in joint(6)[0].result.effects if effect.name == "torque_constant_error")
+    strength = effect.parameters["strength"]
+    assert strength.std is not None
+    assert abs(strength.value) / strength.std < 2.0 * effect.delta_deviance**0.5

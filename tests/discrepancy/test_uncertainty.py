@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -26,12 +28,20 @@ TRUTH = {
 }
 
 
-def fitted(name: str, seed: int, **changes: float) -> dict[str, ParameterValue]:
-    """Simulate 1500 s with one effect, and fit that effect with jumps unknown."""
+WAVE_S = 100.0  # several periods between two jumps: levels do not follow
+
+
+def fitted(name: str, seed: int, wave: float = 0.0, **changes: float) -> dict[str, ParameterValue]:
+    """Simulate 1500 s with one effect and a slow wave of drag of that rms [σ], and fit the effect, jumps unknown."""
     wheel = built_in_wheel()
     block = EffectBlock(name=name, parameters={**TRUTH[name], **changes})
     scenario = Scenario(duration_s=1500.0, speed=SpeedProfile(kind="rich"), effect=(block,))
-    samples = simulate(scenario, wheel, np.random.default_rng(seed)).samples
+    rng = np.random.default_rng(seed)
+    samples = simulate(scenario, wheel, rng).samples
+    if wave:
+        phase = 2 * np.pi * (1e-9 * samples.time_ns / WAVE_S + rng.uniform())
+        drag = wave * np.sqrt(2.0) * 3.9e-5 * np.sin(phase) * np.sign(samples.speed_rad_s)
+        samples = replace(samples, friction_torque_Nm=samples.friction_torque_Nm + drag)
     problem = prepare([make_record(samples, wheel, "simulated")], wheel)
     base = Model((), fit(problem, np.zeros((problem.size, 0))))
     effect = MEAN_EFFECTS[name]
@@ -52,6 +62,19 @@ def test_truth_lies_within_three_stated_errors(name: str) -> None:
         assert np.mean(np.abs(sigmas) <= 3.0) >= 0.9
         # And no wider than they must be: the root mean square of 20 normal deviates is above 0.54 in 99.9 %.
         assert np.sqrt(np.mean(np.square(sigmas))) > 0.54
+
+
+@pytest.mark.parametrize("name", ["stribeck", "lubricant_lag"])
+def test_stated_errors_hold_what_the_model_lacks(name: str) -> None:
+    # A wave of drag as large as the noise, that no effect explains: the noise alone would say a third of the errors.
+    within = [
+        abs(value.value - TRUTH[name][parameter]) <= 3.0 * value.std
+        for seed in range(50000, 50012)
+        for parameter, value in fitted(name, seed, wave=1.0).items()
+        if value.std is not None
+    ]
+    assert len(within) >= 18
+    assert np.mean(within) >= 0.9
 
 
 def test_a_shape_that_the_record_does_not_determine_has_no_error_and_says_so() -> None:
