@@ -132,7 +132,7 @@ def _compare(evidence: SwitchingEvidence, gathered: Evidence, plain: Wheel) -> d
     other = _with_other_laws(gathered, base)
     if other is None:
         return fits
-    laws = [_law_fit(plain, other, system) for system in range(len(plain.fss))]
+    laws = [_best_law(plain, other, system)[1] for system in range(len(plain.fss))]
     best = max(laws, key=lambda fitted: fitted.penalised_gain)
     count = int(np.count_nonzero(base.assignment.direction))
     fits[WRONG_LAW] = replace(
@@ -223,17 +223,14 @@ def _with_other_laws(gathered: Evidence, base: _Story) -> _Story | None:
     """Return the best story with Weibull laws in place of the known ones; None with hardly a sojourn."""
     if np.count_nonzero(base.assignment.direction) < FEWEST_SOJOURNS:
         return None
-    systems = len(base.wheel.fss)
-    first = [_with_laws(base.wheel, [(factor, 1.0)] * systems) for factor in FIRST_FACTORS]
-    stories = [_attribute(gathered, wheel) for wheel in first]
+    systems = base.wheel.fss
+    tries = [[_Law(factor, 1.0, tuple(range(len(system.durations)))) for system in systems] for factor in FIRST_FACTORS]
+    stories = [_attribute(gathered, _with_laws(base.wheel, laws)) for laws in tries]
     start = int(np.argmax([story.score for story in stories]))
-    best, laws = stories[start], [(FIRST_FACTORS[start], 1.0)] * systems
+    best, laws = stories[start], tries[start]
     for _ in range(ROUNDS):
-        fits = [_law_fit(base.wheel, best, system) for system in range(systems)]
-        laws = [
-            (fitted.values["duration_factor"], fitted.values["weibull_shape"]) if fitted.samples else before
-            for fitted, before in zip(fits, laws, strict=True)
-        ]
+        found = [_best_law(base.wheel, best, system) for system in range(len(systems))]
+        laws = [before if law is None else law for (law, _), before in zip(found, laws, strict=True)]
         story = _attribute(gathered, _with_laws(base.wheel, laws))
         if story.score < best.score + WORTH_A_ROUND:
             break
@@ -241,22 +238,44 @@ def _with_other_laws(gathered: Evidence, base: _Story) -> _Story | None:
     return best
 
 
-def _with_laws(wheel: Wheel, laws: Sequence[tuple[float, float]]) -> Wheel:
-    """Return the wheel with Weibull laws, by factor of the known mean and shape for each system."""
-    systems = [
-        system.model_copy(
-            update={"durations": tuple(weibull_of_mean(factor * law.mean(), shape) for law in system.durations)}
+@dataclass(frozen=True, slots=True)
+class _Law:
+    """A Weibull law by factor of the known mean and shape, of the configurations that it holds for."""
+
+    factor: float
+    shape: float
+    configurations: tuple[int, ...]
+
+
+def _with_laws(wheel: Wheel, laws: Sequence[_Law]) -> Wheel:
+    """Return the wheel with Weibull laws in place of the known ones, one for each system."""
+    systems = []
+    for system, other in zip(wheel.fss, laws, strict=True):
+        durations = tuple(
+            weibull_of_mean(other.factor * law.mean(), other.shape) if q in other.configurations else law
+            for q, law in enumerate(system.durations)
         )
-        for system, (factor, shape) in zip(wheel.fss, laws, strict=True)
-    ]
+        systems.append(system.model_copy(update={"durations": durations}))
     return wheel.model_copy(update={"fss": tuple(systems)})
 
 
-def _law_fit(plain: Wheel, story: _Story, system: int) -> LikelihoodFit:
-    sojourns = story.sojourns(system)
-    if sojourns.slots.size < FEWEST_SOJOURNS:
-        return WrongDurationLaw.nothing_found()
-    return WrongDurationLaw.fit_system(plain.fss[system], sojourns)
+def _best_law(plain: Wheel, story: _Story, system: int) -> tuple[_Law | None, LikelihoodFit]:
+    """Return the law that the sojourns of a system follow best, and its fit; None where they are too few.
+
+    All of the system's configurations may last otherwise, or one alone: what makes a system rest longer need not touch
+    how long it acts.
+    """
+    known, sojourns = plain.fss[system], story.sojourns(system)
+    every = tuple(range(len(known.durations)))
+    best: tuple[_Law | None, LikelihoodFit] = None, WrongDurationLaw.nothing_found()
+    for configurations in (every, *((q,) for q in every)):
+        of_these = sojourns.of(configurations)
+        if of_these.slots.size < FEWEST_SOJOURNS:
+            continue
+        fitted = WrongDurationLaw.fit_system(known, of_these)
+        if best[0] is None or fitted.log_likelihood_gain > best[1].log_likelihood_gain:
+            best = _Law(fitted.values["duration_factor"], fitted.values["weibull_shape"], configurations), fitted
+    return best
 
 
 def _speed_fit(evidence: SwitchingEvidence, base: _Story, other: _Story, of_laws: float) -> LikelihoodFit:

@@ -74,6 +74,14 @@ def test_other_laws_are_told_from_one_system_more(seed: int, factor: float) -> N
     assert named(level, some_speed(seed), seed) == ["wrong_duration_law"]
 
 
+@pytest.mark.parametrize("seed", [50010, 50011, 50012])
+def test_a_law_may_be_wrong_for_one_configuration_alone(seed: int) -> None:
+    fast, slow = KNOWN.fss
+    rests = with_durations(0.25 * HURRY).fss[0].durations[0]
+    level = level_of((fast.model_copy(update={"durations": (rests, fast.durations[1])}), slow), np.arange(COUNT), seed)
+    assert named(level, some_speed(seed), seed) == ["wrong_duration_law"]
+
+
 @pytest.mark.parametrize("seed", [1, 2])
 def test_jumps_that_the_speed_triggers_are_told_from_other_laws(seed: int) -> None:
     speed = some_speed(seed)
