@@ -138,6 +138,7 @@ def command(
 def _search(recordings: WheelRecordings, aside: WheelRecordings, wheel: Wheel, wanted: ReportOptions) -> Search:
     """Search the recordings, with what else the report is to hold."""
     from rwa_monitor.cli.progress import status_line
+    from rwa_monitor.discrepancy.extended import viscous_in_question
     from rwa_monitor.discrepancy.find import find_discrepancy
     from rwa_monitor.discrepancy.record import unusual
     from rwa_monitor.discrepancy.saturation import end_stops_in_words
@@ -150,6 +151,9 @@ def _search(recordings: WheelRecordings, aside: WheelRecordings, wheel: Wheel, w
                     say(f"{name}: {words}")
         side_by_side = on_threads(os.cpu_count() or 1)
         found = find_discrepancy(recordings.samples, wheel, progress, side_by_side, aside.samples)
+        asked = viscous_in_question(found)
+        if asked is not None:
+            say(asked)
         if wanted.bootstrap:
             from rwa_monitor.discrepancy.bootstrap import with_bootstrap
 

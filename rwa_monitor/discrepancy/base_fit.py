@@ -38,6 +38,7 @@ MIN_USED: Final = 200  # fewer moving samples cannot tell anything apart
 DIGITS: Final = 1e-5  # of the RMS of the friction: what is smaller is no sensor's noise
 HEAVY_SHARE: Final = 1e-3  # of samples beyond four standard deviations; Gaussian noise has 6e-5
 NEAR_CROSSING: Final = 20  # samples: bristles and balls take a few slots to turn over
+NEARLY_CONSTANT: Final = 0.05  # of the mean speed: its spread, below which a slope of the drag is no more than a level
 LONG_LAG_SHARE: Final = 0.02  # of the record: a lag of a few per cent of a sojourn or more (effects.md, step 1)
 
 
@@ -108,6 +109,11 @@ class Problem:
     def friction_is_derived(self) -> bool:
         """Say whether friction was derived from current and speed in any of the records."""
         return any(record.friction_is_derived for record in self.records)
+
+    @property
+    def at_one_speed(self) -> bool:
+        """Say whether all is at nearly one speed: dry and viscous friction are one number there."""
+        return float(np.std(self.speed)) < NEARLY_CONSTANT * float(np.mean(self.speed))
 
     @property
     def smallest_noise_Nm(self) -> float:

@@ -18,15 +18,17 @@ from rwa_monitor.discrepancy.base_fit import Problem, remove_levels, segment_sta
 from rwa_monitor.discrepancy.find import Search
 from rwa_monitor.discrepancy.search import Model
 from rwa_monitor.discrepancy.uncertainty import spread
+from rwa_monitor.discrepancy.unit_check import Shown, slope_in_question
 from rwa_monitor.physics.effects.catalogue import CATALOGUE, mean_effects, to_block
 from rwa_monitor.physics.wheel import Nominal, Wheel
 from rwa_monitor.samples import FloatArray
 
-Treatment = Literal["kept", "shifted", "absent"]
+Treatment = Literal["kept", "one speed", "shifted", "absent"]
 LOWEST_SHARE: Final = 0.05  # of the samples: the dry friction is the lowest level that lasts, jumps lie above
 LEAST_SHARE: Final = 1e-3  # of the file's coefficient: friction is judged in units of it, and it cannot vanish
 COMMENTS: Final[dict[Treatment, str]] = {
     "kept": "dry and viscous friction are the wheel file's: it holds the wheel without the effects",
+    "one speed": "dry and viscous friction are the wheel file's: at one speed nothing tells them apart",
     "shifted": "dry and viscous friction were learned with the effects in them; what the effects now say is taken out",
     "absent": "the wheel file has no nominal friction; identify would learn it",
 }
@@ -41,12 +43,32 @@ CAUTION_DRIFT: Final = (
 
 @dataclass(frozen=True, slots=True)
 class BaseLaw:
-    """Dry [N m] and viscous [N m s/rad] friction of a fitted model, and whether the latter is at its bound."""
+    """Dry and viscous friction of a fitted model.
+
+    Attributes
+    ----------
+    dry_Nm, viscous_Nm_s_rad, viscous_std
+        The lowest lasting level [N m], the slope and its standard deviation [N m s/rad].
+    at_bound
+        Whether the slope is at its bound.
+    one_speed_rad_s
+        Where all is at one speed, that speed [rad/s]: only the sum of the two is known there. None elsewhere.
+    """
 
     dry_Nm: float
     viscous_Nm_s_rad: float
     viscous_std: float
     at_bound: bool
+    one_speed_rad_s: float | None = None
+
+    @property
+    def sum_Nm(self) -> float:
+        """Dry and viscous friction together, at the one speed [N m]; NaN where there are more."""
+        return (
+            float("nan")
+            if self.one_speed_rad_s is None
+            else (self.dry_Nm + self.viscous_Nm_s_rad * self.one_speed_rad_s)
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,18 +145,34 @@ def base_law(problem: Problem, model: Model) -> BaseLaw:
     """Return the dry and viscous friction of a fitted model."""
     dry = float(np.quantile(model.fit.level, LOWEST_SHARE, method="nearest"))
     viscous = float(model.fit.coefficients[0])
-    return BaseLaw(dry, viscous, spread(problem, model).viscous, viscous <= problem.lowest_viscous)
+    speed = float(problem.speed.mean()) if problem.at_one_speed else None
+    return BaseLaw(dry, viscous, spread(problem, model).viscous, viscous <= problem.lowest_viscous, speed)
+
+
+def viscous_in_question(search: Search) -> str | None:
+    """Ask about the unit of the speed where viscous friction is that of the wheel file in another; None elsewhere."""
+    if search.wheel.nominal is None:
+        return None
+    law = base_law(search.problem, search.base)
+    return slope_in_question(Shown(law.viscous_Nm_s_rad, law.viscous_std), search.wheel.nominal.viscous_Nm_s_rad)
 
 
 def laws_in_words(extension: Extension) -> list[str]:
     """Return what became of the base law, and the check of the extended file on the records' own speed, a line each."""
     before, after = extension.before, extension.after
-    dry = f"dry {before.dry_Nm:.4g} → {after.dry_Nm:.4g} N m (lowest lasting level)"
+    if after.one_speed_rad_s is None:
+        dry = f"dry {before.dry_Nm:.4g} → {after.dry_Nm:.4g} N m (lowest lasting level)"
+        law = f"{dry}, viscous {_with_std(before)} → {_with_std(after)} N m s/rad"
+    else:
+        law = (
+            f"{before.sum_Nm:.4g} → {after.sum_Nm:.4g} N m at {after.one_speed_rad_s:.4g} rad/s: how much of that is"
+            " dry and how much viscous is not known at one speed"
+        )
     check = f"RMSE {extension.rmse_before_Nm:.4g} → {extension.rmse_after_Nm:.4g} N m with the effects"
     if not extension.wheel.fss and np.isfinite(extension.rmse_simulated_Nm):
         check += f", at the file's own dry friction {extension.rmse_simulated_Nm:.4g} N m"
     return [
-        f"base law fitted to these records: {dry}, viscous {_with_std(before)} → {_with_std(after)} N m s/rad",
+        f"base law fitted to these records: {law}",
         f"extended wheel file: {extension.comment}",
         f"the wheel file, simulated on this record's speed, at the levels of its segments: {check}",
     ]
@@ -153,6 +191,8 @@ def _nominal(nominal: Nominal | None, before: BaseLaw, after: BaseLaw) -> tuple[
     """
     if nominal is None:
         return None, "absent"
+    if after.one_speed_rad_s is not None:
+        return nominal, "one speed"
     to_before = to_after = 0.0
     for known, without, beside in (
         (nominal.dry_torque_Nm, before.dry_Nm, after.dry_Nm),

@@ -45,7 +45,6 @@ CANDIDATES = tuple({**MEAN_EFFECTS, **{term.name: term for term in (DelayTerm, *
 DRIFT: Final = "run_in_drift"
 WARMING: Final = "viscosity_temperature"
 SHOWN_AT_REST: Final = frozenset({DRIFT, WARMING, "torque_constant_temperature"})
-NEARLY_CONSTANT: Final = 0.05  # of the mean speed: its spread, below which a slope of the drag is no more than a level
 
 
 @dataclass(frozen=True, slots=True)
@@ -214,8 +213,7 @@ def _with_warm_up(problem: Problem, effect: FoundEffect) -> FoundEffect:
     one speed the two are the same curve over time.
     """
     measured = any(record.channels.bearing_temperature_degC is not None for record in problem.records)
-    nearly_constant = float(np.std(problem.speed)) < NEARLY_CONSTANT * float(np.mean(problem.speed))
-    if effect.name != DRIFT or measured or not nearly_constant or WARMING in effect.equivalent:
+    if effect.name != DRIFT or measured or not problem.at_one_speed or WARMING in effect.equivalent:
         return effect
     return replace(effect, equivalent=(*effect.equivalent, WARMING), separate_by=CATALOGUE[WARMING].separate_by)
 

@@ -21,7 +21,9 @@ import numpy as np
 
 from rwa_monitor.discrepancy.base_fit import Problem, fit, make_problem
 from rwa_monitor.discrepancy.duration_laws import LearnedLaw, Sojourns, learn_laws
+from rwa_monitor.discrepancy.negative_friction import at_one_speed, motion_in_friction, why_negative
 from rwa_monitor.discrepancy.record import make_record
+from rwa_monitor.discrepancy.unit_check import Shown, slope_in_question
 from rwa_monitor.errors import InputError
 from rwa_monitor.physics.wheel import FrictionRange, Noise, Nominal, SwitchingSystem, Wheel, Window
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, BoolArray, FloatArray, IntArray, Samples
@@ -155,10 +157,10 @@ def identify(recordings: Sequence[tuple[str, Samples]], start: Wheel, *, systems
     problem = make_problem([make_record(samples, bare, name) for name, samples in recordings], bare)
     fitted = fit(problem, np.zeros((problem.size, 0)))
     viscous = float(fitted.coefficients[0])
+    names = ", ".join(name for name, _ in recordings)
     if viscous < 0:
         raise InputError(
-            ", ".join(name for name, _ in recordings),
-            f"viscous friction comes out negative ({viscous:.3g} N m s/rad); is the sign of speed or friction right?",
+            names, why_negative(problem, fitted, bare, f"viscous friction is negative ({viscous:.3g} N m s/rad)")
         )
     chains = _chains(problem, fitted.jumps, fitted.level + fitted.residual)
     lowest = _base_level([stay for chain in chains for stay in chain.stays()])
@@ -171,12 +173,11 @@ def identify(recordings: Sequence[tuple[str, Samples]], start: Wheel, *, systems
         raise InputError(error.source, "; ".join((error.reason, *drift)), error.place) from error
     base = _base_level([stay for chain in chains for stay in chain.stays()])
     if base <= 0:
-        raise InputError(
-            ", ".join(name for name, _ in recordings),
-            f"dry friction comes out negative ({base:.3g} N m); is the sign of speed or friction right?",
-        )
+        raise InputError(names, why_negative(problem, fitted, bare, f"dry friction is negative ({base:.3g} N m)"))
     nominal_speed = _round_to_two_digits(float(np.quantile(problem.speed, 0.95)))
-    _check_enough(problem, base, viscous, ", ".join(name for name, _ in recordings))
+    motion = motion_in_friction(problem, fitted, bare)
+    cause = at_one_speed(problem, fitted) if problem.at_one_speed else motion
+    _check_enough(problem, base, viscous, names, cause)
     blocks, notes = [], []
     for number, visits in enumerate(found, start=1):
         laws = learn_laws(visits.sojourns)
@@ -200,7 +201,10 @@ def identify(recordings: Sequence[tuple[str, Samples]], start: Wheel, *, systems
         f"viscous {viscous:.5g} ± {viscous_std:.2g} N m s/rad, base dry {base:.5g} ± {dry_std:.2g} N m",
         f"noise {problem.noise.std:.3g} N m; the variance of a long mean is {colour:.1f} times that of white noise",
     )
-    doubts = [*drift, *_unnamed(problem, fitted.jumps, blocks)]
+    doubts = [*drift, *_unnamed(problem, fitted.jumps, blocks), *([motion] if motion else [])]
+    if start.nominal is not None:
+        asked = slope_in_question(Shown(viscous, viscous_std), start.nominal.viscous_Nm_s_rad)
+        doubts += [asked] if asked else []
     return Learned(Wheel.from_tables(wheel.to_tables(), "learned wheel"), (*head, *notes, *doubts))
 
 
@@ -212,11 +216,16 @@ def _errors(problem: Problem) -> tuple[float, float]:
     return float(np.hypot(np.sqrt(variance / problem.size), mean * viscous_std)), viscous_std
 
 
-def _check_enough(problem: Problem, base: float, viscous: float, names: str) -> None:
-    """Refuse records that leave the nominal friction too uncertain to tell a healthy wheel from a failing one."""
+def _check_enough(problem: Problem, base: float, viscous: float, names: str, cause: str | None) -> None:
+    """Refuse records that leave the nominal friction too uncertain to tell a healthy wheel from a failing one.
+
+    More data would not help where there is another `cause`.
+    """
     errors = dict(zip(("base dry", "viscous"), np.array(_errors(problem)) / (base, max(viscous, 1e-300)), strict=True))
     worst = max(errors, key=lambda name: errors[name])
     if errors[worst] > LARGEST_ERROR:
+        if cause is not None:
+            raise InputError(names, f"{worst} friction is uncertain by {100.0 * errors[worst]:.2g} %: {cause}")
         raise InputError(
             names,
             f"too little data to learn a wheel: {problem.size} samples in motion leave {worst} friction uncertain by"

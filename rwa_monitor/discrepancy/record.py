@@ -17,6 +17,7 @@ import numpy as np
 from scipy.ndimage import binary_dilation, correlate1d, maximum_filter
 
 from rwa_monitor.discrepancy.saturation import without_end_stops
+from rwa_monitor.discrepancy.unit_check import check_inertia, shown_inertia
 from rwa_monitor.errors import InputError
 from rwa_monitor.physics import torque_balance
 from rwa_monitor.physics.effects.base import Channels
@@ -116,7 +117,8 @@ def make_record(samples: Samples, wheel: Wheel, source: str) -> Record:
     ------
     InputError
         If friction is neither given nor derivable, the record is far sparser than the wheel's sample period,
-        values lie beyond the wheel's limits (wrong units), or a channel is at its end stop most of the time.
+        values lie beyond the wheel's limits (wrong units), speed and torque show the wheel's inertia in another unit,
+        or a channel is at its end stop most of the time.
     """
     check_plausible(samples, wheel, source)
     samples = without_end_stops(samples, source)
@@ -136,6 +138,11 @@ def make_record(samples: Samples, wheel: Wheel, source: str) -> Record:
     if torque is None and samples.motor_current_A is not None and wheel.torque_constant_Nm_A is not None:
         current = on_grid(samples.motor_current_A)
         torque = wheel.torque_constant_Nm_A * current if current is not None else None
+    if torque is not None and wheel.inertia_kg_m2 is not None:
+        shown = shown_inertia(speed, torque, wheel.sample_period_s)
+        if shown is not None:
+            of_torque = "motor_current_A" if samples.motor_torque_Nm is None else "motor_torque_Nm"
+            check_inertia(shown, wheel.inertia_kg_m2, source, of_torque)
     friction = on_grid(samples.friction_torque_Nm)
     derived = friction is None
     bent: BoolArray | None = None

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rwa_monitor.physics.wheel import built_in_wheel
+from rwa_monitor.physics.wheel import Limits, built_in_wheel
 from tests.discrepancy.simple import NOISE_NM, PERIOD_S, record, swing
 
 PROGRAM = [sys.executable, "-m", "rwa_monitor", "discrepancy"]
@@ -159,3 +159,16 @@ def test_unusual_friction_is_a_warning_and_two_recordings_are_one_report(tmp_pat
     first = report["effects"][0]
     assert "torque_bias" in {first["name"], *first["equivalent"]}
     assert 0 < first["p_value"] < 0.01
+
+
+@pytest.mark.parametrize("how", ["given", "derived"])
+def test_rpm_are_asked_about_without_limits(how: str, tmp_path: Path) -> None:
+    table = columns(count=4000)
+    table = rpm(table if how == "given" else with_current(table))
+    table.pop("motor_voltage_V", None)  # it would say the same
+    wheel = WHEEL.model_copy(update={"limits": Limits()})
+    (tmp_path / "wheel.toml").write_text(wheel.to_toml())
+    done = run(write(tmp_path / "t.csv", table), "--no-diagnosis", "--wheel", tmp_path / "wheel.toml")
+    assert "in rpm?" in done.stderr
+    # A bearing may have changed: where friction is given that is a question; an inertia has not.
+    assert done.returncode == (0 if how == "given" else 2)

@@ -19,7 +19,7 @@ from rwa_monitor.live.core import diagnose_samples
 from rwa_monitor.physics.scenario import Anomaly, Scenario
 from rwa_monitor.physics.speed import SpeedProfile
 from rwa_monitor.physics.telemetry import simulate
-from rwa_monitor.physics.wheel import Wheel, built_in_wheel
+from rwa_monitor.physics.wheel import Limits, Wheel, built_in_wheel
 from rwa_monitor.samples import Samples
 
 
@@ -195,3 +195,62 @@ def test_command_writes_a_wheel_with_its_uncertainties(tmp_path: Path) -> None:
     assert text.startswith("# learned from 1 recording")
     assert "±" in text
     assert tomllib.loads(text)["wheel"] == {"name": "day", "sample_period_s": 0.125}
+
+
+def in_motion(**changes: float) -> tuple[list[tuple[str, Samples]], Wheel]:
+    """1000 s of one healthy wheel that swings between 30 and 270 rad/s, by its current; factors change channels."""
+    wheel = built_in_wheel().model_copy(update={"nominal": None, "fss": (), "limits": Limits()})
+    assert wheel.inertia_kg_m2 is not None
+    assert wheel.torque_constant_Nm_A is not None
+    rng = np.random.default_rng(50020)
+    time = np.arange(8000) * 0.125
+    speed = 150.0 + 100.0 * np.sin(2 * np.pi * time / 600.0) + 20.0 * np.sin(2 * np.pi * time / 130.0)
+    friction = 1.6e-3 + 5.3e-6 * speed + 3.9e-5 * rng.normal(size=time.size)
+    torque = changes.get("friction", 1.0) * friction + changes.get("inertia", 1.0) * wheel.inertia_kg_m2 * np.gradient(
+        speed, 0.125
+    )
+    samples = Samples(
+        time_ns=(time * 1e9).astype(np.int64),
+        speed_rad_s=changes.get("speed", 1.0) * speed,
+        motor_current_A=changes.get("current", 1.0) * torque / wheel.torque_constant_Nm_A,
+    )
+    return [("x.csv", samples)], wheel
+
+
+@pytest.mark.parametrize(
+    ("changes", "question"),
+    [
+        ({"speed": 30.0 / np.pi}, r"speed_rad_s: .* 0\.10\d+ times inertia_kg_m2 .* in rpm\?"),
+        ({"speed": np.pi / 30.0}, r"speed_rad_s: .* converted twice from rpm\?"),
+        ({"speed": 180.0 / np.pi}, r"speed_rad_s: .* in degrees per second\?"),
+        ({"current": 1000.0}, r"motor_current_A: .* in mA\?"),
+        ({"friction": -1.0}, "is the sign of speed or torque right"),
+        ({"inertia": 0.6}, r"follows the acceleration .* inertia_kg_m2 = 0\.0117"),
+        ({"inertia": 0.9}, r"follows the acceleration .* inertia_kg_m2 = 0\.0117"),
+    ],
+)
+def test_what_is_asked_is_what_is_wrong(changes: dict[str, float], question: str) -> None:
+    recordings, wheel = in_motion(**changes)
+    with pytest.raises(InputError, match=question):
+        identify(recordings, wheel, systems=False)
+
+
+def test_nothing_is_asked_where_all_is_right() -> None:
+    recordings, wheel = in_motion()
+    learned = identify(recordings, wheel, systems=False)
+    assert learned.wheel.nominal is not None
+    assert learned.wheel.nominal.viscous_Nm_s_rad == pytest.approx(5.3e-6, rel=0.02)
+    assert not any("?" in note for note in learned.notes)
+
+
+@pytest.mark.parametrize("seed", range(50021, 50025))  # the slope that noise makes has either sign
+def test_at_one_speed_only_the_sum_is_told(seed: int) -> None:
+    recordings, wheel = in_motion()
+    rng = np.random.default_rng(seed)
+    still = Samples(
+        time_ns=recordings[0][1].time_ns,
+        speed_rad_s=300.0 + 0.01 * rng.normal(size=8000),
+        friction_torque_Nm=3.2e-3 + 3.9e-5 * rng.normal(size=8000),
+    )
+    with pytest.raises(InputError, match=r"hardly leaves 300 rad/s: there friction is 0\.0032\d* N m"):
+        identify([("still.csv", still)], wheel, systems=False)
