@@ -110,6 +110,13 @@ def new_page(started: Any, width: int = 1280, **options: Any) -> tuple[Any, list
     return page, complaints
 
 
+def serious(page: Any) -> list[Any]:
+    """Return what keeps people from using a view."""
+    from axe_playwright_python.sync_playwright import Axe
+
+    return [one for one in Axe().run(page).response["violations"] if one["impact"] in {"serious", "critical"}]
+
+
 def expect(locator: Any) -> Any:
     """Expect something of an element, as Playwright does it: waits for it."""
     from playwright.sync_api import expect as playwright_expect

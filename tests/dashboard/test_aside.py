@@ -15,7 +15,7 @@ from rwa_monitor.dashboard.aside import Aside
 from rwa_monitor.dashboard.server import DashboardOptions, Running, serve
 from rwa_monitor.history.store import History
 from rwa_monitor.messages import samples_json
-from tests.dashboard.support import ask, expect, new_page, reporting, send_windows, status, wait_until
+from tests.dashboard.support import ask, expect, new_page, reporting, send_windows, serious, status, wait_until
 from tests.dashboard.test_telemetry import with_friction
 from tests.history.support import diagnosis
 
@@ -105,13 +105,6 @@ def test_nobody_is_alarmed_by_the_metrics_of_a_wheel_that_is_put_aside(session: 
         assert put_aside(running, "wheel_2")[0] == 200
         assert 'wheel="wheel_2"' not in text()
         assert 'rwa_alarms{level="warning",phase="acknowledged"} 0.0' in text()
-
-
-def serious(page: Any) -> list[Any]:
-    """Return what keeps people from using a view."""
-    from axe_playwright_python.sync_playwright import Axe
-
-    return [one for one in Axe().run(page).response["violations"] if one["impact"] in {"serious", "critical"}]
 
 
 @pytest.mark.browser

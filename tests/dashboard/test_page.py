@@ -18,7 +18,7 @@ from rwa_monitor.cli.demo_story import FAILING
 from rwa_monitor.dashboard.server import DashboardOptions, Running, serve
 from rwa_monitor.messages import samples_json
 from rwa_monitor.samples import Samples
-from tests.dashboard.support import ask, expect, new_page, reporting, send_windows, status, wait_until
+from tests.dashboard.support import ask, expect, new_page, reporting, send_windows, serious, status, wait_until
 from tests.dashboard.test_recordings import RECORDING
 from tests.dashboard.test_telemetry import current, with_friction
 from tests.history.support import diagnosis, discrepancy
@@ -186,8 +186,6 @@ def test_friction_that_is_derived_from_current_is_drawn(chromium: Any, session: 
 @pytest.mark.browser
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_every_view_is_accessible_and_fits(chromium: Any, session: zenoh.Session, tmp_path: Path, scheme: str) -> None:
-    from axe_playwright_python.sync_playwright import Axe
-
     with failing_fleet(session, tmp_path) as running, reporting(session, "wheel_2"):
         for width in (1280, 390):
             page, complaints = new_page(chromium, width, color_scheme=scheme)
@@ -202,9 +200,7 @@ def test_every_view_is_accessible_and_fits(chromium: Any, session: zenoh.Session
                     expect(page.get_by_role("heading", name="Discrepancy report")).to_be_visible()
                 wide = page.evaluate("document.documentElement.scrollWidth")
                 assert wide <= width, f"{view} is {wide} pixels wide"
-                found = Axe().run(page).response["violations"]
-                serious = [one for one in found if one["impact"] in {"serious", "critical"}]
-                assert serious == [], view
+                assert serious(page) == [], view
             # The only complaint is about the wheel that nobody knows.
             assert all("404" in complaint for complaint in complaints)
             page.close()

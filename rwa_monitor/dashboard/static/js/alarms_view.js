@@ -1,6 +1,6 @@
 import { h } from "./dom.js";
 import { utc, wheelTime } from "./format.js";
-import { LEVELS, MARK } from "./levels.js";
+import { LEVELS, badge } from "./levels.js";
 import { signature } from "./signature.js";
 
 const HOURS = [1, 8, 24, 168];
@@ -29,9 +29,9 @@ export function alarmsView(store) {
 
   function card(alarm, group) {
     const open = group < 2;
-    const sign = !open ? "✓ cleared" : `${group === 1 ? `‖ ${aside(alarm) ? "wheel put aside" : "shelved"} · ` : ""}${MARK[alarm.level]}`;
+    const sign = !open ? ["✓ cleared"] : [group === 1 ? `‖ ${aside(alarm) ? "wheel put aside" : "shelved"} ` : null, badge(alarm.level)];
     return h("section", { class: "card", "aria-label": `Alarm ${alarm.name} of ${alarm.wheel}` },
-      h("h2", { class: group === 0 && alarm.level !== "normal" ? "anomalous" : "soft" }, `${sign} · ${alarm.spacecraft} / ${alarm.wheel} · ${alarm.name}`),
+      h("h2", { class: group === 0 ? "" : "soft" }, sign, ` ${alarm.spacecraft} / ${alarm.wheel} · ${alarm.name}`),
       h("p", {}, alarm.reason),
       open ? h("p", { class: "advice" }, h("strong", {}, "To do: "), alarm.advice) : null,
       h("p", { class: "soft" }, `Worst so far: ${alarm.peak}. Raised with the window to ${wheelTime(alarm.raised_ns)}. ${phase(alarm)}${shelved(alarm, store.now) ? ` Shelved by ${lastOf(alarm, "shelved").person} until ${utc(alarm.shelved_until_wall_ns)}, or until it gets worse.` : ""}`),

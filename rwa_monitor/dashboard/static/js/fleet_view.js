@@ -1,8 +1,9 @@
 import { asideList } from "./aside.js";
 import { h } from "./dom.js";
-import { SIGN, age, number, percent, span } from "./format.js";
-import { MARK } from "./levels.js";
+import { age, number, percent, span } from "./format.js";
+import { badge } from "./levels.js";
 import { last } from "./store.js";
+import { SIGN, colour, misfit } from "./verdict.js";
 
 const ORDER = { anomalous: 0, inconclusive: 2, nominal: 4 };
 const ARROW = { worse: "↑ worse", better: "↓ better", steady: "→ steady" };
@@ -76,7 +77,7 @@ export function fleetView(store, base) {
   }
 
   function newRow(wheel) {
-    const parts = { verdict: h("span", {}), reason: h("span", {}), alarm: h("b", {}), since: h("span", { class: "soft" }), age: h("span", { class: "age" }) };
+    const parts = { verdict: h("span", {}), reason: h("span", {}), alarm: h("span", { class: "alarm" }), since: h("span", { class: "soft" }), age: h("span", { class: "age" }) };
     const element = h("a", { href: `${base}/wheel/${wheel.name}` }, parts.verdict, h("b", {}, wheel.wheel, h("br"), h("span", { class: "soft" }, wheel.spacecraft)), h("span", { class: "reason" }, parts.reason, h("br"), parts.alarm, parts.since), parts.age);
     return { element, parts, drawn: "", texts: {} };
   }
@@ -85,13 +86,15 @@ export function fleetView(store, base) {
     const diagnosis = last(wheel);
     const stale = state !== "live";
     const verdict = diagnosis?.verdict ?? "waiting";
-    element.className = `wheel is-${verdict}${stale ? " is-stale" : ""}`;
-    parts.verdict.className = `verdict ${stale ? "silent" : verdict}`;
-    parts.verdict.textContent = `${SIGN[verdict] ?? "…"} ${verdict}${stale ? "\n◌ stale" : ""}${wheel.course?.change ? `\n${ARROW[wheel.course.change]}` : ""}`;
+    const shown = diagnosis ? colour(diagnosis) : verdict;
+    element.className = `wheel is-${shown}${stale ? " is-stale" : ""}`;
+    parts.verdict.className = `verdict ${stale ? "silent" : shown}`;
+    parts.verdict.textContent = `${SIGN[verdict] ?? "…"} ${verdict}${diagnosis && shown !== verdict ? "\n? model misfit" : ""}${stale ? "\n◌ stale" : ""}${wheel.course?.change ? `\n${ARROW[wheel.course.change]}` : ""}`;
     parts.reason.textContent = `${LEAD[state]}${diagnosis?.reason ?? "The first window is being filled."}`;
     const alarm = store.worstAlarm(wheel.name);
-    parts.alarm.textContent = alarm ? `${MARK[alarm.level]}${alarm.phase === "active" ? ", not acknowledged" : ""} · ` : "";
-    parts.since.textContent = diagnosis ? since(wheel, diagnosis) : "";
+    parts.alarm.replaceChildren(...(alarm ? [badge(alarm.level), " "] : []));
+    const facts = [alarm?.phase === "active" ? "not acknowledged" : "", ...(diagnosis ? [since(wheel, diagnosis), misfit(diagnosis)] : [])];
+    parts.since.textContent = facts.filter(Boolean).join("; ");
     parts.age.textContent = staleness(store, wheel, state) ?? fill(wheel);
   }
 

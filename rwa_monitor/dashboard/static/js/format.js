@@ -1,4 +1,3 @@
-export const SIGN = { nominal: "✓", anomalous: "▲", inconclusive: "?" };
 const EPOCH_NS = 6e17; // before 1989 a clock does not count from 1970, so that it tells no UTC
 const PREFIX = { "N m": [1e3, "mN m"], "N m s/rad": [1e6, "µN m s/rad"] };
 

@@ -3,8 +3,9 @@ import { ask } from "./ask.js";
 import { discrepancyReport } from "./discrepancy.js";
 import { h } from "./dom.js";
 import { staleness } from "./fleet_view.js";
-import { SIGN, number, percent, quantity, span, wheelTime } from "./format.js";
+import { number, percent, quantity, span, wheelTime } from "./format.js";
 import { last } from "./store.js";
+import { SIGN, colour, misfit, partVerdict, partsNote } from "./verdict.js";
 import { estimateTrends, frictionSplit } from "./wheel_history.js";
 import { wheelSamples } from "./wheel_samples.js";
 
@@ -79,13 +80,12 @@ export function wheelView(store, name, base) {
   function drawHead(diagnosis, state) {
     const verdict = diagnosis?.verdict ?? "waiting";
     const stale = staleness(store, wheel, state);
-    const suspected = diagnosis && !diagnosis.model_adequate ? `The friction model does not fit${diagnosis.suspected_effect ? `; suspected: ${diagnosis.suspected_effect.replaceAll("_", " ")}` : ""}.` : null;
     const lines = [
-      ["verdict " + (stale ? "silent" : verdict), `${SIGN[verdict] ?? "…"} ${verdict}${stale ? " (last known)" : ""}`],
+      ["verdict " + (stale ? "silent" : diagnosis ? colour(diagnosis) : verdict), `${SIGN[verdict] ?? "…"} ${verdict}${stale ? " (last known)" : ""}`],
       stale ? ["silent stale-note", `◌ ${stale}. This is the last known state, not the present one.`] : null,
       ["strong", diagnosis?.reason ?? (store.connected || !store.live ? "The first window is being filled." : "Loading…")],
       diagnosis ? ["", diagnosis.explanation] : null,
-      suspected ? ["inconclusive", suspected] : null,
+      diagnosis && misfit(diagnosis) ? ["inconclusive", `? ${misfit(diagnosis)}`] : null,
       diagnosis ? ["soft", `Window ${wheelTime(diagnosis.window_start_ns)} to ${wheelTime(diagnosis.window_end_ns)}${since(diagnosis)}`] : null,
     ].filter(Boolean);
     const now = JSON.stringify(lines);
@@ -105,11 +105,11 @@ export function wheelView(store, name, base) {
       h("thead", {}, h("tr", {}, ["part", "anomaly", "probability", "estimate", "nominal range", "severity"].map((text) => h("th", { scope: "col" }, text)))),
       h("tbody", {}, Object.entries(diagnosis.anomalies).map(([part, one]) => h("tr", {},
         h("th", { scope: "row" }, part),
-        h("td", { class: one.active ? "anomalous" : "nominal" }, one.active ? "▲ active" : "✓ none"),
+        partCell(...partVerdict(diagnosis, one)),
         h("td", {}, percent(one.probability)),
         h("td", {}, quantity(one.estimate, one.unit)),
         h("td", {}, one.nominal_low === null ? "–" : `${quantity(one.nominal_low, one.unit)} to ${quantity(one.nominal_high, one.unit)}`),
-        h("td", {}, one.severity === null ? "–" : `${number(one.severity)}${one.severity_std === null ? "" : ` ± ${number(one.severity_std)}`}`))))));
+        h("td", {}, one.severity === null ? "–" : `${number(one.severity)}${one.severity_std === null ? "" : ` ± ${number(one.severity_std)}`}`))))), h("p", { class: "soft note" }, partsNote(diagnosis)));
   }
 
   function drawQuality(diagnosis, state) {
@@ -152,3 +152,5 @@ export function wheelView(store, name, base) {
     h("section", { class: "card" }, h("h2", {}, "Estimates over time"), trends.element));
   return { element, refresh, refill: backfill, close: () => { closed = true; [samples, split, trends].forEach((one) => one.close()); } };
 }
+
+const partCell = (kind, text) => h("td", { class: kind }, text);
