@@ -5,9 +5,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from pydantic import ValidationError
+    from pydantic import BaseModel, ValidationError
 
 from typing import Final
+
+from rwa_monitor.hints import did_you_mean, keys_at
 
 MAX_PART: Final = 500  # characters of what an error says of its place, and of its reason
 
@@ -36,8 +38,12 @@ class InputError(RwaMonitorError):
         super().__init__(_one_line(": ".join(part for part in (source, self.place, self.reason) if part)))
 
     @classmethod
-    def of_validation(cls, source: str, error: ValidationError, place: str = "", what: str = "") -> InputError:
+    def of_validation(
+        cls, source: str, error: ValidationError, place: str = "", what: str = "", model: type[BaseModel] | None = None
+    ) -> InputError:
         """Return the first thing that a pydantic model found wrong, with the field it is in.
+
+        A key that is not known goes before what is missing: it may be that one, misspelt.
 
         Parameters
         ----------
@@ -49,8 +55,15 @@ class InputError(RwaMonitorError):
             Where no field is to blame but the whole.
         what
             Words before the reason, such as "is no model: ".
+        model
+            Where it is given, a key that is not known is told with the ones that are.
         """
-        first = error.errors(include_url=False, include_context=False)[0]
+        found = error.errors(include_url=False, include_context=False)
+        first = next((one for one in found if one["type"] == "extra_forbidden"), found[0])
+        if first["type"] == "extra_forbidden" and model is not None:
+            known = keys_at(model.model_json_schema(), first["loc"][:-1])
+            hint = did_you_mean(str(first["loc"][-1]), known) or (f"; there are {', '.join(known)}" if known else "")
+            first["msg"] = f"no key has this name{hint}"
         return cls(source, f"{what}{first['msg']}", ".".join(str(part) for part in first["loc"]) or place)
 
     def __reduce__(self) -> tuple[type[InputError], tuple[str, str, str]]:

@@ -8,6 +8,8 @@ from typing import Any
 
 import click
 
+from rwa_monitor.hints import did_you_mean
+
 
 class LazyGroup(click.Group):
     """A click group whose commands are `command` in modules of their own.
@@ -32,3 +34,12 @@ class LazyGroup(click.Group):
             return None
         command: click.Command = import_module(self._modules[cmd_name]).command
         return command
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """Find the command; for a name that is none, the nearest one is told, which click knows of loaded ones only."""
+        name = args[0]
+        if self.get_command(ctx, name) is None and not name.startswith("-") and not ctx.resilient_parsing:
+            ctx.fail(f"No such command {name!r}{did_you_mean(name, self.list_commands(ctx))}")
+        return super().resolve_command(ctx, args)

@@ -23,6 +23,7 @@ import click
 
 from rwa_monitor.errors import InputError
 from rwa_monitor.formats.files import display_name, read_checked_text
+from rwa_monitor.hints import did_you_mean
 from rwa_monitor.physics.toml import parse_toml
 
 MAX_BYTES: Final = 1_000_000  # of a settings file
@@ -75,7 +76,9 @@ def _of_tables(tables: dict[str, Any], group: click.Group, ctx: click.Context, s
         here = f"{place}{name}"
         command = group.get_command(ctx, name)
         if command is None:
-            raise InputError(source, f"no command has this name; there are {', '.join(group.list_commands(ctx))}", here)
+            names = group.list_commands(ctx)
+            hint = did_you_mean(name, names) or f"; there are {', '.join(names)}"
+            raise InputError(source, f"no command has this name{hint}", here)
         if not isinstance(table, dict):
             raise InputError(source, f"is no table of options, such as [{here}]", here)
         if isinstance(command, click.Group):
@@ -86,8 +89,8 @@ def _of_tables(tables: dict[str, Any], group: click.Group, ctx: click.Context, s
         for key, value in table.items():
             option = options.get(key)
             if option is None:
-                names = ", ".join(sorted(options))
-                raise InputError(source, f"no option has this name; there are {names}", f"{here}.{key}")
+                hint = did_you_mean(key, options) or f"; there are {', '.join(sorted(options))}"
+                raise InputError(source, f"no option has this name{hint}", f"{here}.{key}")
             _check(option, value, ctx, source, f"{here}.{key}")
             found[name][str(option.name)] = value
     return found

@@ -9,6 +9,8 @@ from typing import Final
 import numpy as np
 
 from rwa_monitor.errors import InputError
+from rwa_monitor.formats.foreign import header_hint
+from rwa_monitor.hints import closest
 from rwa_monitor.samples import CHANNELS, NANOSECONDS_PER_SECOND, IntArray, Samples
 
 TIME_COLUMNS: Final = ("time_ns", "time_s")  # the exact one first: it counts where a table has both
@@ -106,7 +108,9 @@ def check_time(time_ns: IntArray, column: str, source: str, first_row: int) -> N
         at = int(np.argmax(late)) + 1
         before, here = (_as_written(int(time_ns[i]), column) for i in (at - 1, at))
         raise InputError(
-            source, f"time does not increase ({here} after {before})", f"row {first_row + at}, column {column}"
+            source,
+            f"time does not increase ({here} after {before}); sort the rows by time and leave repeated ones out",
+            f"row {first_row + at}, column {column}",
         )
     span_ns = int(time_ns[-1]) - int(time_ns[0])  # Python's integers: the difference may exceed int64
     if span_ns >= MAX_SPAN_NS:
@@ -118,10 +122,32 @@ def _missing_columns(names: Sequence[str], missing: list[str]) -> str:
     reason = "is missing"
     if len(missing) > 1:
         reason += f", and so is {', '.join(missing[1:])}"
-    if len(names) == 1 and any(separator in names[0] for separator in ";\t|"):
-        return f"{reason}; columns are separated by commas"
+    if hint := header_hint(names):
+        return f"{reason}; {hint}"
     shown = ", ".join(repr(name[:40]) for name in names[:8])
-    return f"{reason}; the table has {shown}{', …' if len(names) > 8 else ''}"
+    near = _nearest_columns(names, missing)
+    return f"{reason}; the table has {shown}{', …' if len(names) > 8 else ''}{near}"
+
+
+def _nearest_columns(names: Sequence[str], missing: Sequence[str]) -> str:
+    """Say which columns may be those that are missing, "" where none is near."""
+    found = []
+    for name in names[:MAX_COLUMNS]:
+        meant = closest(name, [known for wanted in missing for known in wanted.split(" or ")])
+        if meant is not None and "rpm" in name.lower():
+            found.append(f"is {name[:40]!r} in rpm? Times 0.1047198 it is {meant}")
+        elif meant is not None:
+            found.append(f"is {name[:40]!r} in the unit of {meant}? Then rename it")
+    return f"; {'; '.join(found)}" if found else ""
+
+
+def unknown_columns(names: Sequence[str]) -> str:
+    """Name columns that are left out, each with the known one that it may have been meant to be."""
+    shown = []
+    for name in names:
+        meant = closest(name, (*TIME_COLUMNS, *CHANNELS))
+        shown.append(f"{name} (did you mean {meant}?)" if meant else name)
+    return ", ".join(shown)
 
 
 def _as_written(time_ns: int, column: str) -> str:

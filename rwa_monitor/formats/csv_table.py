@@ -20,6 +20,7 @@ import pyarrow.csv as pa_csv
 from rwa_monitor.errors import InputError
 from rwa_monitor.formats.columns import MAX_ROWS, SampleTable, check_rows, check_time, lay_out
 from rwa_monitor.formats.files import atomic_write, decode_utf8, display_name, first_line, read_bytes
+from rwa_monitor.formats.foreign import encoding_hint, fields_hint, header_hint, kind_of, number_hint, separator_hint
 from rwa_monitor.samples import FloatArray, IntArray, Samples
 
 MAX_CSV_BYTES: Final = 2_000_000_000
@@ -50,6 +51,8 @@ def read_csv(path: Path) -> SampleTable:
     content = read_bytes(path, MAX_CSV_BYTES).removeprefix(b"\xef\xbb\xbf").rstrip(b"\r\n")
     if max(content.count(b"\n"), content.count(b"\r")) > MAX_ROWS:
         raise InputError(source, f"has more rows than the limit of {MAX_ROWS:,}: split it, and use --carry")
+    if foreign := kind_of(content):
+        raise InputError(source, foreign)
     decode_utf8(content, path)
     names, rows = _header_and_rows(content, source)
     layout = lay_out(names, source)
@@ -84,13 +87,16 @@ def _header_and_rows(content: bytes, source: str) -> tuple[list[str], memoryview
     if len(line) > MAX_HEADER_BYTES:
         raise InputError(source, f"is longer than the limit of {MAX_HEADER_BYTES:,} bytes", "row 1")
     if b"\x00" in line:
-        raise InputError(source, "is no CSV: its first row holds zero bytes", "row 1")
+        raise InputError(source, f"is no CSV: its first row holds zero bytes; {encoding_hint(content)}", "row 1")
+    header = line.decode()
     try:
-        (names,) = csv.reader([line.decode()], strict=True)
+        (names,) = csv.reader([header], strict=True)
     except csv.Error as error:
         raise InputError(source, f"is no CSV: {error}", "row 1") from error
+    if hint := separator_hint(header, content[first.end() : first.end() + MAX_HEADER_BYTES].decode(errors="replace")):
+        raise InputError(source, hint, "row 1")
     if first.end() == len(content):
-        raise InputError(source, "has a header and no rows")
+        raise InputError(source, _with_hint("has a header and no rows", header_hint(names)))
     return [name.strip() for name in names], memoryview(content)[first.end() :]
 
 
@@ -120,6 +126,7 @@ def _texts(rows: memoryview, count: int, wanted: list[int], source: str) -> dict
         if refused:
             row = refused[0]
             reason = f"has {row.actual_columns} fields, the header has {row.expected_columns}"
+            reason = _with_hint(reason, fields_hint(row.text or "", row.expected_columns))
             raise InputError(source, reason, f"row {row.number + FIRST_DATA_ROW - 1}") from error
         raise InputError(source, f"is no CSV: {first_line(error)}") from error
     return {position: pc.utf8_trim_whitespace(table[str(position)]) for position in wanted}
@@ -132,7 +139,8 @@ def _numbers(texts: Texts, column: str, source: str) -> FloatArray:
         values = pc.cast(measured, pa.float64())
     except pa.ArrowInvalid as error:
         at = _first_refused(measured)
-        reason = f"{texts[at].as_py()[:40]!r} is not a number"
+        text = texts[at].as_py()[:40]
+        reason = _with_hint(f"{text!r} is not a number", number_hint(text))
         raise InputError(source, reason, f"row {at + FIRST_DATA_ROW}, column {column}") from error
     return np.asarray(values.to_numpy(), dtype=np.float64)
 
@@ -176,7 +184,7 @@ def _nanoseconds_of(text: str, places: int) -> int | str:
     if not text:
         return "is empty; every row needs a time"
     if not _ANY_DECIMAL.fullmatch(text):
-        return f"{text[:40]!r} is not a finite number"
+        return _with_hint(f"{text[:40]!r} is not a finite number", number_hint(text[:40]))
     with decimal.localcontext(prec=40, Emax=decimal.MAX_EMAX, Emin=decimal.MIN_EMIN) as context:
         context.traps[decimal.Inexact] = False
         value = decimal.Decimal(text).scaleb(places)
@@ -187,3 +195,7 @@ def _nanoseconds_of(text: str, places: int) -> int | str:
     if places == 0 and nearest != value:
         return f"{text[:40]} is no whole number of nanoseconds"
     return int(nearest)
+
+
+def _with_hint(reason: str, hint: str) -> str:
+    return f"{reason}; {hint}" if hint else reason

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Final
 
 from rwa_monitor.errors import InputError, RwaMonitorError
+from rwa_monitor.formats.foreign import encoding_hint
 
 SHA256_SUFFIX: Final = ".sha256"  # of a file as `sha256sum` writes it: the hash, then a name
 MAX_SHA256_BYTES: Final = 10_000
@@ -80,10 +81,10 @@ def decode_utf8(content: bytes, path: Path) -> str:
         return content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         if content[:2] in (b"\xff\xfe", b"\xfe\xff"):
-            raise InputError(display_name(path), "is UTF-16 text; UTF-8 is needed") from error
+            raise InputError(display_name(path), f"is UTF-16 text; {encoding_hint(content)}") from error
         row = content.count(b"\n", 0, error.start) + 1
         reason = f"is no UTF-8 text (byte 0x{content[error.start]:02x} at offset {error.start})"
-        raise InputError(display_name(path), reason, f"row {row}") from error
+        raise InputError(display_name(path), f"{reason}; {encoding_hint(content)}", f"row {row}") from error
 
 
 def first_line(error: Exception) -> str:
@@ -93,10 +94,10 @@ def first_line(error: Exception) -> str:
 
 def unreadable(path: Path, error: OSError) -> InputError:
     """Return the error to raise for a file that the system refuses to read; of a folder, with what lies in it."""
-    if isinstance(error, IsADirectoryError) and (inside := sorted(path.glob("*.mcap"))):
-        return InputError(
-            display_name(path), f"is a folder; give its recordings: {display_name(path)}/{inside[0].name} …"
-        )
+    if isinstance(error, IsADirectoryError):
+        inside = [name for pattern in ("*.mcap", "*.csv", "*.parquet") for name in sorted(path.glob(pattern))]
+        files = f": {display_name(inside[0])} …" if inside else ""
+        return InputError(display_name(path), f"is a folder; give the files in it{files}")
     return InputError(display_name(path), f"cannot be read: {error.strerror or error}")
 
 

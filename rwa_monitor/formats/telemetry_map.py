@@ -212,7 +212,7 @@ def _wheels(file: TextFile, kind: type[OneWheel]) -> list[OneWheel]:
         try:
             wheel = kind.model_validate(block, strict=False)
         except ValidationError as error:
-            raise InputError.of_validation(file.source, error, f"wheel {number}", f"wheel {number}: ") from error
+            raise InputError.of_validation(file.source, error, f"wheel {number}", f"wheel {number}: ", kind) from error
         wheels.append(wheel)
     keys = [wheel.key for wheel in wheels]
     for key in keys:

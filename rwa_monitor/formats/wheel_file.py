@@ -7,6 +7,7 @@ from pathlib import Path
 from rwa_monitor.errors import InputError
 from rwa_monitor.formats.files import display_name, read_checked_text, write_text
 from rwa_monitor.messages import KEY_PREFIX, SamplesMessage, split_key
+from rwa_monitor.physics.effects.catalogue import build
 from rwa_monitor.physics.wheel import MAX_WHEEL_FILE_BYTES, Wheel, built_in_wheel
 
 
@@ -20,7 +21,14 @@ def read_wheel(path: Path | None) -> Wheel:
     """
     if path is None:
         return built_in_wheel()
-    return Wheel.from_toml(read_checked_text(path, MAX_WHEEL_FILE_BYTES), display_name(path))
+    source = display_name(path)
+    wheel = Wheel.from_toml(read_checked_text(path, MAX_WHEEL_FILE_BYTES), source)
+    for block in wheel.effect:
+        try:
+            build(block)
+        except InputError as error:
+            raise InputError(f"{source}: effect {block.name}", error.reason, error.place) from error
+    return wheel
 
 
 def read_wheel_folder(folder: Path) -> dict[tuple[str, str], Wheel]:

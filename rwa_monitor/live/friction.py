@@ -29,6 +29,7 @@ from rwa_monitor.samples import FloatArray, Samples
 
 BLOCK_SLOTS: Final = 64
 Source = Literal["friction_torque_Nm", "motor_torque_Nm", "motor_current_A"]
+FRICTION_CHANNELS: Final[tuple[Source, ...]] = ("friction_torque_Nm", "motor_torque_Nm", "motor_current_A")
 
 
 def source_of(samples: Samples, wheel: Wheel) -> Source:

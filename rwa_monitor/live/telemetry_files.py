@@ -9,10 +9,12 @@ from typing import Final
 from rwa_monitor.diagnosis.model import Model
 from rwa_monitor.errors import InputError
 from rwa_monitor.formats.ccsds_packets import read_packets
+from rwa_monitor.formats.columns import unknown_columns
 from rwa_monitor.formats.files import display_name
 from rwa_monitor.formats.ros2_bag import read_bag
 from rwa_monitor.formats.table import FileFormat, file_format, read_table
 from rwa_monitor.formats.telemetry import Decoding, Reader, SampleBatch, TelemetryFile, WheelTelemetry
+from rwa_monitor.live.friction import FRICTION_CHANNELS
 from rwa_monitor.live.recording import Recording, read_recording
 from rwa_monitor.live.wheel_set import COMMON, WheelSet
 from rwa_monitor.messages import SamplesMessage, split_key
@@ -46,8 +48,11 @@ def _read_table(path: Path, decoding: Decoding) -> TelemetryFile:
     del decoding
     source = display_name(path)
     table = read_table(path)
-    ignored = table.ignored_columns
-    notes = [f"{source}: columns ignored: {', '.join(ignored)}"] if ignored else []
+    ignored = f"columns ignored: {unknown_columns(table.ignored_columns)}" if table.ignored_columns else ""
+    if all(getattr(table.samples, name) is None for name in FRICTION_CHANNELS):
+        reason = f"friction cannot be derived: the table has none of {', '.join(FRICTION_CHANNELS)}"
+        raise InputError(source, f"{reason}; {ignored}" if ignored else reason)
+    notes = [f"{source}: {ignored}"] if ignored else []
     return TelemetryFile([WheelTelemetry(source, "", None, [SampleBatch(table.samples)])], notes=notes)
 
 

@@ -14,6 +14,7 @@ from typing import Any, Final
 import numpy as np
 
 from rwa_monitor.errors import InputError
+from rwa_monitor.hints import did_you_mean
 from rwa_monitor.physics.durations import DurationLaw, Geometric, Histogram, Lognormal, Uniform, Weibull
 from rwa_monitor.physics.scenario import Anomaly, Base, Scenario
 from rwa_monitor.physics.sensors import Fault, FrictionNoise, Sensors
@@ -140,7 +141,8 @@ def generate(
     """
     if isinstance(recipe, str):
         if recipe not in RECIPES:
-            raise InputError("recipe", f"{recipe!r} is none of {', '.join(RECIPES)}")
+            hint = did_you_mean(recipe, RECIPES)
+            raise InputError("recipe", f"{recipe!r} is none of {', '.join(RECIPES)}{hint}")
         recipe = RECIPES[recipe]
     life = recipe.windows if windows is None else windows
     if count < 0 or seed < 0 or life < 1:

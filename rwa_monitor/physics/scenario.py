@@ -32,6 +32,7 @@ import tomli_w
 from pydantic import Field, ValidationError, field_validator
 
 from rwa_monitor.errors import InputError
+from rwa_monitor.hints import did_you_mean
 from rwa_monitor.physics.sensors import Fault, FrictionNoise, Sensors
 from rwa_monitor.physics.speed import SpeedProfile
 from rwa_monitor.physics.strict import Strict
@@ -169,13 +170,13 @@ class Scenario(Strict):
         if not isinstance(head, dict):
             raise InputError(source, "is a table", "scenario")
         for key in [*(head.keys() & _TABLES), *(tables.keys() - _TABLES)]:
-            raise InputError(
-                source, f"does not belong here; the tables are scenario, {', '.join(sorted(_TABLES))}", key
-            )
+            hint = "" if key in _TABLES else did_you_mean(key, _TABLES)
+            tables_are = f"the tables are scenario, {', '.join(sorted(_TABLES))}"
+            raise InputError(source, f"does not belong here{hint or f'; {tables_are}'}", key)
         try:
             return cls.model_validate({**head, **tables})
         except ValidationError as error:
-            raise InputError.of_validation(source, error) from error
+            raise InputError.of_validation(source, error, model=cls) from error
 
     def to_tables(self) -> dict[str, Any]:
         """Return the scenario as the tables of its file, without what is unset."""

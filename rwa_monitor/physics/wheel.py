@@ -14,6 +14,7 @@ import tomli_w
 from pydantic import Field, ValidationError, model_validator
 
 from rwa_monitor.errors import InputError
+from rwa_monitor.hints import did_you_mean
 from rwa_monitor.physics.durations import DurationLaw
 from rwa_monitor.physics.strict import Strict
 from rwa_monitor.physics.toml import parse_toml
@@ -232,12 +233,14 @@ class Wheel(Strict):
         unknown = set(tables) - set(_TABLES) - {"wheel"}
         if unknown or misplaced or set(head) & set(_TABLES):
             wrong = sorted(unknown | misplaced | (set(head) & set(_TABLES)))
-            raise InputError(source, f"does not belong here; the tables are wheel, {', '.join(_TABLES)}", wrong[0])
+            hint = did_you_mean(wrong[0], _TABLES) if wrong[0] in unknown else ""
+            tables_are = f"the tables are wheel, {', '.join(_TABLES)}"
+            raise InputError(source, f"does not belong here{hint or f'; {tables_are}'}", wrong[0])
         rest = {key: value for key, value in tables.items() if key != "wheel"}
         try:
             return cls.model_validate({**head, **rest})
         except ValidationError as error:
-            raise InputError.of_validation(source, error, place="wheel") from error
+            raise InputError.of_validation(source, error, place="wheel", model=cls) from error
 
     def to_tables(self) -> dict[str, Any]:
         """Return the wheel as the tables of a wheel.toml, without what is unset."""

@@ -50,8 +50,8 @@ def test_the_command_line_goes_before_the_environment_before_the_file(
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("[diagnoze]\n", "diagnoze: no command has this name; there are demo, run,"),
-        ("[run]\nrecrod = 'x'\n", "run.recrod: no option has this name; there are "),
+        ("[diagnoze]\n", "diagnoze: no command has this name; did you mean 'diagnose'?"),
+        ("[run]\nrecrod = 'x'\n", "run.recrod: no option has this name; did you mean 'record'?"),
         ("[run]\nrecord-limit = 'much'\n", "run.record-limit: 'much' is not a valid float"),
         ("[run]\nrecord = 5\n", "run.record: 5 is no name of a file or folder"),
         ("[simulate.publish]\nspeed = -1.0\n", "simulate.publish.speed: -1.0 is not in the range"),

@@ -173,8 +173,10 @@ def test_the_page_words_every_kind_of_range() -> None:
 
 
 def test_an_unknown_effect_is_refused_with_the_names_there_are() -> None:
-    with pytest.raises(InputError, match=r"stribek: is not in the catalogue: .*stribeck"):
+    with pytest.raises(InputError, match=r"stribek: is not in the catalogue; did you mean 'stribeck'\?"):
         build(EffectBlock(name="stribek", parameters={}))
+    with pytest.raises(InputError, match=r"moonlight: is not in the catalogue: .*stribeck"):
+        build(EffectBlock(name="moonlight", parameters={}))
 
 
 def test_the_example_of_the_wheel_file_loads() -> None:

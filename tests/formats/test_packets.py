@@ -219,7 +219,7 @@ BAD_MAPS = {
     "other table": (MAP + "[spice]\n", "spice: is not known"),
     "no list": ("[wheel]\n", "1 to 4,096 blocks"),
     "no APID": (MAP.replace("apid = 416\n", ""), "apid: wheel 1: Field required"),
-    "unknown key": (MAP.replace("apid", "vcid = 1\napid"), "vcid: wheel 1: Extra inputs"),
+    "unknown key": (MAP.replace("apid", "vcid = 1\napid"), "vcid: wheel 1: no key has this name; there are"),
     "APID of fill": (MAP.replace("416", "2047"), "apid"),
     "no time": (MAP.replace('["TIME_COARSE", "TIME_FINE"]', "[]"), "time"),
     "no speed": (MAP.replace("speed_rad_s", "motor_current_A"), "channels.speed_rad_s is missing"),

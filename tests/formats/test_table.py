@@ -169,11 +169,30 @@ REFUSED = {
     "only newlines": (b"\n\n", "row 1", "no header"),
     "only a header": (HEAD, "", "no rows"),
     "no time": ("speed_rad_s\n1\n", "column time_s or time_ns", "is missing"),
-    "no speed": ("time_s,speed_rpm\n0,1\n", "column speed_rad_s", "'speed_rpm'"),
-    "semicolons": (GOOD.replace(",", ";"), "column time_s or time_ns", "separated by commas"),
+    "no speed": ("time_s,speed_rpm\n0,1\n", "column speed_rad_s", "is 'speed_rpm' in rpm? Times 0.1047198 it is"),
+    "misspelt": ("time_s,speed_rads\n0,1\n", "column speed_rad_s", "is 'speed_rads' in the unit of speed_rad_s?"),
+    "no header": ("0.0,1.5\n0.1,1.5\n", "column time_s or time_ns", "row 1 holds numbers: the first row must name"),
+    "a comment first": (f"# mode 3\n{GOOD}", "column time_s or time_ns", "row 1 is a comment: remove it"),
+    "semicolons": (GOOD.replace(",", ";"), "row 1", "has semicolons; convert it: sed 's/;/,/g'"),
+    "tabs": (GOOD.replace(",", "\t"), "row 1", "has tabs; convert it: sed 's/\\t/,/g'"),
+    "semicolons and decimal commas": (
+        HEAD.replace(",", ";") + "0;1;2\n1;1,5;2\n",
+        "row 1",
+        "decimal commas; convert it: sed 's/,/./g; s/;/,/g'",
+    ),
+    "decimal commas": (HEAD + "0,5,1,5,2,5\n", "row 2", "are these decimal commas?"),
+    "a date": (HEAD + "2026-01-01T00:00:00Z,1,2\n", "row 2, column time_s", "this is a date: write seconds"),
+    "spreadsheet": (b"PK\x03\x04" + bytes(99), "", "is a spreadsheet or another ZIP archive: save the sheet as CSV"),
+    "compressed": (b"\x1f\x8b\x08" + bytes(99), "", "is compressed (gzip): unpack it"),
+    "JSON": ('[{"time_s": 0}]\n', "", "this looks like JSON"),
+    "utf-16 without its mark": (GOOD.encode("utf-16-le"), "row 1", "iconv -f utf-16le -t utf-8"),
     "twice": ("time_s,speed_rad_s,speed_rad_s\n0,1,1\n", "column speed_rad_s", "twice"),
     "text": (HEAD + "0,1,2\n1,fast,2\n", "row 3, column speed_rad_s", "'fast' is not a number"),
-    "decimal comma": (HEAD + '0,"1,5",2\n', "row 2, column speed_rad_s", "'1,5' is not a number"),
+    "decimal comma": (
+        HEAD + '0,"1,5",2\n',
+        "row 2, column speed_rad_s",
+        "'1,5' is not a number; write numbers with a decimal point",
+    ),
     "underscore": (HEAD + "0,1_0,2\n", "row 2, column speed_rad_s", "'1_0' is not a number"),
     "cut field": (HEAD + "0,1,2\n1,3\n", "row 3", "has 2 fields, the header has 3"),
     "extra field": (HEAD + "0,1,2\n1,3,4,5\n", "row 3", "has 4 fields, the header has 3"),
@@ -186,17 +205,17 @@ REFUSED = {
     "equal times": (
         HEAD + "0,1,2\n0.5,1,2\n0.5,1,2\n",
         "row 4, column time_s",
-        "(0.5 s after 0.5 s)",
+        "(0.5 s after 0.5 s); sort the rows by time",
     ),
     "equal to the nanosecond": (HEAD + "0.1,1,2\n0.1000000001,1,2\n", "row 3, column time_s", "does not increase"),
     "time goes back": (HEAD + "1,1,2\n-0.25,1,2\n", "row 3, column time_s", "(-0.25 s after 1 s)"),
     "a clock of centuries": (HEAD + "-8e9,1,2\n8e9,1,2\n", "time_s", "73 years"),
     "parts of a nanosecond": ("time_ns,speed_rad_s\n0.5,1\n", "row 2, column time_ns", "no whole number"),
-    "latin-1": (HEAD.encode() + b"0,1,2\n1,\xe4,2\n", "row 3", "no UTF-8 text (byte 0xe4"),
-    "utf-16": (GOOD.encode("utf-16"), "", "UTF-16"),
+    "latin-1": (HEAD.encode() + b"0,1,2\n1,\xe4,2\n", "row 3", "at offset 46); perhaps Latin-1 or Windows-1252; if so"),
+    "utf-16": (GOOD.encode("utf-16"), "", "is UTF-16 text; save it as UTF-8, or convert it: iconv -f utf-16 -t utf-8"),
     "zero bytes": (b"\x00" * 100, "row 1", "zero bytes"),
     "open quote": (HEAD + '0,"1,2\n', "row 2", "fields"),
-    "picture": (b"\x89PNG\r\n\x1a\n\x00\x00\x00\rIHDR", "row 1", "no UTF-8"),
+    "picture": (b"\x89PNG\r\n\x1a\n\x00\x00\x00\rIHDR", "row 1", "this is no text at all"),
 }
 
 
@@ -248,10 +267,10 @@ def test_a_parquet_with_two_columns_of_one_name_is_refused(tmp_path: Path) -> No
 def test_a_file_that_is_not_there_or_no_file_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="cannot be read: No such file"):
         read_table(tmp_path / "nothing.csv")
-    with pytest.raises(InputError, match="cannot be read: Is a directory"):
+    with pytest.raises(InputError, match=r"is a folder; give the files in it$"):
         read_table(tmp_path)
     (tmp_path / "rwa-000001.mcap").touch()
-    with pytest.raises(InputError, match=r"is a folder; give its recordings: .*rwa-000001.mcap"):
+    with pytest.raises(InputError, match=r"is a folder; give the files in it: .*rwa-000001.mcap"):
         read_table(tmp_path)
 
 

@@ -15,6 +15,7 @@ from typing import ClassVar, Literal, Self
 import numpy as np
 
 from rwa_monitor.errors import InputError
+from rwa_monitor.hints import did_you_mean
 from rwa_monitor.samples import BoolArray, FloatArray
 
 Family = Literal["mean", "noise", "switching"]
@@ -128,8 +129,9 @@ class Effect:
         known = {parameter.name: parameter for parameter in self.parameters}
         defaults = {name: parameter.default for name, parameter in known.items() if parameter.default is not None}
         values = {**defaults, **values}
-        for name in values.keys() ^ known.keys():
-            problem = "is missing" if name in known else f"is unknown; it has {', '.join(known) or 'none'}"
+        for name in *sorted(values.keys() - known.keys()), *sorted(known.keys() - values.keys()):
+            hint = did_you_mean(name, known) or f"; it has {', '.join(known) or 'none'}"
+            problem = "is missing" if name in known else f"is unknown{hint}"
             raise InputError(f"effect {self.name}", problem, name)
         for name, value in values.items():
             parameter = known[name]

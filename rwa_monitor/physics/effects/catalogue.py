@@ -8,6 +8,7 @@ from types import ModuleType
 from typing import Final
 
 from rwa_monitor.errors import InputError
+from rwa_monitor.hints import did_you_mean
 from rwa_monitor.physics import effects
 from rwa_monitor.physics.effects.base import Effect, MeanEffect
 from rwa_monitor.physics.effects.noise_base import NoiseEffect
@@ -72,7 +73,8 @@ def build(block: EffectBlock) -> Effect:
     """
     effect = CATALOGUE.get(block.name)
     if effect is None:
-        raise InputError("effect", f"is not in the catalogue: {', '.join(CATALOGUE)}", block.name)
+        hint = did_you_mean(block.name, CATALOGUE) or f": {', '.join(CATALOGUE)}"
+        raise InputError(f"effect {block.name}", f"is not in the catalogue{hint}")
     return effect(**block.parameters)
 
 
