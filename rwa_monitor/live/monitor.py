@@ -6,7 +6,7 @@ One thread does everything in this order, so that what is on the disk is always 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from hashlib import blake2b
 from typing import Final, Protocol
@@ -347,12 +347,10 @@ class Monitor:
             self.recorder.output(topic, Status.schema_name(), payload, None)
         self._publish(Output(topic, Status, Status.schema_name(), payload, 0))
 
-    def _checkpoints(self) -> dict[str, bytes]:
-        return {
-            f"{spacecraft}/{wheel}": served.core.checkpoint().to_json()
-            for (spacecraft, wheel), served in self._served.items()
-            if served.core is not None
-        }
+    def _checkpoints(self) -> Iterator[tuple[str, bytes]]:
+        for (spacecraft, wheel), served in self._served.items():
+            if served.core is not None:
+                yield f"{spacecraft}/{wheel}", served.core.checkpoint().to_json()
 
     def _tell_recorder(self) -> None:
         if self.recorder is not None and self.recorder.error:

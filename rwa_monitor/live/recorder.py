@@ -19,10 +19,11 @@ import fcntl
 import os
 import shutil
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from hashlib import sha256
+from itertools import chain
 from pathlib import Path
 from types import MappingProxyType
 from typing import IO, Any, Final, Self, cast
@@ -51,7 +52,9 @@ REFUSED_SCHEMA: Final = "rwa.Refused"
 LOCK_NAME: Final = ".rwa-monitor.lock"
 PART_SUFFIX: Final = ".part"  # of a recording whose beginning is not on the disk yet
 
-Checkpoints = dict[str, bytes]  # by "<spacecraft>/<wheel>"
+# Of each wheel, "<spacecraft>/<wheel>" and its content. They are made one by one while they are written: those of fifty
+# wheels have 140 MB when their windows are nearly full.
+Checkpoints = Iterable[tuple[str, bytes]]
 RecordedOutput = tuple[str, str, bytes, int | None]  # topic, schema, payload and time
 
 
@@ -110,7 +113,7 @@ class RecordingWriter:
     path
         A new file. It has this name once what it begins with is on the disk: a recording of that name is always usable.
     attachments
-        Content by name, written at the beginning.
+        Names and content, written at the beginning, each before the next is asked for.
     wall_ns
         The wall clock [ns], for publish times.
     inherited
@@ -125,7 +128,7 @@ class RecordingWriter:
     def __init__(
         self,
         path: Path,
-        attachments: dict[str, bytes],
+        attachments: Iterable[tuple[str, bytes]],
         wall_ns: Callable[[], int],
         inherited: Iterable[RecordedOutput] = (),
     ) -> None:
@@ -150,7 +153,7 @@ class RecordingWriter:
             raise
         self.size_at_begin = self.size
 
-    def _begin(self, attachments: dict[str, bytes]) -> None:
+    def _begin(self, attachments: Iterable[tuple[str, bytes]]) -> None:
         self._writer = Writer(cast(IO[bytes], self._sink), chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)
         self._writer.start(profile=PROFILE, library=SOFTWARE)
         self._schemas = {
@@ -159,7 +162,7 @@ class RecordingWriter:
             )
             for message in MESSAGES
         }
-        for name, data in attachments.items():
+        for name, data in attachments:
             self._attach(name, data)
 
     @property
@@ -316,22 +319,18 @@ class Recorder:
             else {"name": self._predecessor.name, "sha256": self._predecessor.sha256},
             "inherited": dict(Counter(topic for topic, _, _, _ in inherited)),
         }
-        attachments = {
-            **self._attachments,
-            "settings.json": dump_json(settings),
-            **{f"checkpoint/{name}.json": data for name, data in checkpoints.items()},
-        }
+        attachments = chain(
+            [*self._attachments.items(), ("settings.json", dump_json(settings))],
+            ((f"checkpoint/{name}.json", data) for name, data in checkpoints),
+        )
         try:
             for part in self.folder.glob(f"*{RECORDING_SUFFIX}{PART_SUFFIX}"):
                 part.unlink()  # of a run that was killed while it began a file
-            size = sum(len(data) for data in attachments.values())
-            self._make_room(max(self._max_file_bytes, 2 * (size + SCHEMAS_BYTES)) + _Sink.GATHERED_BYTES)
-            self._check_free(size)
             path = self.folder / f"rwa-{number:06d}{RECORDING_SUFFIX}"
             while path.exists():
                 number += 1
                 path = self.folder / f"rwa-{number:06d}{RECORDING_SUFFIX}"
-            self._writer = RecordingWriter(path, attachments, self._wall_ns, inherited)
+            self._writer = RecordingWriter(path, self._with_room_for(attachments), self._wall_ns, inherited)
         except OSError as error:
             self._fail(error, now_s)
             return
@@ -408,6 +407,18 @@ class Recorder:
             self._writer.write(topic, schema, payload, time_ns)
         except OSError as error:
             self._fail(error, self._synced_s)
+
+    def _with_room_for(self, attachments: Iterable[tuple[str, bytes]]) -> Iterator[tuple[str, bytes]]:
+        """Pass on what a new file begins with, and see to it that there is room for such a file."""
+        size = room = 0
+        for name, data in attachments:
+            size += len(data)
+            needed = max(self._max_file_bytes, 2 * (size + SCHEMAS_BYTES)) + _Sink.GATHERED_BYTES
+            if needed > room:
+                self._make_room(needed)
+                room = needed
+            self._check_free(len(data))
+            yield name, data
 
     def _check_free(self, needed: int) -> None:
         free = shutil.disk_usage(self.folder).free

@@ -42,7 +42,7 @@ def written_parquet(samples: Samples, folder: Path) -> tuple[Path, Decoding]:
 
 
 def written_mcap(samples: Samples, folder: Path) -> tuple[Path, Decoding]:
-    writer = RecordingWriter(folder / "t.mcap", {}, lambda: 0)
+    writer = RecordingWriter(folder / "t.mcap", (), lambda: 0)
     for number, start in enumerate(range(0, len(samples), 256)):
         payload = samples_json(samples[start : start + 256], "p", number)
         writer.write(KEY, SamplesMessage.schema_name(), payload, 0)

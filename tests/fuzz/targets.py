@@ -336,7 +336,7 @@ def with_part(place: int, content: bytes) -> Path:
     path = scratch() / "rwa-000001.mcap"
     (scratch() / "rwa-000001.mcap.part").unlink(missing_ok=True)
     changed = [(*part[:2], content if at == place else part[2]) for at, part in enumerate(parts())]
-    writer = RecordingWriter(path, {name: data for topic, name, data in changed if not topic}, lambda: 0)
+    writer = RecordingWriter(path, [(name, data) for topic, name, data in changed if not topic], lambda: 0)
     for topic, schema, payload in changed:
         if topic:
             writer.write(topic, schema, payload, 0)

@@ -26,7 +26,7 @@ def write_file(path: Path, messages: int = 400, flush_every: int = 40) -> list[b
     """Write a recording of random messages that do not compress; return them."""
     rng = np.random.default_rng(messages)
     ticks = count(1)
-    writer = RecordingWriter(path, {"settings.json": b'{"a":1}', "wheel.toml": b"# w"}, lambda: next(ticks))
+    writer = RecordingWriter(path, [("settings.json", b'{"a":1}'), ("wheel.toml", b"# w")], lambda: next(ticks))
     payloads = []
     for number in range(messages):
         payloads.append(rng.bytes(200) + number.to_bytes(4, "big"))
@@ -65,7 +65,7 @@ def test_other_tools_read_it_too(whole: tuple[Path, list[bytes]]) -> None:
 
 def test_log_times_never_go_back(tmp_path: Path) -> None:
     path = tmp_path / "times.mcap"
-    writer = RecordingWriter(path, {}, lambda: 7)
+    writer = RecordingWriter(path, (), lambda: 7)
     for time_ns in (100, 50, None, 200):
         writer.write(TOPICS[0], "rwa.Samples", b"x", time_ns)
     writer.close()
@@ -256,12 +256,12 @@ def recorder(folder: Path, predecessor: Predecessor | None = None, max_file_byte
 
 def test_a_second_is_all_that_is_not_on_the_disk(tmp_path: Path) -> None:
     writing = recorder(tmp_path)
-    writing.begin({}, now_s=0.0)
+    writing.begin((), now_s=0.0)
     for second in range(3):
         writing.input(TOPICS[0], "rwa.Samples", b"%d" % second, second)
-        writing.tend(second + 1.0, dict)
+        writing.tend(second + 1.0, tuple)
     writing.input(TOPICS[0], "rwa.Samples", b"late", 9)
-    writing.tend(3.5, dict)
+    writing.tend(3.5, tuple)
     assert writing.path is not None
     seen = [message.data for message in read_recording(writing.path).messages]
     assert seen == [b"0", b"1", b"2"]
@@ -270,11 +270,11 @@ def test_a_second_is_all_that_is_not_on_the_disk(tmp_path: Path) -> None:
 
 def test_files_follow_each_other_with_name_and_hash(tmp_path: Path) -> None:
     writing = recorder(tmp_path, max_file_bytes=20_000)
-    writing.begin({"sat/a": b'{"n":0}'}, now_s=0.0)
+    writing.begin([("sat/a", b'{"n":0}')], now_s=0.0)
     rng = np.random.default_rng(1)
     for number in range(100):
         writing.input(TOPICS[0], "rwa.Samples", rng.bytes(1_000), number)
-        writing.tend(number * 1.5, lambda: {"sat/a": b'{"n":1}'})
+        writing.tend(number * 1.5, lambda: [("sat/a", b'{"n":1}')])
     writing.close(200.0)
     files = recordings_of(tmp_path)
     assert len(files) > 3
@@ -287,10 +287,10 @@ def test_files_follow_each_other_with_name_and_hash(tmp_path: Path) -> None:
 
 def test_a_recording_ends_when_it_is_old_and_the_next_one_goes_on(tmp_path: Path) -> None:
     writing = recorder(tmp_path)
-    writing.begin({}, now_s=5.0)
+    writing.begin((), now_s=5.0)
     for hour in range(60):
         writing.input(TOPICS[0], "rwa.Samples", b"%d" % hour, hour)
-        writing.tend(5.0 + 3_600.0 * hour, dict)
+        writing.tend(5.0 + 3_600.0 * hour, tuple)
     writing.close(5.0 + 3_600.0 * 60)
     held = [[int(message.data) for message in read_recording(path).messages] for path in recordings_of(tmp_path)]
     assert held == [list(range(26)), list(range(26, 51)), list(range(51, 60))]
@@ -308,11 +308,11 @@ def test_the_oldest_files_are_deleted_to_keep_a_limit(tmp_path: Path) -> None:
         max_file_bytes=200_000,
         max_total_bytes=limit,
     )
-    writing.begin({}, now_s=0.0)
+    writing.begin((), now_s=0.0)
     rng = np.random.default_rng(1)
     for number in range(400):
         writing.input(TOPICS[0], "rwa.Samples", number.to_bytes(4, "big") + rng.bytes(20_000), number)
-        writing.tend(number * 1.5, dict)
+        writing.tend(number * 1.5, tuple)
         assert sum(path.stat().st_size for path in recordings_of(tmp_path)) <= limit
     writing.close(600.0)
     kept = [message.data for path in recordings_of(tmp_path) for message in read_recording(path).messages]
@@ -323,7 +323,7 @@ def test_the_oldest_files_are_deleted_to_keep_a_limit(tmp_path: Path) -> None:
 
 def test_checkpoints_larger_than_a_file_should_be_do_not_fill_the_disk_alone(tmp_path: Path) -> None:
     writing = recorder(tmp_path, max_file_bytes=20_000)
-    checkpoints = {"sat/a": b"0" * 100_000}
+    checkpoints = [("sat/a", b"0" * 100_000)]
     writing.begin(checkpoints, now_s=0.0)
     rng = np.random.default_rng(1)
     for number in range(400):
@@ -336,7 +336,7 @@ def test_checkpoints_larger_than_a_file_should_be_do_not_fill_the_disk_alone(tmp
 def test_a_file_that_was_being_begun_when_the_power_went_is_not_in_the_way(tmp_path: Path) -> None:
     (tmp_path / "rwa-000007.mcap.part").write_bytes(b"half a header")
     writing = recorder(tmp_path)
-    writing.begin({}, now_s=0.0, inherited=[(TOPICS[0], "rwa.Diagnosis", b"owed", 3)])
+    writing.begin((), now_s=0.0, inherited=[(TOPICS[0], "rwa.Diagnosis", b"owed", 3)])
     writing.abandon()  # as a crash right after the beginning
     (path,) = recordings_of(tmp_path)
     assert list(tmp_path.glob("*.part")) == []
@@ -347,7 +347,7 @@ def test_a_file_that_was_being_begun_when_the_power_went_is_not_in_the_way(tmp_p
 
 def test_refused_messages_on_ever_new_keys_do_not_fill_the_recording_with_topics(tmp_path: Path) -> None:
     writing = recorder(tmp_path)
-    writing.begin({}, now_s=0.0)
+    writing.begin((), now_s=0.0)
     for number in range(1_200):
         writing.refused(f"rwa/x/{number}/samples", b"?")
     writing.close(1.0)
@@ -360,7 +360,7 @@ def test_refused_messages_on_ever_new_keys_do_not_fill_the_recording_with_topics
 def test_the_lists_of_a_fleets_topics_do_not_fill_the_recording(tmp_path: Path) -> None:
     def size(wheels: int) -> int:
         path = tmp_path / f"{wheels}.mcap"
-        writer = RecordingWriter(path, {}, lambda: 1)
+        writer = RecordingWriter(path, (), lambda: 1)
         begin = writer.size
         for number in range(wheels):
             writer.write(f"rwa/fleet/wheel_{number:04d}/samples", "rwa.Samples", b"{}", number)
@@ -396,23 +396,23 @@ DISK_FULL = """
     resource.setrlimit(resource.RLIMIT_FSIZE, (60_000, resource.RLIM_INFINITY))  # the system says: file too large
     folder = Path(sys.argv[1])
     recorder = Recorder(folder, wheel_toml="", model_json="", settings={}, predecessor=None, wall_ns=lambda: 1)
-    recorder.begin({}, 0.0)
+    recorder.begin((), 0.0)
     first = recorder.path
     import random
     data = random.Random(1)
     for number in range(100):
         recorder.input("rwa/a/b/samples", "rwa.Samples", data.randbytes(1_000), number)
-        recorder.tend(0.1 * number, dict)
+        recorder.tend(0.1 * number, tuple)
         if recorder.error:
             break
     assert recorder.error.startswith("nothing is recorded"), recorder.error
     assert recorder.path is None
     files = sorted(folder.iterdir())
     resource.setrlimit(resource.RLIMIT_FSIZE, (100, resource.RLIM_INFINITY))
-    recorder.tend(50.0, dict)  # in vain, and nothing half begun is left behind
+    recorder.tend(50.0, tuple)  # in vain, and nothing half begun is left behind
     assert recorder.path is None and sorted(folder.iterdir()) == files, sorted(folder.iterdir())
     resource.setrlimit(resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
-    recorder.tend(100.0, lambda: {"a/b": b"{}"})  # the disk works again
+    recorder.tend(100.0, lambda: [("a/b", b"{}")])  # the disk works again
     assert recorder.error == "", recorder.error
     assert recorder.path not in (None, first)
     recorder.input("rwa/a/b/samples", "rwa.Samples", b"again", 999)
@@ -445,7 +445,7 @@ KILLED = """
     recorder = Recorder(
         Path(sys.argv[1]), wheel_toml="", model_json="", settings={}, predecessor=None, wall_ns=time.time_ns
     )
-    recorder.begin({}, time.monotonic())
+    recorder.begin((), time.monotonic())
     for number in count():
         recorder.input("rwa/a/b/samples", "rwa.Samples", b"%d" % number, number)
         if number % 50 == 49:

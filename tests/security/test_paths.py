@@ -45,7 +45,7 @@ def test_a_recording_names_no_wheel_that_leads_out(name: str, tmp_path: Path) ->
 
 
 def test_a_recorded_topic_names_no_wheel_that_leads_out(tmp_path: Path) -> None:
-    writer = RecordingWriter(tmp_path / "x.mcap", {}, lambda: 0)
+    writer = RecordingWriter(tmp_path / "x.mcap", (), lambda: 0)
     writer.write("rwa/../etc/samples", SamplesMessage.schema_name(), samples_json(telemetry(16), "p", 0), 0)
     writer.close()
     with pytest.raises(InputError, match=r"rwa/\.\./etc/samples"):
