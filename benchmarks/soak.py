@@ -2,6 +2,9 @@
 
 Publishers in a process of their own send as fast as is asked, reliably: one that cannot keep up is slowed down, and
 that is told. Memory, lag and losses are those that the monitor's own `status` and the system say.
+
+What the monitor keeps for late subscribers fills with the windows that were closed, of which these minutes have few. So
+a second monitor gets short windows: what it keeps is full after half of its time, and then its memory stays.
 """
 
 from __future__ import annotations
@@ -14,7 +17,8 @@ import subprocess
 import sys
 import tempfile
 import time
-from dataclasses import dataclass
+from collections import defaultdict, deque
+from dataclasses import dataclass, field
 from multiprocessing import get_context
 from pathlib import Path
 from threading import Event
@@ -22,18 +26,61 @@ from typing import Any
 
 import numpy as np
 
-from rwa_monitor.live.bus import BusOptions, open_session
+from rwa_monitor.live.bus import INBOX_BYTES, OUTPUT_HISTORY, BusOptions, open_session
 from rwa_monitor.live.publisher import SamplesPublisher
 from rwa_monitor.physics.scenario import Scenario
 from rwa_monitor.physics.telemetry import simulate
-from rwa_monitor.physics.wheel import built_in_wheel
+from rwa_monitor.physics.wheel import Wheel, built_in_wheel
 from rwa_monitor.samples import Samples
 
 BATCH = 256  # samples of a message
 PERIOD_NS = 125_000_000
-SLOTS = 80_000  # of a window; each wheel repeats one window over and over
+SLOTS = 80_000  # of the record that each wheel repeats over and over, and of a window unless said otherwise
+SHORT_SLOTS = 2_000  # of a window of the second monitor
+SHORT_WHEELS = 20
+SHORT_SHARE = 0.3  # of the rate: as much diagnosis as one core can do
+SHORT_TIME = 0.4  # of the time
 READING_S = 5.0
 GIVE_UP_S = 60.0
+
+
+@dataclass(frozen=True)
+class Case:
+    """What one monitor gets: wheels, samples per second of all of them together, for how long, in windows of what."""
+
+    wheels: int
+    rate: float
+    seconds: float
+    window: int
+
+    @property
+    def wheel(self) -> Wheel:
+        """The built-in wheel with these windows."""
+        built_in = built_in_wheel()
+        window = built_in.window.model_copy(update={"samples": self.window, "hop": self.window})
+        return built_in.model_copy(update={"window": window})
+
+
+@dataclass
+class Heard:
+    """What the monitor published: the last status of each wheel, and the sizes of what it keeps for late subscribers."""
+
+    status: dict[str, dict[str, Any]] = field(default_factory=dict)
+    kept: dict[str, deque[int]] = field(default_factory=lambda: defaultdict(lambda: deque(maxlen=OUTPUT_HISTORY)))
+
+    def take(self, key: str, payload: bytes) -> None:
+        """Take a message of the monitor."""
+        kind = key.rsplit("/", 1)[1]
+        if kind == "status":
+            self.status[key] = json.loads(payload)
+        elif kind != "samples":
+            self.kept[key].append(len(payload))
+
+    def kept_MB(self) -> tuple[float, float]:
+        """Return how much the monitor keeps of what was heard, and how much it would when full of the like."""
+        sizes = [list(of_key) for of_key in list(self.kept.values())]
+        full = sum(OUTPUT_HISTORY * float(np.mean(of_key)) for of_key in sizes)
+        return sum(map(sum, sizes)) / 1e6, full / 1e6
 
 
 @dataclass
@@ -42,6 +89,8 @@ class Reading:
 
     at_s: float
     resident_MB: float
+    kept_MB: tuple[float, float]
+    windows: int
     sent: int
     received: int
     dropped: int
@@ -88,20 +137,28 @@ def main() -> int:
     parser.add_argument("--beside", default="nothing else", help="what else ran on the machine, for the report")
     parser.add_argument("-o", "--output", type=Path)
     arguments = parser.parse_args()
-    with tempfile.TemporaryDirectory(prefix="rwa-soak-") as folder:
-        readings, status = _soak(arguments, Path(folder))
-    text = _report(arguments, readings, status)
+    cases = [
+        Case(arguments.wheels, arguments.rate, arguments.seconds, SLOTS),
+        Case(SHORT_WHEELS, SHORT_SHARE * arguments.rate, SHORT_TIME * arguments.seconds, SHORT_SLOTS),
+    ]
+    columns = []
+    for case in cases:
+        with tempfile.TemporaryDirectory(prefix="rwa-soak-") as folder:
+            columns.append(_figures(case, *_soak(case, Path(folder))))
+    text = _report(cases[0], columns, arguments.beside)
     print(text)
     if arguments.output:
         arguments.output.write_text(text)
     return 0
 
 
-def _soak(arguments: argparse.Namespace, folder: Path) -> tuple[list[Reading], int]:
+def _soak(case: Case, folder: Path) -> tuple[list[Reading], int]:
+    """Return the readings while a monitor got samples and until it had taken them all, and its exit code."""
     endpoint = f"tcp/127.0.0.1:{_free_port()}"
+    (folder / "wheel.toml").write_text(case.wheel.to_toml())
     command = [sys.executable, "-m", "rwa_monitor", "run", "-l", endpoint, "--record", str(folder / "recordings")]
-    command += ["--record-limit", "1"]
-    status: dict[str, dict[str, Any]] = {}
+    command += ["--record-limit", "1", "--wheel", str(folder / "wheel.toml")]
+    heard = Heard()
     with (folder / "talk.log").open("w") as log, subprocess.Popen(command, stderr=log) as monitor:
         try:
             while "monitoring" not in (folder / "talk.log").read_text():
@@ -110,20 +167,21 @@ def _soak(arguments: argparse.Namespace, folder: Path) -> tuple[list[Reading], i
             context = get_context("spawn")
             sent = context.Value("q", 0, lock=False)
             done = context.Event()
-            parameters = (endpoint, arguments.wheels, arguments.rate, arguments.seconds, sent, done)
+            parameters = (endpoint, case.wheels, case.rate, case.seconds, sent, done)
             publisher = context.Process(target=publisher_process, args=parameters)
             with open_session(BusOptions(mode="client", connect=(endpoint,))) as session:
-                session.declare_subscriber(
-                    "rwa/soak/*/status",
-                    lambda sample: status.update({str(sample.key_expr): json.loads(sample.payload.to_bytes())}),
-                )
+                for kind in ("status", "diagnosis", "changepoints", "discrepancy"):
+                    session.declare_subscriber(
+                        f"rwa/soak/*/{kind}",
+                        lambda sample: heard.take(str(sample.key_expr), sample.payload.to_bytes()),
+                    )
                 publisher.start()
                 readings = []
                 begin_s = time.monotonic()
                 while publisher.is_alive():
                     publisher.join(READING_S)
-                    readings.append(_reading(monitor.pid, sent.value, status, folder, begin_s))
-                    if readings[-1].at_s > arguments.seconds and _at_rest(readings):
+                    readings.append(_reading(monitor.pid, sent.value, heard, folder, begin_s))
+                    if readings[-1].at_s > case.seconds and _at_rest(readings):
                         done.set()
             monitor.send_signal(signal.SIGTERM)
             return readings, monitor.wait(60.0)
@@ -139,12 +197,14 @@ def _at_rest(readings: list[Reading]) -> bool:
     return last.received == last.sent or bool(before and before[-1].received == last.received)
 
 
-def _reading(pid: int, sent: int, status: dict[str, dict[str, Any]], folder: Path, begin_s: float) -> Reading:
+def _reading(pid: int, sent: int, heard: Heard, folder: Path, begin_s: float) -> Reading:
     fields = Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()
-    latest = list(status.values())
+    latest = list(heard.status.values())
     return Reading(
         at_s=time.monotonic() - begin_s,
         resident_MB=int(fields[21]) * os.sysconf("SC_PAGE_SIZE") / 1e6,
+        kept_MB=heard.kept_MB(),
+        windows=sum(s["windows"] for s in latest),
         sent=sent,
         received=sum(s["samples_received"] for s in latest),
         dropped=max((s["messages_dropped"] for s in latest), default=0),
@@ -155,47 +215,79 @@ def _reading(pid: int, sent: int, status: dict[str, dict[str, Any]], folder: Pat
     )
 
 
-def _report(arguments: argparse.Namespace, readings: list[Reading], status: int) -> str:
-    flowing = [reading for reading in readings if 0.0 < reading.at_s < arguments.seconds]
-    settled = flowing[len(flowing) // 4 :]
-    last = readings[-1]
-    slope = np.polyfit([r.at_s for r in settled], [r.resident_MB for r in settled], 1)[0] * 60.0
-    rate = (settled[-1].received - settled[0].received) / (settled[-1].at_s - settled[0].at_s)
-    cpu = (settled[-1].cpu_s - settled[0].cpu_s) / (settled[-1].at_s - settled[0].at_s)
-    lag_s = [(r.sent - r.received) / arguments.rate for r in settled]
-    rows = [
-        ("samples sent", f"{last.sent:,}"),
-        ("samples received", f"{last.received:,}"),
-        ("samples lost", f"{last.sent - last.received:,}"),
-        ("seconds until the last had arrived, after the last was sent", f"{last.at_s - flowing[-1].at_s:.0f}"),
-        ("messages that the inbox had no room for and that were asked for again", f"{last.dropped}"),
-        ("messages missed", f"{last.missed}"),
-        ("rate that the monitor kept up [samples/s]", f"{rate:,.0f} of {arguments.rate:,.0f}"),
-        ("processors that it used", f"{cpu:.2f}"),
-        ("lag behind the publishers, median and largest [s]", f"{np.median(lag_s):.2f}, {max(lag_s):.2f}"),
-        ("messages waiting in the inbox, largest", f"{max(r.waiting for r in settled)}"),
-        (
-            "memory after a quarter of the time, and at the end [MB]",
-            f"{settled[0].resident_MB:.0f}, {settled[-1].resident_MB:.0f}",
-        ),
-        ("slope of memory over the last three quarters [MB/min]", f"{slope:+.2f}"),
-        (
-            "recordings on the disk, largest and at the end [MB]",
-            f"{max(r.recorded_MB for r in readings):.0f}, {last.recorded_MB:.0f}",
-        ),
-        ("exit code after SIGTERM", f"{status}"),
-    ]
-    table = "\n".join(f"| {name} | {value} |" for name, value in rows)
-    return f"""# Soak: {arguments.seconds / 60.0:.0f} minutes at {arguments.rate:,.0f} samples a second
+def _slope(readings: list[Reading]) -> float:
+    """Return how resident memory rose, by least squares [MB/min]."""
+    return float(np.polyfit([r.at_s for r in readings], [r.resident_MB for r in readings], 1)[0]) * 60.0
 
-`make soak` ({arguments.wheels} wheels in one monitor process, windows of 80,000 slots, messages of {BATCH} samples over
-TCP on loopback, recording with `--record-limit 1`). The lag counts samples that were sent and not yet in a `status`,
-which comes once a second: up to a second of it is the age of the status. On {os.cpu_count()} processors, beside it ran
-{arguments.beside}.
 
-| | |
-|---|---|
+def _figures(case: Case, readings: list[Reading], status: int) -> dict[str, str]:
+    """Return the figures of one monitor, by what they are called."""
+    flowing = [reading for reading in readings if 0.0 < reading.at_s < case.seconds]
+    quarter = len(flowing) // 4
+    settled, latest = flowing[quarter:], flowing[-quarter:]
+    first, last = settled[0], readings[-1]
+    rate = (settled[-1].received - first.received) / (settled[-1].at_s - first.at_s)
+    cpu = (settled[-1].cpu_s - first.cpu_s) / (settled[-1].at_s - first.at_s)
+    lag_s = [(r.sent - r.received) / case.rate for r in settled]
+    return {
+        "wheels; samples of a window": f"{case.wheels}; {case.window:,}",
+        "minutes": f"{case.seconds / 60.0:.0f}",
+        "samples sent": f"{last.sent:,}",
+        "samples received": f"{last.received:,}",
+        "samples lost": f"{last.sent - last.received:,}",
+        "seconds until the last had arrived, after the last was sent": f"{last.at_s - flowing[-1].at_s:.0f}",
+        "messages that the inbox had no room for and that were asked for again": f"{last.dropped}",
+        "messages missed": f"{last.missed}",
+        "rate that the monitor kept up [samples/s]": f"{rate:,.0f} of {case.rate:,.0f}",
+        "processors that it used": f"{cpu:.2f}",
+        "lag behind the publishers, median and largest [s]": f"{np.median(lag_s):.2f}, {max(lag_s):.2f}",
+        "messages waiting, largest": f"{max(r.waiting for r in settled)}",
+        "windows diagnosed of each wheel": f"{last.windows / case.wheels:.0f}",
+        "memory after a quarter of the time, three quarters, and at the end [MB]": (
+            f"{first.resident_MB:.0f}, {latest[0].resident_MB:.0f}, {latest[-1].resident_MB:.0f}"
+        ),
+        "largest [MB]": f"{max(r.resident_MB for r in flowing):.0f}",
+        "slope of memory over the last three quarters [MB/min]": f"{_slope(settled):+.2f}",
+        "slope over the last quarter [MB/min]": f"{_slope(latest):+.2f}",
+        "kept for late subscribers, after a quarter and at the end; when full of the like [MB]": (
+            f"{first.kept_MB[0]:.1f}, {last.kept_MB[0]:.1f}; {last.kept_MB[1]:.1f}"
+        ),
+        "recordings on the disk, largest and at the end [MB]": (
+            f"{max(r.recorded_MB for r in readings):.0f}, {last.recorded_MB:.0f}"
+        ),
+        "exit code after SIGTERM": f"{status}",
+    }
+
+
+def _report(case: Case, columns: list[dict[str, str]], beside: str) -> str:
+    table = "\n".join(f"| {name} | {' | '.join(column[name] for column in columns)} |" for name in columns[0])
+    return f"""# Soak: {case.seconds / 60.0:.0f} minutes at {case.rate:,.0f} samples a second
+
+`make soak`: {case.wheels} wheels in one monitor process, messages of {BATCH} samples over TCP on loopback, recording with
+`--record-limit 1`. The lag counts samples that were sent and not yet in a `status`, which comes once a second: up to a
+second of it is the age of the status. On {os.cpu_count()} processors, beside it ran {beside}.
+
+| | as in flight, hurried | short windows |
+|---|---|---|
 {table}
+
+## What the memory holds, and its bounds
+
+- **Open windows**: some 2.4 MB a wheel once a window of {SLOTS:,} samples has been full ([speed.md](speed.md)).
+- **Messages kept for late subscribers**: the last {OUTPUT_HISTORY} diagnoses, provisional changepoints and discrepancy
+  reports of each wheel. Diagnoses fill their place with the windows that are closed: {OUTPUT_HISTORY} of them take
+  eleven days at 8 Hz, and more than these minutes here. In the second column the place is full after half of the time.
+- **Messages that wait** while the monitor has no time: at most {INBOX_BYTES / 1e6:.0f} MB in the inbox, and as many
+  behind a gap that is asked for. Then publishers are slowed down.
+- **A new recording** begins with a checkpoint of each wheel, of 2.8 MB where its window is nearly full. They are made
+  and written one by one. When all were made first, that was 140 MB, and took up to ten seconds in which 40 MB of
+  messages waited: from one highest peak to the next, memory rose by 8.6 MB a minute.
+- **The index of the recording** that is being written, some 5 MB, until the next file.
+- **The compiler**, at the first start on a machine only: some 300 MB, part of which stays with the process.
+- **Messages of wheels whose model does not fit**, for a search: at most 64 MB.
+
+`tests/live/test_memory.py` counts what Python allocates: nothing is kept of windows that were closed and of files that
+were ended, and a new file takes the memory of one checkpoint however many wheels there are.
 """
 
 

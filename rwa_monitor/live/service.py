@@ -92,6 +92,7 @@ def run(
         monitor = Monitor(options, bus, recorder, say, clock)
         stack.callback(monitor.close)
         monitor.begin(past)
+        del past  # what was published again needs no place for as long as the monitor runs
         bus.subscribe(options.wheels)
         bus.offer_health()
         doing = f"monitoring {options.wheels}" + (f", recording in {options.record}" if options.record else "")
