@@ -18,6 +18,7 @@ import subprocess
 import sys
 import time
 import traceback
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import Any, Final
@@ -28,6 +29,7 @@ MAX_INPUT_BYTES: Final = 100_000
 HANG_S: Final = 30
 MEMORY_MB: Final = 4_096
 MAX_FINDINGS: Final = 50
+SLOW_S: Final = 1.0  # an input that takes longer than this, and than all before it, is kept
 WATCHED: Final = ("rwa_monitor", "mcap", "tomllib")
 COMPILED_ELSEWHERE: Final = ("rwa_monitor.slots",)  # its formula is compiled into the loops of the order guard
 
@@ -48,6 +50,13 @@ class Tally:
         self.slowest_s = 0.0
         self._written_s = self._begun_s = time.monotonic()
 
+    def begin(self, target: Any, run: Any) -> None:
+        """Run the good inputs. The first use of the kernels may compile them, for minutes: that is no input's fault."""
+        with suppress(Exception):  # found again below
+            run(target, target.seeds()[0])
+        for seed in target.seeds():
+            self.run(target, run, seed)
+
     def run(self, target: Any, run: Any, data: bytes) -> None:
         begun_s = time.monotonic()
         self.executions += 1
@@ -56,6 +65,8 @@ class Tally:
         except (Exception, RecursionError) as error:  # noqa: BLE001 - this is what is looked for
             self._keep(error, data)
         now_s = time.monotonic()
+        if now_s - begun_s > max(self.slowest_s, SLOW_S):
+            (self.folder / f"slow-{hashlib.sha256(data).hexdigest()[:12]}").write_bytes(data)
         self.slowest_s = max(self.slowest_s, now_s - begun_s)
         if now_s - self._written_s > 5.0:
             self.write(now_s)
@@ -99,7 +110,7 @@ def guided(name: str, folder: Path, seconds: int) -> None:
     corpus.mkdir(exist_ok=True)
     for number, seed in enumerate(target.seeds()):
         (corpus / f"seed-{number}").write_bytes(seed)
-        tally.run(target, run, seed)
+    tally.begin(target, run)
     tally.write(time.monotonic())
 
     def mutate(data: bytes, size: int, number: int) -> bytes:
@@ -124,6 +135,7 @@ def blind(name: str, folder: Path, seconds: int) -> None:
     from tests.fuzz.targets import TARGETS, run
 
     target, tally = TARGETS[name], Tally(folder)
+    tally.begin(target, run)
     end_s = time.monotonic() + seconds
     seed = SEED
     while time.monotonic() < end_s:
