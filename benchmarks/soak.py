@@ -63,7 +63,7 @@ class Case:
 
 @dataclass
 class Heard:
-    """What the monitor published: the last status of each wheel, and the sizes of what it keeps for late subscribers."""
+    """What the monitor published: the last status of each wheel, and sizes of what it keeps for late subscribers."""
 
     status: dict[str, dict[str, Any]] = field(default_factory=dict)
     kept: dict[str, deque[int]] = field(default_factory=lambda: defaultdict(lambda: deque(maxlen=OUTPUT_HISTORY)))
@@ -263,7 +263,7 @@ def _report(case: Case, columns: list[dict[str, str]], beside: str) -> str:
     table = "\n".join(f"| {name} | {' | '.join(column[name] for column in columns)} |" for name in columns[0])
     return f"""# Soak: {case.seconds / 60.0:.0f} minutes at {case.rate:,.0f} samples a second
 
-`make soak`: {case.wheels} wheels in one monitor process, messages of {BATCH} samples over TCP on loopback, recording with
+`make soak`: one monitor process for all wheels, messages of {BATCH} samples over TCP on loopback, recording with
 `--record-limit 1`. The lag counts samples that were sent and not yet in a `status`, which comes once a second: up to a
 second of it is the age of the status. On {os.cpu_count()} processors, beside it ran {beside}.
 
