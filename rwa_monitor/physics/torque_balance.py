@@ -234,7 +234,10 @@ def _rounding_error(
         if abs(off) + doubt <= enough:
             continue
         if abs(off) <= OVER_NOISE * _noise_of(torque[k - half : k + half + 1]):
-            continue
+            # A bend as long as the window shows in a parabola through the torque long before it shows in one sample.
+            off, doubt = _error_of_parabola(torque[k - half : k + half + 1], weights)
+            if abs(off) <= max(enough, OVER_NOISE * doubt):
+                continue
         aside = min(reach, k, speed.size - 1 - k)
         bend[aside] = 0.0
         for i in range(aside):
@@ -262,6 +265,27 @@ def _noise_of(torque: FloatArray) -> float:
             count += 1
     # The variance of a fourth difference is 70σ²; the median of |N(0, 1)| is 0.6745.
     return np.median(differences[:count]) / (0.6745 * np.sqrt(70.0)) if count >= FEWEST_DIFFERENCES else 0.0
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def _error_of_parabola(torque: FloatArray, weights: FloatArray) -> tuple[float, float]:
+    """Return the error that the least-squares parabola through a torque makes, and its std; zeros where some is NaN.
+
+    Of a torque c·j² at slot j the filter's average is c·Σ W_i·(i² + (i + 1)²), and its value is 0.
+    """
+    half, n = weights.size, torque.size
+    mean_square = half * (half + 1) / 3.0  # of j
+    level, slope, curvature, squares, spread, average = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for j in range(-half, half + 1):
+        value, off_mean = torque[half + j] - torque[half], j * j - mean_square
+        level, slope, curvature = level + value, slope + j * value, curvature + off_mean * value
+        squares, spread = squares + value * value, spread + off_mean * off_mean
+    for i in range(half):
+        average += weights[i] * (i * i + (i + 1) * (i + 1))
+    if np.isnan(curvature) or n < 5:
+        return 0.0, 0.0
+    left = squares - level * level / n - slope * slope / (n * mean_square) - curvature * curvature / spread
+    return -average * curvature / spread, average * np.sqrt(max(left, 0.0) / (n - 3.0) / spread)
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)

@@ -223,6 +223,24 @@ def test_a_smooth_bend_is_taken_out(period_s):
     assert np.isfinite(left[half:-half]).all()
 
 
+def test_a_bend_as_long_as_the_filter_is_taken_out_although_no_single_current_shows_it():
+    """Slews that begin and end within 20 s: the error is two standard deviations of a current, for a hundred slots."""
+    rng = np.random.default_rng(50_140)
+    slots, corner, inertia = 40_000, 160, tb.inertia_of(SLEWS)
+    sharp = np.repeat(rng.uniform(-4.0, 4.0, 50), 800)  # rad/s²
+    blend = np.hanning(corner + 2) / np.hanning(corner + 2).sum()
+    acceleration = np.convolve(sharp, blend, mode="same")
+    speed = 150.0 + np.cumsum(np.concatenate(([0.0], 0.5 * (acceleration[1:] + acceleration[:-1])))) * PERIOD
+    error = tb.derive_friction(speed, 1.6e-3 + inertia * acceleration, SLEWS) - 1.6e-3
+    torque = 1.6e-3 + inertia * acceleration + rng.normal(0.0, 3.9e-5, slots)
+    left = error - tb.rounding_error(speed + rng.normal(0.0, SPEED_STD, slots), torque, SLEWS)
+    large = np.isfinite(left) & (np.abs(error) > 6e-5) & (np.abs(error) < 1.5e-4)
+    assert large.sum() > 1_000
+    # At most a quarter of these slots may be missed; what is taken out has a sixth of a current's noise.
+    assert np.sqrt(np.mean(left[large] ** 2)) < 0.5 * np.sqrt(np.mean(error[large] ** 2))
+    assert np.median(np.abs(left[large])) < 0.25 * 3.9e-5
+
+
 @given(st.integers(1_000, 11_000))
 @settings(max_examples=20, deadline=None)
 def test_the_error_does_not_depend_on_where_a_record_is_cut(cut):
