@@ -37,6 +37,9 @@ FAST_SHARE: Final = 0.25  # of the mean time between jumps: visits shorter than 
 CLOSED_WITHIN: Final = 4.5  # standard deviations by which a visit's way back may miss its entry
 JUMPS_INSIDE: Final = 1  # jumps of other systems that may fall into a visit
 VISIBLE_AT: Final = 5.0  # standard deviations of a jump below which nothing is made of it
+# Of the friction at rest, that of a jump below which it is none of a switching system: a third of what healthy base dry
+# friction spreads by. A slope that differs between recordings makes such jumps.
+SMALLEST_JUMP: Final = 0.02
 # A nominal value is good for something while its standard deviation is about half of what the built-in model's bands of
 # healthy wheels reach to either side: 6 % for base dry friction, 4 % for viscous friction.
 LARGEST_ERROR: Final = 0.025
@@ -163,15 +166,16 @@ def identify(recordings: Sequence[tuple[str, Samples]], start: Wheel, *, systems
             names, why_negative(problem, fitted, bare, f"viscous friction is negative ({viscous:.3g} N m s/rad)")
         )
     chains = _chains(problem, fitted.jumps, fitted.level + fitted.residual)
-    lowest = _base_level([stay for chain in chains for stay in chain.stays()])
+    lowest = _base_level(chains)[0]
     drift = _drift(problem, fitted.jumps, fitted.residual, lowest)
     try:
         found = _tell_apart(chains) if systems else []
         if systems and not found:
             raise _too_little("a switching system", [Sojourns()])
+        laws = [_laws_of(number, visits) for number, visits in enumerate(found, start=1)]
     except InputError as error:
-        raise InputError(error.source, "; ".join((error.reason, *drift)), error.place) from error
-    base = _base_level([stay for chain in chains for stay in chain.stays()])
+        raise InputError(error.source, "; ".join((*drift, error.reason)), error.place) from error
+    base, base_std = _base_level(chains)
     if base <= 0:
         raise InputError(names, why_negative(problem, fitted, bare, f"dry friction is negative ({base:.3g} N m)"))
     nominal_speed = _round_to_two_digits(float(np.quantile(problem.speed, 0.95)))
@@ -179,14 +183,12 @@ def identify(recordings: Sequence[tuple[str, Samples]], start: Wheel, *, systems
     cause = at_one_speed(problem, fitted) if problem.at_one_speed else motion
     _check_enough(problem, base, viscous, names, cause)
     blocks, notes = [], []
-    for number, visits in enumerate(found, start=1):
-        laws = learn_laws(visits.sojourns)
-        if max(law.error for law in laws) > LARGEST_LAW_ERROR:
-            raise _too_little(f"the laws of switching system {number}", visits.sojourns)
-        blocks.append(_system(f"fss_{number}", laws, visits, base))
-        notes.append(_note(blocks[-1].name, laws, visits))
+    for number, (of_one, visits) in enumerate(zip(laws, found, strict=True), start=1):
+        blocks.append(_system(f"fss_{number}", of_one, visits, base))
+        notes.append(_note(blocks[-1].name, of_one, visits))
     slots = sum(record.used.size for record in problem.records)
     dry_std, viscous_std = _errors(problem)
+    dry_std = float(np.hypot(dry_std, base_std))
     wheel = bare.model_copy(
         update={
             "nominal": Nominal(dry_torque_Nm=base, viscous_Nm_s_rad=viscous, nominal_speed_rad_s=nominal_speed),
@@ -296,7 +298,20 @@ def _chains(problem: Problem, jumps: IntArray, rest: FloatArray) -> list[_Chain]
                     problem.noise.long_run_variance,
                 )
             )
+    smallest = SMALLEST_JUMP * abs(min(stay.level for chain in chains for stay in chain.stays()))
+    for chain in chains:
+        _leave_out_small(chain, smallest)
     return chains
+
+
+def _leave_out_small(chain: _Chain, smallest: float) -> None:
+    """Take jumps below a size [N m] out of a chain, the smallest first."""
+    while chain.jumps:
+        size = np.abs(np.diff([stay.level for stay in chain.stays()]))
+        least = int(np.argmin(size))
+        if size[least] >= smallest:
+            return
+        del chain.jumps[least]
 
 
 def _tell_apart(chains: list[_Chain]) -> list[_Visits]:
@@ -418,6 +433,14 @@ def _slow_system(chains: list[list[_Sojourn]]) -> _Visits:
     return _Visits(sojourns, friction, [(up, total) for up, total in ups])
 
 
+def _laws_of(number: int, visits: _Visits) -> Sequence[LearnedLaw]:
+    """Return the laws of a system, one for each configuration; refuse those that are hardly known."""
+    laws = learn_laws(visits.sojourns)
+    if max(law.error for law in laws) > LARGEST_LAW_ERROR:
+        raise _too_little(f"the laws of switching system {number}", visits.sojourns)
+    return laws
+
+
 def _too_little(what: str, sojourns: list[Sojourns]) -> InputError:
     """Say what was seen and how much more is needed, without claiming that there is such a system at all."""
     counts = ", ".join(f"q = {q}: {of_one.seen}" for q, of_one in enumerate(sojourns) if of_one.seen) or "none"
@@ -437,18 +460,25 @@ def _too_little(what: str, sojourns: list[Sojourns]) -> InputError:
     )
 
 
-def _base_level(stays: list[_Sojourn]) -> float:
-    """Return the dry friction with all systems at rest [N m]: the mean of the stays at the lowest level."""
-    lowest = min(stay.level for stay in stays)
-    near = [stay for stay in stays if stay.level < lowest + 0.5 * _smallest_step(stays)]
-    return float(np.average([stay.level for stay in near], weights=[stay.slots for stay in near]))
+def _base_level(chains: list[_Chain]) -> tuple[float, float]:
+    """Return the dry friction with all systems at rest [N m], and its std by how recordings differ in it.
 
-
-def _smallest_step(stays: list[_Sojourn]) -> float:
-    levels = np.sort([s.level for s in stays])
-    steps = np.diff(levels)
-    visible = steps[steps > VISIBLE_AT * float(np.median([s.std for s in stays]))]
-    return float(visible.min()) if visible.size else float("inf")
+    The mean of the stays at the lowest level, all that are less than half a jump above it: from one recording to
+    another the base may differ by a little.
+    """
+    told = [chain.stays() for chain in chains]
+    steps = [np.abs(np.diff([stay.level for stay in stays])) for stays in told]
+    smallest = min((float(step.min()) for step in steps if step.size), default=np.inf)
+    lowest = min(stay.level for stays in told for stay in stays)
+    bases = []
+    for stays in told:
+        near = [(stay.level, stay.slots) for stay in stays if stay.level < lowest + 0.5 * smallest]
+        if near:
+            level, slots = np.array(near).T
+            bases.append((float(np.average(level, weights=slots)), float(slots.sum())))
+    level, slots = np.array(bases).T
+    spread = float(np.std(level, ddof=1) / np.sqrt(level.size)) if level.size > 1 else 0.0
+    return float(np.average(level, weights=slots)), spread
 
 
 def _system(name: str, laws: Sequence[LearnedLaw], visits: _Visits, base_Nm: float) -> SwitchingSystem:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -104,6 +105,20 @@ def test_a_minute_of_data_is_refused(systems: bool) -> None:
     minute = samples[:500]
     with pytest.raises(InputError, match="too little data"):
         identify([(name, minute)], Wheel(name="minute", sample_period_s=0.125), systems=systems)
+
+
+def test_recordings_may_differ_a_little_in_their_base_dry_friction() -> None:
+    """Of the lowest one alone, the others would be called friction of a switching system."""
+    rng = np.random.default_rng(50_150)
+    shifted = []
+    for name, samples in recordings(8, seed=50_150):
+        shift_Nm = rng.normal(0.0, 0.02 * 1.6e-3) * np.sign(samples.speed_rad_s)
+        shifted.append((name, replace(samples, friction_torque_Nm=samples.friction_torque_Nm + shift_Nm)))
+    learned = identify(shifted, Wheel(name="bare", sample_period_s=0.125))
+    assert learned.wheel.nominal is not None
+    # Eight recordings: a standard error of 0.7 %; the lowest of them lies 2.8 % below the mean on average.
+    assert abs(learned.wheel.nominal.dry_torque_Nm / 1.6e-3 - 1.0) < 3.0 * 0.007
+    assert len(learned.wheel.fss) == 2
 
 
 def test_a_failing_wheel_s_drift_is_asked_about() -> None:
