@@ -268,12 +268,14 @@ def split_as_paper(assignment: Assignment, levels: Estimate, evidence: Evidence,
     for s in range(len(wheel.fss)):
         mine = assignment.system == s
         values = np.concatenate([[0.0], np.cumsum(assignment.jump[mine])])
-        variances = np.concatenate([[0.0], np.cumsum(assignment.jump_std[mine] ** 2)])
+        variance = assignment.jump_std[mine] ** 2
         lowest = int(np.argmin(values))
         base += float(values[lowest])
-        base_variance += float(variances[lowest])
+        base_variance += float(variance[:lowest].sum())
         friction.append(values - values[lowest])
-        friction_std.append(np.sqrt(np.abs(variances - variances[lowest])))
+        # Each value is known as well as the jumps between it and the lowest: at one speed, that may be not at all.
+        before, after = np.cumsum(variance[:lowest][::-1])[::-1], np.cumsum(variance[lowest:])
+        friction_std.append(np.sqrt(np.concatenate([before, [0.0], after])))
     return Components(
         base_dry=base,
         base_dry_std=float(np.sqrt(base_variance)),

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -67,6 +69,16 @@ def test_algorithm_1_takes_the_minimum_for_rest():
         assert all(friction.min() == 0.0 for friction in parts.fss_friction)
         ambiguous += lowest > 0
     assert ambiguous >= 3
+
+
+def test_what_no_jump_is_known_by_is_not_known_and_says_so():
+    """At one speed a jump may be known not at all: the lowest friction is 0 still, and no other is called certain."""
+    made = window(WHEEL, np.random.default_rng(54), false_candidates=0.0, jitter=0)
+    assignment, levels = assign_as_paper(made.evidence, WHEEL)
+    blind = replace(assignment, jump_std=np.full_like(assignment.jump_std, np.inf))
+    parts = split_as_paper(blind, levels, made.evidence, WHEEL)
+    for friction, std in zip(parts.fss_friction, parts.fss_friction_std, strict=True):
+        assert np.array_equal(np.isinf(std), np.arange(std.size) != np.argmin(friction))
 
 
 def test_a_window_without_candidates():
