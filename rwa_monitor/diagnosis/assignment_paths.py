@@ -1,14 +1,64 @@
-"""Compiled loops over whole paths of the assignment search: traced back from its tree, weighed, told, compared."""
+"""Compiled loops over whole paths of the assignment search: found, traced back, weighed, told, compared."""
 
 from __future__ import annotations
 
 import numpy as np
 from numba import njit
 
-from rwa_monitor.diagnosis.assignment_bounds import NO_SYSTEM, REJECT, SKIPPED, Scores
-from rwa_monitor.diagnosis.assignment_kernel import Int32Array
+from rwa_monitor.diagnosis.assignment_bounds import (
+    NO_SYSTEM,
+    REJECT,
+    SKIPPED,
+    Bounds,
+    Scores,
+    free_bounds,
+    priced_bounds,
+)
+from rwa_monitor.diagnosis.assignment_kernel import Int32Array, expand
 from rwa_monitor.diagnosis.results import REJECTED, UNATTRIBUTED, FlatStory
 from rwa_monitor.samples import FloatArray, IntArray
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def find_paths(
+    scores: Scores, paths: int, margin: float, budget: int, quick_budget: int, kept: int
+) -> tuple[FloatArray, IntArray, IntArray, int, bool]:
+    """Search twice: with a narrow beam for a good path and the prices of its jumps, then for the best of all.
+
+    Parameters
+    ----------
+    scores
+        The scores.
+    paths, margin, budget
+        As for `assignment_search.search`; the margin with what rounding may take from it.
+    quick_budget, kept
+        Width of the narrow beam, and entries kept per state by the other.
+
+    Returns
+    -------
+    score, start, taken, states, pruned
+        float64 (paths,), best first, and the paths as from `trace`; entries expanded; whether the budget cut off what
+        may have held a better path. Where values are wild, and scores differ by millions, the full search may drop
+        every path within its budget; then the path of the narrow beam.
+    """
+    above, worth = free_bounds(scores)
+    quick, start, taken, states, _ = _search_once(scores, above, -np.inf, min(quick_budget, budget), 1, 1)
+    above = priced_bounds(scores, above.rest, worth, start[0], taken[0])
+    full, starts, all_taken, more, lost = _search_once(scores, above, quick[0] - margin, budget, kept, paths)
+    if full.size == 0:
+        return quick, start, taken, states + more, True
+    return full, starts, all_taken, states + more, lost > full[0]
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _search_once(
+    scores: Scores, bounds: Bounds, cutoff: float, budget: int, kept: int, paths: int
+) -> tuple[FloatArray, IntArray, IntArray, int, float]:
+    """Return score, start, taken and states as `find_paths`, and the highest bound of what the budget cut."""
+    parent, action, last, score, states, lost = expand(scores, bounds, cutoff, budget, kept)
+    best = np.argsort(-score, kind="mergesort")[:paths]
+    start, taken = trace(parent, action, last[best], scores.signs.shape[0], scores.configurations)
+    return score[best], start, taken, states, lost
 
 
 @njit(cache=True, error_model="numpy", nogil=True)

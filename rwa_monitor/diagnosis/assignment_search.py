@@ -30,13 +30,9 @@ from rwa_monitor.diagnosis.assignment_bounds import (
     NO_SYSTEM,
     REJECT,
     STEPS,
-    Bounds,
     Scores,
-    free_bounds,
-    priced_bounds,
 )
-from rwa_monitor.diagnosis.assignment_kernel import expand
-from rwa_monitor.diagnosis.assignment_paths import add_up_laws, trace
+from rwa_monitor.diagnosis.assignment_paths import add_up_laws, find_paths
 from rwa_monitor.diagnosis.laws import LawTables
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 
@@ -212,26 +208,13 @@ def search(problem: Problem, *, paths: int, margin: float, budget: int) -> Searc
     budget
         Extensions kept per candidate at most.
     """
-    scores = problem.scores
-    above, worth = free_bounds(scores)
-    quick = _run(scores, above, -np.inf, min(QUICK_BUDGET, budget), 1)
-    first = quick.paths[0]
-    above = priced_bounds(scores, above.rest, worth, np.array(first.start, dtype=np.int64), first.actions)
-    full = _run(scores, above, first.score - margin - ROUNDING, budget, paths)
-    # Where values are wild, and scores differ by millions, the full search may drop every path within its budget.
-    found = full.paths or quick.paths
-    close = tuple(path for path in found if path.score >= found[0].score - margin)
-    return SearchResult(close, quick.states + full.states, full.pruned)
-
-
-def _run(scores: Scores, above: Bounds, cutoff: float, budget: int, paths: int) -> SearchResult:
-    """Run the compiled search once and trace its paths back."""
     kept = KEPT_PER_STATE if paths > 1 else 1
-    parent, action, last, score, states, lost = expand(scores, above, cutoff, budget, kept)
-    best = np.argsort(-score, kind="stable")[:paths]
-    starts, taken = trace(parent, action, last[best], scores.signs.shape[0], scores.configurations)
+    score, starts, taken, states, pruned = find_paths(
+        problem.scores, paths, margin + ROUNDING, budget, QUICK_BUDGET, kept
+    )
     found = tuple(
         Path(value, tuple(start), actions)
-        for value, start, actions in zip(score[best].tolist(), starts.tolist(), taken, strict=True)
+        for value, start, actions in zip(score.tolist(), starts.tolist(), taken, strict=True)
     )
-    return SearchResult(found, states, not found or bool(lost > found[0].score))
+    close = tuple(path for path in found if path.score >= found[0].score - margin)
+    return SearchResult(close, states, pruned)

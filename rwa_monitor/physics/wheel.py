@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import hashlib
 import json
-from typing import Annotated, Any, Final, Literal
+from collections.abc import Mapping
+from functools import cached_property
+from typing import Annotated, Any, Final, Literal, Self
 
 import tomli_w
 from pydantic import Field, ValidationError, model_validator
@@ -255,8 +257,18 @@ class Wheel(Strict):
 
     def sha256(self) -> str:
         """Return the hash of the wheel's meaning (canonical JSON), independent of the file's layout."""
+        return self._content_sha256
+
+    @cached_property
+    def _content_sha256(self) -> str:
         canonical = json.dumps(self.to_tables(), sort_keys=True, separators=(",", ":"), allow_nan=False)
         return hashlib.sha256(canonical.encode()).hexdigest()
+
+    def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
+        """Return a copy, with some fields replaced; without the hash, which pydantic would copy along."""
+        copied = super().model_copy(update=update, deep=deep)
+        copied.__dict__.pop("_content_sha256", None)
+        return copied
 
 
 _TABLES: Final = ("nominal", "noise", "friction", "limits", "window", "fss", "effect")
