@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from rwa_monitor.diagnosis.assignment_bounds import NO_SYSTEM, REJECT, SKIPPED, STEPS, Bounds, Scores, size_term
 from rwa_monitor.samples import FloatArray
 
+WORTH_THINNING: Final = 500  # offers from which it pays to leave out those that others have beaten
 SLACK: Final = 1e-9  # of a first sieve, whose terms are added up in another order [log-likelihood]
 
 Int16Array = NDArray[np.int16]
@@ -105,7 +106,8 @@ def expand(
     count = _start(scores, bounds, cutoff, starts, entries, tree)
     used, expanded, lost = count, 0, -np.inf
     for k in range(1, candidates + 1):
-        offered = _offer(scores, bounds, k, cutoff, entries, count, offers)
+        # One more than there is room for: the best that is cut tells whether the search missed anything.
+        offered = _offer(scores, bounds, k, cutoff, room + 1, entries, count, offers)
         expanded += count
         stage_cutoff = cutoff
         if offered > room:
@@ -169,15 +171,24 @@ def _start(scores: Scores, bounds: Bounds, cutoff: float, starts: int, entries: 
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _offer(scores: Scores, bounds: Bounds, k: int, cutoff: float, entries: Entries, count: int, offers: Offers) -> int:
-    """List what may happen to each entry at candidate k and is within reach of the best; return the number."""
+def _offer(
+    scores: Scores, bounds: Bounds, k: int, cutoff: float, wanted: int, entries: Entries, count: int, offers: Offers
+) -> int:
+    """List what may happen to each entry at candidate k and is within reach of the best; return the number.
+
+    All of the `wanted` best by their bound are among them, those that tie with the last of these too.
+    """
     systems = scores.configurations.size
     fit, rest, rest_fit, signs, actions = scores.fit, bounds.rest, bounds.rest_fit, scores.signs, scores.actions
     steps = np.empty((systems, STEPS, 4))  # log-probability, change of the own bound, mean and variance of the jump
     unattributed = scores.priors[1] + size_term(scores, k, 0.0, scores.unattributed_variance)
     highest = size_term(scores, k, scores.size[k - 1], 0.0)
-    offered = 0
+    offered, full = 0, wanted + max(wanted, WORTH_THINNING)
     for at in range(count):
+        if offered >= full:  # most of what follows is then out of reach before it is weighed
+            cutoff = max(cutoff, np.partition(offers.bound[:offered], offered - wanted)[offered - wanted])
+            offered = _thin(offers, offered, cutoff)
+            full = offered + max(wanted, WORTH_THINNING)
         last, so_far = entries.rows[at, 0], entries.score[at]
         by_own = 0.0  # what the systems may still do without a step here
         for s in range(systems):
@@ -229,6 +240,18 @@ def _list(offers: Offers, offered: int, at: int, action: int, score: float, boun
     offers.entry[offered], offers.action[offered] = at, action
     offers.score[offered], offers.bound[offered] = score, bound
     return offered + 1
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _thin(offers: Offers, offered: int, cutoff: float) -> int:
+    """Leave out the offers whose bound is below the cutoff, the others in their order; return their number."""
+    kept = 0
+    for offer in range(offered):
+        if offers.bound[offer] >= cutoff:
+            offers.entry[kept], offers.action[kept] = offers.entry[offer], offers.action[offer]
+            offers.score[kept], offers.bound[kept] = offers.score[offer], offers.bound[offer]
+            kept += 1
+    return kept
 
 
 @njit(cache=True, error_model="numpy", nogil=True, inline="always")
