@@ -21,17 +21,24 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
-import numba
 import numpy as np
 from scipy import special, stats
 
+from rwa_monitor.diagnosis.adequacy_kernel import (
+    PERSISTENCE_LAGS,
+    crossing_deviations,
+    deviations_of_slopes,
+    lasting,
+    ripple_power,
+    side_differences,
+)
 from rwa_monitor.diagnosis.noise import ar_coefficient
 from rwa_monitor.diagnosis.residual_blocks import Blocks, residual_blocks
 from rwa_monitor.diagnosis.results import REJECTED, UNATTRIBUTED, Assignment, Estimate, Evidence, NoiseEstimate
 from rwa_monitor.diagnosis.structure import BLOCK, HARMONICS
 from rwa_monitor.physics.switching import jumping_chain_law
 from rwa_monitor.physics.wheel import SwitchingSystem
-from rwa_monitor.samples import BoolArray, FloatArray, IntArray
+from rwa_monitor.samples import FloatArray
 
 # An interval disagrees when its slope is this many standard deviations from the common one: 1 in 16,000 by chance.
 DISAGREEING_SIGMAS: Final = 4.0
@@ -43,7 +50,6 @@ DISAGREEING_SHARE: Final = 0.25
 UNATTRIBUTED_JUMPS: Final = 3
 EXCESS_SIGMAS: Final = 3.0
 SYSTEMATIC_SHARE: Final = 0.5  # of all jumps unattributed: more than accidents of an assignment
-MIN_INTERVAL: Final = 30  # samples: shorter intervals do not know their slope
 CLEAR_TREND: Final = 0.6  # rank correlation of slope and speed from which its sign names an effect
 
 # Blocks whose residuals are compared with those two to eight blocks on: at least as far apart as a block is long. Noise
@@ -53,17 +59,11 @@ CLEAR_TREND: Final = 0.6  # rank correlation of slope and speed from which its s
 SHORT_BLOCK: Final = 16
 SHORT_PERSISTS: Final = (400.0, 0.10)
 PERSISTS: Final = (60.0, 0.18)
-PERSISTENCE_LAGS: Final = (2, 8)
-FEWEST_INTERVALS: Final = 3  # from which one may be left out
-FEWEST_BLOCKS: Final = 40  # with fewer, the value is not yet normal
-LARGEST_BLOCK: Final = 4.0  # standard deviations that one block counts at most
 
 NEAR_ZERO_RATIO: Final = 5.0  # mean squared deviation over the noise's from which a crossing disagrees
-FEWEST_NEAR_ZERO: Final = 4  # samples of a crossing
 FEWEST_CROSSINGS: Final = 2  # that must disagree: a short sojourn may fall into one
 CROSSING_SHARE: Final = 0.5  # of all crossings
 
-SIDE_BLOCKS: Final = 4
 FEWEST_SIDES: Final = 3  # crossings that must disagree alike: jumps up and down may fall into two
 SIDE_SHARE: Final = 0.75  # of all crossings
 SIDES_ALIKE: Final = 2.0  # the largest of these differences over the smallest: jumps have many sizes
@@ -71,7 +71,6 @@ SIDE_SIGMAS: Final = 5.0
 SMALLEST_SIDE: Final = 0.2  # of the noise: a smaller difference is none
 
 RIPPLE_CHANCE: Final = 1e-4  # of any harmonic in a window by chance, for white noise
-RIPPLE_CAP: Final = 40.0  # counts at most, of the power in one stretch: a jump in it looks like any frequency
 # Allowance for the colour of the noise, which may lie at the very frequency that a harmonic is seen at; beyond the
 # largest no ripple could be seen at all.
 RIPPLE_COLOUR: Final = (2.0, 8.0)
@@ -142,27 +141,7 @@ def _slope_deviations(evidence: Evidence, estimate: Estimate) -> tuple[FloatArra
     edges = np.concatenate(([0], estimate.index, [evidence.slots]))
     sums = evidence.sums.between(edges[:-1], edges[1:])
     variance = evidence.noise.std**2 * max(evidence.noise.long_run_factor, 1.0)
-    return _deviations_of_slopes(sums.table, variance)
-
-
-@numba.njit(cache=True, error_model="numpy", nogil=True)
-def _deviations_of_slopes(moments: FloatArray, variance: float) -> tuple[FloatArray, FloatArray]:
-    """See `_slope_deviations`; `moments` are float64 (6, intervals), `variance` that of the noise of a long mean."""
-    deviation, spread, speed = np.empty((3, moments.shape[1]))
-    usable, information, pull = 0, 0.0, 0.0
-    for i in range(moments.shape[1]):
-        n, x, z, xx, xz = moments[0, i], moments[1, i], moments[2, i], moments[3, i], moments[4, i]
-        own = xx - x * x / max(n, 1.0)
-        # The slope must be known to a tenth of what speed spans: else rounding is read as a slope.
-        if n >= MIN_INTERVAL and own > 1e-9 * max(xx, 1e-300):
-            cross = xz - x * z / n
-            deviation[usable], spread[usable], speed[usable] = cross / own, own, x / n
-            usable, information, pull = usable + 1, information + own, pull + cross
-    if usable < 2 or not variance > 0.0:
-        usable = 0
-    for i in range(usable):
-        deviation[i] = (deviation[i] - pull / information) * np.sqrt(spread[i] / variance)
-    return deviation[:usable], speed[:usable]
+    return deviations_of_slopes(sums.table, variance)
 
 
 # ---- sides -----------------------------------------------------------------------------------------------------------
@@ -190,25 +169,19 @@ def half_differences(evidence: Evidence, blocks: Blocks) -> FloatArray:
     float64 (crossings,). Within `SIDE_BLOCKS` blocks on either side, up to the next changepoint; only jumps in the
     crossing itself are in it, and they do not follow the direction.
     """
-    direction = evidence.structure.direction[: blocks.n.size]
-    turning = np.flatnonzero(blocks.usable & (np.abs(direction) == 1.0))
-    before = np.flatnonzero(direction[turning[1:]] * direction[turning[:-1]] < 0.0)
     variance = evidence.noise.std**2 * max(evidence.noise.long_run_factor, 1.0)
-    found = []
-    for place in before:
-        left, right = int(turning[place]), int(turning[place + 1])
-        sides = (slice(max(left - SIDE_BLOCKS + 1, 0), left + 1), slice(right, right + SIDE_BLOCKS))
-        means, counts = [], []
-        for side, own in zip(sides, (left, right), strict=True):
-            alike = (blocks.interval[side] == blocks.interval[own]) & blocks.usable[side]
-            alike &= direction[side] == direction[own]
-            n = blocks.n[side] * alike
-            counts.append(float(n.sum()))
-            means.append(float(n @ blocks.friction[side]) / counts[-1])
-        difference = 0.5 * (means[1] - means[0]) * direction[right]
-        std = 0.5 * np.sqrt(variance * (1.0 / counts[0] + 1.0 / counts[1]))
-        found.append(difference / max(std, SMALLEST_SIDE * evidence.noise.std / SIDE_SIGMAS))
-    return np.array(found)
+    smallest = SMALLEST_SIDE * evidence.noise.std / SIDE_SIGMAS
+    return np.asarray(
+        side_differences(
+            evidence.structure.direction,
+            blocks.n,
+            blocks.friction,
+            blocks.interval,
+            blocks.usable,
+            variance,
+            smallest,
+        )
+    )
 
 
 # ---- near zero -------------------------------------------------------------------------------------------------------
@@ -241,38 +214,10 @@ def near_zero_deviations(evidence: Evidence, estimate: Estimate) -> tuple[FloatA
         Mean squared deviation over the noise's variance; mean deviation [torque].
     """
     structure = evidence.structure
-    inside = np.flatnonzero(structure.near_zero[0])
-    found = []
-    for crossing in np.split(inside, np.flatnonzero(np.diff(inside) > 1) + 1) if inside.size else []:
-        before, after = int(crossing[0]) - 1, int(crossing[-1]) + 1
-        if before < 0 or after == structure.direction.size:
-            continue
-        if structure.direction[before] * structure.direction[after] < 0.0:
-            found.append(_crossing_deviation(evidence, estimate, crossing))
-    ratio, excess = np.array([values for values in found if values is not None]).reshape(-1, 2).T
-    return ratio, excess
-
-
-def _crossing_deviation(evidence: Evidence, estimate: Estimate, crossing: IntArray) -> tuple[float, float] | None:
-    """Return ratio and excess of the blocks of one crossing, None with too few samples.
-
-    Each block is compared with the best of the levels beside it. Where a jump lies in or next to the crossing, the
-    worst block holds the jump and is left out.
-    """
-    n, x, z, zz = evidence.structure.near_zero[:, crossing]
-    first, last = int(crossing[0]) - 1, int(crossing[-1]) + 2  # with a block on either side
-    low, high = np.searchsorted(estimate.index, (first * BLOCK, last * BLOCK))
-    expected = estimate.level[low : high + 1][:, None] + estimate.viscous * x / n
-    squares = np.maximum(zz - 2.0 * expected * z + n * expected**2, 0.0)
-    best = np.argmin(squares, axis=0), np.arange(n.size)
-    kept = np.ones(n.size, dtype=np.bool_)
-    if high > low:
-        kept[np.argmax(squares[best])] = False
-    total = float(n[kept].sum())
-    if total < FEWEST_NEAR_ZERO:
-        return None
-    excess = (z - n * expected[best])[kept].sum() / total
-    return float(squares[best][kept].sum() / total / evidence.noise.std**2), float(excess)
+    ratio, excess = crossing_deviations(
+        structure.near_zero, structure.direction, estimate.index, estimate.level, estimate.viscous, BLOCK
+    )
+    return ratio / evidence.noise.std**2, excess
 
 
 # ---- ripple ----------------------------------------------------------------------------------------------------------
@@ -283,11 +228,13 @@ def ripple_finding(evidence: Evidence) -> Adequacy | None:
     ripple = evidence.structure.ripple
     if len(ripple) == 0:
         return None
-    told = np.isfinite(ripple).sum(axis=0)
-    colour = float(np.clip(_spectral_peak(evidence.noise), *RIPPLE_COLOUR))
-    over_chance = np.nansum(np.minimum(ripple, RIPPLE_CAP), axis=0) / _ripple_by_chance(len(ripple))[told]
+    power, told = ripple_power(ripple)
+    over_chance = power / _ripple_by_chance(len(ripple))[told]
     strongest = int(np.argmax(over_chance))
-    if over_chance[strongest] < colour:
+    # The least allowance is looked at first: as nearly always, nothing is left to allow for.
+    if over_chance[strongest] < RIPPLE_COLOUR[0]:
+        return None
+    if over_chance[strongest] < float(np.clip(_spectral_peak(evidence.noise), *RIPPLE_COLOUR)):
         return None
     return Adequacy(False, "torque_ripple", f"friction repeats with the wheel's angle, {strongest + 1} times in a turn")
 
@@ -372,80 +319,10 @@ def persistence(blocks: Blocks, correlation: float) -> tuple[float, float]:
     """
     lags = range(PERSISTENCE_LAGS[0], PERSISTENCE_LAGS[1] + 1)
     expected = np.array([_ar_agreement(correlation, blocks.size, lag) for lag in lags])
-    significance, mean_product = _persistence(
+    significance, mean_product = lasting(
         blocks.residual, blocks.n, blocks.usable, blocks.interval, blocks.intervals, expected
     )
     return float(significance), float(np.sqrt(mean_product / blocks.size))
-
-
-_MEDIAN_TO_STD: Final = float(1.0 / special.ndtri(0.75))
-
-
-@numba.njit(cache=True, error_model="numpy", nogil=True)
-def _persistence(
-    residual: FloatArray, n: FloatArray, usable: BoolArray, interval: IntArray, intervals: int, expected: FloatArray
-) -> tuple[float, float]:
-    """Return the significance of `persistence`, and the largest mean product of residuals at any lag, per sample.
-
-    Parameters
-    ----------
-    residual, n, usable, interval, intervals
-        See `Blocks`.
-    expected
-        float64 (lags,), correlation of the means of two blocks at each lag by the noise's own memory.
-    """
-    if np.count_nonzero(usable) < FEWEST_BLOCKS:
-        return 0.0, 0.0
-    value = residual * np.sqrt(n)
-    scale = _MEDIAN_TO_STD * np.median(np.abs(value[usable]))
-    if not scale > 0.0:
-        return 0.0, 0.0
-    for b in range(value.size):
-        value[b] = min(max(value[b] / scale, -LARGEST_BLOCK), LARGEST_BLOCK) if usable[b] else 0.0
-    lags, first = expected.size, PERSISTENCE_LAGS[0]
-    products, pairs = np.zeros((intervals, lags)), np.zeros((intervals, lags))
-    end = value.size
-    for i in range(intervals - 1, -1, -1):  # blocks are in the order of their intervals
-        begin = end
-        while begin > 0 and interval[begin - 1] == i:
-            begin -= 1
-        there = max(_both(usable[begin:end], usable[begin:end]), 1)
-        for row in range(lags):
-            stop = max(end - first - row, begin)
-            products[i, row] = _product(value[begin:stop], value[begin + first + row : stop + first + row])
-            pairs[i, row] = _both(usable[begin:stop], usable[begin + first + row : stop + first + row])
-            # Taking out the level of an interval of m blocks correlates any two of them by -1/m.
-            products[i, row] -= pairs[i, row] * (expected[row] - 1.0 / there)
-        end = begin
-    if np.count_nonzero(pairs[:, 0]) >= FEWEST_INTERVALS:
-        worst = np.argmax(np.square(products).sum(axis=1))
-        products[worst], pairs[worst] = 0.0, 0.0
-    total, count = products.sum(axis=0), np.maximum(pairs.sum(axis=0), 1.0)
-    return np.sum(total**2 / count), scale * scale * np.max(np.abs(total / count))
-
-
-@numba.njit(cache=True, error_model="numpy", nogil=True, inline="always")
-def _product(first: FloatArray, second: FloatArray) -> float:
-    """Return the inner product, as four sums side by side: none of its additions waits for the one before it."""
-    a, b, c, d = 0.0, 0.0, 0.0, 0.0
-    fours = first.size - first.size % 4
-    for i in range(0, fours, 4):
-        a += first[i] * second[i]
-        b += first[i + 1] * second[i + 1]
-        c += first[i + 2] * second[i + 2]
-        d += first[i + 3] * second[i + 3]
-    for i in range(fours, first.size):
-        a += first[i] * second[i]
-    return (a + b) + (c + d)
-
-
-@numba.njit(cache=True, error_model="numpy", nogil=True, inline="always")
-def _both(first: BoolArray, second: BoolArray) -> int:
-    """Return in how many places both are true."""
-    count = 0
-    for i in range(first.size):
-        count += first[i] & second[i]
-    return count
 
 
 def _ar_agreement(correlation: float, size: int, lag: int) -> float:

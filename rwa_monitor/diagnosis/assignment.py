@@ -16,10 +16,10 @@ from typing import Final
 import numpy as np
 
 from rwa_monitor.diagnosis import segments
-from rwa_monitor.diagnosis.assignment_paths import add_agreement, tell
-from rwa_monitor.diagnosis.assignment_search import REJECT, Path, Problem, Sizes, log_laws, search
+from rwa_monitor.diagnosis.assignment_paths import Knowns, add_agreement, weigh
+from rwa_monitor.diagnosis.assignment_search import REJECT, Path, Problem, Sizes, search
 from rwa_monitor.diagnosis.estimation import estimate, jump_std
-from rwa_monitor.diagnosis.friction_model import Posterior, log_evidence, solve_flat
+from rwa_monitor.diagnosis.friction_model import Posterior, prior_tables, solve_flat
 from rwa_monitor.diagnosis.friction_priors import Priors, priors_of
 from rwa_monitor.diagnosis.laws import Onset, law_tables, onsets
 from rwa_monitor.diagnosis.results import (
@@ -204,17 +204,13 @@ def _log_unattributed(wheel: Wheel, slots: int) -> float:
 
 def _rank(case: _Case, problem: Problem, paths: tuple[Path, ...], level: Level) -> list[_Ranked]:
     """Score the best paths by the full likelihood, best first."""
-    slots, scatter = case.evidence.slots, segments.level_scatter(case.variance)
-    places = np.concatenate(([0], level.at, [slots]))
+    knowns = Knowns(
+        case.evidence.slots, *prior_tables(case.priors), case.variance, segments.level_scatter(case.variance)
+    )
     ranked = []
     for path in paths:
         start = np.array(path.start, dtype=np.int64)
-        story, nodes, system, direction = tell(problem.actions, level.at, start, path.actions)
-        moments = segments.chain_of(level.pairs, nodes)
-        borders = places[nodes]
-        evidence = log_evidence(story, borders, moments, case.priors, case.variance, scatter)
-        score = log_laws(problem, path) + evidence
-        ranked.append(_Ranked(story, system, direction, borders, moments, evidence, score))
+        ranked.append(_Ranked(*weigh(problem.scores, start, path.actions, level.at, level.pairs, knowns)))
     return sorted(ranked, key=lambda one: -one.score)
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
 
@@ -15,8 +17,32 @@ from rwa_monitor.diagnosis.assignment_bounds import (
     priced_bounds,
 )
 from rwa_monitor.diagnosis.assignment_kernel import Int32Array, expand
+from rwa_monitor.diagnosis.friction_kernel import evidence_of_cases
 from rwa_monitor.diagnosis.results import REJECTED, UNATTRIBUTED, FlatStory
+from rwa_monitor.diagnosis.segments import chain_of
 from rwa_monitor.samples import FloatArray, IntArray
+
+
+class Knowns(NamedTuple):
+    """What is known before a window, as `weigh` takes it.
+
+    Attributes
+    ----------
+    slots
+        Length of the window.
+    table, cases, log_prior, rest
+        See `friction_model.prior_tables`.
+    variance, scatter
+        See `friction_model.solve`.
+    """
+
+    slots: int
+    table: FloatArray
+    cases: FloatArray
+    log_prior: FloatArray
+    rest: FloatArray
+    variance: float
+    scatter: float
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
@@ -88,7 +114,11 @@ def trace(
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def add_up_laws(scores: Scores, start: IntArray, taken: IntArray) -> float:
-    """Return the part of a path's score that comes from laws and priors of rare events; the path as from `trace`."""
+    """Return the part of a path's score that comes from laws and priors of rare events: no fits, no sizes.
+
+    Whoever weighs paths by a likelihood of their own, which holds levels and friction, must not count these twice. The
+    path as from `trace`.
+    """
     configuration, since, total = start.copy(), np.zeros_like(start), 0.0
     for node in range(1, taken.size + 1):
         action = taken[node - 1]
@@ -179,6 +209,45 @@ def tell(
             starts[at[who]] = index[k]
             configurations[at[who]] = configurations[at[who] - 1] + direction[k, place]
     return FlatStory(configurations, starts, sojourns, unattributed), nodes, system, direction
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def weigh(
+    scores: Scores, start: IntArray, taken: IntArray, index: IntArray, pairs: FloatArray, knowns: Knowns
+) -> tuple[FlatStory, IntArray, IntArray, IntArray, FloatArray, float, float]:
+    """Weigh a path by its full likelihood.
+
+    Parameters
+    ----------
+    scores, start, taken
+        The scores, and the path as from `trace`.
+    index, pairs
+        The candidates' slots, and the moments between all pairs of nodes, see `segments.pair_moments`.
+    knowns
+        What is known before the window.
+
+    Returns
+    -------
+    story, system, direction, borders, moments, log_evidence, score
+        The first three as from `tell`; slots at which its segments begin and end, and their moments; the samples'
+        log-likelihood, and the same with the laws'.
+    """
+    story, nodes, system, direction = tell(scores.actions, index, start, taken)
+    borders, moments = np.empty_like(nodes), chain_of(pairs, nodes)
+    for i in range(nodes.size):
+        borders[i] = 0 if i == 0 else knowns.slots if i == nodes.size - 1 else index[nodes[i] - 1]
+    log_evidence = evidence_of_cases(
+        story,
+        borders,
+        knowns.table,
+        moments,
+        knowns.cases,
+        knowns.log_prior,
+        knowns.rest,
+        knowns.variance,
+        knowns.scatter,
+    )
+    return story, system, direction, borders, moments, log_evidence, add_up_laws(scores, start, taken) + log_evidence
 
 
 @njit(cache=True, error_model="numpy", nogil=True)

@@ -32,11 +32,11 @@ from rwa_monitor.diagnosis.assignment_bounds import (
     STEPS,
     Scores,
 )
-from rwa_monitor.diagnosis.assignment_paths import add_up_laws, find_paths
+from rwa_monitor.diagnosis.assignment_paths import find_paths
 from rwa_monitor.diagnosis.laws import LawTables
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 
-__all__ = ["NO_SYSTEM", "REJECT", "Path", "Problem", "SearchResult", "Sizes", "log_laws", "search", "step_of"]
+__all__ = ["NO_SYSTEM", "REJECT", "Path", "Problem", "SearchResult", "Sizes", "search", "step_of"]
 
 QUICK_BUDGET: Final = 16  # width of the first pass, which only finds a good complete path
 KEPT_PER_STATE: Final = 4
@@ -141,14 +141,6 @@ def _actions(systems: int) -> IntArray:
     table = np.array(rows, dtype=np.int64)
     table.setflags(write=False)
     return table
-
-
-def log_laws(problem: Problem, path: Path) -> float:
-    """Return the part of a path's score that comes from laws and priors of rare events: no fits, no sizes.
-
-    Whoever weighs paths by a likelihood of their own, which holds levels and friction, must not count these twice.
-    """
-    return float(add_up_laws(problem.scores, np.array(path.start, dtype=np.int64), path.actions))
 
 
 def step_of(number: int) -> tuple[int, int]:

@@ -15,7 +15,7 @@ from typing import Final
 
 import numpy as np
 
-from rwa_monitor.diagnosis.friction_kernel import condition, evidence_of_cases, lay_out, solve_cases
+from rwa_monitor.diagnosis.friction_kernel import condition, lay_out, solve_cases
 from rwa_monitor.diagnosis.friction_priors import Priors, case_table, law_table
 from rwa_monitor.diagnosis.results import FlatStory, Story
 from rwa_monitor.diagnosis.running_sums import Moments
@@ -74,22 +74,18 @@ def solve_flat(
     story: FlatStory, borders: IntArray, moments: FloatArray, priors: Priors, variance: float, scatter: float
 ) -> Posterior:
     """Solve the linear model of one story; as `solve`, of the arrays behind story and moments."""
-    cases, log_prior = case_table(priors.base, priors.anomaly)
-    rest = np.array([priors.unattributed_std, priors.slope.mean, priors.slope.std])
+    table, cases, log_prior, rest = prior_tables(priors)
     evidence, mean, std, covariance, column = solve_cases(
-        story, borders, law_table(priors.laws), moments, cases, log_prior, rest, variance, scatter
+        story, borders, table, moments, cases, log_prior, rest, variance, scatter
     )
     return Posterior(evidence, mean, std, covariance, story.split(column))
 
 
-def log_evidence(
-    story: FlatStory, borders: IntArray, moments: FloatArray, priors: Priors, variance: float, scatter: float
-) -> float:
-    """Return the log evidence of `solve_flat` alone: enough to rank many stories."""
+def prior_tables(priors: Priors) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Return the priors as compiled code takes them: of laws and of cases, and the rest."""
     cases, log_prior = case_table(priors.base, priors.anomaly)
     rest = np.array([priors.unattributed_std, priors.slope.mean, priors.slope.std])
-    table = law_table(priors.laws)
-    return float(evidence_of_cases(story, borders, table, moments, cases, log_prior, rest, variance, scatter))
+    return law_table(priors.laws), cases, log_prior, rest
 
 
 def measure(

@@ -163,8 +163,10 @@ def law_tables(
         turn=np.full((*shape, 2), -np.inf),
         missed=np.full((*shape, 2, nodes, nodes), -np.inf),
     )
+    at = index.astype(np.float64)
+    durations = _durations(at, slots)
     for s, system in enumerate(systems):
-        _fill(tables, s, system, index, slots, first[s])
+        _fill(tables, s, system, at, durations, slots, first[s])
     return tables
 
 
@@ -204,7 +206,10 @@ def _laws_of(system: SwitchingSystem, slots: int) -> tuple[tuple[SoftLaw, ...], 
 
 def _survivals(laws: tuple[SoftLaw, ...], slots: FloatArray) -> FloatArray:
     """Return P(τ ≥ slots) of the laws, not softened: float64 (Q, points)."""
-    return np.stack([law.law.survival(slots) for law in laws])
+    survivals = np.empty((len(laws), slots.size))
+    for q, law in enumerate(laws):
+        survivals[q] = law.law.survival(slots)
+    return survivals
 
 
 class _Told(NamedTuple):
@@ -227,13 +232,20 @@ def _told_by(first: Onset | None, laws: tuple[SoftLaw, ...], after: FloatArray, 
     return _Told(first.configuration, law.pmf(first.age + after) / alive, float(gone / alive))
 
 
-def _fill(tables: LawTables, s: int, system: SwitchingSystem, index: IntArray, slots: int, first: Onset | None) -> None:
-    """Fill the tables of one system."""
-    (laws, chain), at = _laws_of(system, slots), index.astype(np.float64)
-    survivals = _survivals(laws, _durations(at, slots))
+def _fill(
+    tables: LawTables,
+    s: int,
+    system: SwitchingSystem,
+    at: FloatArray,
+    durations: FloatArray,
+    slots: int,
+    first: Onset | None,
+) -> None:
+    """Fill the tables of one system; `durations` as from `_durations`."""
+    laws, chain = _laws_of(system, slots)
     tables.turn[s, : len(laws)] = chain.turn
     told = _told_by(first, laws, at, slots)
-    _tabulate(at, slots, survivals, chain, told, tables.jump[s], tables.stay[s], tables.missed[s])
+    _tabulate(at, slots, _survivals(laws, durations), chain, told, tables.jump[s], tables.stay[s], tables.missed[s])
 
 
 @njit(cache=True, error_model="numpy", nogil=True)

@@ -11,7 +11,8 @@ import pytest
 
 from rwa_monitor.diagnosis.assignment_bounds import free_bounds, priced_bounds
 from rwa_monitor.diagnosis.assignment_kernel import expand
-from rwa_monitor.diagnosis.assignment_search import NO_SYSTEM, REJECT, Problem, log_laws, search, step_of
+from rwa_monitor.diagnosis.assignment_paths import add_up_laws
+from rwa_monitor.diagnosis.assignment_search import NO_SYSTEM, REJECT, Problem, search, step_of
 from tests.diagnosis.assignment_problems import FREE, LONG, SHORT, random_path, random_problem
 
 
@@ -158,7 +159,9 @@ def test_laws_of_a_path_are_its_score_without_fits_and_know_no_sizes():
         for path in search(replace(sized, sizes=None), paths=8, margin=8.0, budget=20_000).paths:
             nodes = np.concatenate([[0], np.flatnonzero(path.actions != REJECT) + 1, [path.actions.size + 1]])
             fits = float(sized.fit[nodes[:-1], nodes[1:]].sum())
-            assert log_laws(sized, path) == pytest.approx(path.score - fits, abs=1e-9)
+            assert add_up_laws(sized.scores, np.array(path.start), path.actions) == pytest.approx(
+                path.score - fits, abs=1e-9
+            )
             kinds.update(path.actions.tolist())
     assert {REJECT, NO_SYSTEM} < kinds
     assert len(kinds) >= 8  # with missed jumps or two at once: the sum holds for all

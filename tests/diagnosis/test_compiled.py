@@ -9,7 +9,8 @@ import pytest
 from scipy import special
 
 from rwa_monitor.diagnosis import segments
-from rwa_monitor.diagnosis.adequacy import FEWEST_BLOCKS, LARGEST_BLOCK, PERSISTENCE_LAGS, persistence
+from rwa_monitor.diagnosis.adequacy import persistence
+from rwa_monitor.diagnosis.adequacy_kernel import FEWEST_BLOCKS, LARGEST_BLOCK, PERSISTENCE_LAGS
 from rwa_monitor.diagnosis.densities import OTHER_SIZE, level_densities
 from rwa_monitor.diagnosis.estimation import estimate
 from rwa_monitor.diagnosis.model import built_in_model

@@ -10,7 +10,8 @@ import pytest
 from rwa_monitor.diagnosis.assignment import assign
 from rwa_monitor.diagnosis.components import split
 from rwa_monitor.diagnosis.estimation import SlopePrior
-from rwa_monitor.diagnosis.friction_model import log_evidence, measure, solve
+from rwa_monitor.diagnosis.friction_kernel import evidence_of_cases
+from rwa_monitor.diagnosis.friction_model import measure, prior_tables, solve
 from rwa_monitor.diagnosis.friction_priors import priors_of
 from rwa_monitor.diagnosis.results import Components, Story
 from rwa_monitor.diagnosis.state import CarriedState, FrictionMemory, SystemState, Tracked
@@ -101,7 +102,8 @@ def test_evidence_is_that_of_the_whole_gaussian():
         sums = sums_of(x, z)
         moments = sums.between(borders[:-1], borders[1:])
         closed = solve(story, borders, moments, priors, std**2, scatter).log_evidence
-        alone = log_evidence(story.flat(), borders, moments.table, priors, std**2, scatter)
+        table, cases, log_prior, rest = prior_tables(priors)
+        alone = evidence_of_cases(story.flat(), borders, table, moments.table, cases, log_prior, rest, std**2, scatter)
         assert alone == pytest.approx(closed, abs=1e-9)
         segment = np.searchsorted(borders, np.arange(slots), side="right") - 1
         direct = []
