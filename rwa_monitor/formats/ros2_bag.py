@@ -10,7 +10,6 @@ the topics of the map are decoded, by `mcap_ros2`; what could make that work wit
 from __future__ import annotations
 
 import os
-import re
 import struct
 import zlib
 from array import array
@@ -27,12 +26,12 @@ from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, McapRecord, Message, Schema
-from mcap.stream_reader import breakup_chunk
 from mcap.writer import MCAP0_MAGIC
 
 from rwa_monitor.errors import InputError, RwaMonitorError
 from rwa_monitor.formats.columns import MAX_ROWS
 from rwa_monitor.formats.files import display_name, first_line, unreadable
+from rwa_monitor.formats.ros2_types import checked_definition
 from rwa_monitor.formats.telemetry import Decoding, SampleBatch, TelemetryFile, WheelTelemetry, disorder
 from rwa_monitor.formats.telemetry_map import SI_UNITS, TopicChannel, TopicWheel, conversion, topic_wheels
 from rwa_monitor.messages import MAX_TIME_NS
@@ -42,8 +41,11 @@ MAX_RECORD_BYTES: Final = 64 * 2**20
 MAX_SKIPPED_BYTES: Final = 2**40  # of an attachment that is passed over
 MAX_CHUNK_BYTES: Final = 64 * 2**20  # unpacked; rosbag2 writes chunks of less than one
 MAX_WORK_BYTES: Final = 16 * 2**30  # to be unpacked of a file; a bag with pictures is large
-MAX_SCHEMA_BYTES: Final = 65_536
-MAX_MESSAGE_BYTES: Final = 2**20  # of a topic of the map; the state of a thousand joints has some 50 kB
+MAX_SCHEMAS_BYTES: Final = 64 * 2**20  # of all that are kept; a bag of hundreds of types has some
+MAX_RECORDS: Final = 100_000_000  # of a bag; 28 hours of a thousand messages a second
+MAX_CHANNELS: Final = 1_000  # of the topics of the map
+MAX_NAME: Final = 200  # characters of another topic's name that are kept, to be told
+MAX_MESSAGE_BYTES: Final = 2**18  # of a topic of the map; the state of a thousand joints has some 50 kB
 
 # What the decoder raises where a message is not as its schema says; it checks little itself.
 _DECODER_ERRORS: Final = (
@@ -57,11 +59,11 @@ _DECODER_ERRORS: Final = (
     struct.error,
 )
 _MCAP_ERRORS: Final = (ArithmeticError, McapError, RuntimeError, ValueError, struct.error, zstandard.ZstdError)
-# Bytes that the decoder takes without looking whether there are any: a list of such types would have no end.
-_UNCHECKED: Final = re.compile(r"\b(uint8|byte)\s*\[[^\]<]*[^\]<\s][^\]]*\]")
 _HEAD: Final = struct.Struct("<BQ")  # opcode and length of a record
+_MESSAGE: Final = int(Opcode.MESSAGE)  # comparing an enumeration costs as much as reading the record
 _WANTED: Final = frozenset({Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK})
-_COMMENT: Final = re.compile(r"#[^\n]*")
+_CHANNEL_OF: Final = struct.Struct("<H")  # of a message
+_MESSAGE_BYTES: Final = 2 + 4 + 8 + 8  # of a message without its content
 
 
 def read_bag(path: Path, decoding: Decoding) -> TelemetryFile:
@@ -214,6 +216,10 @@ class _Bag:
         self._schemas: dict[int, Schema] = {}
         self._topics: dict[int, _Topic | None] = {}  # None: a topic that the map does not name
         self._names: set[str] = set()
+        self._others: set[int] = set()  # channels that the map does not name
+        self._described = 0
+        self._schemas_bytes = 0
+        self._records_seen = 0
         self._rows = 0
         self._work_bytes = 0
         self._lost: list[str] = []
@@ -278,20 +284,67 @@ class _Bag:
         data = _unpacked(chunk)
         if chunk.uncompressed_crc and zlib.crc32(data) != chunk.uncompressed_crc:
             raise ValueError("it has another checksum than it says")
-        return list(breakup_chunk(replace(chunk, data=data, compression="")))
+        return self._contents(data)
+
+    def _contents(self, data: bytes) -> list[McapRecord]:
+        """Return what a chunk holds; messages of topics that the map does not name are passed over unread."""
+        records: list[McapRecord] = []
+        others, known = set(self._others), set(self._topics)
+        position, stop, undescribed = 0, len(data), 0
+        while position < stop:
+            self._count_record()
+            opcode, length = _HEAD.unpack_from(data, position)
+            start, position = position + _HEAD.size, position + _HEAD.size + length
+            if position > stop:
+                raise ValueError("a record in it reaches beyond its end")
+            if opcode == _MESSAGE:
+                if length < _MESSAGE_BYTES:
+                    raise ValueError("a message in it has no head")
+                channel_id = _CHANNEL_OF.unpack_from(data, start)[0]
+                if channel_id not in known:
+                    undescribed += 1
+                elif channel_id not in others:
+                    records.append(Message.read(ReadDataStream(BytesIO(data[start:position])), length))
+            elif opcode == Opcode.SCHEMA:
+                records.append(Schema.read(ReadDataStream(BytesIO(data[start:position]))))
+            elif opcode == Opcode.CHANNEL:
+                channel = Channel.read(ReadDataStream(BytesIO(data[start:position])))
+                records.append(channel)
+                if channel.id not in known and channel.topic not in self._series:
+                    others.add(channel.id)
+                known.add(channel.id)
+        self._undescribed += undescribed
+        return records
+
+    def _count_record(self) -> None:
+        self._records_seen += 1
+        if self._records_seen > MAX_RECORDS:
+            raise InputError(self._source, f"has more than {MAX_RECORDS:,} records")
 
     def _take(self, record: McapRecord) -> None:
         if isinstance(record, Schema):
-            self._schemas[record.id] = record
+            self._keep_schema(record)
         elif isinstance(record, Channel):
             if record.id not in self._topics:
-                self._names.add(record.topic)
-                self._topics[record.id] = self._topic(record) if record.topic in self._series else None
+                wanted = record.topic in self._series
+                self._names.add(record.topic if wanted else record.topic[:MAX_NAME])
+                self._topics[record.id] = self._topic(record) if wanted else None
+                if not wanted:
+                    self._others.add(record.id)
         elif isinstance(record, Message):
             if record.channel_id not in self._topics:
                 self._undescribed += 1
             elif (topic := self._topics[record.channel_id]) is not None:
                 self._decode(topic, record)
+
+    def _keep_schema(self, schema: Schema) -> None:
+        before = self._schemas.get(schema.id)
+        for sign, known in ((1, schema), (-1, before)):
+            if known is not None:
+                self._schemas_bytes += sign * (len(known.data) + len(known.name) + len(known.encoding))
+        if self._schemas_bytes > MAX_SCHEMAS_BYTES:
+            raise InputError(self._source, f"has schemas of more than {MAX_SCHEMAS_BYTES:,} bytes")
+        self._schemas[schema.id] = schema
 
     def _topic(self, channel: Channel) -> _Topic:
         """Return how to decode a topic; raises InputError where it cannot be."""
@@ -300,14 +353,13 @@ class _Bag:
         if schema is None or (channel.message_encoding, schema.encoding) != ("cdr", "ros2msg"):
             how = f"{channel.message_encoding} by {schema.encoding if schema else 'nothing'}"
             raise InputError(self._source, f"holds {how}; cdr by ros2msg is wanted", place)
-        if len(schema.data) > MAX_SCHEMA_BYTES:
-            raise InputError(self._source, f"has a schema of more than {MAX_SCHEMA_BYTES:,} bytes", place)
+        self._described += 1
+        if self._described > MAX_CHANNELS:
+            raise InputError(self._source, f"has more than {MAX_CHANNELS:,} channels of the map's topics", place)
+        definition = checked_definition(schema.name, schema.data, self._source, place)
         try:
-            text = _COMMENT.sub("", schema.data.decode("utf-8"))
-            if _UNCHECKED.search(text):
-                raise InputError(self._source, "has a field of a fixed number of bytes, which is not read here", place)
             with redirect_stderr(StringIO()):  # the parser tells there what it also raises
-                decode = self._factory.decoder_for("cdr", replace(schema, data=text.encode()))
+                decode = self._factory.decoder_for("cdr", replace(schema, data=definition))
                 assert decode is not None
         except _schema_errors() as error:
             raise InputError(self._source, f"{schema.name} is no message type: {first_line(error)}", place) from error

@@ -191,13 +191,27 @@ class Raw:
 
 X_MAP = bags.SHORT_MAP.rsplit("speed_rad_s", 1)[0] + 'speed_rad_s = { topic = "/x", field = "data", time = "log" }\n'
 NESTED = "\n".join(f"{NEXT}x_msgs/A{n}\nA{n + 1} a\nA{n + 1} b" for n in range(30)) + f"\n{NEXT}x_msgs/A30"
+CHAIN = "\n".join(f"{NEXT}x_msgs/A{n}\nA{n + 1}[] a" for n in range(33)) + f"\n{NEXT}x_msgs/A33"
+WRAPPED = f"{NEXT}x_msgs/B\nC c\n{NEXT}x_msgs/C\n"
 BAD_CHANNELS = {
     "JSON": (Raw(encoding="json"), "holds json by ros2msg; cdr by ros2msg is wanted"),
     "IDL": (Raw(schema_encoding="ros2idl"), "holds cdr by ros2idl"),
     "no type": (Raw(schema="float64\n"), "x_msgs/msg/X is no message type"),
     "a name that is none": (Raw(schema="float64 1data\n"), "is no message type"),
     "a type that is not there": (Raw(schema="float64 data\nOther o\n"), "Message definition not found"),
-    "a type in itself": (Raw(schema="X x\nfloat64 data\n"), "maximum recursion depth"),
+    "a type in itself": (Raw(schema="X x\nfloat64 data\n"), "a type that holds itself"),
+    "types in types": (Raw(schema=f"float64 data\nA0[] a\n{CHAIN}\nfloat64 x\n"), "deeper than 32 levels"),
+    "objects of few bytes": (Raw(schema=f"float64 data\nB[] b\n{WRAPPED}bool x\n"), "more objects than bytes"),
+    "so many of them": (Raw(schema=f"float64 data\nB[9] b\n{WRAPPED}\n"), "more objects than bytes"),
+    "a number in another way": (Raw(schema=f"float64 data\nB[9] b\n{NEXT}x_msgs/B\nbool[+1] x\n"), "more objects"),
+    "in each other": (Raw(schema=f"float64 data\nA0 a\n{NESTED}\nbool x\n"), "more objects than bytes"),
+    "a type without a name": (Raw(schema=f"float64 data\n{NEXT[:-1]}\nx_msgs/A\nuint8 x\n"), "MSG: names none"),
+    # Expressions of the parser, and one that was here, took minutes to years over these.
+    "a constant of many letters": (Raw(schema=f"int32 {'A' * 50}a=1\nfloat64 data\n"), "names no constant"),
+    "a constant that ends in an underscore": (Raw(schema=f"int32 {'A1' * 25}_ = 1\nfloat64 data\n"), "no constant"),
+    "bracket after bracket": (Raw(schema=f"float64 data\n{'uint8[ ' * 9_000}\n"), "a line of more than 1,000"),
+    "many names": (Raw(schema="".join(f"int8 a{n}\n" for n in range(5_000))), "more than 2,000 lines"),
+
     "bytes taken unseen": (Raw(schema=f"A0 a\nfloat64 data\n{NESTED}\nuint8[1] x\n"), "a fixed number of bytes"),
     "a long list": (Raw(schema=f"A[] a\nfloat64 data\n{NEXT}x_msgs/A\nbyte[ 3 ] x\n"), "a fixed number of bytes"),
     "a long schema": (Raw(schema="float64 data\n" + "#" * 70_000), "a schema of more than 65,536 bytes"),
@@ -218,6 +232,13 @@ def test_a_topic_that_cannot_be_decoded_is_refused(
 
 def test_a_plain_topic_of_the_kind_is_read(tmp_path: Path) -> None:
     assert read(Raw().write(tmp_path / "b.mcap"), X_MAP).speed_rad_s.tolist() == [1.5]
+
+
+def test_constants_and_types_in_types_as_ros_has_them_are_read(tmp_path: Path) -> None:
+    shallow = "\n".join(f"{NEXT}x_msgs/A{n}\nA{n + 1}[] a" for n in range(6)) + f"\n{NEXT}x_msgs/A6\nuint8[<=3] x\n"
+    schema = f"uint8 OK=0\nint32 A1_B2 = -3 # why\nstring S='a=b'\nfloat64 data\nA0[] a\n{shallow}"
+    raw = Raw(schema=schema, data=Raw().data + bytes(4))
+    assert read(raw.write(tmp_path / "b.mcap"), X_MAP).speed_rad_s.tolist() == [1.5]
 
 
 # ---- chunks that lie -------------------------------------------------------------------------------------------------
@@ -252,3 +273,65 @@ def test_a_chunk_that_unpacks_to_more_than_it_says_is_left_out(tmp_path: Path, m
     content = read_bag(path, bags.decoding(X_MAP))
     assert reason in content.problems[0]
     assert len(joined(only_wheel(content, "test"))) == 1
+
+
+def with_chunk(folder: Path, content: bytes) -> Path:
+    """Put a chunk before the records of a sound bag."""
+    plain = Raw().write(folder / "plain.mcap").read_bytes()
+    first = 8 + 9 + int.from_bytes(plain[9:17], "little")  # behind the header
+    path = folder / "b.mcap"
+    path.write_bytes(plain[:first] + chunk(zstandard.compress(content), len(content), b"zstd") + plain[first:])
+    return path
+
+
+def prefixed(*texts: bytes) -> bytes:
+    return b"".join(struct.pack("<I", len(text)) + text for text in texts)
+
+
+def record(opcode: int, content: bytes) -> bytes:
+    return struct.pack("<BQ", opcode, len(content)) + content
+
+
+def a_channel(number: int, topic: bytes = b"/x", schema: int = 1) -> bytes:
+    return record(4, struct.pack("<HH", number, schema) + prefixed(topic, b"cdr") + bytes(4))
+
+
+def a_schema(number: int, text: bytes = b"float64 data") -> bytes:
+    return record(3, struct.pack("<H", number) + prefixed(b"x_msgs/msg/X", b"ros2msg", text))
+
+
+MANY: dict[str, Any] = {
+    "records": ("MAX_RECORDS", 1_000, lambda: bytes(9 * 2_000), "more than 1,000 records"),
+    "messages of other topics": (
+        "MAX_RECORDS",
+        1_000,
+        lambda: a_channel(7, b"/y") + 2_000 * record(5, struct.pack("<HIQQ", 7, 0, 0, 0)),
+        "more than 1,000 records",
+    ),
+    "channels": (
+        "MAX_CHANNELS",
+        100,
+        lambda: a_schema(1) + b"".join(a_channel(n) for n in range(1, 201)),
+        "more than 100 channels of the map's topics",
+    ),
+    "schemas": (
+        "MAX_SCHEMAS_BYTES",
+        10_000,
+        lambda: b"".join(a_schema(n, bytes(1_000)) for n in range(1, 21)),
+        "schemas of more than 10,000 bytes",
+    ),
+}
+
+
+@pytest.mark.parametrize(("limit", "value", "content", "reason"), MANY.values(), ids=MANY)
+def test_more_than_a_bag_has_in_a_few_bytes_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, limit: str, value: int, content: Any, reason: str
+) -> None:
+    monkeypatch.setattr(f"rwa_monitor.formats.ros2_bag.{limit}", value)
+    assert reason in refused(with_chunk(tmp_path, content()), X_MAP)
+
+
+def test_a_schema_that_comes_again_is_kept_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("rwa_monitor.formats.ros2_bag.MAX_SCHEMAS_BYTES", 10_000)
+    again = b"".join(a_schema(9, bytes(1_000)) for _ in range(20))
+    assert read(with_chunk(tmp_path, again), X_MAP).speed_rad_s.tolist() == [1.5]
