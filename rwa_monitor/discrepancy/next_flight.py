@@ -11,6 +11,7 @@ from rwa_monitor.discrepancy.result import Unexplained
 from rwa_monitor.discrepancy.search import ACCEPT_GAIN
 from rwa_monitor.physics.effects.catalogue import CATALOGUE, MEAN_EFFECTS
 
+TELLS_NOTHING: Final = 0.1  # nats: odds of 1.1 to 1
 BEYOND_DOUBT: Final = 2 * ACCEPT_GAIN  # an effect that gains so much needs no confirmation
 # What would show the shape of something that no effect explains, by a word of its signature.
 SHAPE_SHOWN_BY: Final = (
@@ -35,7 +36,7 @@ class Plan:
     question
         What the manoeuvres are ranked by, in words.
     manoeuvres
-        Best first; empty where none would help.
+        Best for its time first, without those that tell nothing; empty where none would help.
     advice
         What no manoeuvre of the library answers, in words.
     """
@@ -61,17 +62,26 @@ def plan(search: Search) -> Plan:
     doubtful = [[effect.name] for effect in mean if effect.delta_deviance < BEYOND_DOUBT]
     if sets or doubtful:
         causes = (sets or doubtful)[0]
-        manoeuvres = rank_manoeuvres(search.problem, search.extended, causes, search.wheel)
+        manoeuvres = _worth_flying(rank_manoeuvres(search.problem, search.extended, causes, search.wheel))
         question = f"tell {' from '.join(causes)}" if sets else f"confirm {causes[0]}"
-        if not manoeuvres or manoeuvres[0].separation < DECIDES:
+        if max((entry.separation for entry in manoeuvres), default=0.0) < DECIDES:
             would = dict.fromkeys(CATALOGUE[name].separate_by for name in causes)
-            advice.append(f"none of these would {question}; what would: {' '.join(would)}")
+            none = "none of these" if manoeuvres else "no manoeuvre of the library"
+            advice.append(f"{none} would {question}; what would: {' '.join(would)}")
         return Plan(question, manoeuvres, advice)
     untested = [name for name, _ in search.result.untested if name in MEAN_EFFECTS]
-    manoeuvres = rank_for_untested(search.problem, search.extended, untested, search.wheel)
+    manoeuvres = _worth_flying(rank_for_untested(search.problem, search.extended, untested, search.wheel))
+    if untested and not manoeuvres:
+        advice.append("no manoeuvre of the library would show what these data could not test")
     if not manoeuvres and not advice:
         advice.append("nothing is open that a manoeuvre would answer")
     return Plan("show what these data could not test", manoeuvres, advice)
+
+
+def _worth_flying(manoeuvres: list[PlannedManoeuvre]) -> list[PlannedManoeuvre]:
+    """Return the manoeuvres that tell anything, in the order of what they tell in the same time: effects, then nats."""
+    telling = [entry for entry in manoeuvres if entry.separation >= TELLS_NOTHING]
+    return sorted(telling, key=lambda entry: (-len(entry.shows) / entry.duration_s, -entry.nats_per_hour))
 
 
 def _shown_by(left: Unexplained) -> str:
