@@ -230,9 +230,11 @@ def _print_details(found: Search) -> None:
     from rich.console import Console
     from rich.table import Table
 
+    from rwa_monitor.discrepancy.engineering import measure
     from rwa_monitor.discrepancy.extended import extend, laws_in_words
-    from rwa_monitor.discrepancy.report import noise_gains, p_in_words
-    from rwa_monitor.discrepancy.untested import as_a_part
+    from rwa_monitor.discrepancy.find import CANDIDATES
+    from rwa_monitor.discrepancy.report import absent_effects, noise_gains, p_in_words
+    from rwa_monitor.discrepancy.untested import as_a_part, not_testable
 
     console = Console(width=None if sys.stdout.isatty() else 120)
     result = found.result
@@ -270,8 +272,13 @@ def _print_details(found: Search) -> None:
     if found.extended.terms:
         for line in laws_in_words(extend(found)):
             console.print(line)
-    for name, missing in result.untested:
-        console.print(f"not tested: {name} (needs {as_a_part(missing)})")
+    not_seen = [f"{entry.name} {measure(entry.strength, None, entry.unit)}" for entry in absent_effects(found)]
+    if not_seen:
+        console.print(f"tested and not seen, down to about: {'; '.join(not_seen)}")
+    beyond = not_testable(found.problem, CANDIDATES, result.untested)
+    for name, missing in sorted(result.untested, key=lambda entry: entry[0] in beyond):
+        why = "not testable" if name in beyond else "not excited"
+        console.print(f"{why}: {name} (needs {as_a_part(missing)})")
 
 
 def _print_plan(planned: Plan) -> None:
@@ -284,6 +291,8 @@ def _print_plan(planned: Plan) -> None:
         pair = " and ".join(name for name in entry.worst_pair if name)
         shows = f"; shows {', '.join(entry.shows)}" if entry.shows else ""
         worth = f"{entry.separation:10.1f} nats in {entry.duration_s / 60:.0f} min ({entry.nats_per_hour:.1f} an hour)"
+        if entry.shows:
+            worth = f"{len(entry.shows):4d} effects, each by {worth.lstrip()}"
         click.echo(f"  {worth}  {entry.name}: {entry.description} (hardest: {pair}{shows})")
 
 

@@ -35,6 +35,7 @@ COMMENTS: Final[dict[Treatment, str]] = {
 
 DRIFTS: Final = frozenset({"run_in_drift"})  # effects that change with time alone, as a fault does that grows
 CAUTION: Final = "What an effect here explains is no longer seen as a fault: the records must be of a healthy wheel."
+CAUTION_LOSS: Final = "It does worse than the file without the effects on held-out data: do not use it."
 CAUTION_DRIFT: Final = (
     "A drift can be the fault itself: do not extend the wheel file while friction moves; compare with the last healthy"
     " windows."
@@ -88,6 +89,8 @@ class Extension:
         level [N m].
     rmse_simulated_Nm
         The same of the extended file with its own dry friction as the level; NaN without a nominal one [N m].
+    is_a_loss
+        Whether it does worse on held-out data than the file without the effects.
     """
 
     wheel: Wheel
@@ -97,6 +100,7 @@ class Extension:
     rmse_before_Nm: float
     rmse_after_Nm: float
     rmse_simulated_Nm: float
+    is_a_loss: bool = False
 
     @property
     def comment(self) -> str:
@@ -107,6 +111,7 @@ class Extension:
         """Write the wheel file, with the comment and a warning on top."""
         drifts = any(block.name in DRIFTS for block in self.wheel.effect)
         caution = f"{CAUTION} {CAUTION_DRIFT}" if drifts else CAUTION
+        caution = f"{CAUTION_LOSS}\n# {caution}" if self.is_a_loss else caution
         return f"# In [nominal], {self.comment}.\n# {caution}\n{self.wheel.to_toml()}"
 
 
@@ -138,6 +143,7 @@ def extend(search: Search) -> Extension:
         _rmse(search, search.wheel, before),
         _rmse(search, wheel, after),
         _rmse(search, wheel, after, nominal.dry_torque_Nm) if nominal else float("nan"),
+        search.result.gain is not None and search.result.gain.is_a_loss,
     )
 
 

@@ -20,9 +20,11 @@ from rwa_monitor.discrepancy.noise_effects import noise_effects
 from rwa_monitor.discrepancy.nulls import built_in_nulls
 from rwa_monitor.discrepancy.record import Record, make_record
 from rwa_monitor.discrepancy.result import (
+    INDISTINGUISHABLE,
     DiscrepancyResult,
     FoundEffect,
     Gain,
+    ParameterValue,
     Unexplained,
     Verdict,
 )
@@ -44,6 +46,7 @@ CANDIDATES = tuple({**MEAN_EFFECTS, **{term.name: term for term in (DelayTerm, *
 # What time or temperature shows while the speed stays as it is.
 DRIFT: Final = "run_in_drift"
 WARMING: Final = "viscosity_temperature"
+NO_JUMPS: Final = "jumps of the friction: none is seen here"
 SHOWN_AT_REST: Final = frozenset({DRIFT, WARMING, "torque_constant_temperature"})
 
 
@@ -98,20 +101,19 @@ def find_discrepancy(
     """
     problem = replace(prepare(_records(recordings, wheel), wheel), each=each)
     aside = prepare(_records(held_out_recordings, wheel), wheel) if held_out_recordings else None
-    known = {block.name for block in wheel.effect}
-    candidates = [effect for effect in CANDIDATES if effect.name not in known]
+    tried = candidates(wheel)
     beyond_motion: list[type[MeanEffect]] = []
     if problem.friction_is_derived and _speed_is_constant(problem):
         # All that moves the speed is its noise, which is in the friction, too: it would pass for an effect of motion.
-        beyond_motion = [effect for effect in candidates if effect.name not in SHOWN_AT_REST]
-        candidates = [effect for effect in candidates if effect.name in SHOWN_AT_REST]
-    problem, found, leftover, complete = _explain(problem, candidates, progress)
+        beyond_motion = [effect for effect in tried if effect.name not in SHOWN_AT_REST]
+        tried = [effect for effect in tried if effect.name in SHOWN_AT_REST]
+    problem, found, leftover, complete = _explain(problem, tried, progress)
     progress("noise and jumps")
     cage = cage_bursts(problem, complete) if problem.has_noise else None
     if cage is not None:
         # Bursts pass for jumps, and for laws of speed: what is said of anything else is said without them.
         problem = replace(prepare(cage.quiet(problem.records), wheel), each=each)
-        problem, found, leftover, complete = _explain(problem, candidates, progress)
+        problem, found, leftover, complete = _explain(problem, tried, progress)
     in_band = cage.in_band if cage is not None else ()
     others: list[FoundEffect] = []
     wanders = None
@@ -137,11 +139,19 @@ def find_discrepancy(
         verdict = "untestable"
     gain = replace(_gain(problem, found, scores), held_out=tuple(name for name, _ in held_out_recordings))
     beside = {name for effect in mean for name in effect.equivalent}
-    listed = {k: v for k, v in _untested(problem, found, candidates, wheel) if k not in beside}
+    listed = {k: v for k, v in _untested(problem, found, tried, wheel) if k not in beside}
     for effect in beyond_motion:
         listed.setdefault(effect.name, as_a_part(effect.separate_by))
+    if not found.ladder[-1].fit.jumps.size:
+        listed |= {term.name: NO_JUMPS for term in JUMP_TERMS if term.name in listed}
     result = DiscrepancyResult(verdict, effects, leftover, tuple(listed.items()), gain)
     return Search(wheel, problem, found, scores, result)
+
+
+def candidates(wheel: Wheel) -> list[type[MeanEffect]]:
+    """Return the effects with columns that the search tries: all that the wheel does not have already."""
+    known = {block.name for block in wheel.effect}
+    return [effect for effect in CANDIDATES if effect.name not in known]
 
 
 def _explain(
@@ -195,6 +205,8 @@ def _describe(problem: Problem, model: Model, found: Found) -> FoundEffect:
     term = model.terms[index]
     std = spread(problem, model).terms[index]
     parameters = described(problem, term, model.strengths(index), std, CATALOGUE[found.name].parameters)
+    if found.name == WARMING and not problem.at_one_speed:
+        parameters = _as_a_part_of(float(model.fit.coefficients[0]), parameters)
     return FoundEffect(
         found.name,
         term.effect.family,
@@ -204,6 +216,20 @@ def _describe(problem: Problem, model: Model, found: Found) -> FoundEffect:
         built_in_nulls().p_value("mean", found.gain, problem.log_size, derived=problem.friction_is_derived),
         found.gain,
     )
+
+
+def _as_a_part_of(viscous: float, parameters: dict[str, ParameterValue]) -> dict[str, ParameterValue]:
+    """Say where the part of the viscous friction that follows the temperature is more than the whole [N m s/rad].
+
+    Over a few kelvin only the product of strength and activation temperature shows: then the whole tells the strength,
+    which the fit does not know to be a part of it.
+    """
+    (strength, value), *others = parameters.items()
+    if value.std is not None and value.value <= viscous + INDISTINGUISHABLE * value.std:
+        return parameters
+    note = f"more than the whole viscous friction, {viscous:.4g}: not determined, only its product with B is"
+    noted = [(name, replace(other, std=None, note=other.note or "not determined")) for name, other in others]
+    return {strength: replace(value, std=None, note=note), **dict(noted)}
 
 
 def _with_warm_up(problem: Problem, effect: FoundEffect) -> FoundEffect:

@@ -5,10 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
-from rwa_monitor.discrepancy.find import Search
+from rwa_monitor.discrepancy.find import CANDIDATES, Search
 from rwa_monitor.discrepancy.plan import DECIDES, PlannedManoeuvre, rank_for_untested, rank_manoeuvres
 from rwa_monitor.discrepancy.result import Unexplained
 from rwa_monitor.discrepancy.search import ACCEPT_GAIN
+from rwa_monitor.discrepancy.untested import not_testable
 from rwa_monitor.physics.effects.catalogue import CATALOGUE, MEAN_EFFECTS
 
 TELLS_NOTHING: Final = 0.1  # nats: odds of 1.1 to 1
@@ -70,6 +71,14 @@ def plan(search: Search) -> Plan:
             advice.append(f"{none} would {question}; what would: {' '.join(would)}")
         return Plan(question, manoeuvres, advice)
     untested = [name for name, _ in search.result.untested if name in MEAN_EFFECTS]
+    # A manoeuvre does not measure what no channel measures.
+    channels = not_testable(search.problem, CANDIDATES, search.result.untested)
+    lacking = [name for name in untested if name in channels]
+    untested = [name for name in untested if name not in channels]
+    missing = dict(search.result.untested)
+    for channel in dict.fromkeys(missing[name] for name in lacking):
+        shown = ", ".join(name for name in lacking if missing[name] == channel)
+        advice.append(f"no manoeuvre shows {shown} without {channel}")
     manoeuvres = _worth_flying(rank_for_untested(search.problem, search.extended, untested, search.wheel))
     if untested and not manoeuvres:
         advice.append("no manoeuvre of the library would show what these data could not test")

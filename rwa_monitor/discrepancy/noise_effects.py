@@ -310,10 +310,12 @@ def accepted(problem: Problem, fits: dict[str, list[LikelihoodFit]]) -> list[Fou
 
 def _describe(effect: type[Effect], fit: LikelihoodFit, gain: float, problem: Problem) -> FoundEffect:
     parameters = {
-        parameter.name: ParameterValue(
+        parameter.name: ParameterValue.of(
             float(fit.values[parameter.name]),
-            float(fit.std[parameter.name]) if np.isfinite(fit.std[parameter.name]) else None,
+            float(fit.std[parameter.name]),
             parameter.unit,
+            parameter.low,
+            parameter.high,
         )
         for parameter in effect.parameters
         if parameter.name not in fit.undetermined  # what the data do not tell is not printed as if they did

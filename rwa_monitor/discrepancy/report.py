@@ -8,14 +8,14 @@ import jinja2
 
 from rwa_monitor.discrepancy import engineering, figures
 from rwa_monitor.discrepancy.extended import extend, laws_in_words
-from rwa_monitor.discrepancy.find import CANDIDATES, Search
+from rwa_monitor.discrepancy.find import CANDIDATES, Search, candidates
 from rwa_monitor.discrepancy.ladder import ladder
 from rwa_monitor.discrepancy.next_flight import plan
 from rwa_monitor.discrepancy.nulls import built_in_nulls
 from rwa_monitor.discrepancy.report_template import PAGE
-from rwa_monitor.discrepancy.result import DiscrepancyResult, FoundEffect
+from rwa_monitor.discrepancy.result import DiscrepancyResult, FoundEffect, Gain
 from rwa_monitor.discrepancy.search import ACCEPT_GAIN
-from rwa_monitor.discrepancy.untested import detectable_strengths
+from rwa_monitor.discrepancy.untested import Detectable, detectable_strengths, not_testable
 from rwa_monitor.discrepancy.views import all_views
 from rwa_monitor.physics.effects.catalogue import CATALOGUE
 from rwa_monitor.version import SOFTWARE
@@ -30,14 +30,29 @@ def sentence(result: DiscrepancyResult) -> str:
     if result.verdict == "adequate":
         return "The simulation explains these data; nothing that could be tested is missing."
     if result.verdict == "untestable":
-        return "These data cannot tell: they hold no manoeuvre that would show a missing effect."
+        return "These data cannot tell: the speed hardly varies, and no effect that needs motion would show."
     parts = [_name_in_words(effect) for effect in result.effects]
     if result.unexplained is not None:
         parts.append(
             f"{result.unexplained.signature}, {result.unexplained.size_Nm:.2g} N m rms, that no known effect explains"
             + (" (what is named here may stand in for it)" if parts else "")
         )
-    return f"The simulation lacks {'; and '.join(parts)}."
+    lacks = f"The simulation lacks {'; and '.join(parts)}."
+    if result.gain is not None and result.gain.is_a_loss:
+        return f"{_loss_in_words(result.gain)} {lacks}"
+    if result.gain is not None and result.gain.only_by_fewer_jumps:
+        return f"{lacks} On held-out data that leaves no less error, and needs fewer jumps for it."
+    return lacks
+
+
+def _loss_in_words(gain: Gain) -> str:
+    """Say first what an extension does not do: hold on data that it was not fitted to."""
+    where = f"On {', '.join(gain.held_out)}" if gain.held_out else "On blocks left out in turn"
+    return (
+        f"{where} what was found does not hold: the RMSE goes from {gain.rmse_base_Nm:.4g} to"
+        f" {gain.rmse_extended_Nm:.4g} N m, the log score from {gain.log_score_base:.4f} to"
+        f" {gain.log_score_extended:.4f} a sample; do not extend the wheel file by it. As the searched records tell it:"
+    )
 
 
 def _name_in_words(effect: FoundEffect) -> str:
@@ -65,6 +80,17 @@ def noise_gains(search: Search) -> list[tuple[str, float]]:
     return [(e.name, 0.5 * e.delta_deviance / size) for e in search.result.effects if e.family == "noise"]
 
 
+def absent_effects(search: Search) -> list[Detectable]:
+    """Return the effects that these data would have shown and do not, with the strength from which they would."""
+    named = {name for effect in search.result.effects for name in (effect.name, *effect.equivalent)}
+    others = named | {name for name, _ in search.result.untested}
+    return [
+        entry
+        for entry in detectable_strengths(search.problem, search.extended, candidates(search.wheel))
+        if not entry.too_weak and entry.name not in others
+    ]
+
+
 def html(search: Search, sources: list[str], build: str = "") -> str:
     """Return the report as an HTML page; `sources` names the recordings, `build` the source of the program."""
     views = all_views(search.problem, search.base, search.extended)
@@ -90,11 +116,8 @@ def html(search: Search, sources: list[str], build: str = "") -> str:
         "kinds": KINDS,
         "rungs": rungs,
         "plan": plan(search),
-        "detectable": [
-            entry
-            for entry in detectable_strengths(search.problem, search.extended, CANDIDATES)
-            if not entry.too_weak and entry.name not in dict(search.result.untested)
-        ],
+        "detectable": absent_effects(search),
+        "not_testable": not_testable(search.problem, CANDIDATES, search.result.untested),
         "p_values": {effect.name: p_in_words(search, effect) for effect in search.result.effects},
         "noise_gains": noise_gains(search),
         "sure_p": SURE_P,

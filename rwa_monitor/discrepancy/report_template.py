@@ -68,7 +68,7 @@ catalogue explains it; what is named beside it may be a stand-in.</p>
 """
 
 GAINS: Final = """
-<h2>What the extension gains</h2>
+<h2>What the extension {{ "loses" if result.gain and result.gain.is_a_loss else "gains" }}</h2>
 <p class="small">{% if result.gain and result.gain.held_out %}Measured on {{ result.gain.held_out | join(", ") }}, where
 nothing was searched or fitted{% else %}Every figure is from held-out blocks: coefficients fitted on the other
 blocks{% endif %}; levels and jumps segmented afresh at the same price in all models. Log score: the mean logarithm of
@@ -137,9 +137,12 @@ format(entry.nats_per_hour) }}</td>
 
 {% if result.untested %}
 <h2>What these data could not test</h2>
-<table><tr><th>effect</th><th>what is missing</th></tr>
+<p class="small">Not excited: the motion, or the number of jumps, does not show it. Not testable: a channel or a part of
+the wheel file is missing, and no motion would show it. What was tested and not seen stands further down.</p>
+<table><tr><th>effect</th><th>why</th><th>what is missing</th></tr>
 {% for effect, missing in result.untested %}<tr><td>{{ catalogue[effect].title }}<br><code class="small">{{ effect
-}}</code></td><td data-label="what is missing">{{ missing | replace("`", "") }}</td></tr>
+}}</code></td><td data-label="why">{{ "not testable" if effect in not_testable else "not excited" }}</td>
+<td data-label="what is missing">{{ missing | replace("`", "") }}</td></tr>
 {% endfor %}
 </table>
 {% endif %}
@@ -167,7 +170,7 @@ view.extended.p_value | probability }}</span>. Would show {{ view.question }}.</
 </div>
 
 {% if detectable %}
-<h2>What these data would have shown</h2>
+<h2>Tested and not seen: what these data would have shown</h2>
 <p class="small">The smallest strength at which each effect that was not named would have been, its shape in the middle
 of what this motion can show, and how much of all friction (rms) that is; to within a factor of about two.</p>
 <table><tr><th>effect</th><th>named from</th><th class="n">of all friction</th></tr>
@@ -210,9 +213,9 @@ PAGE: Final = (
 rest left out{% endif %}{% if clipped %}, {{ clipped }} outliers pulled in{% endif %} · noise
 {{ noise_std_Nm | torque }} · {{ software }}</p>
 <p class="verdict {{ result.verdict }}"><strong>{{ result.verdict | capitalize }}.</strong> {{ sentence }}{% if
-extended_toml %} On data held out, the log score of a sample rises by {{ "%.3g" | format(rungs[-1].total) }} ± {{
-"%.1g" | format(rungs[-1].total_half) }} (95 %), and {{ rungs[0].jumps }} jumps become {{ rungs[-1].jumps }}.{% endif
-%}</p>
+extended_toml and not result.gain.is_a_loss %} On data held out, the log score of a sample rises by {{
+"%.3g" | format(rungs[-1].total) }} ± {{ "%.1g" | format(rungs[-1].total_half) }} (95 %), and {{ rungs[0].jumps }} jumps
+become {{ rungs[-1].jumps }}.{% endif %}</p>
 
 <h2>Measured and simulated</h2>
 <figure class="wide">{{ overlay | safe }}</figure>

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Final, Literal
 
 from rwa_monitor.physics.effects.base import Family
 
 Verdict = Literal["adequate", "inadequate", "untestable"]
+
+AT_A_BOUND: Final = 1e-3  # of a parameter's range: where a bounded fit stops
+INDISTINGUISHABLE: Final = 2.0  # standard deviations from a bound: 95 %
+TOLERATED_RISE: Final = 0.01  # of the held-out RMSE: a base model's false jumps may take so much of the noise with them
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,11 +24,36 @@ class ParameterValue:
     unit: str
     note: str = ""
 
+    @classmethod
+    def of(cls, value: float, std: float, unit: str, low: float, high: float) -> ParameterValue:
+        """Return a fitted value [unit] as its standard deviation, NaN where there is none, and its bounds tell it."""
+        error = std if math.isfinite(std) else None
+        for bound in (low, high):
+            if _is_at(value, bound, low, high):
+                return cls(value, None, unit, f"at its bound {bound:.4g}: not determined")
+            # A strength beside zero is what its error says; any other end is one of what was tried.
+            if bound != 0.0 and error is not None and abs(value - bound) < INDISTINGUISHABLE * error:
+                return cls(value, None, unit, f"not told from its bound {bound:.4g}: not determined")
+        return cls(value, error, unit)
+
     def in_words(self) -> str:
         """Return value, uncertainty and unit, or that it is not determined."""
         unit = "" if self.unit == "-" else f" {self.unit}"
         error = "" if self.std is None else f" ± {self.std:.2g}"
         return f"{self.value:.4g}{error}{unit}" + (f" ({self.note})" if self.note else "")
+
+    def to_json(self) -> dict[str, float | str | None]:
+        """Return value, error and unit, and the note where there is one."""
+        plain: dict[str, float | str | None] = {"value": self.value, "std": self.std, "unit": self.unit}
+        return {**plain, "note": self.note} if self.note else plain
+
+
+def _is_at(value: float, bound: float, low: float, high: float) -> bool:
+    """Say whether a value is at a bound: to a thousandth of the range, or of the bound where the range is decades."""
+    if bound == 0.0 or not math.isfinite(bound):
+        return value == bound  # small is not zero
+    width = high - low if math.isfinite(high - low) else abs(bound)
+    return abs(value - bound) <= AT_A_BOUND * (min(width, abs(bound)) if low > 0 else width)
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,6 +129,17 @@ class Gain:
     diagnosis: DiagnosisGain | None = None
     held_out: tuple[str, ...] = ()
 
+    @property
+    def is_a_loss(self) -> bool:
+        """Say whether the extension does worse than the base model on held-out data, by either figure."""
+        worse = self.rmse_extended_Nm > (1.0 + TOLERATED_RISE) * self.rmse_base_Nm
+        return worse or self.log_score_extended < self.log_score_base
+
+    @property
+    def only_by_fewer_jumps(self) -> bool:
+        """Say whether all that it gains there are jumps: it leaves no less error."""
+        return not self.is_a_loss and self.rmse_extended_Nm > self.rmse_base_Nm
+
 
 @dataclass(frozen=True, slots=True)
 class DiscrepancyResult:
@@ -121,9 +162,7 @@ class DiscrepancyResult:
                     "family": effect.family,
                     "equivalent": list(effect.equivalent),
                     "separate_by": effect.separate_by,
-                    "parameters": {
-                        name: {"value": p.value, "std": p.std, "unit": p.unit} for name, p in effect.parameters.items()
-                    },
+                    "parameters": {name: p.to_json() for name, p in effect.parameters.items()},
                     "p_value": effect.p_value,
                     "delta_deviance": effect.delta_deviance,
                 }

@@ -10,7 +10,7 @@ show is not determined by it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -77,12 +77,14 @@ def described(
 ) -> dict[str, ParameterValue]:
     """Return the parameters of a fitted term by name, in the given order, those not determined marked as such."""
     limits = shape_limits(problem, term.effect)
-    strength = dict(zip([p.name for p in term.effect.strength_parameters()], strengths.tolist(), strict=True))
+    names = [parameter.name for parameter in term.effect.strength_parameters()]
+    fitted = dict(zip(names, zip(strengths.tolist(), term.low.tolist(), term.high.tolist(), strict=True), strict=True))
     values = {}
     for parameter in parameters:
         name, error = parameter.name, std.get(parameter.name, float("nan"))
         if parameter.linear:
-            values[name] = ParameterValue(strength[name], error if np.isfinite(error) else None, parameter.unit)
+            value, low, high = fitted[name]
+            values[name] = ParameterValue.of(value, error, parameter.unit, low, high)
         elif parameter.choices:
             note = f"one of {len(parameter.choices)} values tried"
             values[name] = ParameterValue(float(term.shape[name]), None, parameter.unit, note)
@@ -93,8 +95,11 @@ def described(
 
 def _shape(value: float, std: float, unit: str, limits: tuple[float, float]) -> ParameterValue:
     low, high = limits
-    if not np.isfinite(std):
+    if not low < high:
         return ParameterValue(value, None, unit, "not determined by these data")
+    known = ParameterValue.of(value, np.nan, unit, low, high)
+    if not np.isfinite(std):
+        return known if known.note else replace(known, note="not determined by these data")
     if _is_logarithmic(low, high):
         factor = np.exp(min(WIDTH * std / value, 50.0))
         interval = value / factor, value * factor
@@ -102,8 +107,8 @@ def _shape(value: float, std: float, unit: str, limits: tuple[float, float]) -> 
         interval = value - WIDTH * std, value + WIDTH * std
     if interval[0] > low and interval[1] < high:
         return ParameterValue(value, std, unit)
-    from_, to = max(interval[0], low), min(interval[1], high)
-    return ParameterValue(value, None, unit, f"not determined: {from_:.3g} to {to:.3g} fit about as well")
+    as_well = f"{max(interval[0], low):.3g} to {min(interval[1], high):.3g} fit about as well"
+    return replace(known, note=f"{known.note or 'not determined'}: {as_well}".replace("determined: ", "determined, "))
 
 
 def _continuous(term: Term) -> tuple[Parameter, ...]:

@@ -23,6 +23,9 @@ from rwa_monitor.physics.wheel import Wheel
 
 TOO_LARGE: Final = 0.3  # of the RMS of all friction: an effect that must be larger to show has not been tested
 
+FRICTION_NOT_DERIVED: Final = "motor_current_A instead of friction_torque_Nm"
+NO_SYSTEMS: Final = "fss: the switching systems in the wheel file"
+
 
 @dataclass(frozen=True, slots=True)
 class Detectable:
@@ -91,6 +94,22 @@ def too_weak_to_show(problem: Problem, model: Model, effects: Sequence[type[Mean
     ]
 
 
+def not_testable(
+    problem: Problem, effects: Sequence[type[MeanEffect]], untested: Sequence[tuple[str, str]]
+) -> set[str]:
+    """Return which of the untested effects lack a channel or a part of the wheel file: no motion would show them.
+
+    The others lack a motion, or jumps: these data do not excite them.
+    """
+    by_name = {effect.name: effect for effect in effects}
+    return {
+        name
+        for name, missing in untested
+        if (name in by_name and available(problem, by_name[name]) is not None)
+        or missing in (FRICTION_NOT_DERIVED, NO_SYSTEMS)
+    }
+
+
 def as_a_part(sentence: str) -> str:
     """Return a sentence as a part of a longer one."""
     return sentence[:1].lower() + sentence[1:].rstrip(".")
@@ -100,11 +119,11 @@ def untested_others(problem: Problem, model: Model, wheel: Wheel) -> list[tuple[
     """Return the noise and switching effects that these records cannot test, with what is missing."""
     missing = []
     if not all(record.friction_is_derived for record in problem.records):
-        missing.append(("tachometer_quantisation", "motor_current_A instead of friction_torque_Nm"))
+        missing.append(("tachometer_quantisation", FRICTION_NOT_DERIVED))
     jumps = int(model.fit.jumps.size)
     few = f"a longer record: {jumps} jumps, and a law of durations asks for {FEWEST_SOJOURNS} sojourns or more"
     if not wheel.fss:
-        missing.append(("wrong_duration_law", "fss: the switching systems in the wheel file"))
+        missing.append(("wrong_duration_law", NO_SYSTEMS))
     elif jumps < FEWEST_SOJOURNS:
         missing.append(("wrong_duration_law", few))
     if jumps < FEWEST_SOJOURNS:

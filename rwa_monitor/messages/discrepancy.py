@@ -10,11 +10,12 @@ from rwa_monitor.messages.base import ClockNs, Count, Message, Name, Number
 
 
 class Uncertain(Message):
-    """A parameter of an effect."""
+    """A parameter of an effect; `note` says why it is not determined, where it is not (at its bound, …)."""
 
     value: Number
     std: Number | None
     unit: str
+    note: str | None = None
 
 
 class FoundEffect(Message):

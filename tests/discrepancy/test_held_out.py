@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from rwa_monitor.discrepancy.extended import extend
 from rwa_monitor.discrepancy.find import Search, find_discrepancy, prepare
 from rwa_monitor.discrepancy.gain import HeldOut, on_other_recordings
 from rwa_monitor.discrepancy.record import make_record
+from rwa_monitor.discrepancy.report import html, sentence
 from rwa_monitor.samples import Samples
 from tests.discrepancy.simple import NOISE_NM, WHEEL, Array, record, swing
 
@@ -89,3 +93,28 @@ def test_a_column_that_follows_the_level_follows_that_of_the_other_recording() -
     assert gain is not None
     assert gain.rmse_extended_Nm == pytest.approx(NOISE_NM, rel=5 / np.sqrt(2 * 6000))
     assert gain.log_score_extended > gain.log_score_base
+
+
+def test_an_extension_that_does_worse_elsewhere_is_no_gain(searched: Samples, found: Search) -> None:
+    # The other recording is of a wheel without the effect: the extension adds what is not there.
+    worse = find_discrepancy([("searched", searched)], WHEEL, held_out_recordings=[("plain", aside(1, hidden=False))])
+    gain = worse.result.gain
+    assert gain is not None
+    assert gain.is_a_loss
+    assert worse.result.verdict == "inadequate"  # of the searched recording that stays true
+    assert sentence(worse.result).startswith("On plain what was found does not hold")
+    page = html(worse, ["searched"])
+    assert "What the extension loses" in page
+    assert "the log score of a sample rises" not in page
+    assert "does worse" in extend(worse).to_toml()
+    assert found.result.gain is not None
+    assert not found.result.gain.is_a_loss
+    assert sentence(found.result).startswith("The simulation lacks stribeck")
+    assert "does worse" not in extend(found).to_toml()
+
+
+def test_error_that_does_not_fall_is_said(found: Search) -> None:
+    gain = found.result.gain
+    assert gain is not None
+    same = replace(gain, rmse_extended_Nm=1.001 * gain.rmse_base_Nm)
+    assert "leaves no less error" in sentence(replace(found.result, gain=same))

@@ -188,7 +188,7 @@ def test_words_say_each_thing_once(found: Search) -> None:
     assert report.p_in_words(found, found.result.effects[0]).startswith("≤ ")  # far beyond the largest null
     untested = dict(found.result.untested)
     page = report.html(found, ["hidden.csv"])
-    shown = page[page.index("What these data would have shown") :]
+    shown = page[page.index("Tested and not seen") :]
     assert untested
     assert not any(f"<td>{name}</td>" in shown for name in untested)
 
@@ -215,7 +215,7 @@ def test_what_no_manoeuvre_tells_is_said_with_what_would(found: Search) -> None:
     search = replace(found, mean=replace(found.mean, ladder=ladder), result=replace(found.result, effects=(both,)))
     planned = plan(search)
     assert planned.question == "tell coulomb_asymmetry from torque_bias"
-    assert any("none of these" in line and "motor" in line for line in planned.advice)
+    assert any("would tell" in line and "motor" in line for line in planned.advice)
 
 
 def test_what_is_unexplained_asks_for_the_manoeuvre_that_shows_its_shape(nothing: Search) -> None:

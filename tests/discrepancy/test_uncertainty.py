@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from rwa_monitor.discrepancy.base_fit import fit
-from rwa_monitor.discrepancy.find import prepare
+from rwa_monitor.discrepancy.find import find_discrepancy, prepare
 from rwa_monitor.discrepancy.record import make_record
 from rwa_monitor.discrepancy.result import ParameterValue
 from rwa_monitor.discrepancy.search import Model, extensions
@@ -17,7 +17,8 @@ from rwa_monitor.physics.effects.catalogue import MEAN_EFFECTS
 from rwa_monitor.physics.scenario import Scenario
 from rwa_monitor.physics.speed import SpeedProfile
 from rwa_monitor.physics.telemetry import simulate
-from rwa_monitor.physics.wheel import EffectBlock, built_in_wheel
+from rwa_monitor.physics.wheel import EffectBlock, Wheel, built_in_wheel
+from rwa_monitor.samples import Samples
 
 SEEDS = range(3000, 3020)
 TRUTH = {
@@ -82,3 +83,48 @@ def test_a_shape_that_the_record_does_not_determine_has_no_error_and_says_so() -
     exponent = fitted("sublinear_viscous", 3000, strength_Nm=4.0e-6)["exponent"]
     assert exponent.std is None
     assert "not determined" in exponent.in_words()
+
+
+@pytest.mark.parametrize(
+    ("value", "std", "limits", "words"),
+    [
+        (0.3, 0.1, (0.3, 0.9), "at its bound 0.3: not determined"),
+        (1500.0, float("nan"), (1500.0, 8000.0), "at its bound 1500: not determined"),
+        (0.49, 0.01, (-0.5, 0.5), "not told from its bound 0.5: not determined"),
+        (0.0, 0.1, (0.0, float("inf")), "at its bound 0: not determined"),
+        (0.6, 0.1, (0.3, 0.9), ""),
+        (1e-6, 6e-7, (0.0, float("inf")), ""),  # beside zero its error says it
+        (1e-6, 1e-9, (0.0, 1.0), ""),  # small is not zero
+    ],
+)
+def test_a_value_at_its_bound_is_not_determined(
+    value: float, std: float, limits: tuple[float, float], words: str
+) -> None:
+    stated = ParameterValue.of(value, std, "-", *limits)
+    assert stated.note == words
+    assert (stated.std is None) == bool(words)
+    assert words in stated.in_words()
+    assert stated.to_json().get("note", "") == words
+
+
+def test_a_part_of_the_viscous_friction_is_no_more_than_the_whole() -> None:
+    # Fifteen kelvin, two speeds in turn: the product of strength and activation temperature shows, hardly either.
+    time = np.arange(0.0, 3600.0, 0.125)
+    speed = 150.0 + 100.0 * np.sin(2 * np.pi * time / 600.0)
+    kelvin = 15.0 * (1.0 - np.exp(-time / 1500.0)) - 5.0
+    friction = 1.6e-3 + 5.3e-6 * np.exp(-0.03 * kelvin) * speed
+    rng = np.random.default_rng(50060)
+    samples = Samples(
+        time_ns=(1e9 * time).astype(np.int64),
+        speed_rad_s=speed,
+        friction_torque_Nm=friction + 3.9e-5 * rng.normal(size=time.size),
+        bearing_temperature_degC=20.0 + kelvin,
+    )
+    (effect,) = find_discrepancy([("warming", samples)], Wheel(name="w", sample_period_s=0.125)).result.effects
+    strength, activation = effect.parameters.values()
+    assert strength.std is None
+    assert "more than the whole viscous friction, 5.3" in strength.note
+    assert activation.std is None
+    assert "not determined" in activation.note
+    # What is known: the slope by temperature, 3 % of the whole per kelvin at 20 °C.
+    assert strength.value * activation.value / 293.15**2 == pytest.approx(0.03 * 5.3e-6, rel=0.05)

@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 from rwa_monitor.discrepancy.find import CANDIDATES, Search, find_discrepancy
-from rwa_monitor.discrepancy.untested import detectable_strengths
+from rwa_monitor.discrepancy.next_flight import TELLS_NOTHING, plan
+from rwa_monitor.discrepancy.report import absent_effects, html, sentence
+from rwa_monitor.discrepancy.untested import detectable_strengths, not_testable
 from tests.discrepancy.simple import PERIOD_S, WHEEL, record, swing
 
 COUNT = 3000
@@ -44,3 +46,31 @@ def test_missing_channels_and_missing_jumps_are_listed() -> None:
     assert untested["load_dependence"] == "motor_torque_Nm"
     assert "1 jumps" in untested["wrong_duration_law"]
     assert "motor_current_A" in untested["tachometer_quantisation"]
+
+
+def test_what_was_tested_is_told_from_what_was_not_excited_and_what_is_not_testable() -> None:
+    # At one speed: time alone shows a drift, no motion shows a law of speed, no channel the temperature.
+    found = search(np.full(COUNT, 120.0))
+    assert found.result.verdict == "untestable"
+    assert "needs motion" in sentence(found.result)
+    untested = found.result.untested
+    beyond = not_testable(found.problem, CANDIDATES, untested)
+    seen = {entry.name for entry in absent_effects(found)}
+    assert "run_in_drift" in seen
+    assert not seen & dict(untested).keys()
+    assert {"viscosity_temperature", "load_dependence", "tachometer_quantisation"} <= beyond
+    assert {"stribeck", "sublinear_viscous"} <= dict(untested).keys() - beyond
+    page = html(found, ["constant.csv"])
+    for words in ("not excited", "not testable", "Tested and not seen"):
+        assert words in page
+
+
+def test_a_plan_promises_nothing_that_needs_a_channel() -> None:
+    planned = plan(search(np.full(COUNT, 120.0)))
+    shown = {name for entry in planned.manoeuvres for name in entry.shows}
+    assert "stribeck" in shown
+    assert "viscosity_temperature" not in shown
+    assert any("viscosity_temperature without bearing_temperature_degC" in line for line in planned.advice)
+    rates = [(len(entry.shows) / entry.duration_s, entry.nats_per_hour) for entry in planned.manoeuvres]
+    assert rates == sorted(rates, reverse=True)
+    assert min(entry.separation for entry in planned.manoeuvres) >= TELLS_NOTHING
