@@ -229,6 +229,11 @@ class Monitor:
         return asdict(self._core.counts)
 
     @property
+    def why_masked(self) -> Mapping[str, int]:
+        """Why samples with good values were masked all the same, in words, and how many; nothing where none was."""
+        return {words: count for words, count in self._core.why_masked.items() if count}
+
+    @property
     def troubles(self) -> list[str]:
         """What an operator should hear of the samples so far, in words: the first of each kind."""
         return list(self._troubles.values())

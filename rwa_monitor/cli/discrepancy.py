@@ -233,6 +233,7 @@ def _print_details(found: Search) -> None:
     from rwa_monitor.discrepancy.engineering import measure
     from rwa_monitor.discrepancy.extended import extend, laws_in_words
     from rwa_monitor.discrepancy.find import CANDIDATES
+    from rwa_monitor.discrepancy.record import left_out_in_words
     from rwa_monitor.discrepancy.report import absent_effects, noise_gains, p_in_words
     from rwa_monitor.discrepancy.untested import as_a_part, not_testable
 
@@ -251,6 +252,8 @@ def _print_details(found: Search) -> None:
                 effect.separate_by,
             )
         console.print(table)
+    left_out = left_out_in_words(found.problem.records)
+    console.print(f"{found.problem.size} samples in motion{f' ({left_out})' if left_out else ''}")
     gain = result.gain
     if gain is not None:
         where = ", ".join(gain.held_out) or "blocks left out in turn"

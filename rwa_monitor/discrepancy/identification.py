@@ -22,7 +22,7 @@ import numpy as np
 from rwa_monitor.discrepancy.base_fit import Problem, fit, make_problem
 from rwa_monitor.discrepancy.duration_laws import LearnedLaw, Sojourns, learn_laws
 from rwa_monitor.discrepancy.negative_friction import at_one_speed, motion_in_friction, why_negative
-from rwa_monitor.discrepancy.record import make_record
+from rwa_monitor.discrepancy.record import left_out_in_words, make_record
 from rwa_monitor.discrepancy.unit_check import Shown, slope_in_question
 from rwa_monitor.errors import InputError
 from rwa_monitor.physics.wheel import FrictionRange, Noise, Nominal, SwitchingSystem, Wheel, Window
@@ -197,9 +197,11 @@ def identify(recordings: Sequence[tuple[str, Samples]], start: Wheel, *, systems
             "fss": tuple(blocks),
         }
     )
+    left_out = left_out_in_words(problem.records)
     colour = problem.noise.long_run_variance / problem.noise.std**2
     head = (
-        f"learned from {len(recordings)} recording(s), {slots} slots, {problem.size} samples in motion",
+        f"learned from {len(recordings)} recording(s), {slots} slots, {problem.size} samples in motion"
+        + (f" ({left_out})" if left_out else ""),
         f"viscous {viscous:.5g} ± {viscous_std:.2g} N m s/rad, base dry {base:.5g} ± {dry_std:.2g} N m",
         f"noise {problem.noise.std:.3g} N m; the variance of a long mean is {colour:.1f} times that of white noise",
     )

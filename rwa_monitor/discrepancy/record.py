@@ -10,7 +10,9 @@ enter the friction of that slot.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
@@ -77,6 +79,8 @@ class Record:
         None where friction is given.
     derivative_slots
         Width of the filter with which friction is derived; 0 where it is given.
+    left_out
+        Why samples do not enter the search, in words, and how many; no reason without any.
     """
 
     source: str
@@ -91,6 +95,7 @@ class Record:
     angle_drift_rad: FloatArray | None = None
     bent: BoolArray | None = None
     derivative_slots: int = 0
+    left_out: Mapping[str, int] = field(default_factory=dict)
 
     @property
     def undrifted(self) -> Channels:
@@ -121,7 +126,7 @@ def make_record(samples: Samples, wheel: Wheel, source: str) -> Record:
         or a channel is at its end stop most of the time.
     """
     check_plausible(samples, wheel, source)
-    samples = without_end_stops(samples, source)
+    measured, samples = samples, without_end_stops(samples, source)
     slot = _slots_of(samples, wheel, source)
     count = int(slot[-1]) + 1
 
@@ -147,9 +152,9 @@ def make_record(samples: Samples, wheel: Wheel, source: str) -> Record:
     derived = friction is None
     bent: BoolArray | None = None
     if friction is None:
-        friction, hole, bent = _derived_friction(speed, torque, wheel, source)
+        friction, hole, bent, corners = _derived_friction(speed, torque, wheel, source)
     else:
-        hole = min(2, count // 8)
+        hole, corners = min(2, count // 8), 0
 
     noise, step = _speed_noise_and_step(speed)
     rest = _at_rest(speed, noise, step, wheel.window.dead_band_rad_s)
@@ -170,11 +175,12 @@ def make_record(samples: Samples, wheel: Wheel, source: str) -> Record:
         ),
     )
     good = channels.good
+    used = good & ~rest & (direction != 0)
     return Record(
         source=source,
         channels=channels,
         friction_torque_Nm=friction,
-        used=good & ~rest & (direction != 0),
+        used=used,
         rest_slots=int(np.count_nonzero(good & rest)),
         friction_is_derived=derived,
         speed_noise_rad_s=noise,
@@ -182,7 +188,41 @@ def make_record(samples: Samples, wheel: Wheel, source: str) -> Record:
         accelerating_torque_Nm=None if torque is None else _accelerating_torque(torque, friction, channels, wheel),
         bent=bent,
         derivative_slots=2 * hole + 1 if derived else 0,
+        left_out=_left_out(
+            measured, samples, int(np.count_nonzero(used)), int(np.count_nonzero(good & ~used)), corners
+        ),
     )
+
+
+def left_out_in_words(records: Sequence[Record]) -> str:
+    """Say how many samples of the records do not enter the search, and why; "" where all do."""
+    total: Counter[str] = Counter()
+    for record in records:
+        total.update(record.left_out)
+    return "left out: " + ", ".join(f"{count} {why}" for why, count in total.items()) if total else ""
+
+
+def _left_out(measured: Samples, without_stops: Samples, used: int, rest: int, corners: int) -> dict[str, int]:
+    """Count the samples that are not used, by reason; what no other reason explains lacks its derivative."""
+    before, after = (
+        np.isfinite(samples.speed_rad_s) & np.isfinite(_source_of_friction(samples))
+        for samples in (measured, without_stops)
+    )
+    known = int(np.count_nonzero(after))
+    reasons = {
+        "without a value of speed or torque": int(np.count_nonzero(~before)),
+        "at the end stop of a channel": int(np.count_nonzero(before & ~after)),
+        "at corners of the speed, where derived friction is not known": corners,
+        "at rest": rest,
+        "beside gaps and ends, where friction cannot be derived": known - used - rest - corners,
+    }
+    return {why: count for why, count in reasons.items() if count}
+
+
+def _source_of_friction(samples: Samples) -> FloatArray:
+    """Return the channel that friction comes from, float64 (n,); NaN where none is there."""
+    channels = (samples.friction_torque_Nm, samples.motor_torque_Nm, samples.motor_current_A)
+    return next((values for values in channels if values is not None), np.full(len(samples), np.nan))
 
 
 def _slots_of(samples: Samples, wheel: Wheel, source: str) -> IntArray:
@@ -285,8 +325,11 @@ def _from_neighbours(values: FloatArray, hole: int, reach: int, order: int) -> F
 
 def _derived_friction(
     speed: FloatArray, torque: FloatArray | None, wheel: Wheel, source: str
-) -> tuple[FloatArray, int, BoolArray]:
-    """Return K_T·I - J·dω/dt [N m], NaN at corners of the speed; the filter's half-width [slots]; where speed bends."""
+) -> tuple[FloatArray, int, BoolArray, int]:
+    """Return K_T·I - J·dω/dt [N m], NaN at corners of the speed; the filter's half-width [slots]; where speed bends.
+
+    And how many slots are such corners.
+    """
     if torque is None or wheel.inertia_kg_m2 is None:
         raise InputError(
             source,
@@ -309,8 +352,10 @@ def _derived_friction(
     largest, most_doubt = (maximum_filter(np.abs(values), 2 * hole + 1) for values in (bias, doubt))
     corner = (np.abs(bias) > CORNER * sigma) & (most_doubt > AGREED_TO * largest)
     corner |= (doubt > DOUBTED * sigma) & (doubt > AGREED_TO * largest)
-    friction[unknown | stepped | binary_dilation(corner, iterations=CORNER_REACH)] = np.nan
-    return friction, hole, binary_dilation(np.abs(bias) > sigma, iterations=CORNER_REACH)
+    hidden = unknown | stepped | binary_dilation(corner, iterations=CORNER_REACH)
+    corners = int(np.count_nonzero(hidden & np.isfinite(friction)))
+    friction[hidden] = np.nan
+    return friction, hole, binary_dilation(np.abs(bias) > sigma, iterations=CORNER_REACH), corners
 
 
 def _derivative_bias(speed: FloatArray, wheel: Wheel, reach: int) -> FloatArray:

@@ -12,6 +12,7 @@ from rwa_monitor.discrepancy.find import CANDIDATES, Search, candidates
 from rwa_monitor.discrepancy.ladder import ladder
 from rwa_monitor.discrepancy.next_flight import plan
 from rwa_monitor.discrepancy.nulls import built_in_nulls
+from rwa_monitor.discrepancy.record import left_out_in_words
 from rwa_monitor.discrepancy.report_template import PAGE
 from rwa_monitor.discrepancy.result import DiscrepancyResult, FoundEffect, Gain
 from rwa_monitor.discrepancy.search import ACCEPT_GAIN
@@ -108,7 +109,7 @@ def html(search: Search, sources: list[str], build: str = "") -> str:
         "sources": sources,
         "wheel": search.wheel,
         "samples": search.problem.size,
-        "rest_slots": sum(record.rest_slots for record in search.problem.records),
+        "left_out": left_out_in_words(search.problem.records),
         "clipped": round(search.problem.clipped_share * search.problem.size),
         "noise_std_Nm": search.problem.noise.std,
         "software": f"{SOFTWARE}, build {build}" if build else SOFTWARE,

@@ -209,8 +209,8 @@ PAGE: Final = (
 </head>
 <body>
 <h1>What the simulation of wheel “{{ wheel.name }}” gets wrong</h1>
-<p class="small">{{ sources | join(", ") }} · {{ samples }} samples in motion{% if rest_slots %}, {{ rest_slots }} at
-rest left out{% endif %}{% if clipped %}, {{ clipped }} outliers pulled in{% endif %} · noise
+<p class="small">{{ sources | join(", ") }} · {{ samples }} samples in motion{% if left_out %}
+({{ left_out }}){% endif %}{% if clipped %}, {{ clipped }} outliers pulled in{% endif %} · noise
 {{ noise_std_Nm | torque }} · {{ software }}</p>
 <p class="verdict {{ result.verdict }}"><strong>{{ result.verdict | capitalize }}.</strong> {{ sentence }}{% if
 extended_toml and not result.gain.is_a_loss %} On data held out, the log score of a sample rises by {{

@@ -152,6 +152,9 @@ class Diagnose(Task):
         found.carried[key] = monitor.carried
         found.notes.extend(f"{telemetry.source}: {trouble}" for trouble in monitor.troubles)
         lost = [f"{monitor.counts[name]} {words}" for name, words in NOT_USED.items() if monitor.counts[name]]
+        if monitor.counts["masked"] and monitor.why_masked:
+            why = "; ".join(f"{count} {words}" for words, count in monitor.why_masked.items())
+            lost[0] = f"{lost[0]} ({why})"
         if lost:
             found.notes.append(f"{telemetry.source}: of {monitor.counts['received']} samples {', '.join(lost)}")
 

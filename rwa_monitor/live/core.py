@@ -84,6 +84,15 @@ class WheelCore:
         self._waiting: Rows | None = None  # one sample that the next one judges
 
     @property
+    def why_masked(self) -> dict[str, int]:
+        """Why friction could not be derived from samples whose values are there, and of how many, in words."""
+        friction = self._windows.friction
+        return {
+            "where the speed bends too sharply for friction to be derived": friction.at_corners,
+            "with the current at its limit": friction.at_limit,
+        }
+
+    @property
     def carried(self) -> CarriedState:
         """What the windows so far tell the next one."""
         return self._windows.carried

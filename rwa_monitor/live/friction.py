@@ -78,6 +78,9 @@ class FrictionSource:
         Judges derived friction, with the effects still in it: slots where it stands out are masked.
     angle_rad, last_speed_rad_s, memories
         What the effects remember of the slots so far.
+    at_corners, at_limit
+        Samples masked since this process began: where the speed bends too sharply for friction to be derived, and with
+        the current at its limit.
     """
 
     def __init__(self, wheel: Wheel, source: Source) -> None:
@@ -90,6 +93,7 @@ class FrictionSource:
         needed = frozenset[str]().union(*(effect.needs for effect in self.effects))
         self.optional = tuple(name for name in OPTIONAL if name in needed)
         self.limit_Nm = friction_limit(wheel)
+        self.at_corners = self.at_limit = 0
         self.reset()
 
     def reset(self) -> None:
@@ -111,7 +115,11 @@ class FrictionSource:
         if torque is None or samples.motor_current_A is None:
             return None
         # At its limit the current is saturated, and the torque that would be needed is not known.
-        return torque if limit_A is None else np.where(np.abs(samples.motor_current_A) < limit_A, torque, np.nan)
+        if limit_A is None:
+            return torque
+        saturated = np.abs(samples.motor_current_A) >= limit_A
+        self.at_limit += int(np.count_nonzero(saturated))
+        return np.where(saturated, np.nan, torque)
 
     def motor_torque(self, samples: Samples) -> FloatArray | None:
         """Return the motor torque, measured or K_T·I, float64 (n,) [N m]; None where neither is there."""
@@ -156,6 +164,7 @@ class FrictionSource:
             of_motor = ring.read("torque_Nm", start - self.reach, stop + self.reach)
             torque -= rounding_error(around, of_motor, self.wheel)[self.reach : self.reach + stop - start]
             masked = int(np.count_nonzero(known & np.isnan(torque)))
+            self.at_corners += masked
             stand_out, faults = self._mask_what_stands_out(ring, start, stop, acceleration, torque)
             masked += stand_out
         else:

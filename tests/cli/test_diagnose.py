@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import json
 import os
+import re
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from rwa_monitor.diagnosis.state import CarriedState
 from rwa_monitor.messages import Diagnosis
+from rwa_monitor.physics.wheel import built_in_wheel
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND
 from tests.cli.conftest import WINDOW, run
 
@@ -73,6 +76,37 @@ def test_what_was_not_used_is_said(files: Path, tmp_path: Path) -> None:
     assert f"{table}: of {len(cells)} samples 60 were masked, 3 slots had none" in result.stderr
     assert "".join(result.stderr.split()).count("masked") == 2
     assert min(d["coverage"] for d in lines(result.stdout)) < 1.0
+
+
+def test_why_derived_friction_is_masked_is_said(tmp_path: Path) -> None:
+    wheel = built_in_wheel()
+    assert wheel.inertia_kg_m2 is not None
+    assert wheel.torque_constant_Nm_A is not None
+    wheel = wheel.model_copy(update={"limits": wheel.limits.model_copy(update={"max_current_A": 1.5})})
+    (tmp_path / "wheel.toml").write_text(wheel.to_toml())
+    count, period_s = 4000, wheel.sample_period_s
+    rng = np.random.default_rng(50071)
+    acceleration = np.repeat([0.0, 4.0, 0.0, -4.0, 0.0], count // 5)  # slews by steps of torque
+    speed = 100.0 + np.cumsum(acceleration * period_s / 4.0)
+    torque = 1.6e-3 + 5.3e-6 * speed + 3.9e-5 * rng.normal(size=count) + wheel.inertia_kg_m2 * acceleration / 4.0
+    current = torque / wheel.torque_constant_Nm_A
+    current[100:107] = 1.5  # at its limit, not beyond
+    columns = {"time_s": np.arange(count) * period_s, "speed_rad_s": speed, "motor_current_A": current}
+    np.savetxt(
+        tmp_path / "slews.csv",
+        np.column_stack([*columns.values()]),
+        delimiter=",",
+        header=",".join(columns),
+        comments="",
+    )
+    result = run("diagnose", tmp_path / "slews.csv", "--wheel", tmp_path / "wheel.toml", "--json")
+    assert result.exit_code == 0
+    said = re.search(
+        r"of 4000 samples (\d+) were masked \((\d+) where the speed bends .*; 7 with the current at its limit",
+        result.stderr,
+    )
+    assert said is not None, result.stderr
+    assert int(said[1]) == int(said[2]) + 7
 
 
 def test_csv_and_parquet_give_the_same_bytes(files: Path) -> None:

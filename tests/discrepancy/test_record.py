@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rwa_monitor.discrepancy.record import make_record
+from rwa_monitor.discrepancy.record import left_out_in_words, make_record
 from rwa_monitor.errors import InputError
 from rwa_monitor.physics.wheel import Limits
 from rwa_monitor.samples import Samples
@@ -107,6 +107,29 @@ def test_a_file_far_sparser_than_its_sample_period_is_refused() -> None:
     samples, _ = record(swing())
     with pytest.raises(InputError, match="sample_period_s"):
         make_record(replace(samples, time_ns=samples.time_ns * 50), WHEEL, "sparse")
+
+
+def test_every_sample_that_is_left_out_has_a_reason() -> None:
+    # Slews by steps of torque: at their beginning and end the speed has corners.
+    rng = np.random.default_rng(50070)
+    speed = 100.0 + np.cumsum(np.repeat([0.0, 4.0, 0.0, -4.0, 0.0], 800) * PERIOD_S / 4.0)
+    samples = with_current(speed, 1.6e-3 + 5.3e-6 * speed + NOISE_NM * rng.normal(size=speed.size))
+    assert samples.motor_current_A is not None
+    current = samples.motor_current_A.copy()
+    stop = np.quantile(current, 0.98)
+    current[current >= stop] = stop
+    current[300:305] = np.nan
+    made = make_record(replace(samples, motor_current_A=current), WHEEL, "corners")
+    assert sum(made.left_out.values()) + np.count_nonzero(made.used) == len(samples)
+    why = {words.split()[0]: count for words, count in made.left_out.items()}
+    assert why.keys() == {"without", "at", "beside"}
+    assert made.left_out["without a value of speed or torque"] == 5
+    assert made.left_out["at the end stop of a channel"] == np.count_nonzero(current == stop)
+    assert made.left_out["at corners of the speed, where derived friction is not known"] >= 4
+    words = left_out_in_words([made, made])
+    assert words.startswith("left out: 10 without a value of speed or torque, ")
+    assert "at corners of the speed" in words
+    assert left_out_in_words([make_record(record(swing())[0], WHEEL, "given")]) in ("", "left out: 1 at rest")
 
 
 def test_an_empty_table_is_refused() -> None:
