@@ -21,6 +21,12 @@ import numpy as np
 
 from rwa_monitor.discrepancy.base_fit import Problem, fit, make_problem
 from rwa_monitor.discrepancy.duration_laws import LearnedLaw, Sojourns, learn_laws
+from rwa_monitor.discrepancy.identification_doubts import (
+    check_enough,
+    drift_in_words,
+    friction_errors,
+    unnamed_jumps,
+)
 from rwa_monitor.discrepancy.negative_friction import at_one_speed, motion_in_friction, why_negative
 from rwa_monitor.discrepancy.record import left_out_in_words, make_record
 from rwa_monitor.discrepancy.unit_check import Shown, slope_in_question
@@ -40,13 +46,6 @@ VISIBLE_AT: Final = 5.0  # standard deviations of a jump below which nothing is 
 # Of the friction at rest, that of a jump below which it is none of a switching system: a third of what healthy base dry
 # friction spreads by. A slope that differs between recordings makes such jumps.
 SMALLEST_JUMP: Final = 0.02
-# A nominal value is good for something while its standard deviation is about half of what the built-in model's bands of
-# healthy wheels reach to either side: 6 % for base dry friction, 4 % for viscous friction.
-LARGEST_ERROR: Final = 0.025
-DRIFT_VISIBLE_AT: Final = 6.0  # standard deviations of a drift below which nothing is made of it
-# Of the base dry friction, over the recordings: a third of that band. Drift that is large also makes jumps, which take
-# most of it away from what is seen between jumps.
-LARGEST_DRIFT: Final = 0.02
 
 
 @dataclass(frozen=True, slots=True)
@@ -167,7 +166,7 @@ def identify(recordings: Sequence[tuple[str, Samples]], start: Wheel, *, systems
         )
     chains = _chains(problem, fitted.jumps, fitted.level + fitted.residual)
     lowest = _base_level(chains)[0]
-    drift = _drift(problem, fitted.jumps, fitted.residual, lowest)
+    drift = drift_in_words(problem, fitted.jumps, fitted.residual, lowest)
     try:
         found = _tell_apart(chains) if systems else []
         if systems and not found:
@@ -181,13 +180,13 @@ def identify(recordings: Sequence[tuple[str, Samples]], start: Wheel, *, systems
     nominal_speed = _round_to_two_digits(float(np.quantile(problem.speed, 0.95)))
     motion = motion_in_friction(problem, fitted, bare)
     cause = at_one_speed(problem, fitted) if problem.at_one_speed else motion
-    _check_enough(problem, base, viscous, names, cause)
+    check_enough(problem, base, viscous, names, cause)
     blocks, notes = [], []
     for number, (of_one, visits) in enumerate(zip(laws, found, strict=True), start=1):
         blocks.append(_system(f"fss_{number}", of_one, visits, base))
         notes.append(_note(blocks[-1].name, of_one, visits))
     slots = sum(record.used.size for record in problem.records)
-    dry_std, viscous_std = _errors(problem)
+    dry_std, viscous_std = friction_errors(problem)
     dry_std = float(np.hypot(dry_std, base_std))
     wheel = bare.model_copy(
         update={
@@ -205,77 +204,11 @@ def identify(recordings: Sequence[tuple[str, Samples]], start: Wheel, *, systems
         f"viscous {viscous:.5g} ± {viscous_std:.2g} N m s/rad, base dry {base:.5g} ± {dry_std:.2g} N m",
         f"noise {problem.noise.std:.3g} N m; the variance of a long mean is {colour:.1f} times that of white noise",
     )
-    doubts = [*drift, *_unnamed(problem, fitted.jumps, blocks), *([motion] if motion else [])]
+    doubts = [*drift, *unnamed_jumps(problem, fitted.jumps, blocks), *([motion] if motion else [])]
     if start.nominal is not None:
         asked = slope_in_question(Shown(viscous, viscous_std), start.nominal.viscous_Nm_s_rad)
         doubts += [asked] if asked else []
     return Learned(Wheel.from_tables(wheel.to_tables(), "learned wheel"), (*head, *notes, *doubts))
-
-
-def _errors(problem: Problem) -> tuple[float, float]:
-    """Return the standard deviations of base dry [N m] and of viscous friction [N m s/rad] that noise leaves."""
-    variance, mean = problem.noise.long_run_variance, float(problem.speed.mean())
-    inner = problem.speed - mean
-    viscous_std = float(np.sqrt(variance / max(float(inner @ inner), 1e-300)))
-    return float(np.hypot(np.sqrt(variance / problem.size), mean * viscous_std)), viscous_std
-
-
-def _check_enough(problem: Problem, base: float, viscous: float, names: str, cause: str | None) -> None:
-    """Refuse records that leave the nominal friction too uncertain to tell a healthy wheel from a failing one.
-
-    More data would not help where there is another `cause`.
-    """
-    errors = dict(zip(("base dry", "viscous"), np.array(_errors(problem)) / (base, max(viscous, 1e-300)), strict=True))
-    worst = max(errors, key=lambda name: errors[name])
-    if errors[worst] > LARGEST_ERROR:
-        if cause is not None:
-            raise InputError(names, f"{worst} friction is uncertain by {100.0 * errors[worst]:.2g} %: {cause}")
-        raise InputError(
-            names,
-            f"too little data to learn a wheel: {problem.size} samples in motion leave {worst} friction uncertain by"
-            f" {100.0 * errors[worst]:.2g} % ({100.0 * LARGEST_ERROR:.2g} % at most); give about"
-            f" {int(np.ceil((errors[worst] / LARGEST_ERROR) ** 2))} times as many, or a wider range of speeds",
-        )
-
-
-def _drift(problem: Problem, jumps: IntArray, residual: FloatArray, base: float) -> list[str]:
-    """Say whether friction drifts between jumps, where a healthy wheel's stays: nothing if not.
-
-    The common slope in time of what levels and viscous friction leave, each interval taken by itself.
-    """
-    cuts = np.unique(np.concatenate([problem.starts, jumps])).astype(np.int64)
-    interval = np.repeat(np.arange(cuts.size - 1), np.diff(cuts))
-    count = np.maximum(np.diff(cuts), 1)
-    time = problem.slot.astype(np.float64)
-    time -= (np.bincount(interval, time) / count)[interval]
-    spread = float(time @ time)
-    if not spread > 0.0:
-        return []
-    per_slot = float(time @ residual) / spread
-    over_all = per_slot * sum(record.used.size for record in problem.records)
-    certain = abs(per_slot) > DRIFT_VISIBLE_AT * float(np.sqrt(problem.noise.long_run_variance / spread))
-    if not certain or abs(over_all) < LARGEST_DRIFT * base:
-        return []
-    note = (
-        f"friction drifts within these recordings (between jumps by {1e3 * over_all:+.2g} mN m in all,"
-        f" {100.0 * over_all / base:+.2g} % of base dry friction): is the wheel healthy? A wheel file learned from a"
-        " failing wheel calls the failure nominal"
-    )
-    return [note]
-
-
-def _unnamed(problem: Problem, jumps: IntArray, systems: Sequence[SwitchingSystem]) -> list[str]:
-    """Say what base dry friction may hold where no system is learned."""
-    inside = np.setdiff1d(jumps, problem.starts).size
-    if systems:
-        return []
-    if not inside:
-        return ["no jumps are seen: if the wheel has switching systems, what friction they add is in base dry friction"]
-    note = (
-        f"{inside} jumps are left without a switching system: base dry friction is learned from the lowest level and"
-        " not judged in windows that hold such jumps"
-    )
-    return [note]
 
 
 def _window(known: Window, problem: Problem) -> Window:

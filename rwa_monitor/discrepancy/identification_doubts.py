@@ -1,0 +1,89 @@
+"""What casts doubt on a wheel learned from recordings: too little data, friction that drifts, jumps that are left."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+
+from rwa_monitor.discrepancy.base_fit import Problem
+from rwa_monitor.errors import InputError
+from rwa_monitor.physics.wheel import SwitchingSystem
+from rwa_monitor.samples import FloatArray, IntArray
+
+# A nominal value is good for something while its standard deviation is about half of what the built-in model's bands of
+# healthy wheels reach to either side: 6 % for base dry friction, 4 % for viscous friction.
+LARGEST_ERROR: Final = 0.025
+DRIFT_VISIBLE_AT: Final = 6.0  # standard deviations of a drift below which nothing is made of it
+# Of the base dry friction, over the recordings: a third of that band. Drift that is large also makes jumps, which take
+# most of it away from what is seen between jumps.
+LARGEST_DRIFT: Final = 0.02
+
+
+def friction_errors(problem: Problem) -> tuple[float, float]:
+    """Return the standard deviations of base dry [N m] and of viscous friction [N m s/rad] that noise leaves."""
+    variance, mean = problem.noise.long_run_variance, float(problem.speed.mean())
+    inner = problem.speed - mean
+    viscous_std = float(np.sqrt(variance / max(float(inner @ inner), 1e-300)))
+    return float(np.hypot(np.sqrt(variance / problem.size), mean * viscous_std)), viscous_std
+
+
+def check_enough(problem: Problem, base: float, viscous: float, names: str, cause: str | None) -> None:
+    """Refuse records that leave the nominal friction too uncertain to tell a healthy wheel from a failing one.
+
+    More data would not help where there is another `cause`.
+    """
+    errors = dict(
+        zip(("base dry", "viscous"), np.array(friction_errors(problem)) / (base, max(viscous, 1e-300)), strict=True)
+    )
+    worst = max(errors, key=lambda name: errors[name])
+    if errors[worst] > LARGEST_ERROR:
+        if cause is not None:
+            raise InputError(names, f"{worst} friction is uncertain by {100.0 * errors[worst]:.2g} %: {cause}")
+        raise InputError(
+            names,
+            f"too little data to learn a wheel: {problem.size} samples in motion leave {worst} friction uncertain by"
+            f" {100.0 * errors[worst]:.2g} % ({100.0 * LARGEST_ERROR:.2g} % at most); give about"
+            f" {int(np.ceil((errors[worst] / LARGEST_ERROR) ** 2))} times as many, or a wider range of speeds",
+        )
+
+
+def drift_in_words(problem: Problem, jumps: IntArray, residual: FloatArray, base: float) -> list[str]:
+    """Say whether friction drifts between jumps, where a healthy wheel's stays: nothing if not.
+
+    The common slope in time of what levels and viscous friction leave, each interval taken by itself.
+    """
+    cuts = np.unique(np.concatenate([problem.starts, jumps])).astype(np.int64)
+    interval = np.repeat(np.arange(cuts.size - 1), np.diff(cuts))
+    count = np.maximum(np.diff(cuts), 1)
+    time = problem.slot.astype(np.float64)
+    time -= (np.bincount(interval, time) / count)[interval]
+    spread = float(time @ time)
+    if not spread > 0.0:
+        return []
+    per_slot = float(time @ residual) / spread
+    over_all = per_slot * sum(record.used.size for record in problem.records)
+    certain = abs(per_slot) > DRIFT_VISIBLE_AT * float(np.sqrt(problem.noise.long_run_variance / spread))
+    if not certain or abs(over_all) < LARGEST_DRIFT * base:
+        return []
+    note = (
+        f"friction drifts within these recordings (between jumps by {1e3 * over_all:+.2g} mN m in all,"
+        f" {100.0 * over_all / base:+.2g} % of base dry friction): is the wheel healthy? A wheel file learned from a"
+        " failing wheel calls the failure nominal"
+    )
+    return [note]
+
+
+def unnamed_jumps(problem: Problem, jumps: IntArray, systems: Sequence[SwitchingSystem]) -> list[str]:
+    """Say what base dry friction may hold where no system is learned."""
+    inside = np.setdiff1d(jumps, problem.starts).size
+    if systems:
+        return []
+    if not inside:
+        return ["no jumps are seen: if the wheel has switching systems, what friction they add is in base dry friction"]
+    note = (
+        f"{inside} jumps are left without a switching system: base dry friction is learned from the lowest level and"
+        " not judged in windows that hold such jumps"
+    )
+    return [note]
