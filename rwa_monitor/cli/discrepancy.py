@@ -230,7 +230,6 @@ def _print_details(found: Search) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    from rwa_monitor.discrepancy.engineering import measure
     from rwa_monitor.discrepancy.extended import extend, laws_in_words
     from rwa_monitor.discrepancy.find import CANDIDATES
     from rwa_monitor.discrepancy.record import left_out_in_words
@@ -275,7 +274,7 @@ def _print_details(found: Search) -> None:
     if found.extended.terms:
         for line in laws_in_words(extend(found)):
             console.print(line)
-    not_seen = [f"{entry.name} {measure(entry.strength, None, entry.unit)}" for entry in absent_effects(found)]
+    not_seen = [f"{entry.name} {entry.in_words()}" for entry in absent_effects(found)]
     if not_seen:
         console.print(f"tested and not seen, down to about: {'; '.join(not_seen)}")
     beyond = not_testable(found.problem, CANDIDATES, result.untested)

@@ -50,6 +50,10 @@ class Detectable:
     share: float
     too_weak: bool
 
+    def in_words(self) -> str:
+        """Return the strength with its unit, to the two digits that it is known to at most."""
+        return f"{self.strength:.2g} {self.unit}".rstrip(" -")
+
 
 def detectable_strengths(problem: Problem, model: Model, effects: Sequence[type[MeanEffect]]) -> list[Detectable]:
     """Return for each effect that the data have the channels for, and the model lacks, what strength would show."""
@@ -86,7 +90,7 @@ def too_weak_to_show(problem: Problem, model: Model, effects: Sequence[type[Mean
         (
             entry.name,
             f"{as_a_part(separate_by[entry.name])}; here it would show only from {entry.parameter} = "
-            + f"{entry.strength:.2g} {entry.unit}".rstrip(" -")
+            + entry.in_words()
             + f" on, {entry.share:.0%} of all friction",
         )
         for entry in detectable_strengths(problem, model, effects)
