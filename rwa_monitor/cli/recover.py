@@ -18,12 +18,15 @@ from rwa_monitor.cli.talk import say
 def command(ctx: click.Context, recording: Path, output: Path) -> None:
     """Save every whole chunk of a cut or damaged recording, and only true messages.
 
-    What is lost is said on stderr, and the exit code is 3 then.
+    What is lost is said on stderr, and the exit code is 3 then; so is, of each wheel, from when to when its samples
+    are saved.
     """
     from rwa_monitor.live.recover import recover
 
     recovery = recover(recording, output)
     for line in recovery.lost:
+        say(line)
+    for line in recovery.spans:
         say(line)
     say(f"{output}: {recovery.messages} messages saved")
     ctx.exit(UNREADABLE if recovery.lost else 0)

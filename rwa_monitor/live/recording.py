@@ -51,13 +51,14 @@ CHANNELS_ATTACHMENT: Final = "channels.json"
 
 @dataclass(frozen=True, slots=True)
 class RecordedMessage:
-    """One message of a recording."""
+    """One message of a recording; `sequence` counts those of its topic, so that a gap shows."""
 
     topic: str
     schema: str
     log_time: int
     publish_time: int
     data: bytes
+    sequence: int = field(default=0, compare=False)
 
 
 @dataclass(slots=True)
@@ -230,7 +231,7 @@ class _Walk:
             return
         topic, schema = self.channels[record.channel_id]
         self.recording.messages.append(
-            RecordedMessage(topic, schema, record.log_time, record.publish_time, record.data)
+            RecordedMessage(topic, schema, record.log_time, record.publish_time, record.data, record.sequence)
         )
 
     def _attachment(self, content: bytes) -> bool:

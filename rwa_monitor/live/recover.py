@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Final
 
@@ -12,7 +14,8 @@ from mcap.writer import CompressionType, Writer
 from rwa_monitor.errors import InputError
 from rwa_monitor.live.recorder import CHUNK_BYTES, PROFILE
 from rwa_monitor.live.recording import CHANNELS_ATTACHMENT, Recording, read_recording
-from rwa_monitor.messages import MESSAGES, dump_json
+from rwa_monitor.messages import KEY_PREFIX, MESSAGES, SamplesMessage, dump_json
+from rwa_monitor.samples import NANOSECONDS_PER_SECOND
 from rwa_monitor.version import SOFTWARE
 
 RECOVERED_ATTACHMENT: Final = "recovered.json"
@@ -28,10 +31,13 @@ class Recovery:
         Messages saved.
     lost
         One line per part that could not be read; empty when the file was whole (exit code 0, otherwise 3).
+    spans
+        A line for each wheel: from when to when its samples were saved, and what of them was lost between.
     """
 
     messages: int
     lost: tuple[str, ...]
+    spans: tuple[str, ...]
 
 
 def recover(source: Path, target: Path) -> Recovery:
@@ -59,7 +65,34 @@ def recover(source: Path, target: Path) -> Recovery:
         raise InputError(str(target), "exists already; nothing is overwritten", "--output") from error
     except OSError as error:
         raise InputError(str(target), f"cannot be written: {error.strerror}", "--output") from error
-    return Recovery(len(recording.messages), tuple(lost))
+    return Recovery(len(recording.messages), tuple(lost), tuple(_spans(recording)))
+
+
+def _spans(recording: Recording) -> Iterator[str]:
+    """Say of each wheel which time its saved samples cover, and which they do not, on the wheel's own clock."""
+    saved: dict[str, list[tuple[int, int, int]]] = {}  # number, first and last time of each message [ns]
+    for message in recording.messages:
+        if message.schema == SamplesMessage.schema_name() and message.topic.endswith(f"/{SamplesMessage.kind}"):
+            try:
+                times_ns = SamplesMessage.parse(message.data, message.topic).time_ns
+            except InputError:
+                times_ns = [message.log_time]  # written by another release: its time stands beside it, too
+            saved.setdefault(message.topic, []).append((message.sequence, times_ns[0], times_ns[-1]))
+    for topic, messages in sorted(saved.items()):
+        wheel = topic.removeprefix(f"{KEY_PREFIX}/").removesuffix(f"/{SamplesMessage.kind}")
+        parts = [f"{wheel}: samples of {_seconds(messages[0][1])} to {_seconds(messages[-1][2])} are saved"]
+        if first := messages[0][0]:
+            parts.append(f"{first} messages before that are lost")
+        for (number, _, end_ns), (next_number, begin_ns, _) in pairwise(messages):
+            if missing := next_number - number - 1:
+                parts.append(f"{missing} messages between {_seconds(end_ns)} and {_seconds(begin_ns)} are lost")
+        if not recording.finished:
+            parts.append("what came later is lost")
+        yield "; ".join(parts)
+
+
+def _seconds(time_ns: int) -> str:
+    return f"{time_ns / NANOSECONDS_PER_SECOND:.3f} s"
 
 
 def _write(recording: Recording, lost: list[str], writer: Writer) -> None:

@@ -18,6 +18,8 @@ from rwa_monitor.errors import InputError
 from rwa_monitor.live.recorder import FolderLock, Predecessor, Recorder, RecordingWriter
 from rwa_monitor.live.recording import RecordedMessage, file_sha256, read_recording, recordings_of
 from rwa_monitor.live.recover import recover
+from rwa_monitor.messages import samples_json
+from rwa_monitor.samples import IntArray, Samples
 
 TOPICS = ("rwa/sat/a/samples", "rwa/sat/b/samples")
 
@@ -229,6 +231,37 @@ def test_recover_says_nothing_is_lost_when_nothing_is(whole: tuple[Path, list[by
     path, payloads = whole
     recovery = recover(path, path.with_name("copy.mcap"))
     assert (recovery.messages, recovery.lost) == (len(payloads), ())
+
+
+def test_recover_tells_the_time_that_is_saved_and_lost(tmp_path: Path) -> None:
+    path, saved, again = tmp_path / "holes.mcap", tmp_path / "saved.mcap", tmp_path / "again.mcap"
+    wheels = ("rwa/sat/wheel_1/samples", "rwa/sat/wheel_2/samples")
+    writer = RecordingWriter(path, {}, lambda: 4)
+    second = 1_000_000_000
+    for number in range(30):
+        for topic, offset_s in zip(wheels, (0, 500), strict=True):  # each has a clock of its own
+            times = np.array([number, number + 0.5]) * second + offset_s * second
+            writer.write(topic, "rwa.Samples", samples_json(a_wheel_at(times.astype(np.int64)), "p", number), number)
+        if number % 10 == 9:
+            writer.sync()
+    writer.close()
+    data = bytearray(path.read_bytes())
+    chunks = [at for at in range(len(data)) if data[at : at + 8] == b"\x04\x00\x00\x00zstd"]
+    data[chunks[1] + 40] ^= 0xFF
+    damaged = tmp_path / "damaged.mcap"
+    damaged.write_bytes(data)
+    assert recover(damaged, saved).spans == (
+        "sat/wheel_1: samples of 0.000 s to 29.500 s are saved; 10 messages between 9.500 s and 20.000 s are lost",
+        "sat/wheel_2: samples of 500.000 s to 529.500 s are saved; 10 messages between 509.500 s and 520.000 s are lost",
+    )
+    damaged.write_bytes(path.read_bytes()[: chunks[2]])
+    assert recover(damaged, again).spans[0] == (
+        "sat/wheel_1: samples of 0.000 s to 19.500 s are saved; what came later is lost"
+    )
+
+
+def a_wheel_at(time_ns: IntArray) -> Samples:
+    return Samples(time_ns=time_ns, speed_rad_s=np.ones(len(time_ns)), friction_torque_Nm=np.ones(len(time_ns)))
 
 
 def test_recover_overwrites_nothing(whole: tuple[Path, list[bytes]]) -> None:
