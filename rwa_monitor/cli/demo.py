@@ -12,6 +12,7 @@ from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from pathlib import Path
+from shlex import quote
 from threading import Event, Thread
 from typing import TYPE_CHECKING, Final
 
@@ -100,7 +101,7 @@ def command(duration: float, no_browser: bool, port: int | None, seed: int, reco
         ThreadPoolExecutor(2) as workers,
     ):
         say(f"four simulated wheels, {story.speed:.0f} times faster than real time; recording in {record}")
-        _serve_page(page, session, record, port, story, no_browser=no_browser)
+        served = _serve_page(page, session, record, port, story, no_browser=no_browser)
         _compile_kernels(options, stop)
         view = DemoView(session, spacecraft, story.start_ns)
         ended = Event()
@@ -119,21 +120,26 @@ def command(duration: float, no_browser: bool, port: int | None, seed: int, reco
         view.close()
     _tell_findings(story, view, record)
     _tell_the_truth(story, view, record)
+    if served:
+        click.echo(
+            f"The page ended with the demo. To see it again: rwa-monitor dashboard --record {quote(str(record))}"
+        )
 
 
 def _serve_page(
     page: ExitStack, session: zenoh.Session, record: Path, port: int | None, story: Story, *, no_browser: bool
-) -> None:
-    """Serve the health page while the demo runs, where what it needs is installed."""
+) -> bool:
+    """Serve the health page while the demo runs; returns whether what it needs is installed."""
     try:
         from rwa_monitor.dashboard.server import DashboardOptions, serve
     except ImportError as error:
         say(f"no page: {error.name} is missing (pip install 'rwa-monitor[dashboard]')")
-        return
+        return False
     from rwa_monitor.cli.dashboard import show_page
 
     running = page.enter_context(serve(DashboardOptions(port, record, wheel=story.wheel), session, say))
     show_page(running.address_with_token, no_browser=no_browser)
+    return True
 
 
 def _compile_kernels(options: RunOptions, stop: Event) -> None:
@@ -228,4 +234,6 @@ def _tell_the_truth(story: Story, view: DemoView, record: Path) -> None:
     failing = view.rows.get(FAILING)
     if failing is None or failing.said_anomalous_s is None:
         click.echo(f"The demo ended before {FAILING} was called anomalous; a longer --duration shows it.")
-    click.echo(f"\nThe recording is in {record}. To check that it replays: rwa-monitor replay --verify {record}")
+    click.echo(
+        f"\nThe recording is in {record}. To check that it replays: rwa-monitor replay --verify {quote(str(record))}"
+    )

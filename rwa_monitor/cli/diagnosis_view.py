@@ -50,8 +50,8 @@ def _anomalies(diagnosis: Diagnosis) -> Table:
         known = anomaly.nominal_low is not None and anomaly.nominal_high is not None
         table.add_row(
             name,
-            _called(anomaly, decided=diagnosis.verdict == "anomalous"),
-            f"{anomaly.probability:.3f}",
+            _called(anomaly, diagnosis) if known else Text("not judged"),
+            f"{anomaly.probability:.3f}" if known else UNKNOWN,
             _severity(anomaly, decided=diagnosis.verdict != "inconclusive"),
             quantity(anomaly.estimate, anomaly.unit),
             span(anomaly.nominal_low, anomaly.nominal_high, anomaly.unit) if known else UNKNOWN,
@@ -59,11 +59,13 @@ def _anomalies(diagnosis: Diagnosis) -> Table:
     return table
 
 
-def _called(anomaly: Anomaly, *, decided: bool) -> Text:
-    """Return whether an anomaly is called; one more likely than not in a window that decides nothing is undecided."""
-    if not anomaly.active:
-        return Text("no")
-    return Text("yes", VERDICT_STYLE["anomalous"]) if decided else Text("undecided", VERDICT_STYLE["inconclusive"])
+def _called(anomaly: Anomaly, diagnosis: Diagnosis) -> Text:
+    """Return whether an anomaly is called; "no" is an all-clear, which no doubtful verdict or model gives."""
+    if anomaly.active and diagnosis.verdict == "anomalous":
+        return Text("yes", VERDICT_STYLE["anomalous"])
+    if anomaly.active or diagnosis.verdict == "inconclusive" or not diagnosis.model_adequate:
+        return Text("undecided", VERDICT_STYLE["inconclusive"])
+    return Text("no")
 
 
 def _severity(anomaly: Anomaly, *, decided: bool) -> str:

@@ -124,7 +124,10 @@ def _nothing_to_judge(case: Case) -> str:
 def remedy_of(case: Case, anomalies: Sequence[AnomalyDiagnosis], shown: Shown, *, adequate: bool) -> str:
     """Return what helps an inconclusive window where waiting for the next one does not; "" where it does."""
     if case.wheel.nominal is None:
-        return "Learn the wheel file from healthy recordings with rwa-monitor identify, or add [nominal] to it."
+        return (
+            "Friction, jumps and how well the model fits are measured; no part of it is judged. Learn the wheel file"
+            " from healthy recordings with rwa-monitor identify, or add [nominal] to it."
+        )
     if case.evidence.used < MIN_COVERAGE * case.evidence.slots:
         return explanation.CHECK_TELEMETRY
     if shown.unnamed_jumps:

@@ -274,6 +274,11 @@ def _too_few(case: Case, models: Sequence[AnomalyModel | None]) -> WindowDiagnos
     features = Features(math.nan, math.nan, math.nan, math.nan, (no_sojourns,) * len(systems))
     judged = unjudged(features, case.wheel.anomalies).anomalies
     reason = f"Only {case.evidence.used} of the window's {case.evidence.slots} slots hold a usable sample."
+    advice = explanation.CHECK_TELEMETRY
+    if case.evidence.used == case.evidence.slots:
+        whole = case.wheel.window.samples
+        reason = f"The window holds {case.evidence.used} samples: too few to measure friction, a whole one has {whole}."
+        advice = "Give it a longer recording."
     return WindowDiagnosis(
         verdict="inconclusive",
         reason=reason,
@@ -288,7 +293,7 @@ def _too_few(case: Case, models: Sequence[AnomalyModel | None]) -> WindowDiagnos
         fit=Fit(None, None, None),
         model_adequate=True,
         suspected_effect=None,
-        explanation=f"{reason} {explanation.CHECK_TELEMETRY}",
+        explanation=f"{reason} {advice}",
         features=features,
         **case.provenance(),
     )

@@ -155,11 +155,20 @@ class Monitor:
         """Write the last status of each wheel and the end of the recording."""
         windows = sum(served.windows for served in self._served.values())
         self.say(f"stopped: {windows} windows of {len(self._served)} wheels diagnosed")
+        unused = [
+            f"{key[0]}/{key[1]}" for key in self.options.own_wheels if self._is_ours(*key) and not self._heard(key)
+        ]
+        if unused:
+            self.say(f"wheel files that no wheel used: {', '.join(unused)}; are these the names on the bus?")
         self.searches.close()
         for key, served in self._served.items():
             self._status(key, served, record=True)
         if self.recorder is not None:
             self.recorder.close(self.clock.monotonic_s())
+
+    def _heard(self, key: tuple[str, str]) -> bool:
+        """Return whether samples of a wheel have come, in this run or before it."""
+        return key in self._served and self._served[key].core is not None
 
     # ---- in ------------------------------------------------------------------------------------------------------
 

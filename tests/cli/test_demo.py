@@ -57,6 +57,8 @@ def test_the_demo_finds_the_failing_wheel_and_the_hidden_effect_and_its_recordin
     print(f"first diagnosis {first[1]} s after the satellite began to send")
     assert float(first[1]) < 5 * 15.0
 
+    assert demo.stdout.rstrip().endswith(f"To see it again: rwa-monitor dashboard --record {record}")
+
     verified = subprocess.run(
         [*PROGRAM, "replay", "--verify", str(record)], capture_output=True, text=True, timeout=300, check=False
     )

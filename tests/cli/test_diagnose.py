@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import os
 import re
 from pathlib import Path
@@ -174,6 +175,24 @@ def test_what_is_left_out_and_what_the_wheel_lacks_is_said(files: Path, tmp_path
     assert "rwa-monitor: bare: no [nominal]: " in result.stderr
     (diagnosis,) = lines(result.stdout)
     assert (diagnosis["verdict"], diagnosis["partial"], diagnosis["samples"]) == ("inconclusive", True, 2)
+
+
+def test_what_is_not_judged_has_no_probability(files: Path, tmp_path: Path) -> None:
+    wheel = tmp_path / "wheel.toml"
+    wheel.write_text('[wheel]\nname = "bare"\nsample_period_s = 0.125\n')
+    shown = run("diagnose", files / "given.csv", "--wheel", wheel).stdout
+    assert "no part of it is judged" in " ".join(shown.split())
+    rows = re.findall(r"^(?:dry|viscous) +(.*?) {2,}(\S+) {2,}(\S+) {2,}", shown, re.MULTILINE)
+    assert rows
+    assert set(rows) == {("not judged", "–", "–")}
+
+
+def test_one_sample_is_too_little_and_no_fault_of_the_telemetry(files: Path, tmp_path: Path) -> None:
+    table = tmp_path / "one.csv"
+    table.write_text("time_s,speed_rad_s,friction_torque_Nm\n0,100,2e-3\n")
+    (diagnosis,) = lines(run("diagnose", table, "--wheel", files / "wheel.toml", "--json").stdout)
+    assert diagnosis["reason"].startswith("The window holds 1 samples: too few to measure friction")
+    assert "telemetry link" not in diagnosis["explanation"]
 
 
 def test_masked_samples_are_exit_0_with_less_coverage(files: Path, tmp_path: Path) -> None:

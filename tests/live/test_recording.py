@@ -239,7 +239,7 @@ def test_recover_tells_the_time_that_is_saved_and_lost(tmp_path: Path) -> None:
     writer = RecordingWriter(path, {}, lambda: 4)
     second = 1_000_000_000
     for number in range(30):
-        for topic, offset_s in zip(wheels, (0, 500), strict=True):  # each has a clock of its own
+        for topic, offset_s in zip(wheels, (0, 50), strict=True):  # each has a clock of its own
             times = np.array([number, number + 0.5]) * second + offset_s * second
             writer.write(topic, "rwa.Samples", samples_json(a_wheel_at(times.astype(np.int64)), "p", number), number)
         if number % 10 == 9:
@@ -252,7 +252,7 @@ def test_recover_tells_the_time_that_is_saved_and_lost(tmp_path: Path) -> None:
     damaged.write_bytes(data)
     assert recover(damaged, saved).spans == (
         "sat/wheel_1: samples of 0.000 s to 29.500 s are saved; 10 messages between 9.500 s and 20.000 s are lost",
-        "sat/wheel_2: samples of 500.000 s to 529.500 s are saved; 10 messages between 509.500 s and 520.000 s are lost",
+        "sat/wheel_2: samples of 50.000 s to 79.500 s are saved; 10 messages between 59.500 s and 70.000 s are lost",
     )
     damaged.write_bytes(path.read_bytes()[: chunks[2]])
     assert recover(damaged, again).spans[0] == (

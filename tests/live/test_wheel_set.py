@@ -70,6 +70,7 @@ def test_each_wheel_goes_by_its_own_file_and_only_the_one_whose_file_changed_sta
     after = {name: samples[half:] for name, samples in both.items()}
     talk = run_once(tmp_path, wheel(WINDOW // 2), before, 0, dict.fromkeys(both, half))
     assert f"sat/wheel_1: has no wheel file of its own; it goes by {wheel().name}" in talk
+    assert not any("no wheel used" in line for line in talk)
     talk = run_once(tmp_path, wheel(WINDOW // 4), after, half // BATCH, {"wheel_1": whole, "wheel_2": half})
     assert not any("wheel_2: has no wheel file of its own" in line for line in talk)
     assert any("another wheel file, model or method of sat/wheel_2: begun anew" in line for line in talk)
@@ -92,6 +93,21 @@ def test_each_wheel_goes_by_its_own_file_and_only_the_one_whose_file_changed_sta
     rows = Diagnose()(recordings_of(tmp_path)[0]).rows  # the recording holds the wheels: nothing else is asked for
     hashes = {(row["wheel"], json.loads(row["message"])["provenance"]["wheel_sha256"]) for row in rows}
     assert hashes == {("wheel_1", wheel().sha256()), ("wheel_2", wheel(WINDOW // 2).sha256())}
+
+
+def test_a_file_that_no_wheel_used_is_named(tmp_path: Path) -> None:
+    slip = RunOptions(wheel=wheel(), own_wheels={OWN: wheel(), ("sat", "wheel_l"): wheel()}, model=model())
+    with open_session(BusOptions()) as session:
+        listener = Listener(session)
+        with monitor(session, slip) as talk:
+            for name in ("wheel_1", "wheel_2"):
+                send(session, name, telemetry(BATCH, 1), 0)
+
+            def reported() -> set[str]:
+                return {one["wheel"] for one in map(json.loads, listener.kind("status"))}
+
+            wait_for(lambda: reported() == {"wheel_1", "wheel_2"}, "both wheels")
+    assert "wheel files that no wheel used: sat/wheel_l; are these the names on the bus?" in talk
 
 
 def test_a_set_is_what_its_attachments_say() -> None:
