@@ -146,17 +146,24 @@ def _kernels() -> str:
 
     import numpy as np
 
+    from rwa_monitor.diagnosis.model import built_in_model
     from rwa_monitor.live.core import diagnose_samples
+    from rwa_monitor.live.rebuild import Setup
+    from rwa_monitor.live.warm_up import warm_up
+    from rwa_monitor.live.wheel_set import WheelSet
     from rwa_monitor.physics.scenario import Scenario
     from rwa_monitor.physics.telemetry import simulate
     from rwa_monitor.physics.wheel import built_in_wheel
 
-    wheel = built_in_wheel()
+    wheel, model = built_in_wheel(), built_in_model()
     telemetry = simulate(Scenario(duration_s=250.0), wheel, np.random.default_rng(0))
+    warm_up(
+        Setup(WheelSet(wheel), model, "joint")
+    )  # what the commands need is compiled here, and not with the first file
     began = time.perf_counter()
-    (window,) = diagnose_samples(telemetry.samples, wheel, None)
+    (window,) = diagnose_samples(telemetry.samples, wheel, model)
     elapsed = time.perf_counter() - began
-    return f"{window.diagnosis.slots} simulated slots diagnosed in {elapsed:.1f} s, compiling included"
+    return f"compiled; {window.diagnosis.slots} simulated slots diagnosed in {elapsed:.2f} s"
 
 
 def _settings(ctx: click.Context) -> str:

@@ -1,11 +1,13 @@
 """Compiles what the core needs, before samples wait for it.
 
-The kernels of the diagnosis are compiled when they are first called, and then kept on disk. On a new machine this takes
-some seconds, in which a service would neither hear its stop signal nor take samples.
+The kernels of the diagnosis are compiled when they are first called, and then kept on disk: once for each kind of array
+that they are called with. On a new machine this takes some seconds, in which a service would neither hear its stop
+signal nor take samples.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -14,7 +16,7 @@ from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.live.core import WheelCore
 from rwa_monitor.live.rebuild import Setup
 from rwa_monitor.live.wheel_set import WheelSet
-from rwa_monitor.physics.wheel import built_in_wheel
+from rwa_monitor.physics.wheel import Wheel, built_in_wheel
 from rwa_monitor.samples import Samples
 
 WINDOW_SLOTS: Final = 2_048
@@ -22,7 +24,12 @@ WINDOWS: Final = 2  # the second one has a state carried over from the first
 
 
 def warm_up(setup: Setup) -> None:
-    """Diagnose two short made-up windows with a jump in each, and forget about them."""
+    """Diagnose short made-up windows with a jump in each, and forget about them.
+
+    The arrays of a message may be written to, those of a file may not, which makes them another kind for the compiler;
+    so the second window's are such, and have something to mask. Where the wheel's constants allow it, friction is
+    derived, too.
+    """
     wheel = setup.wheels.common
     short = wheel.model_copy(
         update={"window": wheel.window.model_copy(update={"samples": WINDOW_SLOTS, "hop": WINDOW_SLOTS})}
@@ -33,9 +40,27 @@ def warm_up(setup: Setup) -> None:
     uneven = np.sin(slot * slot % 997.0)
     level = np.where(slot % WINDOW_SLOTS < WINDOW_SLOTS // 2, 1.0, 1.5)
     torque = wheel.torque_unit_Nm * (level + speed / wheel.speed_unit_rad_s + 0.02 * uneven)
-    core = WheelCore(short, setup.model, method=setup.method)
-    core.feed(Samples(time_ns=slot * short.period_ns, speed_rad_s=speed, friction_torque_Nm=torque))
+    speed[[-20, -10]] = np.nan, 1e9
+    samples = Samples(time_ns=slot * short.period_ns, speed_rad_s=speed, friction_torque_Nm=torque)
+    _diagnose(short, setup, samples[:WINDOW_SLOTS], _read_only(samples[WINDOW_SLOTS:]))
+    if short.inertia_kg_m2 is not None and short.torque_constant_Nm_A is not None:
+        derived = replace(samples, friction_torque_Nm=None, motor_current_A=torque / short.torque_constant_Nm_A)
+        _diagnose(short, setup, derived[:WINDOW_SLOTS], _read_only(derived[WINDOW_SLOTS:]))
+
+
+def _diagnose(wheel: Wheel, setup: Setup, *pieces: Samples) -> None:
+    core = WheelCore(wheel, setup.model, method=setup.method)
+    for piece in pieces:
+        core.feed(piece)
     core.finish()
+
+
+def _read_only(samples: Samples) -> Samples:
+    """Return a copy that cannot be written to."""
+    channels = {name: values.copy() for name, values in samples.channels()}
+    for values in channels.values():
+        values.setflags(write=False)
+    return Samples(**channels)
 
 
 if __name__ == "__main__":  # when an image is built

@@ -183,7 +183,7 @@ def test_compiling_is_told_once() -> None:
     code = """
 import numba
 from rwa_monitor.cli import first_use
-first_use.tell_of_compiling()
+first_use.tell_of_compiling(noticeable_s=0.0)
 new = numba.njit(lambda x: x + 1.0)
 new(1.0)
 new(1)
