@@ -26,9 +26,9 @@ WINDOWS: Final = 2  # the second one has a state carried over from the first
 def warm_up(setup: Setup) -> None:
     """Diagnose short made-up windows with a jump in each, and forget about them.
 
-    The arrays of a message may be written to, those of a file may not, which makes them another kind for the compiler;
-    so the second window's are such, and have something to mask. Where the wheel's constants allow it, friction is
-    derived, too.
+    The arrays of a message may be written to, those of a file may not, which makes them another kind for the compiler:
+    the second window's are such. Both windows come in two parts, one clean and one with something to mask. Where the
+    wheel's constants allow it, friction is derived, too.
     """
     wheel = setup.wheels.common
     short = wheel.model_copy(
@@ -40,18 +40,20 @@ def warm_up(setup: Setup) -> None:
     uneven = np.sin(slot * slot % 997.0)
     level = np.where(slot % WINDOW_SLOTS < WINDOW_SLOTS // 2, 1.0, 1.5)
     torque = wheel.torque_unit_Nm * (level + speed / wheel.speed_unit_rad_s + 0.02 * uneven)
-    speed[[-20, -10]] = np.nan, 1e9
+    speed[WINDOW_SLOTS - 20 :: WINDOW_SLOTS] = np.nan
+    speed[WINDOW_SLOTS - 10 :: WINDOW_SLOTS] = 1e9
     samples = Samples(time_ns=slot * short.period_ns, speed_rad_s=speed, friction_torque_Nm=torque)
-    _diagnose(short, setup, samples[:WINDOW_SLOTS], _read_only(samples[WINDOW_SLOTS:]))
+    _diagnose(short, setup, samples)
     if short.inertia_kg_m2 is not None and short.torque_constant_Nm_A is not None:
         derived = replace(samples, friction_torque_Nm=None, motor_current_A=torque / short.torque_constant_Nm_A)
-        _diagnose(short, setup, derived[:WINDOW_SLOTS], _read_only(derived[WINDOW_SLOTS:]))
+        _diagnose(short, setup, derived)
 
 
-def _diagnose(wheel: Wheel, setup: Setup, *pieces: Samples) -> None:
+def _diagnose(wheel: Wheel, setup: Setup, samples: Samples) -> None:
     core = WheelCore(wheel, setup.model, method=setup.method)
-    for piece in pieces:
-        core.feed(piece)
+    for first in range(0, len(samples), WINDOW_SLOTS // 2):
+        part = samples[first : first + WINDOW_SLOTS // 2]
+        core.feed(part if first < WINDOW_SLOTS else _read_only(part))
     core.finish()
 
 

@@ -37,7 +37,7 @@ for friction_given in (True, False):
     for writable in (True, False):  # as a message, as a file
         for values in channels.values():
             values.setflags(write=writable)
-        diagnose_samples(Samples(**channels), wheel, model)
+        assert list(diagnose_samples(Samples(**channels), wheel, model))
 for new in sorted(compiled() - before):
     print(*new)
 """
