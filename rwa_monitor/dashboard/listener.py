@@ -109,11 +109,16 @@ class Listener:
         if now_s >= self._check_due_s:
             self._check_due_s = now_s + CHECK_PERIOD_S
             self.hub.note("bus", self._watch.trouble())
-            if not self._waiting:
-                self._use_history(self.history.check)
+            if not self._waiting and self._use_history(self.history.check):
+                self._use_history(self._hear_others)
         if now_s >= self._prune_due_s:
             self._prune_due_s = now_s + PRUNE_PERIOD_S
             self._use_history(self.history.prune)
+
+    def _hear_others(self) -> None:
+        """Show what other dashboards on the same history did on the list of wheels."""
+        for line in self.aside.refresh():
+            self.hub.post(aside_entry(line))
 
     def _use_history(self, work: Callable[[], object]) -> bool:
         """Do something with the history, and say so where it cannot be used."""

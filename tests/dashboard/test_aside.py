@@ -13,6 +13,7 @@ import zenoh
 from rwa_monitor.dashboard import telemetry
 from rwa_monitor.dashboard.aside import Aside
 from rwa_monitor.dashboard.server import DashboardOptions, Running, serve
+from rwa_monitor.history.records import WheelLine
 from rwa_monitor.history.store import History
 from rwa_monitor.messages import samples_json
 from tests.dashboard.support import ask, expect, new_page, reporting, send_windows, serious, status, wait_until
@@ -88,6 +89,32 @@ def test_a_wheel_is_back_also_while_the_history_cannot_be_written() -> None:
         assert aside.hear("sat", "wheel_1") is None  # told once
         history.wheel_list.spoke_again([line])  # as the listener does, as soon as it can
         assert Aside(history.wheel_list).lines() == [line]
+
+
+def test_a_deed_that_is_not_written_yet_goes_before_what_is_written() -> None:
+    with History(None) as history:
+        history.add(diagnosis(0))
+        here, there = Aside(history.wheel_list), Aside(history.wheel_list)
+        line = there.put("sat", "wheel_1", "Ann", "")
+        assert here.refresh() == [line]
+        assert here.refresh() == []
+
+        class Slow:
+            """A history in which a wheel is brought back while it is read."""
+
+            def latest(self) -> list[WheelLine]:
+                before = history.wheel_list.latest()
+                late.bring_back("sat", "wheel_1", "Ben", "")
+                return before
+
+            def bring_back(self, *deed: str) -> WheelLine:
+                return history.wheel_list.bring_back(*deed)
+
+        late = Aside(history.wheel_list)
+        late._list = Slow()  # type: ignore[assignment]
+        assert late.names() == {("sat", "wheel_1")}
+        assert late.refresh() == []
+        assert late.names() == set()
 
 
 @pytest.mark.processes

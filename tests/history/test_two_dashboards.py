@@ -1,0 +1,42 @@
+"""Two dashboards on one PostgreSQL: what is done on one is seen on the other, without a reload."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+from websockets.sync.client import ClientConnection, connect
+
+from rwa_monitor.dashboard.server import DashboardOptions, serve
+from rwa_monitor.history.store import History
+from rwa_monitor.live.bus import BusOptions, open_session
+from tests.dashboard.support import WAIT_S
+from tests.dashboard.test_aside import put_aside
+from tests.history.support import diagnosis
+
+pytestmark = pytest.mark.processes
+
+
+def next_deed(feed: ClientConnection) -> str:
+    """Return what is said next about the list of wheels."""
+    while True:
+        for entry in json.loads(feed.recv(timeout=WAIT_S)):
+            if entry["key"] == "rwa/sat/wheel_1/aside":
+                return str(entry["message"]["event"])
+
+
+def test_a_wheel_that_is_put_aside_on_one_leaves_the_list_of_the_other(new_database: str) -> None:
+    with History(new_database) as history:
+        history.add_all([diagnosis(n, wheel="wheel_1") for n in range(2)])
+    options = DashboardOptions(0, token="right", history=new_database)
+    with (
+        open_session(BusOptions()) as session,
+        serve(options, session) as first,
+        serve(options, session) as second,
+        connect(first.address.replace("http", "ws") + "api/feed") as feed_of_first,
+        connect(second.address.replace("http", "ws") + "api/feed") as feed_of_second,
+    ):
+        assert put_aside(first, "wheel_1")[0] == 200
+        assert next_deed(feed_of_second) == "put_aside"
+        assert put_aside(second, "wheel_1", aside=False)[0] == 200
+        assert [next_deed(feed_of_first), next_deed(feed_of_first)] == ["put_aside", "brought_back"]
