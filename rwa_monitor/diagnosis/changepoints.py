@@ -19,7 +19,7 @@ from rwa_monitor.diagnosis.noise import Tails
 from rwa_monitor.diagnosis.results import Candidates
 from rwa_monitor.diagnosis.running_sums import STRIDE, RunningSums, SumArrays, prefix_moments
 from rwa_monitor.diagnosis.wglr import MAX_SCALE
-from rwa_monitor.samples import FloatArray, IntArray
+from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 
 LONGEST_HALF: Final = 1024  # slots on each side that a candidate is judged by: enough, and near enough for slow drifts
 # Tests that a window amounts to, per slot. The peaks of all scales are about 1.5 independent tests a slot, but a
@@ -62,22 +62,29 @@ def peaks_behind_gaps(sums: RunningSums) -> Candidates:
     sums
         Running sums of the window; their checkpoints alone tell where no sample is used.
     """
-    count = sums.arrays.checkpoints[: sums.slots // STRIDE + 1, 0]
-    empty = np.flatnonzero(np.diff(count) == 0.0)
-    runs = np.split(empty, np.flatnonzero(np.diff(empty) > 1) + 1) if empty.size else []
-    index, scale = [], []
-    for run in runs:
-        begin, end = int(run[0]) * STRIDE, (int(run[-1]) + 1) * STRIDE
-        after = np.flatnonzero(sums.arrays.used[end : end + STRIDE])
-        if end - begin >= LONG_GAP and begin > 0 and after.size:
-            index.append(end + int(after[0]))
-            scale.append(end - begin + MAX_SCALE)
-    return Candidates(
-        index=np.array(index, dtype=np.int64),
-        scale=np.array(scale, dtype=np.int64),
-        statistic=np.full(len(index), np.inf),
-        jump=np.zeros(len(index)),
-    )
+    index, scale = _ends_of_gaps(sums.arrays.checkpoints, sums.arrays.used, sums.slots)
+    return Candidates(index, scale, statistic=np.full(index.size, np.inf), jump=np.zeros(index.size))
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def _ends_of_gaps(checkpoints: FloatArray, used: BoolArray, slots: int) -> tuple[IntArray, IntArray]:
+    """Return slot and scale of each peak of `peaks_behind_gaps`."""
+    strides = slots // STRIDE
+    index, scale = np.empty(strides, dtype=np.int64), np.empty(strides, dtype=np.int64)
+    found, begin = 0, -1  # first slot of the present gap
+    for j in range(strides + 1):
+        end = j * STRIDE
+        if j < strides and checkpoints[j + 1, 0] == checkpoints[j, 0]:
+            begin = end if begin < 0 else begin
+            continue
+        if begin > 0 and end - begin >= LONG_GAP:
+            for slot in range(end, min(end + STRIDE, used.size)):
+                if used[slot]:
+                    index[found], scale[found] = slot, end - begin + MAX_SCALE
+                    found += 1
+                    break
+        begin = -1
+    return index[:found], scale[:found]
 
 
 class Bar(NamedTuple):

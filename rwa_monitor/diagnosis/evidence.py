@@ -343,8 +343,8 @@ class WindowAccumulator:
                 self._done,
                 stop,
                 self._arrays,
-                tuple(self._window_settings),
-                tuple(self._scan_settings),
+                self._window_numbers,
+                self._scan_numbers,
                 tuple(self._peaks.arrays),
                 self._peaks.chunk_peaks,
             )
@@ -373,6 +373,7 @@ class WindowAccumulator:
         self._window_settings = WindowSettings(
             self._band, self._certain, structure.angle_per_x, self._hop, structure.hop
         )
+        self._window_numbers = tuple(self._window_settings)
         self._settle()
         settings, peaks = self._scan_settings, self._peaks
         scan(self._x, self._z, self._used, 0, stop, True, settings, self._state, peaks.arrays, peaks.chunk_peaks)
@@ -437,6 +438,7 @@ class WindowAccumulator:
         self._scan_settings = ScanSettings(
             self._scales, self._weight, self._slope, self._floors, self._sure, self.method == "paper"
         )
+        self._scan_numbers = tuple(self._scan_settings)
         nominal = self.slope_prior.mean if self.slope_prior else 0.0
         largest = ANY_SLOPE * max(abs(self._slope), abs(nominal), SMALLEST_SLOPE)
         weights = np.minimum(self._weight, self._variances / largest**2)

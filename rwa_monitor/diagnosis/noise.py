@@ -418,22 +418,22 @@ def _combine(
 ) -> tuple[float, FloatArray, float]:
     """Return the fields of the `NoiseEstimate` where there are blocks; parameters as those of `estimate_noise`."""
     tried = 3 * LAGS // 4  # lags at which the noise may remember
-    variance = _sum(levels[tried:]) / (LAGS - tried)
+    variance = sum_up(levels[tried:]) / (LAGS - tried)
     last = 0  # the last lag whose correlation is certain
     for _ in range(2):
         correlation = 1.0 - levels / max(variance, SMALLEST_STD**2)
-        spread = 1.0 + 2.0 * _sum(np.square(correlation[:last]))
+        spread = 1.0 + 2.0 * sum_up(np.square(correlation[:last]))
         last = 0
         for lag in range(tried):
             if abs(correlation[lag]) > 4.0 * np.sqrt(spread / counts[lag]):
                 last = lag + 1
-        variance = _sum(levels[last:] * counts[last:]) / _sum(counts[last:])
+        variance = sum_up(levels[last:] * counts[last:]) / sum_up(counts[last:])
     variance = max(variance, SMALLEST_STD**2)
     autocovariance = np.zeros(LAGS)
     autocovariance[0] = variance
     # Beyond the last certain lag the autocovariance is noise of the estimate: 63 such lags would swamp the long run.
     autocovariance[1 : last + 1] = variance - levels[:last]
-    factor = 1.0 + 2.0 * _sum(autocovariance[1:]) / variance
+    factor = 1.0 + 2.0 * sum_up(autocovariance[1:]) / variance
 
     # The widest scale with enough independent contrasts bounds the long run from its own side. A short window has only
     # narrow ones, which cannot deny a long memory.
@@ -449,7 +449,7 @@ def _combine(
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
-def _sum(values: FloatArray) -> float:
+def sum_up(values: FloatArray) -> float:
     """Return the sum, as eight side by side: none of its additions waits for the one before it."""
     total, eights = 0.0, values.size - values.size % 8
     if eights > 0:

@@ -139,13 +139,14 @@ class Sequencer:
         frontier_ns
             Time of the latest sample taken so far, None before the first [ns].
         """
-        self.counts.received += len(batch.samples)
-        self.counts.queued += len(batch.samples)
+        count = len(batch.samples)
+        self.counts.received += count
+        self.counts.queued += count
         if self.current is None:
             self._begin(batch)
         if batch.publisher != self.current:
             return self._challenged_by(batch, frontier_ns)
-        self.largest = max(self.largest, len(batch.samples))
+        self.largest = max(self.largest, count)
         events = self._end_challenge() if self.challenge else []
         ready, more = self._in_order(batch, frontier_ns)
         self._remember_time(batch)

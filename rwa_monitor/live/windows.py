@@ -36,6 +36,7 @@ from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.slots import SlotGrid
 
 MAX_OPEN_WINDOWS: Final = 64  # windows that may overlap; a smaller hop would cost memory without telling more
+_THERE: Final = np.ones(4096, dtype=np.bool_)  # slots of a message, all there
 
 
 @dataclass(slots=True)
@@ -182,7 +183,8 @@ class Windows:
         start, self._done = self._done, stop
         speed = self.ring.read("speed_rad_s", start, stop)
         friction, masked, faults = self.friction.friction(self.ring, start, stop)
-        there = np.ones(stop - start, dtype=np.bool_)  # where values are missing they are NaN
+        count = stop - start
+        there = _THERE[:count] if count <= _THERE.size else np.ones(count, dtype=np.bool_)  # missing values are NaN
         confirmed = [window.accumulator.append(speed, friction, there) for window in self._open]
         events = self._told(masked, faults) if masked or faults else []
         if not confirmed:
