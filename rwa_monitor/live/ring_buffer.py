@@ -101,8 +101,12 @@ class RingBuffer:
         self._filled[at : at + count] = 1
         if at + count > self.capacity:
             self._filled[: at + count - self.capacity] = 1
+        at = self.end % self.values_capacity
         for name, array in self._values.items():
-            _put(array, self.end, values[name])
+            if at + count <= array.size:
+                array[at : at + count] = values[name]
+            else:
+                _put(array, self.end, values[name])
         self.end += count
 
     def restore(self, begin: int, filled: BoolArray, values: Mapping[str, FloatArray]) -> None:

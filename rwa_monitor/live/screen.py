@@ -39,6 +39,7 @@ STEPS_TO_JUDGE: Final = 16  # before roughness is known well enough
 # slot: anomalies of the paper are about twice the nominal friction. A system without given friction counts as one dry
 # torque.
 LARGEST_FACTOR: Final = 2.0
+KEPT_SLOTS: Final = 1024  # for which the room for findings is kept from one message to the next: 18 kB
 LAG_SLOTS: Final = max(HANGING_SLOTS, OUTSTANDING_SLOTS)
 
 SPEED: Final = "speed_rad_s"
@@ -222,6 +223,9 @@ class Screen:
     done: int = 0
     speed: Channel = field(default_factory=Channel)
     torque: Channel = field(default_factory=Channel)
+    # What is found of the next slots: nothing. Messages mostly have one length, and it mostly stays nothing.
+    _kinds: NDArray[np.int8] = field(default_factory=lambda: _nothing(0)[0], init=False, repr=False)
+    _sinces: IntArray = field(default_factory=lambda: _nothing(0)[1], init=False, repr=False)
 
     def reset(self) -> None:
         """Begin a new epoch."""
@@ -250,7 +254,9 @@ class Screen:
         if stop <= start:
             return 0, []
         speed, torque = ring.read(SPEED, start, stop + 1), ring.read(TORQUE, start, stop + 1)
-        kinds, sinces = np.zeros((2, stop - start), dtype=np.int8), np.zeros((2, stop - start), dtype=np.int64)
+        if self._kinds.shape[1] != stop - start:
+            self._kinds, self._sinces = _nothing(stop - start)
+        kinds, sinces = self._kinds, self._sinces
         if not _judge_both(
             (speed, torque),
             (self.speed_limit_rad_s, self.torque_limit_Nm),
@@ -259,7 +265,10 @@ class Screen:
             kinds,
             sinces,
         ):
+            if stop - start > KEPT_SLOTS:
+                self._kinds, self._sinces = _nothing(0)
             return 0, []
+        self._kinds, self._sinces = _nothing(0)  # these hold something
         turning = speed[:-1] != 0.0  # before anything is masked
         held = max(start - LAG_SLOTS, ring.values_begin)  # the first slot that may still be masked
         good: BoolArray | None = None  # before anything was masked
@@ -279,6 +288,11 @@ class Screen:
             ring.overwrite(name, held, values)
         masked = 0 if good is None else int(good.sum() - _good(ring, held, stop).sum())
         return masked, sorted(faults, key=lambda fault: fault.slot)
+
+
+def _nothing(slots: int) -> tuple[NDArray[np.int8], IntArray]:
+    """Return what `_judge_both` writes to, for so many slots."""
+    return np.zeros((2, slots), dtype=np.int8), np.zeros((2, slots), dtype=np.int64)
 
 
 def _good(ring: RingBuffer, start: int, stop: int) -> BoolArray:
