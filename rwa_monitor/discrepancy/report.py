@@ -23,6 +23,7 @@ from rwa_monitor.version import SOFTWARE
 
 KINDS: Final = {"mean": "a torque", "noise": "of the noise", "switching": "of the jumps"}
 PROPER: Final = "Stribeck"  # a name: it keeps its capital
+OF_ONE_RECORDING: Final = ("run_in_drift", "torque_ripple")  # in its own time, at its own angle
 SURE_P: Final = 1e-4  # below which a view's test calls its deviation no chance
 
 
@@ -40,19 +41,22 @@ def sentence(result: DiscrepancyResult) -> str:
         )
     lacks = f"The simulation lacks {'; and '.join(parts)}."
     if result.gain is not None and result.gain.is_a_loss:
-        return f"{_loss_in_words(result.gain)} {lacks}"
+        return f"{_loss_in_words(result, result.gain)} {lacks}"
     if result.gain is not None and result.gain.only_by_fewer_jumps:
         return f"{lacks} On held-out data that leaves no less error, and needs fewer jumps for it."
     return lacks
 
 
-def _loss_in_words(gain: Gain) -> str:
+def _loss_in_words(result: DiscrepancyResult, gain: Gain) -> str:
     """Say first what an extension does not do: hold on data that it was not fitted to."""
+    own = [effect.name for effect in result.effects if effect.name in OF_ONE_RECORDING and gain.held_out]
     where = f"On {', '.join(gain.held_out)}" if gain.held_out else "On blocks left out in turn"
     return (
         f"{where} what was found does not hold: the RMSE goes from {gain.rmse_base_Nm:.4g} to"
         f" {gain.rmse_extended_Nm:.4g} N m, the log score from {gain.log_score_base:.4f} to"
-        f" {gain.log_score_extended:.4f} a sample; do not extend the wheel file by it. As the searched records tell it:"
+        f" {gain.log_score_extended:.4f} a sample; do not extend the wheel file by it."
+        + "".join(f" {name} could not carry over: it counts from a recording's own beginning." for name in own)
+        + " As the searched records tell it:"
     )
 
 

@@ -103,6 +103,9 @@ def test_an_extension_that_does_worse_elsewhere_is_no_gain(searched: Samples, fo
     assert gain.is_a_loss
     assert worse.result.verdict == "inadequate"  # of the searched recording that stays true
     assert sentence(worse.result).startswith("On plain what was found does not hold")
+    assert "carry over" not in sentence(worse.result)
+    drift = replace(worse.result.effects[0], name="run_in_drift")
+    assert "run_in_drift could not carry over" in sentence(replace(worse.result, effects=(drift,)))
     page = html(worse, ["searched"])
     assert "What the extension loses" in page
     assert "the log score of a sample rises" not in page

@@ -258,6 +258,18 @@ def test_nothing_is_asked_where_all_is_right() -> None:
     assert not any("?" in note for note in learned.notes)
 
 
+def test_a_slope_in_another_unit_is_asked_about_where_a_nominal_one_is_known() -> None:
+    recordings, wheel = in_motion()
+    known = wheel.model_copy(update={"nominal": built_in_wheel().nominal})
+    ((name, samples),) = recordings
+    friction = 1.6e-3 + 5.3e-6 * samples.speed_rad_s
+    friction += 3.9e-5 * np.random.default_rng(50022).normal(size=friction.size)
+    for factor, asked in ((1.0, False), (30.0 / np.pi, True)):
+        given = Samples(samples.time_ns, factor * samples.speed_rad_s, friction_torque_Nm=friction)
+        notes = identify([(name, given)], known, systems=False).notes
+        assert any("is speed_rad_s in rpm?" in note for note in notes) is asked
+
+
 @pytest.mark.parametrize("seed", range(50021, 50025))  # the slope that noise makes has either sign
 def test_at_one_speed_only_the_sum_is_told(seed: int) -> None:
     recordings, wheel = in_motion()
