@@ -233,7 +233,8 @@ def _rounding_error(
             enough = least
         if abs(off) + doubt <= enough:
             continue
-        if abs(off) <= OVER_NOISE * _noise_of(torque[k - half : k + half + 1]):
+        sudden = abs(off) > OVER_NOISE * _noise_of(torque[k - half : k + half + 1])
+        if not sudden:
             # A bend as long as the window shows in a parabola through the torque long before it shows in one sample.
             off, doubt = _error_of_parabola(torque[k - half : k + half + 1], weights)
             if abs(off) <= max(enough, OVER_NOISE * doubt):
@@ -249,6 +250,11 @@ def _rounding_error(
         if share <= max(MOVES_THE_ROTOR, CLEAR_STDS * std):
             continue
         known = doubt <= max(enough, DOUBT_STDS * noise_gain * left_over)
+        if sudden and known:
+            # Friction may jump while the torque bends smoothly. The speed follows the bend and not the jump: it shows
+            # which of both is sudden by what no cubic takes up, the speed under a torque that is a parabola.
+            share, std = _share_beside_cubic(bend[: 2 * aside + 1], speed[k - aside : k + aside + 1])
+            known = share > max(MOVES_THE_ROTOR, CLEAR_STDS * std)
         error[k] = off if known else np.nan
 
 
@@ -316,6 +322,30 @@ def _share_of(shape: FloatArray, speed: FloatArray) -> tuple[float, float, float
         return 0.0, np.inf, 0.0, slope
     left_over = np.sqrt(max(total - cross * cross / energy, 0.0) / (n - 3.0))
     return cross / energy, left_over / np.sqrt(energy), left_over, slope
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def _share_beside_cubic(shape: FloatArray, speed: FloatArray) -> tuple[float, float]:
+    """Return how much of a shape a speed holds beside a cubic, and its std."""
+    there = np.flatnonzero(~np.isnan(speed))
+    if there.size < 6:
+        return 0.0, np.inf
+    bent, beside = shape[there], speed[there] - speed[there[0]]
+    place = (there - 0.5 * (shape.size - 1)) / shape.size
+    powers = np.ones((4, there.size))
+    for degree in range(4):
+        powers[degree] = place**degree
+        for lower in range(degree):
+            powers[degree] -= (powers[lower] @ powers[degree]) * powers[lower]
+        powers[degree] /= np.sqrt(powers[degree] @ powers[degree])
+        bent = bent - (powers[degree] @ bent) * powers[degree]
+        beside = beside - (powers[degree] @ beside) * powers[degree]
+    energy = bent @ bent
+    if energy <= 0.0:
+        return 0.0, np.inf
+    share = (bent @ beside) / energy
+    left = beside - share * bent
+    return share, np.sqrt((left @ left) / (there.size - 5) / energy)
 
 
 def derive_friction(speed_rad_s: FloatArray, motor_torque_Nm: FloatArray, wheel: Wheel) -> FloatArray:
