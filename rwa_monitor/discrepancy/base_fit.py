@@ -240,7 +240,7 @@ def fit(
     columns: FloatArray,
     bounds: tuple[FloatArray, FloatArray] | None = None,
     start: Sequence[IntArray] = (),
-    parameters: int = 0,
+    parameters: float = 0,
     name: Hashable = None,
 ) -> Fit:
     """Fit levels, jumps, viscous friction and the coefficients of `columns`.
@@ -256,7 +256,7 @@ def fit(
     start
         Jump sets to start from, besides the robust start.
     parameters
-        Number of parameters beyond viscous friction that the criterion is charged for.
+        Parameters beyond viscous friction that the criterion is charged for: their number, or more where they are dear.
     name
         Says which columns these are: jumps found for columns of the same name are not looked for again. None: of no
         other call.
@@ -461,7 +461,7 @@ def _segment_records(problem: Problem, values: FloatArray, penalty: float) -> In
     return np.concatenate(found).astype(np.int64)
 
 
-def _finish(problem: Problem, design: FloatArray, coefficients: FloatArray, jumps: IntArray, parameters: int) -> Fit:
+def _finish(problem: Problem, design: FloatArray, coefficients: FloatArray, jumps: IntArray, parameters: float) -> Fit:
     rest = problem.z - design @ coefficients
     first = segment_starts(problem, jumps)
     residual = remove_levels(rest, first)
@@ -469,5 +469,5 @@ def _finish(problem: Problem, design: FloatArray, coefficients: FloatArray, jump
     return Fit(jumps, coefficients, rest - residual, residual, rss, _criterion(problem, rss, jumps, parameters))
 
 
-def _criterion(problem: Problem, rss: float, jumps: IntArray, parameters: int) -> float:
+def _criterion(problem: Problem, rss: float, jumps: IntArray, parameters: float) -> float:
     return rss / problem.noise.long_run_variance + problem.log_size * (JUMP_PENALTY * jumps.size + parameters)

@@ -17,6 +17,7 @@ import numpy as np
 from rwa_monitor.discrepancy.base_fit import Problem, remove_levels, segment_starts
 from rwa_monitor.discrepancy.find import Search
 from rwa_monitor.discrepancy.search import Model
+from rwa_monitor.discrepancy.slope_jumps import SlopeJumps, shared_strength
 from rwa_monitor.discrepancy.uncertainty import spread
 from rwa_monitor.discrepancy.unit_check import Shown, slope_in_question
 from rwa_monitor.physics.effects.catalogue import CATALOGUE, mean_effects, to_block
@@ -129,8 +130,12 @@ def extend(search: Search) -> Extension:
     nominal, treatment = _nominal(search.wheel.nominal, before, after)
     blocks = []
     for index, term in enumerate(model.terms):
-        names = [parameter.name for parameter in term.effect.strength_parameters()]
-        strengths = dict(zip(names, model.strengths(index).tolist(), strict=True))
+        if issubclass(term.effect, SlopeJumps):
+            name, nearest = shared_strength(search.problem, model, index)
+            strengths = {name: nearest.value}
+        else:
+            names = [parameter.name for parameter in term.effect.strength_parameters()]
+            strengths = dict(zip(names, model.strengths(index).tolist(), strict=True))
         effect = CATALOGUE[term.effect.name]
         shape = {parameter.name: term.shape[parameter.name] for parameter in effect.shape_parameters()}
         blocks.append(to_block(effect(**{**shape, **strengths})))

@@ -29,10 +29,11 @@ from rwa_monitor.discrepancy.result import (
     Verdict,
 )
 from rwa_monitor.discrepancy.rounding import without_rounding
-from rwa_monitor.discrepancy.search import Found, Model, Progress, SearchResult, grow, rank
+from rwa_monitor.discrepancy.search import Found, Growth, Model, Progress, SearchResult, grow, rank
+from rwa_monitor.discrepancy.slope_jumps import SlopeJumps, shared_strength, with_slope_jumps
 from rwa_monitor.discrepancy.switching_effects import switching_effects
 from rwa_monitor.discrepancy.uncertainty import described, spread
-from rwa_monitor.discrepancy.unexplained import judge_leftover, wandering
+from rwa_monitor.discrepancy.unexplained import judge_leftover, wandering, with_free_curves
 from rwa_monitor.discrepancy.untested import as_a_part, too_weak_to_show, untested_others
 from rwa_monitor.physics.effects.base import MeanEffect
 from rwa_monitor.physics.effects.catalogue import CATALOGUE, MEAN_EFFECTS, mean_effects
@@ -159,16 +160,33 @@ def _explain(
 ) -> tuple[Problem, SearchResult, Unexplained | None, Model]:
     """Search for mean effects, and judge what they leave: see `judge_leftover`; the noise is that of the best model."""
     grown = grow(problem, candidates, holds_out, progress)
-    if grown.ladder[-1].terms:
+    sloped = _with_slope_jumps(problem, grown, candidates, progress)
+    best = sloped or grown.ladder[-1]
+    if best.terms:
         # What the effect did to the base model's residual passed for coloured noise; without it the eye is sharper.
-        calmer = with_noise_of(problem, grown.ladder[-1].fit.residual)
+        calmer = with_noise_of(problem, best.fit.residual)
         if calmer.noise.long_run_variance < CALMER * problem.noise.long_run_variance:
             problem = calmer
-            grown = grow(problem, candidates, holds_out, progress, begin_with=grown.ladder[-1])
+        if sloped is not None or problem is calmer:
+            grown = grow(problem, candidates, holds_out, progress, begin_with=best)
+        if sloped is None and problem is calmer:
+            sloped = _with_slope_jumps(problem, grown, candidates, progress)
+            if sloped is not None:
+                grown = grow(problem, candidates, holds_out, progress, begin_with=sloped)
     found = rank(problem, grown, progress)
     progress("what is left")
     found, leftover, complete = judge_leftover(problem, found)
     return problem, found, leftover, complete
+
+
+def _with_slope_jumps(
+    problem: Problem, grown: Growth, candidates: Sequence[type[MeanEffect]], progress: Progress
+) -> Model | None:
+    """Return the last model with slopes of its own between jumps, or None; see `with_slope_jumps`."""
+    if not any(effect.name == SlopeJumps.name for effect in candidates):
+        return None
+    progress("slopes between jumps")
+    return with_slope_jumps(problem, grown.ladder[-1], grown.ladder[0], partial(with_free_curves, problem))
 
 
 def _records(recordings: Sequence[tuple[str, Samples]], wheel: Wheel) -> list[Record]:
@@ -203,8 +221,11 @@ def without_known_effects(record: Record, wheel: Wheel) -> Record:
 def _describe(problem: Problem, model: Model, found: Found) -> FoundEffect:
     index = model.names.index(found.name)
     term = model.terms[index]
-    std = spread(problem, model).terms[index]
-    parameters = described(problem, term, model.strengths(index), std, CATALOGUE[found.name].parameters)
+    if issubclass(term.effect, SlopeJumps):
+        parameters = dict([shared_strength(problem, model, index)])
+    else:
+        std = spread(problem, model).terms[index]
+        parameters = described(problem, term, model.strengths(index), std, CATALOGUE[found.name].parameters)
     if found.name == WARMING and not problem.at_one_speed:
         parameters = _as_a_part_of(float(model.fit.coefficients[0]), parameters)
     return FoundEffect(

@@ -55,6 +55,10 @@ class Term:
         float64 (p,), bounds of the strengths.
     smooth
         Whether the strengths are heights of neighbouring knots: what data does not tell is then as its neighbour.
+    own
+        Whether the columns are of these data alone: effect and shape do not tell them.
+    price
+        Of the parameters, in units of log N, where that is not their number.
     """
 
     effect: type[MeanEffect]
@@ -63,16 +67,18 @@ class Term:
     low: FloatArray
     high: FloatArray
     smooth: bool = False
+    own: bool = False
+    price: float | None = None
 
     @property
     def name(self) -> Hashable:
         """Say which columns these are, of one problem; None where effect and shape do not tell."""
-        return None if depends_on_level(self.effect) else _name(self.effect, self.shape)
+        return None if self.own or depends_on_level(self.effect) else _name(self.effect, self.shape)
 
     @property
-    def parameters(self) -> int:
-        """Count the free parameters, shape included."""
-        return len(self.effect.parameters)
+    def parameters(self) -> float:
+        """Return what the parameters cost, in units of log N: their number, shape included, where nothing is said."""
+        return len(self.effect.parameters) if self.price is None else self.price
 
 
 def make_term(problem: Problem, effect: type[MeanEffect], shape: Mapping[str, float], level: FloatArray | None) -> Term:

@@ -183,7 +183,7 @@ def judge_leftover(problem: Problem, found: SearchResult) -> tuple[SearchResult,
         with the curve in it, whose residual is noise.
     """
     model = found.ladder[-1]
-    rivals = problem.each(lambda term: _with(problem, model, term), _free_terms(problem, model))
+    rivals = with_free_curves(problem, model)
     step = best_threshold(
         problem, model.terms, model.fit, lambda speed: make_term(problem, _Step, {"speed_rad_s": speed}, None)
     )
@@ -213,6 +213,11 @@ def judge_leftover(problem: Problem, found: SearchResult) -> tuple[SearchResult,
         unexplained,
         best,
     )
+
+
+def with_free_curves(problem: Problem, model: Model) -> list[Model]:
+    """Return a model extended by each of the free curves."""
+    return problem.each(lambda term: _with(problem, model, term), _free_terms(problem, model))
 
 
 def _folded(problem: Problem, model: Model, curve: Term) -> Unexplained:

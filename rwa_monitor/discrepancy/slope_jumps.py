@@ -1,0 +1,265 @@
+"""Jumps of the viscous coefficient that keep no step with those of the dry friction.
+
+The catalogue's `viscous_jump` lets the coefficient follow the dry level. Lubricant that moves in and out of the contact
+need not: then the drag of a stretch of time has a slope over the speed of its own. The stretches are found like the
+levels, by an exact segmentation, here of straight lines over |ω|; neighbours whose slopes differ by less than they cost
+are merged. A change of slope is priced as a jump is: it has a place, a size and a sign.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+from numba import njit
+
+from rwa_monitor.discrepancy.base_fit import JUMP_PENALTY, Problem, jump_sets, strong_jumps
+from rwa_monitor.discrepancy.gain import held_out
+from rwa_monitor.discrepancy.result import ParameterValue
+from rwa_monitor.discrepancy.search import ACCEPT_GAIN, Model, refit
+from rwa_monitor.discrepancy.terms import Term
+from rwa_monitor.physics.effects.base import Channels, MeanEffect, Memory, Parameter
+from rwa_monitor.physics.effects.viscous_jump import ViscousJump
+from rwa_monitor.samples import FloatArray, IntArray
+
+BLOCKS: Final = 3_000  # of a record, between which the segmentation may cut; each cut is then placed to the sample
+LINE_PENALTY: Final = 2 * JUMP_PENALTY  # times log N, for a new straight line: its level and its slope
+SHORTEST_BLOCKS: Final = 3  # of a straight line: shorter ones are blocks in which something jumps
+MOST_CHANGES: Final = 24  # of slope: more are a law of speed, not jumps
+HELD_OUT_BLOCKS: Final = 41  # so short that each slope is seen in blocks of both parities
+
+
+class SlopeJumps(MeanEffect):
+    """A viscous coefficient of its own in each of some stretches of time: `viscous_jump`, with slopes that are free."""
+
+    name = ViscousJump.name
+    family = "switching"
+    title = ViscousJump.title
+    formula = ViscousJump.formula
+    description = ViscousJump.description
+    signature = ViscousJump.signature
+    confused_with = ViscousJump.confused_with
+    separate_by = ViscousJump.separate_by
+    source = ViscousJump.source
+    places: tuple[int, ...] = ()  # joined index at which each stretch begins, but for the first
+
+    @classmethod
+    def columns(
+        cls, channels: Channels, shape: Mapping[str, float], memory: Memory = None
+    ) -> tuple[FloatArray, Memory]:
+        """Return zeros: elsewhere than where the slopes were found, nobody knows them."""
+        del shape, memory
+        return np.zeros((len(channels), len(cls.parameters))), None
+
+
+def with_slope_jumps(
+    problem: Problem, model: Model, simpler: Model, rivals: Callable[[Model], Sequence[Model]]
+) -> Model | None:
+    """Return the best model in which the viscous coefficient jumps by itself; None where that does not pay.
+
+    Parameters
+    ----------
+    problem
+        The data.
+    model
+        The best model without.
+    simpler
+        The base model: what `model` names may be what jumps of the slope look like.
+    rivals
+        Returns a model extended by each of the free curves: slopes that differ since the drag is no straight line are
+        a law of the speed.
+    """
+    kept = tuple(term for term in model.terms if term.effect.name != ViscousJump.name)
+    begin = model if kept == model.terms else refit(problem, kept, jump_sets(problem, model.fit))
+    best = _with_slopes(problem, begin)
+    if best is not None and begin.terms:
+        # What was named may be what jumps of the slope look like.
+        alone = _with_slopes(problem, simpler)
+        best = best if alone is None else min(best, alone, key=lambda one: one.fit.criterion)
+    if best is None or not _pays(problem, model, best):
+        return None
+    others = refit(problem, best.terms[:-1], [best.fit.jumps])
+    drifting = refit(problem, (*others.terms, _drifting(problem, best.terms[-1])), [best.fit.jumps])
+    if min(rival.fit.criterion for rival in (drifting, *rivals(others))) <= best.fit.criterion:
+        return None
+    return best
+
+
+def _with_slopes(problem: Problem, begin: Model) -> Model | None:
+    """Return a model with free slopes, without the names that they make superfluous; None where the slope is one."""
+    term = _slopes(problem, begin)
+    if term is None:
+        return None
+    sets = [*jump_sets(problem, begin.fit), strong_jumps(problem, begin.fit)]
+    return _without_idle(problem, refit(problem, (*begin.terms, term), sets))
+
+
+def _pays(problem: Problem, model: Model, best: Model) -> bool:
+    """Say whether a model with free slopes is better than another, on held-out blocks, too."""
+    if model.fit.criterion - best.fit.criterion < ACCEPT_GAIN or best.terms[-1].effect.name != ViscousJump.name:
+        return False
+    scores = [held_out(problem, one, HELD_OUT_BLOCKS).log_score for one in (model, best)]
+    return scores[1] > scores[0]
+
+
+def _without_idle(problem: Problem, model: Model) -> Model:
+    """Drop the named effects that free slopes make superfluous."""
+    index = 0
+    while index < len(model.terms) - 1:
+        terms = tuple(term for i, term in enumerate(model.terms) if i != index)
+        reduced = refit(problem, terms, [model.fit.jumps])
+        if reduced.fit.criterion - model.fit.criterion < ACCEPT_GAIN:
+            model = reduced
+        else:
+            index += 1
+    return model
+
+
+def shared_strength(problem: Problem, model: Model, index: int) -> tuple[str, ParameterValue]:
+    """Return the catalogue's strength, slope per dry friction [s/rad], that is nearest to free slopes, and its name."""
+    (parameter,) = ViscousJump.parameters
+    torque = model.terms[index].columns @ model.strengths(index)
+    # Slopes are told from that of the first stretch: how much all have in common is the base law's.
+    value = float(np.linalg.lstsq(np.stack([problem.speed, model.fit.level * problem.speed], axis=1), torque)[0][1])
+    note = "the coefficient's jumps are not in proportion to those of the dry friction"
+    nearest = float(np.clip(value, parameter.low, parameter.high))
+    return parameter.name, ParameterValue(nearest, None, parameter.unit, note)
+
+
+# ---- where the slope changes -----------------------------------------------------------------------------------------
+
+
+def _slopes(problem: Problem, model: Model) -> Term | None:
+    """Return the stretches of time in which the slope is another, as columns; None where it is one all over."""
+    values = model.fit.level + model.fit.residual + model.fit.coefficients[0] * problem.speed
+    variance = problem.noise.long_run_variance
+    cuts: list[int] = []
+    for begin, end in zip(problem.starts[:-1].tolist(), problem.starts[1:].tolist(), strict=True):
+        if end > begin:
+            width = max((end - begin) // BLOCKS, 1)
+            speed, of_one = problem.speed[begin:end], values[begin:end]
+            found = _straight_lines(speed, of_one, width, LINE_PENALTY * problem.log_size * variance)
+            cuts += [begin, *(begin + _placed(speed, of_one, found, width)).tolist()]
+    first = np.array(cuts, dtype=np.int64)
+    places = _merged(problem.speed, values, first, JUMP_PENALTY * problem.log_size * variance)
+    return _term(problem, places) if 0 < len(places) <= MOST_CHANGES else None
+
+
+def _term(problem: Problem, places: Sequence[int]) -> Term:
+    edges = [*places, problem.size]
+    columns = np.zeros((problem.size, len(places)))
+    for j, begin in enumerate(places):
+        columns[begin : edges[j + 1], j] = problem.speed[begin : edges[j + 1]]
+    names = [f"change_{j + 1}_Nm_s_rad" for j in range(len(places))]
+    parameters = tuple(Parameter(name, "N m s/rad", -np.inf, np.inf, 0.0, linear=True) for name in names)
+    effect = type("SlopeJumps", (SlopeJumps,), {"parameters": parameters, "places": tuple(places)})
+    free = np.full(len(places), np.inf)
+    return Term(effect, {}, columns, -free, free, own=True, price=JUMP_PENALTY * len(places))
+
+
+def _drifting(problem: Problem, term: Term) -> Term:
+    """Return a coefficient that drifts through as many knots, in place of one that jumps as often."""
+    assert issubclass(term.effect, SlopeJumps)
+    edges = np.array([0, *term.effect.places, problem.size], dtype=np.float64)
+    knots, at = 0.5 * (edges[1:] + edges[:-1]), np.arange(problem.size)
+    hats = np.stack([np.interp(at, knots, unit) for unit in np.eye(knots.size)[1:]], axis=1)
+    return replace(term, columns=hats * problem.speed[:, None])
+
+
+@njit(cache=True, nogil=True)
+def _line_rss(sums: FloatArray, i: int, j: int) -> float:
+    """Return the residual sum of squares of a straight line through blocks i … j-1, of running sums (6, m + 1)."""
+    n = sums[0, j] - sums[0, i]
+    x, z = sums[1, j] - sums[1, i], sums[2, j] - sums[2, i]
+    xx = sums[3, j] - sums[3, i] - x * x / n
+    xz = sums[4, j] - sums[4, i] - x * z / n
+    zz = sums[5, j] - sums[5, i] - z * z / n
+    return max(zz - (xz * xz / xx if xx > 0.0 else 0.0), 0.0)
+
+
+@njit(cache=True, nogil=True)
+def _optimal_lines(sums: FloatArray, penalty: float) -> IntArray:
+    """Return the first block of each straight line but the first: optimal partitioning with the pruning of PELT.
+
+    Jackson et al., IEEE Signal Processing Letters 12, 2005; Killick et al., J. Am. Stat. Assoc. 107, 2012.
+    """
+    count = sums.shape[1] - 1
+    best = np.empty(count + 1)
+    best[0] = -penalty
+    previous = np.zeros(count + 1, dtype=np.int64)
+    alive = np.zeros(count + 1, dtype=np.int64)
+    costs = np.empty(count + 1)
+    living = 1
+    for j in range(1, count + 1):
+        least, at = np.inf, 0
+        for a in range(living):
+            costs[a] = best[alive[a]] + _line_rss(sums, alive[a], j)
+            if costs[a] + penalty < least:
+                least, at = costs[a] + penalty, alive[a]
+        best[j], previous[j] = least, at
+        left = 0
+        for a in range(living):
+            if costs[a] <= least:
+                alive[left] = alive[a]
+                left += 1
+        alive[left] = j
+        living = left + 1
+    found = np.empty(count, dtype=np.int64)
+    size, j = 0, count
+    while previous[j] > 0:
+        j = previous[j]
+        found[size] = j
+        size += 1
+    return found[:size][::-1].copy()
+
+
+def _straight_lines(speed: FloatArray, values: FloatArray, width: int, penalty: float) -> IntArray:
+    """Return the index at which each straight line over the speed begins, but the first, to a block's width."""
+    x, z = speed - speed.mean(), values - values.mean()  # sums of squares then lose few digits
+    edges = np.append(np.arange(0, x.size, width), x.size)
+    rows = np.stack([np.ones(x.size), x, z, x * x, x * z, z * z])
+    sums = np.concatenate([np.zeros((6, 1)), np.cumsum(rows, axis=1)[:, edges[1:] - 1]], axis=1)
+    return edges[_optimal_lines(sums, penalty)]
+
+
+def _placed(speed: FloatArray, values: FloatArray, found: IntArray, width: int) -> IntArray:
+    """Move each cut to where the lines on both its sides fit best, in place of the blocks that hold some of either."""
+    edges = np.concatenate([[0], found, [speed.size]])
+    long = np.diff(edges) >= SHORTEST_BLOCKS * width
+    begins, ends = edges[:-1][long], edges[1:][long]
+    placed = []
+    for i in range(begins.size - 1):
+        before, after = slice(begins[i], ends[i]), slice(begins[i + 1], ends[i + 1])
+        near = slice(max(ends[i] - width, begins[i]), min(begins[i + 1] + width, ends[i + 1]))
+        squares = [(values[near] - _line(speed, values, side, speed[near])) ** 2 for side in (before, after)]
+        placed.append(near.start + int(np.argmin(np.cumsum(np.append(0.0, squares[0] - squares[1])))))
+    return np.array(placed, dtype=np.int64)
+
+
+def _line(speed: FloatArray, values: FloatArray, side: slice, at: FloatArray) -> FloatArray:
+    x, z = speed[side] - speed[side].mean(), values[side] - values[side].mean()
+    slope = float(x @ z) / max(float(x @ x), 1e-300)
+    return np.asarray(values[side].mean() + slope * (at - speed[side].mean()))
+
+
+def _merged(speed: FloatArray, values: FloatArray, first: IntArray, price: float) -> tuple[int, ...]:
+    """Return where the slope changes: neighbours are merged while one slope for both costs less than a change does."""
+    sums = [np.add.reduceat(one, first) for one in (np.ones(speed.size), speed, values, speed**2, speed * values)]
+    n, x, z, xx, xz = sums
+    energy, moment = (xx - x * x / n).tolist(), (xz - x * z / n).tolist()
+    begins = first.tolist()
+    while len(begins) > 1:
+        costs = []
+        for i in range(len(begins) - 1):
+            both = energy[i] * energy[i + 1]
+            apart = moment[i] * energy[i + 1] - moment[i + 1] * energy[i]
+            costs.append(apart**2 / (both * (energy[i] + energy[i + 1])) if both > 0 else 0.0)
+        i = int(np.argmin(costs))
+        if costs[i] >= price:
+            break
+        energy[i : i + 2] = [energy[i] + energy[i + 1]]
+        moment[i : i + 2] = [moment[i] + moment[i + 1]]
+        del begins[i + 1]
+    return tuple(begins[1:])
