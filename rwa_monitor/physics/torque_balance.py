@@ -24,6 +24,8 @@ LEAST_ERROR: Final = 0.02  # of the nominal dry friction, or of friction itself:
 DOUBT_STDS: Final = 1.0  # of derived friction's noise: an error that is known to this much can be taken out
 OVER_NOISE: Final = 4.0  # standard deviations of the torque's own noise: less is noise of the current
 FEWEST_DIFFERENCES: Final = 5  # of the torque, that tell its noise
+IN_A_STEP: Final = 4  # fourth differences that a step of the torque is in
+MANY_DIFFERENCES: Final = 13  # so many that those hardly move the median: a window of 17 slots
 MOVES_THE_ROTOR: Final = 0.5  # share of a step of torque that must be seen in the speed: between none and all
 CLEAR_STDS: Final = 3.0  # by which that share must be above none: one slot in a thousand of a noisy current
 
@@ -260,17 +262,30 @@ def _rounding_error(
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
 def _noise_of(torque: FloatArray) -> float:
-    """Return the noise of a torque from the median of its fourth differences: a step, or a bend, hardly moves it."""
+    """Return the noise of a torque from the median of its fourth differences: a step, or a bend, hardly moves it.
+
+    In a narrow window a step is in as many of them as not: those over the largest step are left out there.
+    """
     differences = np.empty(torque.size)
-    count = 0
+    narrow = torque.size - IN_A_STEP < MANY_DIFFERENCES
+    largest, at = -1.0, -1
+    if narrow:
+        for i in range(torque.size - 1):
+            step = abs(torque[i + 1] - torque[i])
+            if step > largest:
+                largest, at = step, i
+    count, known = 0, 0
     for i in range(torque.size - 4):
         outer, inner = torque[i + 4] + torque[i], torque[i + 3] + torque[i + 1]
         difference = abs(outer - 4.0 * inner + 6.0 * torque[i + 2])
         if not np.isnan(difference):
-            differences[count] = difference
-            count += 1
+            known += 1
+            if not (narrow and i <= at < i + IN_A_STEP):
+                differences[count] = difference
+                count += 1
     # The variance of a fourth difference is 70σ²; the median of |N(0, 1)| is 0.6745.
-    return np.median(differences[:count]) / (0.6745 * np.sqrt(70.0)) if count >= FEWEST_DIFFERENCES else 0.0
+    enough = known >= FEWEST_DIFFERENCES and count > 0
+    return np.median(differences[:count]) / (0.6745 * np.sqrt(70.0)) if enough else 0.0
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
