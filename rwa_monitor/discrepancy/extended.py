@@ -21,6 +21,7 @@ from rwa_monitor.discrepancy.slope_jumps import SlopeJumps, shared_strength
 from rwa_monitor.discrepancy.uncertainty import spread
 from rwa_monitor.discrepancy.unit_check import Shown, slope_in_question
 from rwa_monitor.physics.effects.catalogue import CATALOGUE, mean_effects, to_block
+from rwa_monitor.physics.effects.current_delay import CurrentDelay
 from rwa_monitor.physics.wheel import Nominal, Wheel
 from rwa_monitor.samples import FloatArray
 
@@ -140,7 +141,7 @@ def extend(search: Search) -> Extension:
         shape = {parameter.name: term.shape[parameter.name] for parameter in effect.shape_parameters()}
         blocks.append(to_block(effect(**{**shape, **strengths})))
     wheel = search.wheel.model_copy(update={"effect": (*search.wheel.effect, *blocks), "nominal": nominal})
-    return Extension(
+    extension = Extension(
         wheel,
         treatment,
         before,
@@ -150,6 +151,11 @@ def extend(search: Search) -> Extension:
         _rmse(search, wheel, after, nominal.dry_torque_Nm) if nominal else float("nan"),
         search.result.gain is not None and search.result.gain.is_a_loss,
     )
+    if search.delay_s is None:
+        return extension
+    # The records were searched, and are compared, without the delay.
+    late = to_block(CurrentDelay(strength_s=search.delay_s))
+    return replace(extension, wheel=wheel.model_copy(update={"effect": (*wheel.effect, late)}))
 
 
 def base_law(problem: Problem, model: Model) -> BaseLaw:

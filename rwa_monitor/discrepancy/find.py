@@ -9,6 +9,7 @@ from typing import Final
 
 import numpy as np
 
+from rwa_monitor.discrepancy.alignment import Delay
 from rwa_monitor.discrepancy.angle_drift import with_angle_drift
 from rwa_monitor.discrepancy.base_fit import Problem, fit, make_problem, with_noise_of
 from rwa_monitor.discrepancy.cage import cage_bursts
@@ -18,7 +19,7 @@ from rwa_monitor.discrepancy.jump_terms import JUMP_TERMS
 from rwa_monitor.discrepancy.mapper import Mapper, in_turn
 from rwa_monitor.discrepancy.noise_effects import noise_effects
 from rwa_monitor.discrepancy.nulls import built_in_nulls
-from rwa_monitor.discrepancy.record import Record, make_record
+from rwa_monitor.discrepancy.record import Record, delay_of, make_record
 from rwa_monitor.discrepancy.result import (
     INDISTINGUISHABLE,
     DiscrepancyResult,
@@ -60,6 +61,7 @@ class Search:
     mean: SearchResult
     scores: tuple[HeldOut, ...]  # of each model of the ladder
     result: DiscrepancyResult
+    delay_s: float | None = None  # of the current, where that was found and taken out before the search, as a strength
 
     @property
     def base(self) -> Model:
@@ -100,9 +102,13 @@ def find_discrepancy(
     InputError
         If a recording cannot be used: no friction, too few samples in motion, wrong units.
     """
-    problem = replace(prepare(_records(recordings, wheel), wheel), each=each)
-    aside = prepare(_records(held_out_recordings, wheel), wheel) if held_out_recordings else None
-    tried = candidates(wheel)
+    known = any(block.name == DelayTerm.name for block in wheel.effect)
+    delay = _known_delay(wheel) if known else delay_of(recordings, wheel)
+    problem = replace(prepare(_records(recordings, wheel, delay), wheel), each=each)
+    aside = prepare(_records(held_out_recordings, wheel, delay), wheel) if held_out_recordings else None
+    named = delay if delay is not None and delay.slots and not known else None
+    # What is left of a delay that is taken out is less than a part of a slot.
+    tried = [effect for effect in candidates(wheel) if delay is None or effect is not DelayTerm]
     beyond_motion: list[type[MeanEffect]] = []
     if problem.friction_is_derived and _speed_is_constant(problem):
         # All that moves the speed is its noise, which is in the friction, too: it would pass for an effect of motion.
@@ -134,11 +140,19 @@ def find_discrepancy(
     score = partial(held_out, problem) if aside is None else partial(on_other_recordings, problem, aside)
     scores = tuple(each(score, found.ladder))
     mean = tuple(_with_warm_up(problem, _describe(problem, found.ladder[-1], entry)) for entry in found.found)
+    if named is not None:
+        mean = tuple(sorted((*mean, _describe_delay(problem, named)), key=lambda effect: -effect.delta_deviance))
     effects = (*mean, *sorted(others, key=lambda effect: -effect.delta_deviance))
     verdict: Verdict = "inadequate" if effects or leftover is not None else "adequate"
     if verdict == "adequate" and _nothing_could_be_tested(problem, found):
         verdict = "untestable"
-    gain = replace(_gain(problem, found, scores), held_out=tuple(name for name, _ in held_out_recordings))
+    at_base = found.ladder[0]
+    if named is not None:  # the base model knows of none: it is judged on what is measured
+        base = prepare(_records(recordings, wheel), wheel)
+        at_base = Model((), fit(base, np.zeros((base.size, 0))))
+        scores = (held_out(base, at_base), *scores)
+    aside_names = tuple(name for name, _ in held_out_recordings)
+    gain = replace(_gain(problem, at_base, found.ladder[-1], scores), held_out=aside_names)
     beside = {name for effect in mean for name in effect.equivalent}
     listed = {k: v for k, v in _untested(problem, found, tried, wheel) if k not in beside}
     for effect in beyond_motion:
@@ -146,7 +160,8 @@ def find_discrepancy(
     if not found.ladder[-1].fit.jumps.size:
         listed |= {term.name: NO_JUMPS for term in JUMP_TERMS if term.name in listed}
     result = DiscrepancyResult(verdict, effects, leftover, tuple(listed.items()), gain)
-    return Search(wheel, problem, found, scores, result)
+    delay_s = -named.slots * wheel.sample_period_s if named is not None else None
+    return Search(wheel, problem, found, scores[-len(found.ladder) :], result, delay_s)
 
 
 def candidates(wheel: Wheel) -> list[type[MeanEffect]]:
@@ -189,8 +204,17 @@ def _with_slope_jumps(
     return with_slope_jumps(problem, grown.ladder[-1], grown.ladder[0], partial(with_free_curves, problem))
 
 
-def _records(recordings: Sequence[tuple[str, Samples]], wheel: Wheel) -> list[Record]:
-    return [without_known_effects(make_record(samples, wheel, name), wheel) for name, samples in recordings]
+def _known_delay(wheel: Wheel) -> Delay | None:
+    """Return the delay of the current that the wheel's file tells, in whole slots; None where it is within a slot."""
+    seconds = sum(block.parameters["strength_s"] for block in wheel.effect if block.name == DelayTerm.name)
+    slots = -round(seconds / wheel.sample_period_s)
+    return Delay(slots, 0.0, 0.0, 0.0) if slots else None
+
+
+def _records(recordings: Sequence[tuple[str, Samples]], wheel: Wheel, delay: Delay | None = None) -> list[Record]:
+    if delay is not None:  # taken out of the torque itself: to first order it would be taken out a second time
+        wheel = wheel.model_copy(update={"effect": tuple(b for b in wheel.effect if b.name != DelayTerm.name)})
+    return [without_known_effects(make_record(samples, wheel, name, delay), wheel) for name, samples in recordings]
 
 
 def prepare(records: Sequence[Record], wheel: Wheel) -> Problem:
@@ -253,6 +277,22 @@ def _as_a_part_of(viscous: float, parameters: dict[str, ParameterValue]) -> dict
     return {strength: replace(value, std=None, note=note), **dict(noted)}
 
 
+def _describe_delay(problem: Problem, delay: Delay) -> FoundEffect:
+    """Return what is said of a delay of whole slots; the catalogue's is above zero where the current is read early."""
+    effect, period_s = CATALOGUE[DelayTerm.name], problem.records[0].channels.sample_period_s
+    (parameter,) = effect.parameters
+    value = ParameterValue(-delay.slots * period_s, delay.std_slots * period_s, parameter.unit)
+    return FoundEffect(
+        effect.name,
+        effect.family,
+        (),
+        effect.separate_by,
+        {parameter.name: value},
+        built_in_nulls().p_value("mean", delay.gain, problem.log_size, derived=problem.friction_is_derived),
+        delay.gain,
+    )
+
+
 def _with_warm_up(problem: Problem, effect: FoundEffect) -> FoundEffect:
     """Name warming up beside a drift that came while nobody measured the temperature, at nearly the same speed.
 
@@ -289,7 +329,7 @@ def _speed_is_constant(problem: Problem) -> bool:
     return float(np.std(problem.speed)) < max(1e-3 * float(np.max(problem.speed)), 3 * noise)
 
 
-def _gain(problem: Problem, found: SearchResult, scores: tuple[HeldOut, ...]) -> Gain:
+def _gain(problem: Problem, at_base: Model, at_end: Model, scores: tuple[HeldOut, ...]) -> Gain:
     base, extended = scores[0], scores[-1]
     return Gain(
         base.rmse_Nm,
@@ -297,8 +337,8 @@ def _gain(problem: Problem, found: SearchResult, scores: tuple[HeldOut, ...]) ->
         base.log_score,
         extended.log_score,
         problem.noise.std,
-        int(found.ladder[0].fit.jumps.size),
-        int(found.ladder[-1].fit.jumps.size),
+        int(at_base.fit.jumps.size),
+        int(at_end.fit.jumps.size),
     )
 
 

@@ -18,6 +18,7 @@ from typing import Final
 import numpy as np
 from scipy.ndimage import binary_dilation, correlate1d, maximum_filter
 
+from rwa_monitor.discrepancy import alignment
 from rwa_monitor.discrepancy.saturation import without_end_stops
 from rwa_monitor.discrepancy.unit_check import check_inertia, shown_inertia
 from rwa_monitor.errors import InputError
@@ -107,7 +108,7 @@ class Record:
         return replace(self.channels, speed_rad_s=self.channels.speed_rad_s + rate)
 
 
-def make_record(samples: Samples, wheel: Wheel, source: str) -> Record:
+def make_record(samples: Samples, wheel: Wheel, source: str, delay: alignment.Delay | None = None) -> Record:
     """Put samples on the slot grid and derive what the search needs.
 
     Parameters
@@ -118,6 +119,8 @@ def make_record(samples: Samples, wheel: Wheel, source: str) -> Record:
         Constants; friction is derived from current where it is not given.
     source
         Name for messages.
+    delay
+        Of the current, which is taken out; None: there is none.
 
     Raises
     ------
@@ -130,26 +133,15 @@ def make_record(samples: Samples, wheel: Wheel, source: str) -> Record:
     measured, samples = samples, without_end_stops(samples, source)
     slot = _slots_of(samples, wheel, source)
     count = int(slot[-1]) + 1
-
-    def on_grid(values: FloatArray | None) -> FloatArray | None:
-        if values is None:
-            return None
-        placed = np.full(count, np.nan)
-        placed[slot] = values
-        return placed
-
-    speed = on_grid(samples.speed_rad_s)
-    assert speed is not None
-    torque = on_grid(samples.motor_torque_Nm)
-    if torque is None and samples.motor_current_A is not None and wheel.torque_constant_Nm_A is not None:
-        current = on_grid(samples.motor_current_A)
-        torque = wheel.torque_constant_Nm_A * current if current is not None else None
-    if torque is not None and wheel.inertia_kg_m2 is not None:
-        shown = shown_inertia(speed, torque, wheel.sample_period_s)
+    motion = _motion(samples, wheel, slot)
+    if motion.torque_Nm is not None and wheel.inertia_kg_m2 is not None:
+        shown = shown_inertia(motion.speed_rad_s, motion.torque_Nm, wheel.sample_period_s)
         if shown is not None:
             of_torque = "motor_current_A" if samples.motor_torque_Nm is None else "motor_torque_Nm"
             check_inertia(shown, wheel.inertia_kg_m2, source, of_torque)
-    friction = on_grid(samples.friction_torque_Nm)
+    if delay is not None:
+        motion = alignment.aligned(motion, delay.slots, delay.part)
+    speed, torque, friction = motion.speed_rad_s, motion.torque_Nm, motion.friction_Nm
     derived = friction is None
     bent: BoolArray | None = None
     if friction is None:
@@ -167,7 +159,7 @@ def make_record(samples: Samples, wheel: Wheel, source: str) -> Record:
         acceleration_rad_s2=_from_neighbours(speed, hole, SMOOTHING_REACH, order=1) / wheel.sample_period_s,
         angle_rad=wheel_angle(_hold(speed), wheel.sample_period_s),
         motor_torque_Nm=None if torque is None else _from_neighbours(torque, 0, SMOOTHING_REACH, order=0),
-        bearing_temperature_degC=_smooth_temperature(on_grid(samples.bearing_temperature_degC)),
+        bearing_temperature_degC=_smooth_temperature(_on_grid(samples.bearing_temperature_degC, slot)),
         dry_level_Nm=None,
         sample_period_s=wheel.sample_period_s,
         good=np.isfinite(speed) & np.isfinite(friction),
@@ -224,6 +216,41 @@ def _source_of_friction(samples: Samples) -> FloatArray:
     """Return the channel that friction comes from, float64 (n,); NaN where none is there."""
     channels = (samples.friction_torque_Nm, samples.motor_torque_Nm, samples.motor_current_A)
     return next((values for values in channels if values is not None), np.full(len(samples), np.nan))
+
+
+def delay_of(recordings: Sequence[tuple[str, Samples]], wheel: Wheel) -> alignment.Delay | None:
+    """Return the delay of the current, in slots, that recordings of a wheel show; None where they show none.
+
+    Raises
+    ------
+    InputError
+        As `make_record` does.
+    """
+    motions = []
+    for source, samples in recordings:
+        check_plausible(samples, wheel, source)
+        kept = without_end_stops(samples, source)
+        motions.append(_motion(kept, wheel, _slots_of(kept, wheel, source)))
+    return alignment.find_delay(motions, wheel)
+
+
+def _motion(samples: Samples, wheel: Wheel, slot: IntArray) -> alignment.Motion:
+    """Return speed, motor torque and given friction on the slots."""
+    speed = _on_grid(samples.speed_rad_s, slot)
+    assert speed is not None
+    torque = _on_grid(samples.motor_torque_Nm, slot)
+    if torque is None and samples.motor_current_A is not None and wheel.torque_constant_Nm_A is not None:
+        current = _on_grid(samples.motor_current_A, slot)
+        torque = wheel.torque_constant_Nm_A * current if current is not None else None
+    return alignment.Motion(speed, torque, _on_grid(samples.friction_torque_Nm, slot))
+
+
+def _on_grid(values: FloatArray | None, slot: IntArray) -> FloatArray | None:
+    if values is None:
+        return None
+    placed = np.full(int(slot[-1]) + 1, np.nan)
+    placed[slot] = values
+    return placed
 
 
 def _slots_of(samples: Samples, wheel: Wheel, source: str) -> IntArray:

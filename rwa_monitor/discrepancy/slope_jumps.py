@@ -176,7 +176,7 @@ def _line_rss(sums: FloatArray, i: int, j: int) -> float:
     xx = sums[3, j] - sums[3, i] - x * x / n
     xz = sums[4, j] - sums[4, i] - x * z / n
     zz = sums[5, j] - sums[5, i] - z * z / n
-    return max(zz - (xz * xz / xx if xx > 0.0 else 0.0), 0.0)
+    return float(max(zz - (xz * xz / xx if xx > 0.0 else 0.0), 0.0))
 
 
 @njit(cache=True, nogil=True)

@@ -1,0 +1,211 @@
+"""A current that is read too late or too early, told where the motor's torque steps.
+
+The torque steps where a slew begins or ends, and dω/dt with it, in the same moment. Where the current is read later the
+two part: friction shows a pulse as large as the step, from the one to the other. To first order in the delay, as the
+catalogue has it, that is a spike of any height; but the torque of other slots than its own, put in place of it, takes
+the pulse away and makes one of its own wherever it is wrong. What a filter for dω/dt rounds off, the same average of
+the torque rounds off alike.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from scipy.ndimage import binary_dilation, correlate1d
+
+from rwa_monitor.physics import torque_balance
+from rwa_monitor.physics.wheel import Wheel
+from rwa_monitor.samples import BoolArray, FloatArray, IntArray
+
+LONGEST_S: Final = 5.0  # of a delay (physics/effects/current_delay.py)
+MOST_SLOTS: Final = 40
+STEP_STDS: Final = 10.0  # of what friction varies by from slot to slot: a step of the torque that shows any delay
+FEWEST_STEPS: Final = 3
+LEFT_SHARE: Final = 0.5  # of what a delay is to explain
+LEFT_OF_HALVES: Final = 0.2  # by half a slot: the mean of two slots halves what steps at all, late or not
+ROUGH: Final = 2.0  # of what noise gives: less is not to be explained
+WITHIN_A_SLOT: Final = 1.0 / 12.0  # slots²: the variance of a place somewhere in a slot
+SLOPE_REACH: Final = 6  # slots to each side
+STEP_MARGIN: Final = 1  # slots on each side of a step that a delay of parts of a slot leaves wrong
+
+
+@dataclass(frozen=True, slots=True)
+class Delay:
+    """A delay of the current.
+
+    Attributes
+    ----------
+    slots
+        By how many slots the current is read later than the speed; below zero: earlier. 0 where only the place of a
+        sample within its slot is another: that is no delay.
+    part
+        How much later still the torque acts, in slots: -½ where it is held from sample to sample.
+    std_slots
+        Standard deviation of the delay.
+    gain
+        By how much -2 log likelihood falls with it.
+    """
+
+    slots: int
+    part: float
+    std_slots: float
+    gain: float
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """What is measured of a record on its slots, float64 (n,): speed [rad/s], motor torque and friction [N m].
+
+    The torque is None where it is not measured, friction where it is to be derived.
+    """
+
+    speed_rad_s: FloatArray
+    torque_Nm: FloatArray | None
+    friction_Nm: FloatArray | None
+
+
+def find_delay(motions: Sequence[Motion], wheel: Wheel) -> Delay | None:
+    """Return the delay of the current against the speed that steps of the torque show; None where none is shown."""
+    most = max(1, min(int(LONGEST_S / wheel.sample_period_s), MOST_SLOTS))
+    halves = np.arange(-2 * most, 2 * most + 1)
+    rough, noise, steps = np.zeros(halves.size), 0.0, 0
+    for motion in motions:
+        of_one = _roughness(motion, wheel, halves)
+        if of_one is not None:
+            rough, noise, steps = rough + of_one[0], noise + of_one[1], steps + of_one[2]
+    at = 2 * most  # no shift
+    if steps < FEWEST_STEPS or rough[at] < ROUGH * noise:
+        return None
+    allowed = np.where(halves % 2 == 0, LEFT_SHARE, LEFT_OF_HALVES) * (rough[at] - noise)
+    explained = (rough - noise <= allowed) & (halves != 0)
+    explained[[0, -1]] = False
+    if not explained.any():
+        return None
+    best = int(np.argmin(np.where(explained, rough, np.inf)))
+    least, gain = float(rough[best]), float(rough[at] - rough[best])
+    curvature = float(rough[best - 1] - 2.0 * least + rough[best + 1]) / 0.25  # per slot²
+    # The data tell it far better than the slot within which nobody knows where a sample lies.
+    variance = WITHIN_A_SLOT + (2.0 / curvature if curvature > 0.0 else 0.0)
+    seen = 0.5 * float(halves[best])
+    slots = _whole(motions, wheel, seen)
+    return Delay(slots, seen - slots, float(np.sqrt(variance)), gain)
+
+
+def _whole(motions: Sequence[Motion], wheel: Wheel, slots: float) -> int:
+    """Return the whole slots of a delay: where half a slot is seen, friction that turns with the speed tells which.
+
+    Torque that is held from sample to sample acts half a slot late on the speed, but friction does not.
+    """
+    if slots == int(slots):
+        return int(slots)
+    below, above = int(np.trunc(slots)), int(np.trunc(slots) + np.sign(slots))
+    turns = [np.array([_at_turns(motion, wheel, whole) for whole in (below, above)]) for motion in motions]
+    costs = np.sum(turns, axis=0)
+    if below == 0:
+        return above if costs[1] < LEFT_SHARE * costs[0] else below
+    return below if costs[0] < costs[1] else above
+
+
+def _at_turns(motion: Motion, wheel: Wheel, slots: int) -> float:
+    """Return how much s·friction changes from slot to slot where the speed changes its direction [N² m²]."""
+    moved = aligned(motion, slots, 0.0, masked=False)
+    speed, friction = moved.speed_rad_s, moved.friction_Nm
+    if friction is None and moved.torque_Nm is not None:
+        friction = torque_balance.derive_friction(speed, moved.torque_Nm, wheel)
+    if friction is None:
+        return 0.0
+    turning = binary_dilation(np.diff(np.sign(speed), append=np.sign(speed[-1])) != 0, iterations=2)
+    rise = _rise(np.sign(speed) * friction, 1)[turning]
+    return float(np.nansum(rise**2))
+
+
+def _roughness(motion: Motion, wheel: Wheel, halves: IntArray) -> tuple[FloatArray, float, int] | None:
+    """Return how rough friction is around steps of the torque with each shift, what noise gives, and how many steps."""
+    torque, friction, lag = motion.torque_Nm, motion.friction_Nm, 1
+    if torque is None:
+        return None
+    if friction is None:
+        if wheel.inertia_kg_m2 is None:
+            return None
+        taps = torque_balance.derivative_taps(wheel.friction.derivative, wheel.sample_period_s)
+        lag = taps.size // 2
+        torque = torque_average(torque, wheel)
+        slope = torque_balance.differentiate(motion.speed_rad_s, wheel.friction.derivative, wheel.sample_period_s)
+        friction = torque - wheel.inertia_kg_m2 * slope
+    rise = _rise(friction, lag)
+    known = np.abs(rise[np.isfinite(rise)])
+    if known.size < 2:
+        return None
+    # Of friction as it is: a delay makes few of its differences large.
+    std = float(np.median(known)) / 0.6745
+    # Where friction jumps the torque steps as well, and late or early says nothing of the speed, which stays straight.
+    stepped = np.abs(np.nan_to_num(_rise(torque - friction, lag))) > STEP_STDS * std
+    count = int(np.count_nonzero(np.diff(stepped.astype(np.int8)) > 0))
+    if std == 0.0 or count < FEWEST_STEPS:
+        return None
+    near = binary_dilation(stepped, iterations=int(halves[-1]) // 2 + lag)
+    differences = [_rise(friction + _moved(torque, 0.5 * float(half)) - torque, lag) for half in halves]
+    squares = np.stack(differences)[:, near] / std
+    squares = squares[:, np.isfinite(squares).all(axis=0)] ** 2 / lag
+    return squares.sum(axis=1), squares.shape[1] / lag, count
+
+
+def torque_average(torque: FloatArray, wheel: Wheel) -> FloatArray:
+    """Return the torque averaged as the derivative averages the acceleration, float64 (n,); see `rounding_error`."""
+    taps = torque_balance.derivative_taps(wheel.friction.derivative, wheel.sample_period_s)
+    half = taps.size // 2
+    weights = wheel.sample_period_s * np.cumsum(taps[:half:-1])[::-1]
+    kernel = np.zeros(2 * half + 1)
+    for i, weight in enumerate(weights):
+        for j in (half + i, half + i + 1, half - i, half - i - 1):
+            kernel[j] += 0.5 * weight
+    return np.asarray(correlate1d(torque, kernel, mode="constant", cval=np.nan))
+
+
+def aligned(motion: Motion, slots: int, part: float, *, masked: bool = True) -> Motion:
+    """Return torque, and friction that was derived from it elsewhere, as they are without a delay.
+
+    Part of a slot is taken from the slope of the torque over several: a mean of two neighbours would colour its noise.
+    Friction is unknown beside steps of the torque, where it makes a pulse, if that is to be `masked`.
+    """
+    if motion.torque_Nm is None or (slots == 0 and part == 0.0):
+        return motion
+    torque = _moved(motion.torque_Nm, slots)
+    friction = None if motion.friction_Nm is None else motion.friction_Nm + torque - motion.torque_Nm
+    beside = _beside_steps(torque, torque if friction is None else friction)
+    reach = np.arange(-SLOPE_REACH, SLOPE_REACH + 1)
+    slope = correlate1d(torque, reach / float(reach @ reach), mode="constant", cval=np.nan)
+    slope[binary_dilation(beside, iterations=SLOPE_REACH)] = 0.0
+    late = part * np.nan_to_num(slope)
+    if friction is not None:
+        friction = friction + late
+        friction[beside & masked] = np.nan
+    return Motion(motion.speed_rad_s, torque + late, friction)
+
+
+def _beside_steps(torque: FloatArray, friction: FloatArray) -> BoolArray:
+    rise = _rise(friction, 1)
+    known = np.abs(rise[np.isfinite(rise)])
+    std = float(np.median(known)) / 0.6745 if known.size else np.inf
+    stepped = np.abs(np.nan_to_num(_rise(torque, 1))) > STEP_STDS * std
+    return np.asarray(binary_dilation(stepped, iterations=STEP_MARGIN)) if stepped.any() else stepped
+
+
+def _rise(values: FloatArray, lag: int) -> FloatArray:
+    out = np.full(values.size, np.nan)
+    out[lag:] = values[lag:] - values[:-lag]
+    return out
+
+
+def _moved(values: FloatArray, slots: float) -> FloatArray:
+    """Return what is so many slots later, float64 (n,): half a slot is the mean of two, NaN where there is none."""
+    whole = int(np.floor(slots))
+    out = np.full(values.size, np.nan)
+    if whole >= 0:
+        out[: values.size - whole] = values[whole:]
+    else:
+        out[-whole:] = values[:whole]
+    return out if slots == whole else 0.5 * (out + np.append(out[1:], np.nan))
