@@ -111,7 +111,7 @@ def _whole(motions: Sequence[Motion], wheel: Wheel, slots: float) -> int:
 
 def _at_turns(motion: Motion, wheel: Wheel, slots: int) -> float:
     """Return how much s·friction changes from slot to slot where the speed changes its direction [N² m²]."""
-    moved = aligned(motion, slots, 0.0, masked=False)
+    moved = aligned(motion, wheel, slots, 0.0, masked=False)
     speed, friction = moved.speed_rad_s, moved.friction_Nm
     if friction is None and moved.torque_Nm is not None:
         friction = torque_balance.derive_friction(speed, moved.torque_Nm, wheel)
@@ -127,12 +127,12 @@ def _roughness(motion: Motion, wheel: Wheel, halves: IntArray) -> tuple[FloatArr
     torque, friction, lag = motion.torque_Nm, motion.friction_Nm, 1
     if torque is None:
         return None
+    held = 0.5 * (torque + _moved(torque, -1))
     if friction is None:
         if wheel.inertia_kg_m2 is None:
             return None
-        taps = torque_balance.derivative_taps(wheel.friction.derivative, wheel.sample_period_s)
-        lag = taps.size // 2
-        torque = torque_average(torque, wheel)
+        lag = torque_balance.half_width(wheel.friction.derivative, wheel.sample_period_s)
+        torque, held = _averages(torque, wheel)
         slope = torque_balance.differentiate(motion.speed_rad_s, wheel.friction.derivative, wheel.sample_period_s)
         friction = torque - wheel.inertia_kg_m2 * slope
     rise = _rise(friction, lag)
@@ -147,29 +147,35 @@ def _roughness(motion: Motion, wheel: Wheel, halves: IntArray) -> tuple[FloatArr
     if std == 0.0 or count < FEWEST_STEPS:
         return None
     near = binary_dilation(stepped, iterations=int(halves[-1]) // 2 + lag)
-    differences = [_rise(friction + _moved(torque, 0.5 * float(half)) - torque, lag) for half in halves]
+    moved = [_moved(held if half % 2 else torque, (int(half) + 1) // 2) for half in halves]
+    differences = [_rise(friction - torque + late, lag) for late in moved]
     squares = np.stack(differences)[:, near] / std
     squares = squares[:, np.isfinite(squares).all(axis=0)] ** 2 / lag
     return squares.sum(axis=1), squares.shape[1] / lag, count
 
 
-def torque_average(torque: FloatArray, wheel: Wheel) -> FloatArray:
-    """Return the torque averaged as the derivative averages the acceleration, float64 (n,); see `rounding_error`."""
+def _averages(torque: FloatArray, wheel: Wheel) -> tuple[FloatArray, FloatArray]:
+    """Return the torque averaged as the derivative averages dω/dt, float64 (n,); see `torque_balance.rounding_error`.
+
+    First with straight lines between samples, then with each held until the next, which is half a slot late.
+    """
     taps = torque_balance.derivative_taps(wheel.friction.derivative, wheel.sample_period_s)
     half = taps.size // 2
-    weights = wheel.sample_period_s * np.cumsum(taps[:half:-1])[::-1]
-    kernel = np.zeros(2 * half + 1)
-    for i, weight in enumerate(weights):
-        for j in (half + i, half + i + 1, half - i, half - i - 1):
-            kernel[j] += 0.5 * weight
-    return np.asarray(correlate1d(torque, kernel, mode="constant", cval=np.nan))
+    between = wheel.sample_period_s * np.cumsum(taps[:half:-1])[::-1]
+    weights = np.concatenate([between[::-1], between])  # of what lies between slots -half … half
+    held = np.append(weights, 0.0)
+    straight = 0.5 * (held + np.append(0.0, weights))
+    kernels = (straight, held)
+    first, second = (correlate1d(torque, kernel, mode="constant", cval=np.nan) for kernel in kernels)
+    return first, second
 
 
-def aligned(motion: Motion, slots: int, part: float, *, masked: bool = True) -> Motion:
+def aligned(motion: Motion, wheel: Wheel, slots: int, part: float, *, masked: bool = True) -> Motion:
     """Return torque, and friction that was derived from it elsewhere, as they are without a delay.
 
     Part of a slot is taken from the slope of the torque over several: a mean of two neighbours would colour its noise.
-    Friction is unknown beside steps of the torque, where it makes a pulse, if that is to be `masked`.
+    Friction is unknown beside steps of the torque, where it makes a pulse, if that is to be `masked`; and where dω/dt
+    steps within reach of the slope, if it is still to be derived.
     """
     if motion.torque_Nm is None or (slots == 0 and part == 0.0):
         return motion
@@ -183,6 +189,8 @@ def aligned(motion: Motion, slots: int, part: float, *, masked: bool = True) -> 
     if friction is not None:
         friction = friction + late
         friction[beside & masked] = np.nan
+    elif part and masked:
+        late[_beside_corners(motion.speed_rad_s, torque, wheel)] = np.nan
     return Motion(motion.speed_rad_s, torque + late, friction)
 
 
@@ -194,18 +202,26 @@ def _beside_steps(torque: FloatArray, friction: FloatArray) -> BoolArray:
     return np.asarray(binary_dilation(stepped, iterations=STEP_MARGIN)) if stepped.any() else stepped
 
 
+def _beside_corners(speed: FloatArray, torque: FloatArray, wheel: Wheel) -> BoolArray:
+    lag = torque_balance.half_width(wheel.friction.derivative, wheel.sample_period_s)
+    slope = torque_balance.differentiate(speed, wheel.friction.derivative, wheel.sample_period_s)
+    rise = torque_balance.inertia_of(wheel) * np.nan_to_num(_rise(slope, lag))
+    known = np.abs(_rise(torque, lag))
+    bent = np.abs(rise) > STEP_STDS * float(np.nanmedian(known)) / 0.6745
+    return np.asarray(binary_dilation(bent, iterations=SLOPE_REACH)) if bent.any() else bent
+
+
 def _rise(values: FloatArray, lag: int) -> FloatArray:
     out = np.full(values.size, np.nan)
     out[lag:] = values[lag:] - values[:-lag]
     return out
 
 
-def _moved(values: FloatArray, slots: float) -> FloatArray:
-    """Return what is so many slots later, float64 (n,): half a slot is the mean of two, NaN where there is none."""
-    whole = int(np.floor(slots))
+def _moved(values: FloatArray, slots: int) -> FloatArray:
+    """Return what is so many slots later, float64 (n,), NaN where there is none."""
     out = np.full(values.size, np.nan)
-    if whole >= 0:
-        out[: values.size - whole] = values[whole:]
+    if slots >= 0:
+        out[: values.size - slots] = values[slots:]
     else:
-        out[-whole:] = values[:whole]
-    return out if slots == whole else 0.5 * (out + np.append(out[1:], np.nan))
+        out[-slots:] = values[:slots]
+    return out

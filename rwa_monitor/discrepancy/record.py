@@ -140,7 +140,7 @@ def make_record(samples: Samples, wheel: Wheel, source: str, delay: alignment.De
             of_torque = "motor_current_A" if samples.motor_torque_Nm is None else "motor_torque_Nm"
             check_inertia(shown, wheel.inertia_kg_m2, source, of_torque)
     if delay is not None:
-        motion = alignment.aligned(motion, delay.slots, delay.part)
+        motion = alignment.aligned(motion, wheel, delay.slots, delay.part)
     speed, torque, friction = motion.speed_rad_s, motion.torque_Nm, motion.friction_Nm
     derived = friction is None
     bent: BoolArray | None = None
