@@ -141,7 +141,7 @@ def test_jumps_of_the_viscous_coefficient_by_itself_are_named() -> None:
     viscous = np.ones(SLOTS)
     for begin, end, share in ((3_100, 6_900, 1.2), (9_300, 12_700, 0.85), (15_200, 18_100, 1.25)):
         viscous[begin:end] = share
-    samples, _ = telemetry(5, viscous=viscous)
+    samples, _ = telemetry(50_003, viscous=viscous)
     found = find_discrepancy(samples, WHEEL).result
     assert [effect.name for effect in found.effects] == ["viscous_jump"]
 

@@ -18,7 +18,7 @@ from scipy.ndimage import binary_dilation, correlate1d
 
 from rwa_monitor.physics import torque_balance
 from rwa_monitor.physics.wheel import Wheel
-from rwa_monitor.samples import BoolArray, FloatArray, IntArray
+from rwa_monitor.samples import FloatArray, IntArray
 
 LONGEST_S: Final = 5.0  # of a delay (physics/effects/current_delay.py)
 MOST_SLOTS: Final = 40
@@ -173,42 +173,31 @@ def _averages(torque: FloatArray, wheel: Wheel) -> tuple[FloatArray, FloatArray]
 def aligned(motion: Motion, wheel: Wheel, slots: int, part: float, *, masked: bool = True) -> Motion:
     """Return torque, and friction that was derived from it elsewhere, as they are without a delay.
 
-    Part of a slot is taken from the slope of the torque over several: a mean of two neighbours would colour its noise.
-    Friction is unknown beside steps of the torque, where it makes a pulse, if that is to be `masked`; and where dω/dt
-    steps within reach of the slope, if it is still to be derived.
+    Part of a slot is taken from the slope over several of what accelerates the rotor: a mean of two neighbours would
+    colour the noise. Where that steps no slope tells it: such slots are unknown, if they are to be `masked`.
     """
     if motion.torque_Nm is None or (slots == 0 and part == 0.0):
         return motion
     torque = _moved(motion.torque_Nm, slots)
-    friction = None if motion.friction_Nm is None else motion.friction_Nm + torque - motion.torque_Nm
-    beside = _beside_steps(torque, torque if friction is None else friction)
-    reach = np.arange(-SLOPE_REACH, SLOPE_REACH + 1)
-    slope = correlate1d(torque, reach / float(reach @ reach), mode="constant", cval=np.nan)
-    slope[binary_dilation(beside, iterations=SLOPE_REACH)] = 0.0
-    late = part * np.nan_to_num(slope)
-    if friction is not None:
-        friction = friction + late
-        friction[beside & masked] = np.nan
-    elif part and masked:
-        late[_beside_corners(motion.speed_rad_s, torque, wheel)] = np.nan
-    return Motion(motion.speed_rad_s, torque + late, friction)
-
-
-def _beside_steps(torque: FloatArray, friction: FloatArray) -> BoolArray:
-    rise = _rise(friction, 1)
-    known = np.abs(rise[np.isfinite(rise)])
-    std = float(np.median(known)) / 0.6745 if known.size else np.inf
-    stepped = np.abs(np.nan_to_num(_rise(torque, 1))) > STEP_STDS * std
-    return np.asarray(binary_dilation(stepped, iterations=STEP_MARGIN)) if stepped.any() else stepped
-
-
-def _beside_corners(speed: FloatArray, torque: FloatArray, wheel: Wheel) -> BoolArray:
-    lag = torque_balance.half_width(wheel.friction.derivative, wheel.sample_period_s)
-    slope = torque_balance.differentiate(speed, wheel.friction.derivative, wheel.sample_period_s)
-    rise = torque_balance.inertia_of(wheel) * np.nan_to_num(_rise(slope, lag))
-    known = np.abs(_rise(torque, lag))
-    bent = np.abs(rise) > STEP_STDS * float(np.nanmedian(known)) / 0.6745
-    return np.asarray(binary_dilation(bent, iterations=SLOPE_REACH)) if bent.any() else bent
+    if motion.friction_Nm is None:
+        lag, reach = torque_balance.half_width(wheel.friction.derivative, wheel.sample_period_s), SLOPE_REACH
+        slope = torque_balance.differentiate(motion.speed_rad_s, wheel.friction.derivative, wheel.sample_period_s)
+        accelerating, friction, noisy = torque_balance.inertia_of(wheel) * slope, None, torque
+    else:
+        lag, reach = 1, STEP_MARGIN
+        accelerating = motion.torque_Nm - motion.friction_Nm
+        friction = noisy = motion.friction_Nm + torque - motion.torque_Nm
+    std = float(np.nanmedian(np.abs(_rise(noisy, lag)))) / 0.6745
+    steps = np.abs(np.nan_to_num(_rise(accelerating, lag))) > STEP_STDS * std
+    around = np.arange(-SLOPE_REACH, SLOPE_REACH + 1)
+    late = part * np.nan_to_num(
+        correlate1d(accelerating, around / float(around @ around), mode="constant", cval=np.nan)
+    )
+    if steps.any():
+        late[binary_dilation(steps, iterations=SLOPE_REACH)] = 0.0
+        if part and masked:
+            late[binary_dilation(steps, iterations=reach)] = np.nan
+    return Motion(motion.speed_rad_s, torque + late, None if friction is None else friction + late)
 
 
 def _rise(values: FloatArray, lag: int) -> FloatArray:
