@@ -24,6 +24,8 @@ LONGEST_S: Final = 5.0  # of a delay (physics/effects/current_delay.py)
 MOST_SLOTS: Final = 40
 STEP_STDS: Final = 10.0  # of what friction varies by from slot to slot: a step of the torque that shows any delay
 FEWEST_STEPS: Final = 3
+MOST_STEPS: Final = 0.6  # of the steps must each show a delay
+CLEARLY_ROUGH: Final = 10.0  # of what noise gives around a step: such a one has something to tell
 LEFT_SHARE: Final = 0.5  # of what a delay is to explain
 LEFT_OF_HALVES: Final = 0.2  # by half a slot: the mean of two slots halves what steps at all, late or not
 ROUGH: Final = 2.0  # of what noise gives: less is not to be explained
@@ -71,13 +73,13 @@ def find_delay(motions: Sequence[Motion], wheel: Wheel) -> Delay | None:
     """Return the delay of the current against the speed that steps of the torque show; None where none is shown."""
     most = max(1, min(int(LONGEST_S / wheel.sample_period_s), MOST_SLOTS))
     halves = np.arange(-2 * most, 2 * most + 1)
-    rough, noise, steps = np.zeros(halves.size), 0.0, 0
-    for motion in motions:
-        of_one = _roughness(motion, wheel, halves)
-        if of_one is not None:
-            rough, noise, steps = rough + of_one[0], noise + of_one[1], steps + of_one[2]
     at = 2 * most  # no shift
-    if steps < FEWEST_STEPS or rough[at] < ROUGH * noise:
+    around = [of_one for motion in motions if (of_one := _roughness(motion, wheel, halves)) is not None]
+    if not around:
+        return None
+    of_step, noise = np.concatenate([one for one, _ in around]), sum(noise for _, noise in around)
+    rough = of_step.sum(axis=0)
+    if of_step.shape[0] < FEWEST_STEPS or rough[at] < ROUGH * noise:
         return None
     allowed = np.where(halves % 2 == 0, LEFT_SHARE, LEFT_OF_HALVES) * (rough[at] - noise)
     explained = (rough - noise <= allowed) & (halves != 0)
@@ -86,6 +88,12 @@ def find_delay(motions: Sequence[Motion], wheel: Wheel) -> Delay | None:
         return None
     best = int(np.argmin(np.where(explained, rough, np.inf)))
     least, gain = float(rough[best]), float(rough[at] - rough[best])
+    # A jump of the friction that a shift takes out of sight around one step is no delay: most steps must show it.
+    telling = of_step[:, at] > CLEARLY_ROUGH * noise / of_step.shape[0]
+    share = LEFT_SHARE if halves[best] % 2 == 0 else LEFT_OF_HALVES
+    shown = of_step[telling, best] < share * of_step[telling, at]
+    if shown.size < FEWEST_STEPS or np.mean(shown) < MOST_STEPS:
+        return None
     curvature = float(rough[best - 1] - 2.0 * least + rough[best + 1]) / 0.25  # per slot²
     # The data tell it far better than the slot within which nobody knows where a sample lies.
     variance = WITHIN_A_SLOT + (2.0 / curvature if curvature > 0.0 else 0.0)
@@ -122,8 +130,8 @@ def _at_turns(motion: Motion, wheel: Wheel, slots: int) -> float:
     return float(np.nansum(rise**2))
 
 
-def _roughness(motion: Motion, wheel: Wheel, halves: IntArray) -> tuple[FloatArray, float, int] | None:
-    """Return how rough friction is around steps of the torque with each shift, what noise gives, and how many steps."""
+def _roughness(motion: Motion, wheel: Wheel, halves: IntArray) -> tuple[FloatArray, float] | None:
+    """Return how rough friction is around each step with each shift, float64 (steps, shifts), and what noise gives."""
     torque, friction, lag = motion.torque_Nm, motion.friction_Nm, 1
     if torque is None:
         return None
@@ -143,15 +151,21 @@ def _roughness(motion: Motion, wheel: Wheel, halves: IntArray) -> tuple[FloatArr
     std = float(np.median(known)) / 0.6745
     # Where friction jumps the torque steps as well, and late or early says nothing of the speed, which stays straight.
     stepped = np.abs(np.nan_to_num(_rise(torque - friction, lag))) > STEP_STDS * std
-    count = int(np.count_nonzero(np.diff(stepped.astype(np.int8)) > 0))
-    if std == 0.0 or count < FEWEST_STEPS:
+    if std == 0.0 or not stepped.any():
         return None
     near = binary_dilation(stepped, iterations=int(halves[-1]) // 2 + lag)
     moved = [_moved(held if half % 2 else torque, (int(half) + 1) // 2) for half in halves]
-    differences = [_rise(friction - torque + late, lag) for late in moved]
-    squares = np.stack(differences)[:, near] / std
-    squares = squares[:, np.isfinite(squares).all(axis=0)] ** 2 / lag
-    return squares.sum(axis=1), squares.shape[1] / lag, count
+    differences = np.stack([_rise(friction - torque + late, lag) for late in moved])
+    near &= np.isfinite(differences).all(axis=0)
+    squares = (differences[:, near] / std) ** 2 / lag
+    if squares.shape[1] == 0:
+        return None
+    # Slots belong to the step that is nearest: steps a moment apart are one.
+    first = np.flatnonzero(np.diff(stepped.astype(np.int8), prepend=0) > 0)
+    first = first[np.diff(first, prepend=-np.inf) > lag + SLOPE_REACH]
+    owner = np.searchsorted(0.5 * (first[1:] + first[:-1]), np.flatnonzero(near))
+    of_step: FloatArray = np.stack([np.bincount(owner, row, first.size) for row in squares], axis=1)
+    return of_step[np.bincount(owner, minlength=first.size) > 0], squares.shape[1] / lag
 
 
 def _averages(torque: FloatArray, wheel: Wheel) -> tuple[FloatArray, FloatArray]:
