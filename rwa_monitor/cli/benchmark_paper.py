@@ -7,13 +7,15 @@ from pathlib import Path
 import click
 
 from rwa_monitor.cli.exit_codes import FAILED
-from rwa_monitor.cli.options import FILE
+from rwa_monitor.cli.options import FILE, Whole
 
 
 @click.command(name="paper", short_help="Every table and figure of the paper, measured again.")
-@click.option("--windows", type=click.IntRange(20, 100_000), help="How many windows.  [default: 300]")
-@click.option("--seed", type=click.IntRange(0), default=8_130, show_default=True, help="Seed of the windows.")
-@click.option("--workers", type=click.IntRange(0), default=2, show_default=True, help="Processes; 0 works in this one.")
+@click.option("--windows", type=Whole(20, 100_000), metavar="N", help="How many windows.  [default: 300]")
+@click.option("--seed", type=Whole(0), metavar="N", default=8_130, show_default=True, help="Seed of the windows.")
+@click.option(
+    "--workers", type=Whole(0), metavar="N", default=2, show_default=True, help="Processes; 0 works in this one."
+)
 @click.option("--quick", is_flag=True, help="A small version: few windows and splits, and only the quick peers.")
 @click.option("--page", type=FILE, metavar="FILE", help="Write the page there, its pictures in pictures/ beside it.")
 @click.pass_context

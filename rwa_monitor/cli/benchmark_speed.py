@@ -7,12 +7,14 @@ from pathlib import Path
 import click
 
 from rwa_monitor.cli.exit_codes import FAILED
-from rwa_monitor.cli.options import FILE
+from rwa_monitor.cli.options import FILE, Whole
 
 
 @click.command(name="speed", short_help="How fast, beside peers and limits, in one run.")
-@click.option("--windows", type=click.IntRange(5, 100_000), default=1_000, show_default=True, help="How many windows.")
-@click.option("--seed", type=click.IntRange(0), default=8_129, show_default=True, help="Seed of the windows.")
+@click.option(
+    "--windows", type=Whole(5, 100_000), metavar="N", default=1_000, show_default=True, help="How many windows."
+)
+@click.option("--seed", type=Whole(0), metavar="N", default=8_129, show_default=True, help="Seed of the windows.")
 @click.option("--json", "json_file", type=FILE, metavar="FILE", help="Keep the results there.")
 @click.option("--page", type=FILE, metavar="FILE", help="Write them there as a page of Markdown.")
 @click.option(

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from rwa_monitor.cli.options import bus_options, decoding_options, udp_option, warn_if_alone
+from rwa_monitor.cli.options import Whole, bus_options, decoding_options, udp_option, warn_if_alone
 from rwa_monitor.cli.talk import say
 
 if TYPE_CHECKING:
@@ -20,7 +20,12 @@ if TYPE_CHECKING:
 @udp_option(required=True, help="Where packets come in.  [HOST: 127.0.0.1 unless told]")
 @decoding_options
 @click.option(
-    "--batch", type=click.IntRange(1, 10_000), default=256, show_default=True, help="Samples of one message at most."
+    "--batch",
+    type=Whole(1, 10_000),
+    metavar="N",
+    default=256,
+    show_default=True,
+    help="Samples of one message at most.",
 )
 @bus_options
 def command(udp: str, decoding: Decoding, batch: int, bus: BusOptions) -> None:

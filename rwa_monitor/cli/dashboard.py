@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from rwa_monitor.cli.options import FILE, bus_options, warn_if_alone
+from rwa_monitor.cli.options import FILE, Real, Whole, bus_options, warn_if_alone
 from rwa_monitor.cli.talk import say
 
 if TYPE_CHECKING:
@@ -18,7 +18,9 @@ if TYPE_CHECKING:
 
 
 @click.command(name="dashboard", short_help="The health page on live and recorded diagnoses.")
-@click.option("--port", type=click.IntRange(0, 65535), metavar="P", help="On loopback.  [default: 8750, or any]")
+@click.option(
+    "--port", type=Whole(0, 65535), metavar="P", help="Port of the page, on loopback.  [default: 8750, or any]"
+)
 @click.option(
     "--record",
     type=FILE,
@@ -31,24 +33,29 @@ if TYPE_CHECKING:
     "--history",
     envvar="RWA_MONITOR_HISTORY",
     metavar="URL",
-    help="postgresql://USER:PASSWORD@HOST/NAME.  [default: a SQLite file in DIR]",
+    help="Database: postgresql://USER:PASSWORD@HOST/NAME.  [default: a SQLite file in DIR]",
 )
 @click.option(
     "--keep",
     nargs=4,
-    type=click.FloatRange(min=0, min_open=True),
+    type=Real(min=0, min_open=True),
     metavar="D F E A",
-    help="Days that the history keeps diagnoses, estimates of every window, of each day's worst, and closed alarms.  "
+    help="Days to keep diagnoses (D), each window's estimates (F), each day's worst ones (E), closed alarms (A).  "
     "[default: 180 365 3650 3650]",
 )
 @click.option("--webhook", metavar="URL", help="Each change of an alarm is posted there, as JSON.")
 @click.option(
     "--foxglove",
-    type=click.IntRange(0, 65535),
+    type=Whole(0, 65535),
     metavar="PORT",
     help="Serve Foxglove live on this port, on loopback (needs rwa-monitor[foxglove]).",
 )
-@click.option("--token", envvar="RWA_MONITOR_TOKEN", metavar="T", help="Needed for changes.  [default: a random one]")
+@click.option(
+    "--token",
+    envvar="RWA_MONITOR_TOKEN",
+    metavar="T",
+    help="Who has it may acknowledge and shelve.  [default: a random one]",
+)
 @click.option(
     "--wheel",
     type=FILE,

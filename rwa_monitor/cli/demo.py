@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Final
 import click
 
 from rwa_monitor.cli.first_use import tell_of_compiling
-from rwa_monitor.cli.options import FILE, bus_options, not_nan
+from rwa_monitor.cli.options import FILE, Real, Whole, bus_options, not_nan
 from rwa_monitor.cli.talk import say
 
 if TYPE_CHECKING:
@@ -41,22 +41,22 @@ NOTICEABLE_S: Final = 1.0  # what a person notices as waiting
 @click.command(name="demo", short_help="The main job on simulated wheels, one of them failing.")
 @click.option(
     "--duration",
-    type=click.FloatRange(1.0, MAX_DURATION_S),
+    type=Real(1.0, MAX_DURATION_S),
     callback=not_nan,
     default=DEFAULT_DURATION_S,
     show_default=True,
     metavar="S",
-    help="How long [s].",
+    help="How long the satellite sends [s].",
 )
 @click.option("--no-browser", is_flag=True, help="Open no browser.")
-@click.option("--port", type=click.IntRange(0, 65535), metavar="P", help="Of the page.  [default: 8750, or any]")
+@click.option("--port", type=Whole(0, 65535), metavar="P", help="Port of the page.  [default: 8750, or any]")
 @click.option(
     "--seed",
-    type=click.IntRange(min=0),
+    type=Whole(min=0),
     default=DEFAULT_SEED,
     show_default=True,
     metavar="N",
-    help="Of the satellite: another one hides another effect.",
+    help="Seed of the satellite: another one hides another effect.",
 )
 @click.option(
     "--record",
@@ -73,6 +73,7 @@ def command(duration: float, no_browser: bool, port: int | None, seed: int, reco
     Another one has an effect that the monitor's wheel file lacks; the monitor finds out which. Telemetry flows some 300
     times faster than real time over a bus inside this process; the monitor diagnoses each window as it closes and
     records everything. At the end the truth is told. Ctrl-C ends it earlier. With -l, -e or -c others can listen too.
+    The page ends with it; rwa-monitor dashboard shows it again.
     """
     from rwa_monitor.cli.demo_story import tell
     from rwa_monitor.cli.demo_view import DemoView

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 WIDTH_IN_FILES: Final = 120  # characters of a line where no terminal says how many it has
 
 
-@click.command(name="diagnose", short_help="Diagnose recordings: CSV, Parquet, MCAP, space packets, ROS 2 bags.")
+@click.command(name="diagnose", short_help="Diagnose recordings, from tables to ROS 2 bags.")
 @click.argument("files", nargs=-1, required=True, type=FILE, metavar="FILE...")
 @wheel_option
 @model_option

@@ -14,7 +14,7 @@ import click
 
 from rwa_monitor.cli.exit_codes import UNREADABLE
 from rwa_monitor.cli.first_use import tell_of_compiling
-from rwa_monitor.cli.options import FILE, Decorated, FleetOptions, decoding_options, fleet_options, wheel_option
+from rwa_monitor.cli.options import FILE, Decorated, FleetOptions, Whole, decoding_options, fleet_options, wheel_option
 from rwa_monitor.cli.talk import say
 
 if TYPE_CHECKING:
@@ -52,7 +52,7 @@ def report_options(command: Decorated) -> Decorated:
     )
     @click.option(
         "--bootstrap",
-        type=click.IntRange(0, 10_000),
+        type=Whole(0, 10_000),
         default=0,
         metavar="B",
         help="Take p-values from B simulated records without the effect instead of the table.",
@@ -119,11 +119,14 @@ def command(
         raise click.UsageError("--results, --scheduler and --workers need --each: several files are one joint report")
     from rwa_monitor.cli.recordings import read_recordings
     from rwa_monitor.discrepancy.next_flight import plan
+    from rwa_monitor.formats.files import make_folder
     from rwa_monitor.formats.wheel_file import read_wheel
     from rwa_monitor.physics.wheel import built_in_wheel
 
     tell_of_compiling()
     wheel = read_wheel(wheel_file) if wheel_file else None
+    if wanted.out is not None:
+        make_folder(wanted.out, "--out")
     recordings, aside = read_recordings(files, decoding), read_recordings(wanted.held_out, decoding)
     found = _search(recordings, aside, wheel or recordings.wheel or built_in_wheel(), wanted)
     planned = plan(found) if wanted.show_plan else None
@@ -218,7 +221,6 @@ def _write_report(found: Search, sources: list[str], folder: Path) -> None:
     from rwa_monitor.discrepancy.report import html
     from rwa_monitor.formats.files import write_text
 
-    folder.mkdir(parents=True, exist_ok=True)
     report = json.dumps(found.result.to_json(), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
     write_text(folder / "report.json", report)
     write_text(folder / "extended_wheel.toml", extend(found).to_toml())

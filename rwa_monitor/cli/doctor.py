@@ -42,7 +42,6 @@ def command(ctx: click.Context, wheel_file: Path | None, model_file: Path | None
 
     One line for each check on stdout. Exit code 1 if one failed.
     """
-    tell_of_compiling()
     checks = [
         Check("python", _python),
         Check("packages", _packages),
@@ -155,6 +154,7 @@ def _kernels() -> str:
     from rwa_monitor.physics.telemetry import simulate
     from rwa_monitor.physics.wheel import built_in_wheel
 
+    tell_of_compiling()
     wheel, model = built_in_wheel(), built_in_model()
     telemetry = simulate(Scenario(duration_s=250.0), wheel, np.random.default_rng(0))
     warm_up(
@@ -171,13 +171,14 @@ def _settings(ctx: click.Context) -> str:
     import json
     import os
 
-    from rwa_monitor.cli.settings import unknown_variables
+    from rwa_monitor.cli.settings import near_variable, unknown_variables
 
     root = ctx.find_root()
     assert isinstance(root.command, click.Group)
     unknown = unknown_variables(os.environ, root.command, root)
     if unknown:
-        raise RwaMonitorError(f"{', '.join(unknown)} set no option; the form is RWA_MONITOR_<COMMAND>_<OPTION>")
+        named = ", ".join(f"{name}{near_variable(name, root.command, root)}" for name in unknown)
+        raise RwaMonitorError(f"no option is set by {named}; the form is RWA_MONITOR_<COMMAND>_<OPTION>")
     file = root.params.get("settings")
     options = json.dumps(root.default_map) if root.default_map else "all options at their defaults"
     return f"{file or 'no file'}; {options}"
@@ -189,7 +190,10 @@ def _wheel(wheel_file: Path | None) -> str:
 
     wheel = read_wheel(wheel_file)
     notes = wheel.missing()
-    return f"{wheel.name}, {len(wheel.fss)} switching systems; {'; '.join(notes) if notes else 'complete'}"
+    if not notes:
+        return f"{wheel.name}, {len(wheel.fss)} switching systems; complete"
+    lacks = f"{wheel.name}, {len(wheel.fss)} switching systems; it lacks what rwa-monitor identify learns, or you know"
+    return f"{lacks}: {'; '.join(notes)}"
 
 
 def _model(model_file: Path | None, wheel_file: Path | None) -> str:
@@ -201,7 +205,11 @@ def _model(model_file: Path | None, wheel_file: Path | None) -> str:
     known = {anomaly.name for anomaly in model.anomalies}
     unknown = [name for name in wheel.anomalies if name not in known]
     taught = f"{', '.join(sorted(known))}, from {model.trained.windows} windows ({model.trained.source})"
-    return taught + (f"; knows nothing of this wheel's {', '.join(unknown)}" if unknown else "")
+    return taught + (
+        f"; knows nothing of this wheel's {', '.join(unknown)}, which are not judged: rwa-monitor train"
+        if unknown
+        else ""
+    )
 
 
 def _bus(bus: BusOptions) -> str:

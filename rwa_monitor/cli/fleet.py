@@ -40,7 +40,8 @@ class Fleet:
     def each(self, task: Task, files: Sequence[Path], description: str) -> Iterator[Done]:
         """Yield the results of the recordings that could be used, in order; says what is wrong with the others."""
         from rwa_monitor.fleet.cluster import LOCAL, each
-        from rwa_monitor.fleet.store import Store, make_folder
+        from rwa_monitor.fleet.store import Store
+        from rwa_monitor.formats.files import make_folder
 
         results = self._options.results
         store = Store(results, task) if results else None

@@ -85,8 +85,7 @@ def command(
 def _each(files: tuple[Path, ...], folder: Path, task: Identify, options: FleetOptions) -> int:
     """Learn a wheel from each file, and return the exit code."""
     from rwa_monitor.cli.fleet import Fleet
-    from rwa_monitor.fleet.store import make_folder
-    from rwa_monitor.formats.files import write_text
+    from rwa_monitor.formats.files import make_folder, write_text
 
     names = [f"{file.name}.wheel.toml" for file in files]
     if len(set(names)) < len(names):

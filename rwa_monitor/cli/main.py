@@ -79,6 +79,11 @@ class Program(LazyGroup):
         except click.ClickException as error:
             say(error.format_message())
             status = error.exit_code
+        except ModuleNotFoundError as error:
+            if error.name is None or error.name.startswith("rwa_monitor"):
+                raise
+            say(f"the package {error.name} is missing: install rwa-monitor again, with pip install .")
+            status = FAILED
         except click.Abort:
             status = INTERRUPTED
         except BrokenPipeError:
@@ -130,10 +135,10 @@ def main(ctx: click.Context, settings: Path | None) -> None:
         click.echo(ctx.get_help(), err=True)
         ctx.exit(WRONG_USE)
     if settings is not None or any(name.startswith("RWA_MONITOR_") for name in os.environ):
-        from rwa_monitor.cli.settings import read_settings, unknown_variables
+        from rwa_monitor.cli.settings import near_variable, read_settings, unknown_variables
 
         ctx.default_map = read_settings(settings, os.environ, main, ctx)
         ours = f"RWA_MONITOR_{ctx.invoked_subcommand.upper()}_"
         for name in unknown_variables(os.environ, main, ctx):
             if name.startswith(ours):
-                say(f"{name} sets no option of {ctx.invoked_subcommand}; it is ignored")
+                say(f"{name} sets no option of {ctx.invoked_subcommand}{near_variable(name, main, ctx)}; it is ignored")

@@ -27,6 +27,18 @@ Decorated = TypeVar("Decorated", bound=Callable[..., Any])
 FILE: Final = click.Path(path_type=Path)
 
 
+class Whole(click.IntRange):
+    """A whole number in a range; click's own name for it, "integer range", stands in messages to people."""
+
+    name = "whole number"
+
+
+class Real(click.FloatRange):
+    """A number in a range; NaN lies in none, see `not_nan`."""
+
+    name = "number"
+
+
 def not_nan(ctx: click.Context, param: click.Parameter, value: float) -> float:
     """Refuse NaN, which lies in no range and outside of none; a callback for options with a number."""
     del ctx, param
@@ -37,12 +49,12 @@ def not_nan(ctx: click.Context, param: click.Parameter, value: float) -> float:
 
 speed_option = click.option(
     "--speed",
-    type=click.FloatRange(0, min_open=True),
+    type=Real(0, min_open=True),
     callback=not_nan,
     default=1.0,
     show_default=True,
     metavar="X",
-    help="When publishing: times real time; or inf.",
+    help="Times real time when publishing; inf: as fast as it goes.",
 )
 wheel_option = click.option(
     "--wheel", "wheel_file", type=FILE, metavar="W.toml", help="Constants of the wheel.  [default: the built-in wheel]"
@@ -88,7 +100,7 @@ scheduler_option = click.option(
     "--scheduler", metavar="ADDR", help="Work on this Dask cluster, such as tcp://host:8786.  [default: local]"
 )
 workers_option = click.option(
-    "--workers", type=click.IntRange(1, 1024), metavar="N", help="Processes of the local cluster.  [default: cores]"
+    "--workers", type=Whole(1, 1024), metavar="N", help="Processes of the local cluster.  [default: cores]"
 )
 
 
@@ -130,11 +142,21 @@ def bus_options(command: Decorated) -> Decorated:
     """Add the Zenoh options to a command; it gets them as `bus`, a `rwa_monitor.live.bus.BusOptions`."""
 
     @click.option("-m", "--mode", type=click.Choice(["peer", "client", "router"]), help="Role in the Zenoh network.")
-    @click.option("-e", "--connect", multiple=True, metavar="ENDPOINT", help="Endpoint to connect to (repeatable).")
-    @click.option("-l", "--listen", multiple=True, metavar="ENDPOINT", help="Endpoint to listen on (repeatable).")
-    @click.option("-c", "--config", type=FILE, metavar="FILE", help="Zenoh configuration file.")
     @click.option(
-        "--no-multicast-scouting", is_flag=True, help="Never look for others by multicast (the default here)."
+        "-e", "--connect", multiple=True, metavar="ENDPOINT", help="Connect there, such as tcp/HOST:7447 (repeatable)."
+    )
+    @click.option(
+        "-l",
+        "--listen",
+        multiple=True,
+        metavar="ENDPOINT",
+        help="Listen there, such as tcp/127.0.0.1:7447 (repeatable).",
+    )
+    @click.option("-c", "--config", type=FILE, metavar="FILE", help="Zenoh configuration (JSON5), as for TLS.")
+    @click.option(
+        "--no-multicast-scouting",
+        is_flag=True,
+        help="Do not look for others by multicast: so it is anyway, unless -c says otherwise.",
     )
     @functools.wraps(command)
     def with_bus(

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import click
 
 from rwa_monitor.cli.first_use import tell_of_compiling
-from rwa_monitor.cli.options import FILE, bus_options, method_option, model_option, warn_if_alone, wheel_option
+from rwa_monitor.cli.options import FILE, Real, bus_options, method_option, model_option, warn_if_alone, wheel_option
 from rwa_monitor.cli.talk import say
 
 if TYPE_CHECKING:
@@ -29,7 +29,9 @@ def _shard(ctx: click.Context, param: click.Parameter, value: str) -> tuple[int,
 
 
 @click.command(name="run", short_help="Monitor wheels live on a Zenoh bus.")
-@click.option("--wheels", default="rwa/*/*/samples", show_default=True, metavar="KEYEXPR", help="Which wheels.")
+@click.option(
+    "--wheels", default="rwa/*/*/samples", show_default=True, metavar="KEYEXPR", help="Keys of the samples to take."
+)
 @wheel_option
 @click.option(
     "--wheel-folder",
@@ -44,11 +46,18 @@ def _shard(ctx: click.Context, param: click.Parameter, value: str) -> tuple[int,
 )
 @click.option(
     "--record-limit",
-    type=click.FloatRange(min=0.1),
+    type=Real(min=0.1),
     metavar="GB",
     help="Keep at most so many gigabytes of recordings: the oldest files are deleted. Without it all are kept.",
 )
-@click.option("--shard", callback=_shard, default="1/1", show_default=True, metavar="I/N", help="Serve share I of N.")
+@click.option(
+    "--shard",
+    callback=_shard,
+    default="1/1",
+    show_default=True,
+    metavar="I/N",
+    help="Serve share I of N: the wheels are divided among N of these.",
+)
 @click.option("--alive", type=FILE, metavar="FILE", help="Touched every second, for a container's health check.")
 @bus_options
 def command(

@@ -69,6 +69,21 @@ def unknown_variables(environment: Mapping[str, str], program: click.Group, ctx:
     return sorted(name for name in environment if name.startswith(PREFIX) and name not in known)
 
 
+def near_variable(name: str, program: click.Group, ctx: click.Context) -> str:
+    """Return "; did you mean …?" with the variable that a misspelt one is nearest to, "" where none is near."""
+    return did_you_mean(name, _all_variables(program, ctx))
+
+
+def _all_variables(group: click.Group, ctx: click.Context, parents: tuple[str, ...] = ()) -> Iterator[str]:
+    for name in group.list_commands(ctx):
+        command = group.get_command(ctx, name)
+        if isinstance(command, click.Group):
+            yield from _all_variables(command, ctx, (*parents, name))
+        elif command is not None:
+            for key, _ in _options(command):
+                yield PREFIX + "_".join((*parents, name, key)).upper().replace("-", "_")
+
+
 def _of_tables(tables: dict[str, Any], group: click.Group, ctx: click.Context, source: str, place: str) -> Settings:
     """Check the tables of a file, and return them by the names of parameters."""
     found: Settings = {}

@@ -8,7 +8,17 @@ from typing import TYPE_CHECKING, Final
 
 import click
 
-from rwa_monitor.cli.options import FILE, bus_options, not_nan, speed_option, udp_option, warn_if_alone, wheel_option
+from rwa_monitor.cli.options import (
+    FILE,
+    Real,
+    Whole,
+    bus_options,
+    not_nan,
+    speed_option,
+    udp_option,
+    warn_if_alone,
+    wheel_option,
+)
 from rwa_monitor.cli.progress import track
 from rwa_monitor.cli.talk import say
 
@@ -26,7 +36,7 @@ scenario_option = click.option(
     help="What happens to the wheel.  [default: a healthy wheel in orbit]",
 )
 seed_option = click.option(
-    "--seed", type=click.IntRange(0), default=0, show_default=True, help="The same seed gives the same bytes."
+    "--seed", type=Whole(0), default=0, show_default=True, metavar="N", help="The same seed gives the same bytes."
 )
 output_option = click.option("-o", "--output", type=FILE, required=True, metavar="PATH", help="Where to write.")
 
@@ -36,7 +46,7 @@ def command() -> None:
     """Simulate telemetry: one recording, a labelled data set, or a live wheel."""
 
 
-@command.command()
+@command.command(short_help="Write one recording and its truth.")
 @scenario_option
 @wheel_option
 @seed_option
@@ -59,9 +69,9 @@ def recording(scenario_file: Path | None, wheel_file: Path | None, seed: int, ou
     say(f"{len(window.telemetry.samples)} samples in {output}, the truth beside it")
 
 
-@command.command()
+@command.command(short_help="Write labelled windows, to train with.")
 @click.option("--recipe", required=True, metavar="NAME", help="What the windows are like; a wrong name lists them.")
-@click.option("--count", type=click.IntRange(1), required=True, help="Windows to make.")
+@click.option("--count", type=Whole(1), required=True, metavar="N", help="Windows to make.")
 @seed_option
 @output_option
 @click.option(
@@ -77,8 +87,7 @@ def dataset(recipe: str, count: int, seed: int, output: Path, suffix: str) -> No
 
     The wheel of each window lies beside its table, for the recipes draw wheels too.
     """
-    from rwa_monitor.errors import InputError
-    from rwa_monitor.formats.files import display_name
+    from rwa_monitor.formats.files import make_folder
     from rwa_monitor.formats.labels import write_labels
     from rwa_monitor.formats.table import table_writer
     from rwa_monitor.formats.truth import write_truth
@@ -91,10 +100,7 @@ def dataset(recipe: str, count: int, seed: int, output: Path, suffix: str) -> No
         if not rows:
             # Only now: a recipe that does not exist leaves no empty folder behind.
             header = label_columns(window.wheel)
-            try:
-                output.mkdir(parents=True, exist_ok=True)
-            except OSError as error:
-                raise InputError(display_name(output), f"cannot be made: {error.strerror}") from error
+            make_folder(output)
         table = output / f"{window.name}.{suffix}"
         table_writer(table)(window.telemetry.samples, table)
         write_truth(window, table, recipe=recipe, seed=seed)
@@ -104,7 +110,7 @@ def dataset(recipe: str, count: int, seed: int, output: Path, suffix: str) -> No
     say(f"{len(rows)} windows in {output}, labels in {output / 'labels.csv'}")
 
 
-@command.command()
+@command.command(short_help="Publish one recording on the bus.")
 @scenario_option
 @wheel_option
 @seed_option
@@ -112,18 +118,17 @@ def dataset(recipe: str, count: int, seed: int, output: Path, suffix: str) -> No
 @click.option(
     "--key", default=DEFAULT_KEY, show_default=True, metavar="KEY", help="The samples on the bus; {n} counts wheels."
 )
+@click.option("--count", type=Whole(1, 4096), default=1, show_default=True, metavar="N", help="So many wheels at once.")
 @click.option(
-    "--count", type=click.IntRange(1, 4096), default=1, show_default=True, metavar="N", help="So many wheels at once."
-)
-@click.option(
-    "--batch", type=click.IntRange(1, 100_000), default=256, show_default=True, help="Samples of one message."
+    "--batch", type=Whole(1, 100_000), default=256, show_default=True, metavar="N", help="Samples of one message."
 )
 @click.option(
     "--linger",
-    type=click.FloatRange(0),
+    type=Real(0),
     callback=not_nan,
     default=2.0,
     show_default=True,
+    metavar="S",
     help="Stay on at the end [s].",
 )
 @udp_option(required=False, help="Send CCSDS space packets there instead, as `bridge` takes them.")

@@ -8,6 +8,7 @@ from dataclasses import asdict
 import click
 
 from rwa_monitor.cli.exit_codes import FAILED
+from rwa_monitor.cli.options import Real
 
 SEED = 20260126  # of the simulated check: the same wishes give the same figures
 
@@ -28,7 +29,7 @@ SEED = 20260126  # of the simulated check: the same wishes give the same figures
 )
 @click.option(
     "--slope-error",
-    type=click.FloatRange(min=0, min_open=True),
+    type=Real(min=0, min_open=True),
     default=0.3,
     show_default=True,
     metavar="E",

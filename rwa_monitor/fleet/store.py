@@ -66,14 +66,6 @@ class Store:
         write_text(self.folder / FAILED, text.getvalue())
 
 
-def make_folder(folder: Path) -> None:
-    """Make the folder of results where it is missing; raises InputError where that cannot be."""
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(display_name(folder), f"cannot be made: {error.strerror or error}") from error
-
-
 def read_results(folder: Path, kind: str = "diagnosis") -> pa.Table:
     """Return all results of one kind in a folder as one table, by recording and time; `to_pandas()` gives a frame.
 

@@ -101,6 +101,16 @@ def unreadable(path: Path, error: OSError) -> InputError:
     return InputError(display_name(path), f"cannot be read: {error.strerror or error}")
 
 
+def make_folder(folder: Path, place: str = "") -> None:
+    """Make a folder where it is missing; raises InputError, with the option `place`, where that cannot be."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except FileExistsError as error:
+        raise InputError(display_name(folder), "is a file; a folder is needed here", place) from error
+    except OSError as error:
+        raise InputError(display_name(folder), f"cannot be made: {error.strerror or error}", place) from error
+
+
 @contextmanager
 def atomic_write(path: Path) -> Iterator[Path]:
     """Give a temporary file in the same folder to write to, which takes the name `path` when all went well.

@@ -20,8 +20,10 @@ from sqlalchemy.orm import Session
 from sqlalchemy.pool import StaticPool
 
 from rwa_monitor.errors import InputError, RwaMonitorError
+from rwa_monitor.formats.files import make_folder
 from rwa_monitor.history.schema import bring_up_to_date
 
+POSTGRESQL: Final = "pip install 'rwa-monitor[postgresql]'"
 BUSY_TIMEOUT_S: Final = 5.0
 LOGS: Final = ("-wal", "-shm")  # SQLite's write-ahead log and its index, beside the file
 
@@ -148,8 +150,8 @@ def _identity(path: Path) -> tuple[int, int] | None:
 
 
 def _make(path: Path) -> None:
+    make_folder(path.parent)
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
         path.touch()
     except OSError as error:
         raise InputError(str(path), f"cannot be used as a history: {error.strerror}") from error
@@ -176,7 +178,7 @@ def _open_engine(url: URL) -> Engine:
     try:
         engine = _engine(url)
     except ModuleNotFoundError as error:
-        raise InputError(url.render_as_string(), f"cannot be used as a history: {error.name} is missing") from error
+        raise InputError(url.render_as_string(), f"{error.name} is missing: {POSTGRESQL}") from error
     if engine.dialect.name == "sqlite":
         event.listen(engine, "connect", _set_up_connection)
     try:

@@ -38,6 +38,7 @@ MAX_HISTORY: Final = 1_000_000
 OUTPUT_HISTORY: Final = 100  # diagnoses, changepoints and so on of each wheel that a late subscriber gets
 OUTPUT_HEARTBEAT_S: Final = 1.0  # diagnoses go on telling their last number, what is less important tells it once
 MAX_CONFIG_BYTES: Final = 1_000_000
+ALL_SAMPLES: Final = "rwa/*/*/samples"  # spacecraft, wheel
 MAX_CONFIG_DEPTH: Final = 64  # Zenoh's own has 8 levels; its parser overflows the stack at some ten thousand
 
 # What Zenoh does unless told, and what we do instead. What a configuration file says otherwise than Zenoh's own default
@@ -263,6 +264,16 @@ class Inbox:
 # ---- the monitor's end of the bus ------------------------------------------------------------------------------------
 
 
+def check_wheels(key_expression: str) -> None:
+    """Raise InputError unless samples of some wheel have keys that this key expression matches."""
+    try:
+        matches = zenoh.KeyExpr(key_expression).intersects(zenoh.KeyExpr(ALL_SAMPLES))
+    except zenoh.ZError as error:
+        raise InputError("--wheels", f"{key_expression!r} is no key expression: {error}") from error
+    if not matches:
+        raise InputError("--wheels", f"{key_expression!r} takes no samples: they come on {ALL_SAMPLES}")
+
+
 class MonitorBus:
     """What the monitor does on a session: takes samples, publishes messages, answers questions about health.
 
@@ -300,23 +311,15 @@ class MonitorBus:
         self.close()
 
     def subscribe(self, key_expression: str) -> None:
-        """Take samples from now on, and what their publishers still hold of before.
-
-        Raises
-        ------
-        InputError
-            If the key expression is none.
-        """
-        try:
-            subscriber = ext.declare_advanced_subscriber(
-                self.session,
-                key_expression,
-                self._on_sample,
-                history=ext.HistoryConfig(detect_late_publishers=True, max_samples=MAX_HISTORY),
-                recovery=ext.RecoveryConfig(periodic_queries=None, heartbeat=True),
-            )
-        except zenoh.ZError as error:
-            raise InputError("--wheels", f"{key_expression!r} is no key expression: {error}") from error
+        """Take samples from now on, and what their publishers still hold of before; raises as `check_wheels`."""
+        check_wheels(key_expression)
+        subscriber = ext.declare_advanced_subscriber(
+            self.session,
+            key_expression,
+            self._on_sample,
+            history=ext.HistoryConfig(detect_late_publishers=True, max_samples=MAX_HISTORY),
+            recovery=ext.RecoveryConfig(periodic_queries=None, heartbeat=True),
+        )
         self._declared.append(subscriber)
 
     def take(self) -> Arrival | None:

@@ -31,6 +31,7 @@ from typing import IO, Any, Final, Self, cast
 from mcap.writer import CompressionType, Writer
 
 from rwa_monitor.errors import InputError
+from rwa_monitor.formats.files import make_folder
 from rwa_monitor.live.recording import CHANNELS_ATTACHMENT, RECORDING_SUFFIX, file_sha256
 from rwa_monitor.messages import MAX_MESSAGE_BYTES, MESSAGES, dump_json
 from rwa_monitor.version import SOFTWARE
@@ -475,8 +476,8 @@ class FolderLock:
     """
 
     def __init__(self, folder: Path) -> None:
+        make_folder(folder, "--record")
         try:
-            folder.mkdir(parents=True, exist_ok=True)
             self._file = (folder / LOCK_NAME).open("ab")
         except OSError as error:
             raise InputError(str(folder), f"cannot be written: {error.strerror}", "--record") from error

@@ -18,7 +18,7 @@ from threading import Event, Thread
 import zenoh
 
 from rwa_monitor.build import build
-from rwa_monitor.live.bus import Inbox, MonitorBus, endpoints, open_session
+from rwa_monitor.live.bus import Inbox, MonitorBus, check_wheels, endpoints, open_session
 from rwa_monitor.live.bus_watch import BusNews, BusWatch
 from rwa_monitor.live.monitor import IDLE_WAIT_S, Clock, Monitor
 from rwa_monitor.live.past import Past, read_past
@@ -60,6 +60,7 @@ def run(
     """
     say = _unbreakable(say)
     supervisor = supervisor or Supervisor({})
+    check_wheels(options.wheels)
     setup = options.setup()
     for key in ("", ""), *options.own_wheels:
         setup.new_core(*key)  # a wheel that cannot be served is told at once

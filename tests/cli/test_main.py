@@ -73,7 +73,7 @@ def test_help_loads_nothing_heavy() -> None:
         (["simulate"], "Missing command"),
         (["simulate", "recording"], "Missing option '-o'"),
         (["simulate", "recording", "-o", "x.csv", "--seed", "-1"], "-1 is not in the range"),
-        (["simulate", "recording", "-o", "x.csv", "--seed", "one"], "'one' is not a valid integer range"),
+        (["simulate", "recording", "-o", "x.csv", "--seed", "one"], "'one' is not a valid whole number"),
     ],
 )
 def test_wrong_use_is_one_line_and_exit_2(arguments: list[str], message: str) -> None:
@@ -137,3 +137,22 @@ def test_a_reader_that_leaves_early_is_no_error_worth_a_word(tmp_path: Path) -> 
     _, complaint = producer.communicate(timeout=60)
     assert complaint == b""
     assert producer.returncode == 1
+
+
+def without_package(name: str, *arguments: str) -> subprocess.CompletedProcess[str]:
+    """Run the program where a package is not installed."""
+    code = f"import sys; sys.modules[{name!r}] = None; from rwa_monitor.cli.main import main; main({list(arguments)})"
+    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+
+
+@pytest.mark.parametrize("command", [["diagnose", "none.csv"], ["doctor"]])
+def test_a_package_that_is_missing_is_named_in_one_line(command: list[str]) -> None:
+    done = without_package("numba", *command)
+    assert (done.returncode, done.stdout) == (1, "")
+    assert done.stderr == "rwa-monitor: the package numba is missing: install rwa-monitor again, with pip install .\n"
+
+
+def test_a_missing_driver_of_the_database_is_told_with_what_installs_it() -> None:
+    done = without_package("psycopg", "dashboard", "--history", "postgresql://a@127.0.0.1:1/b", "-l", "tcp/127.0.0.1:0")
+    assert done.returncode == 2
+    assert "psycopg is missing: pip install 'rwa-monitor[postgresql]'" in done.stderr
