@@ -185,7 +185,8 @@ def step_section(laps: list[Lap], cost: dict[int, float]) -> Section:
         title=f"The incremental step, batches of {live.BATCH}",
         text=(
             "A window that stays open: what of a batch is Python around the kernels shows as the difference between "
-            "the lines. The figures below are of one core from its first sample, windows closed and diagnosed."
+            "the lines. The figures below are of one core from its first sample, windows closed and diagnosed; of the "
+            "two shortest the least of three new cores."
         ),
         targets=(
             Target(
