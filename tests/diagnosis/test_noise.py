@@ -18,6 +18,7 @@ from rwa_monitor.diagnosis.noise import (
     mean_variance_factor,
     quiet_levels,
     scale_variances,
+    sum_up,
 )
 from rwa_monitor.diagnosis.results import NoiseEstimate
 from rwa_monitor.diagnosis.wglr import BINS, BINS_PER_OCTAVE, LOWEST_EXPONENT
@@ -188,3 +189,9 @@ def test_a_lattice_has_no_heavy_tails():
     z = np.round(np.random.default_rng(14).standard_normal(N) / 5.0)
     counts = _histogram(np.maximum(np.diff(z) ** 2 / 2, 1e-300))
     assert np.isinf(estimate_tails(counts, 0.05, N).degrees_of_freedom)
+
+
+def test_eight_sums_side_by_side_leave_nothing_out():
+    for count in range(40):
+        values = np.random.default_rng(count).standard_normal(count)
+        assert sum_up(values) == pytest.approx(values.sum(), abs=1e-13)
