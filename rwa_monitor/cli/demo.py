@@ -35,7 +35,7 @@ MAX_DURATION_S: Final = 3600.0  # an hour simulates half a month of four wheels;
 DEFAULT_SEED: Final = 1
 BATCH_SAMPLES: Final = 256
 SEARCH_PATIENCE_S: Final = 120.0  # on a busy machine: how long a search that has begun may still take at the end
-NOTICEABLE_S: Final = 1.0  # what a person notices as waiting
+STOP_HEARD_S: Final = 0.2  # how late a stop signal may be heard while kernels are compiled
 
 
 @click.command(name="demo", short_help="The main job on simulated wheels, one of them failing.")
@@ -149,11 +149,8 @@ def _compile_kernels(options: RunOptions, stop: Event) -> None:
 
     compiling = Thread(target=warm_up, args=(options.setup(),), daemon=True)
     compiling.start()
-    compiling.join(NOTICEABLE_S)
-    if compiling.is_alive():
-        say("compiling the numerical kernels; this is done once on a machine, in less than a minute")
     while compiling.is_alive() and not stop.is_set():
-        compiling.join(NOTICEABLE_S)
+        compiling.join(STOP_HEARD_S)
 
 
 def _tell_findings(story: Story, view: DemoView, record: Path) -> None:

@@ -35,7 +35,7 @@ def at_end_stop(values: FloatArray, speed: FloatArray | None = None) -> BoolArra
     """
     stopped = np.zeros(values.size, dtype=bool)
     known = np.isfinite(values)
-    if not known.any():
+    if np.count_nonzero(known) < FEWEST_AT_END:
         return stopped
     ends = [values == np.max(values[known]), values == np.min(values[known])]
     between = values[known & ~ends[0] & ~ends[1]]
