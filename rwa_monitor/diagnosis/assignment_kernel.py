@@ -3,6 +3,9 @@
 A state is a row of small integers: the node of the last accepted changepoint, then for each system its configuration
 and the node at which its sojourn began. Of each state the best few entries (score, parent, action) are kept. Plain
 functions over arrays; sums are taken in a fixed order, so that results are the same on every machine.
+
+While the extensions of a stage are listed, those that more others have beaten than there is room for are left out: most
+of what follows is then beaten before it is weighed. What is kept, and whether the search says it pruned, is the same.
 """
 
 from __future__ import annotations
