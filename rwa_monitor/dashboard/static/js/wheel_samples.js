@@ -40,8 +40,10 @@ export function wheelSamples(store, wheel) {
       rest.push(against === null || expected === null ? null : (against - expected) * 1e3);
     }
     notice.textContent = !times.length
-      ? "No samples here: they are drawn while they come over the bus, or from a recording."
+      ? "No samples now: they are drawn while they come over the bus. Those of the past are under Recordings."
       : measured.every((value) => value === null) ? "These samples hold no friction torque, and none can be derived: that takes motor current or torque and the wheel's inertia (--wheel)." : "";
+    drawing.hidden = !times.length && !wheel.curves.length;
+    if (drawing.hidden) return;
     speed.set([times, speeds]);
     friction.set([times, measured, model]);
     residual.set([times, rest]);
@@ -74,9 +76,9 @@ export function wheelSamples(store, wheel) {
     return h("span", {}, mark, ` ${text}`);
   }
 
-  const element = h("section", { class: "card" },
-    h("h2", {}, "Speed, friction and jumps"), notice, speed.element, friction.element, key,
+  const drawing = h("div", {}, speed.element, friction.element, key,
     h("h2", {}, "wGLR and its threshold"), evidence.element, curves,
     h("h2", {}, "Measured less simulated"), residual.element, h("p", { class: "soft" }, "Simulated: base dry and viscous friction and the switching systems. Jumps that fit no system stay in the residual."));
+  const element = h("section", { class: "card" }, h("h2", {}, "Speed, friction and jumps"), notice, drawing);
   return { element, refresh, get width() { return speed.width; }, close: () => charts.forEach((one) => one.close()) };
 }
