@@ -13,7 +13,7 @@ from rwa_monitor.live import rebuild
 from rwa_monitor.live.core import WheelCore
 from rwa_monitor.live.outputs import Output
 from rwa_monitor.live.recorder import Predecessor, predecessor_of
-from rwa_monitor.live.recording import RECORDING_SUFFIX, Recording, read_recording
+from rwa_monitor.live.recording import MAX_FLEET_FILE_BYTES, RECORDING_SUFFIX, Recording, read_recording
 from rwa_monitor.messages import Diagnosis
 
 # How far back diagnoses are published again at a start: an outage may have begun before several crashes.
@@ -52,7 +52,7 @@ def read_past(folder: Path, setup: rebuild.Setup, stop: Event, say: Callable[[st
         if past.predecessor is None:
             past.predecessor = predecessor_of(path)
         try:
-            recording = read_recording(path)
+            recording = read_recording(path, MAX_FLEET_FILE_BYTES)
             recorded_setup = rebuild.Setup.of(recording)
         except InputError as error:
             say(f"{error}; going back to the recording before it")

@@ -33,8 +33,12 @@ from rwa_monitor.formats.files import display_name, read_bytes
 
 MAX_CHUNK_BYTES: Final = 64 * 2**20  # uncompressed; ours have some 64 kB, or one message of at most 8 MB
 MAX_RECORD_BYTES: Final = 256 * 2**20  # an attached checkpoint of 8 open windows of 80,000 slots is some 30 MB
-MAX_FILE_BYTES: Final = 2**30  # ours are rotated at 32 MiB
+MAX_FILE_BYTES: Final = 2**30  # ours are rotated at 32 MiB, or at twice what they begin with
+# Of a monitor's own: they begin with a checkpoint of each wheel, 2.8 MB where a window of 80,000 slots is nearly full,
+# and 4,096 wheels are the most.
+MAX_FLEET_FILE_BYTES: Final = 24 * 2**30
 MAX_WORK_BYTES: Final = 3 * 2**30  # to be copied and unpacked, of all records of a file and of what only looks like one
+MAX_WORK_SHARE: Final = 3  # or so many for each byte of a larger file
 MAX_RECORDS: Final = 10_000_000  # of a file
 MAX_JSON_BYTES: Final = 16 * 2**20  # of an attachment that is parsed here
 _HEAD_BYTES: Final = 9  # opcode and length
@@ -106,15 +110,22 @@ class Recording:
         return content
 
 
-def read_recording(path: Path) -> Recording:
+def read_recording(path: Path, limit: int = MAX_FILE_BYTES) -> Recording:
     """Read a recording, as much of it as is whole.
+
+    Parameters
+    ----------
+    path
+        The file.
+    limit
+        Size from which it is refused [bytes].
 
     Raises
     ------
     InputError
         If the file cannot be opened, does not begin as an MCAP file, or exceeds a limit.
     """
-    data = read_bytes(path, MAX_FILE_BYTES)
+    data = read_bytes(path, limit)
     if data[: len(MCAP0_MAGIC)] != MCAP0_MAGIC:
         raise InputError(str(path), "is no MCAP file")
     recording = Recording(path)
@@ -128,6 +139,7 @@ class _Walk:
     def __init__(self, recording: Recording, data: bytes) -> None:
         self.recording = recording
         self.data = data
+        self.most_work_bytes = max(MAX_WORK_BYTES, MAX_WORK_SHARE * len(data))
         self.schemas: dict[int, str] = {}
         self.channels: dict[int, tuple[str, str]] = {}  # topic and schema
         self.lost_messages = 0
@@ -221,8 +233,8 @@ class _Walk:
     def _begin_work(self, size: int) -> None:
         """Add to the work done on the file; raises InputError where it is too much."""
         self.work_bytes += size
-        if self.work_bytes > MAX_WORK_BYTES:
-            reason = f"asks for more than {MAX_WORK_BYTES:,} bytes to be copied and unpacked"
+        if self.work_bytes > self.most_work_bytes:
+            reason = f"asks for more than {self.most_work_bytes:,} bytes to be copied and unpacked"
             raise InputError(display_name(self.recording.path), reason)
 
     def _message(self, record: McapMessage) -> None:

@@ -13,7 +13,7 @@ from mcap.writer import CompressionType, Writer
 
 from rwa_monitor.errors import InputError
 from rwa_monitor.live.recorder import CHUNK_BYTES, PROFILE
-from rwa_monitor.live.recording import CHANNELS_ATTACHMENT, Recording, read_recording
+from rwa_monitor.live.recording import CHANNELS_ATTACHMENT, MAX_FLEET_FILE_BYTES, Recording, read_recording
 from rwa_monitor.messages import KEY_PREFIX, MESSAGES, SamplesMessage, dump_json
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND
 from rwa_monitor.version import SOFTWARE
@@ -51,7 +51,7 @@ def recover(source: Path, target: Path) -> Recovery:
     InputError
         If `source` is no MCAP file at all, or `target` exists or cannot be written.
     """
-    recording = read_recording(source)
+    recording = read_recording(source, MAX_FLEET_FILE_BYTES)
     lost = list(recording.problems)
     if not recording.finished and not lost:
         lost.append("the file was not closed in order: what came after its last flush is lost")

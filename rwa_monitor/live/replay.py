@@ -16,7 +16,7 @@ import zenoh
 from rwa_monitor.live import rebuild
 from rwa_monitor.live.compare import Comparable, Comparison, compare
 from rwa_monitor.live.publisher import LINGER_S, ReliablePublisher
-from rwa_monitor.live.recording import Recording, file_sha256, read_recording, recordings_of
+from rwa_monitor.live.recording import MAX_FLEET_FILE_BYTES, Recording, file_sha256, read_recording, recordings_of
 from rwa_monitor.live.searches import jobs_of, search_message
 from rwa_monitor.live.wheel_set import WheelSet
 from rwa_monitor.messages import Diagnosis, Discrepancy, SamplesMessage
@@ -108,7 +108,7 @@ def replay(recordings: Path | Sequence[Path], on_message: Callable[[int], None] 
     """
     chain = _Chain()
     for path in recordings_of(recordings):
-        chain.add(read_recording(path), on_message)
+        chain.add(read_recording(path, MAX_FLEET_FILE_BYTES), on_message)
     return chain.report()
 
 
@@ -266,6 +266,6 @@ def replay_to_bus(
 
 def _inputs(recordings: Path | Sequence[Path]) -> Iterator[tuple[int, str, bytes]]:
     for path in recordings_of(recordings):
-        for message in read_recording(path).messages:
+        for message in read_recording(path, MAX_FLEET_FILE_BYTES).messages:
             if message.schema == SamplesMessage.schema_name():
                 yield message.log_time, message.topic, message.data

@@ -11,16 +11,17 @@ from functools import _lru_cache_wrapper
 from pathlib import Path
 
 from rwa_monitor.live.bus import BusOptions, Inbox, MonitorBus, open_session
-from rwa_monitor.live.monitor import Clock, Monitor
+from rwa_monitor.live.monitor import MAX_WHEELS, Clock, Monitor
 from rwa_monitor.live.past import Past
 from rwa_monitor.live.recorder import FLUSH_PERIOD_S, MAX_FILE_AGE_S, Recorder
-from rwa_monitor.live.recording import read_recording, recordings_of
+from rwa_monitor.live.recording import MAX_FLEET_FILE_BYTES, read_recording, recordings_of
 from rwa_monitor.live.run_options import RunOptions
 from rwa_monitor.messages import samples_json
 from rwa_monitor.physics.wheel import Wheel
 from tests.live.support import model, telemetry, wheel
 
 MESSAGE = 256  # samples of one
+SLOTS, MESSAGES = 80_000, 60  # of a window that is open, and those that fill a part of it
 
 
 class Driven:
@@ -80,8 +81,8 @@ def traced() -> Iterator[None]:
 
 def peak_of_a_new_file(folder: Path, wheels: int) -> tuple[int, int]:
     """Return the most bytes that beginning a new recording takes while windows are open, and its size then."""
-    with driven(folder, wheel(80_000), max_file_bytes=2**30) as driver:
-        driver.send(wheels, range(60))
+    with driven(folder, wheel(SLOTS), max_file_bytes=2**30) as driver:
+        driver.send(wheels, range(MESSAGES))
         driver.now_s += MAX_FILE_AGE_S
         with traced():
             driver.monitor.tick()
@@ -96,6 +97,9 @@ def test_a_new_file_takes_the_memory_of_one_checkpoint_however_many_wheels_there
     many, size_of_many = peak_of_a_new_file(tmp_path / "many", 16)
     assert size_of_many > 3.5 * size_of_few  # else the checkpoints are not what fills it
     assert many < 1.5 * few
+    # A file grows to twice what it begins with; that of as many wheels as one process takes is still read again.
+    full = (size_of_many - size_of_few) / 12 * SLOTS / (MESSAGES * MESSAGE)
+    assert 2.0 * full * MAX_WHEELS < MAX_FLEET_FILE_BYTES
 
 
 def held_bytes() -> int:

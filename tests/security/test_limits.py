@@ -28,7 +28,13 @@ from rwa_monitor.formats.scenario_file import read_scenario
 from rwa_monitor.formats.table import read_table
 from rwa_monitor.formats.wheel_file import read_wheel
 from rwa_monitor.live.bus import BusOptions, session_config
-from rwa_monitor.live.recording import MAX_CHUNK_BYTES, MAX_FILE_BYTES, MAX_WORK_BYTES, read_recording
+from rwa_monitor.live.recording import (
+    MAX_CHUNK_BYTES,
+    MAX_FILE_BYTES,
+    MAX_FLEET_FILE_BYTES,
+    MAX_WORK_BYTES,
+    read_recording,
+)
 from rwa_monitor.messages import MAX_MESSAGE_BYTES, MAX_SAMPLES, MESSAGES, SamplesMessage
 from rwa_monitor.physics.wheel import MAX_WHEEL_FILE_BYTES
 from tests.cli.conftest import run
@@ -215,7 +221,7 @@ def test_attached_json_is_limited_too(content: bytes, tmp_path: Path) -> None:
 def test_the_program_says_a_limit_in_one_line_and_exits_with_2(command: str, tmp_path: Path) -> None:
     path = written(tmp_path / "large.mcap")
     with path.open("ab") as file:
-        file.truncate(MAX_FILE_BYTES + 1)
+        file.truncate((MAX_FILE_BYTES if command == "diagnose" else MAX_FLEET_FILE_BYTES) + 1)
     words: list[Any] = [command, path, *(["-o", tmp_path / "out.mcap"] if command == "recover" else [])]
     result = run(*words)
     assert (result.exit_code, result.stderr.count("\n")) == (2, 1)
