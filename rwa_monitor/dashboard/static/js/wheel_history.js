@@ -74,7 +74,7 @@ export function estimateTrends() {
     place.replaceChildren(...lines.map(({ one, trend }) => h("div", {}, one.element, trend)));
   }
 
-  const key = h("div", { class: "key" }, "Shaded: nominal. Large points: called anomalous. Limits: ", LIMITS.map(([level, severity, colour, dash]) => {
+  const key = h("div", { class: "key" }, "Shaded: nominal. Large points: anomalous, more likely than not. Limits: ", LIMITS.map(([level, severity, colour, dash]) => {
     const mark = h("span", {}, dash[0] < 4 ? "┈┈" : dash[0] < 10 ? "╌╌" : "──");
     mark.style.color = colour;
     return h("span", {}, mark, ` ${level}, severity ${severity}`);
