@@ -225,8 +225,7 @@ def _quantile_bins(counts: IntArray) -> tuple[float, int, int]:
     seen, middle, end = 0, 0, 0
     for place in range(counts.size):
         seen += counts[place]
-        if seen / total < 0.5:
-            middle += 1
+        middle += seen / total < 0.5
         if seen / total >= 0.995:
             end = place
             break
@@ -406,9 +405,8 @@ def estimate_noise(
     """
     if not counts.any():
         known = [value for value in (float(variances[0]), (start_std or np.nan) ** 2) if np.isfinite(value)]
-        autocovariance = np.zeros(LAGS)
-        autocovariance[0] = max(known[0] if known else 0.0, SMALLEST_STD**2)
-        return NoiseEstimate(float(np.sqrt(autocovariance[0])), autocovariance, 1.0)
+        variance = max(known[0] if known else 0.0, SMALLEST_STD**2)
+        return NoiseEstimate(float(np.sqrt(variance)), np.append(variance, np.zeros(LAGS - 1)), 1.0)
     return NoiseEstimate(*_combine(levels, counts, scales, variances, samples))
 
 
