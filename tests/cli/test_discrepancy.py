@@ -61,7 +61,7 @@ REFUSED = {
     "too short": (lambda: columns(count=150, speed=swing(150)), "at least 200"),
     "nothing to derive friction from": (
         lambda: {name: columns()[name] for name in ("time_s", "speed_rad_s")},
-        "needs motor_current_A or motor_torque_Nm",
+        "friction cannot be derived: the table has none of friction_torque_Nm, motor_torque_Nm, motor_current_A",
     ),
     "speed in rpm, beyond the limits": (lambda: rpm(columns()), "the wheel's limit is 650; wrong unit?"),
     "friction in mN m": (
