@@ -14,6 +14,7 @@ from rwa_monitor.formats.foreign import encoding_hint
 
 SHA256_SUFFIX: Final = ".sha256"  # of a file as `sha256sum` writes it: the hash, then a name
 MAX_SHA256_BYTES: Final = 10_000
+PIECE_BYTES: Final = 2**20  # of what does not say its size
 
 
 def display_name(path: Path) -> str:
@@ -38,13 +39,19 @@ def read_bytes(path: Path, limit: int) -> bytes:
     """
     try:
         with path.open("rb") as file:
-            # What says its size is refused by it; what does not (a pipe, a device) is read up to the limit.
-            content = file.read(limit + 1) if os.fstat(file.fileno()).st_size <= limit else None
+            size = os.fstat(file.fileno()).st_size
+            # What says its size is refused by it; what does not (a pipe, a device) is read up to the limit, in pieces:
+            # Python takes memory for all that it is asked to read before it reads.
+            pieces = [file.read(size)] if size <= limit else []
+            left = limit + 1 - (size if size > limit else len(pieces[0]))
+            while left > 0 and (piece := file.read(min(left, PIECE_BYTES))):
+                pieces.append(piece)
+                left -= len(piece)
     except OSError as error:
         raise unreadable(path, error) from error
-    if content is None or len(content) > limit:
+    if left <= 0:
         raise InputError(display_name(path), f"is larger than the limit of {limit:,} bytes")
-    return content
+    return b"".join(pieces)
 
 
 def read_text(path: Path, limit: int) -> str:

@@ -99,3 +99,12 @@ def test_bad_labels_are_refused(tmp_path: Path, text: str, message: str) -> None
 
 def test_a_file_name_that_is_no_utf8_can_still_be_shown() -> None:
     assert display_name(Path(os.fsdecode(b"caf\xe9.csv"))) == "caf\ufffd.csv"
+
+
+def test_a_small_file_takes_no_memory_for_a_large_limit(tmp_path: Path) -> None:
+    path = tmp_path / "small"
+    path.write_bytes(b"abc")
+    assert read_bytes(path, 2**60) == b"abc"  # more than any machine has
+    with pytest.raises(InputError, match="larger than the limit of 2 bytes"):
+        read_bytes(path, 2)
+    assert read_bytes(path, 3) == b"abc"
