@@ -35,7 +35,12 @@ CASES: dict[str, tuple[str, bytes | None, str, str]] = {
         "run -l tcp/127.0.0.1:0 --record records --wheels sat/*",
         "--wheels: 'sat/*' takes no samples: they come on rwa/*/*/samples",
     ),
-    "one row": ("t.csv", HEAD + b"0,1,2\n", "discrepancy {file}", "t.csv: only 1 good samples in motion; at least"),
+    "one row": (
+        "t.csv",
+        HEAD + b"0,100,2e-3\n",
+        "discrepancy {file}",
+        "t.csv: only 1 good samples in motion; at least",
+    ),
     "no Parquet": ("t.parquet", b"time_s\n", "diagnose {file}", "t.parquet: is no parquet file"),
     "cut Parquet": ("t.parquet", b"PAR1PAR1", "diagnose {file}", "t.parquet: is no readable Parquet file"),
     "no wheel": ("none.toml", None, "diagnose {good} --wheel {file}", "none.toml: cannot be read"),
