@@ -41,6 +41,9 @@ AGREED_TO: Final = 0.02  # of the largest bias around: so well do polynomials ag
 DOUBTED: Final = 4.0  # standard deviations of the friction between two opinions: one of them sees a corner
 CORNER_REACH: Final = 4  # slots on each side of such a corner
 CORNER_EDGE: Final = 2  # slots on each side of a step of torque in which its pulse may be lost in the noise
+# Half-width of a filter for dω/dt from which corners are seen whole; and what is no corner, like a ripple of the
+# torque, is too often taken for one to mask more than it, or to leave the bends around it [slots].
+WIDE_HALF: Final = 8
 CORNER_WINDOWS: Final = 3  # derivative windows in which the speed must bend as a step of torque bends it
 WRONG_UNIT_FACTOR: Final = (
     100.0  # of nominal friction: mN m read as N m are a thousand; no bearing gets there and turns
@@ -371,13 +374,15 @@ def _derived_friction(
     sigma = _spread_between_neighbours(friction + bias, 2 * hole + 1)
     friction = friction + bias
     # What a step of torque makes of it is no bend that a polynomial knows.
-    rounding = torque_balance.rounding_error(speed, torque, wheel, CORNER_WINDOWS)
+    rounding = torque_balance.rounding_error(speed, torque, wheel, CORNER_WINDOWS, soft=False)
     typical = wheel.nominal.dry_torque_Nm if wheel.nominal else float(np.nanmedian(np.abs(friction)))
     agreed = np.abs(rounding + bias) <= max(sigma, torque_balance.LEAST_ERROR * typical)
-    stepped = binary_dilation((rounding != 0.0) & ~agreed, iterations=CORNER_EDGE)
-    # Where a polynomial reaches a corner it draws a bend around it that is not there.
-    smeared = binary_dilation(stepped, iterations=hole + BIAS_REACH) & (np.abs(bias) < BENT * sigma)
-    friction[smeared] -= bias[smeared]
+    stepped = (rounding != 0.0) & ~agreed
+    if hole < WIDE_HALF:
+        stepped = binary_dilation(stepped, iterations=CORNER_EDGE)
+        # Where a polynomial reaches a corner it draws a bend around it that is not there.
+        smeared = binary_dilation(stepped, iterations=hole + BIAS_REACH) & (np.abs(bias) < BENT * sigma)
+        friction[smeared] -= bias[smeared]
     unknown = (np.abs(bias) > BENT * sigma) & (doubt > BIAS_KNOWN_TO * np.abs(bias))
     # Opinions may agree by chance in the middle of a corner, but not all around it.
     largest, most_doubt = (maximum_filter(np.abs(values), 2 * hole + 1) for values in (bias, doubt))

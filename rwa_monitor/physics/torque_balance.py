@@ -22,7 +22,7 @@ MAX_HALF_WIDTH: Final = (
 MAX_VARIANCE_RATIO: Final = 2.0  # of a slope over a gap to one without a gap
 LEAST_ERROR: Final = 0.02  # of the nominal dry friction, or of friction itself: half of a usual noise; less is no harm
 DOUBT_STDS: Final = 1.0  # of derived friction's noise: an error that is known to this much can be taken out
-OVER_NOISE: Final = 4.0  # standard deviations of the torque's own noise: less is noise of the current
+OVER_NOISE: Final = 4.0  # standard deviations of the torque's own noise, or of derived friction's: less is noise
 FEWEST_DIFFERENCES: Final = 5  # of the torque, that tell its noise
 IN_A_STEP: Final = 4  # fourth differences that a step of the torque is in
 MANY_DIFFERENCES: Final = 13  # so many that those hardly move the median: a window of 17 slots
@@ -145,7 +145,9 @@ def _bridge(speed: FloatArray, result: FloatArray, half: int, period_s: float) -
             result[k] = slope / period_s
 
 
-def rounding_error(speed_rad_s: FloatArray, motor_torque_Nm: FloatArray, wheel: Wheel, windows: int = 1) -> FloatArray:
+def rounding_error(
+    speed_rad_s: FloatArray, motor_torque_Nm: FloatArray, wheel: Wheel, windows: int = 1, *, soft: bool = True
+) -> FloatArray:
     """Return by how much derived friction is wrong where the derivative rounds off a bend of the speed.
 
     The motor's torque steps when a slew begins or ends, and dω/dt with it. The filter's slope does not: it is an
@@ -164,6 +166,8 @@ def rounding_error(speed_rad_s: FloatArray, motor_torque_Nm: FloatArray, wheel: 
     windows
         How many times as wide as the filter's the window is in which the speed must bend: noise in the speed hides
         steps of the torque in a narrow one.
+    soft
+        Whether bends count that no single torque shows, but the parabola through those of the window does.
 
     Returns
     -------
@@ -190,6 +194,7 @@ def rounding_error(speed_rad_s: FloatArray, motor_torque_Nm: FloatArray, wheel: 
         inertia_of(wheel) * float(np.sqrt(taps @ taps)),
         LEAST_ERROR * wheel.nominal.dry_torque_Nm if wheel.nominal else np.nan,
         windows * half,
+        soft,
         error,
     )
     return error
@@ -204,6 +209,7 @@ def _rounding_error(
     noise_gain: float,
     least: float,
     reach: int,
+    soft: bool,
     error: FloatArray,
 ) -> None:
     """Set `error`; `per_torque` is the change of speed in a slot, `noise_gain` that of noise from speed to friction.
@@ -235,7 +241,10 @@ def _rounding_error(
             enough = least
         if abs(off) + doubt <= enough:
             continue
-        sudden = abs(off) > OVER_NOISE * _noise_of(torque[k - half : k + half + 1])
+        noise = _noise_of(torque[k - half : k + half + 1])
+        sudden = abs(off) > OVER_NOISE * noise
+        if not (sudden or soft):
+            continue
         if not sudden:
             # A bend as long as the window shows in a parabola through the torque long before it shows in one sample.
             off, doubt = _error_of_parabola(torque[k - half : k + half + 1], weights)
@@ -252,7 +261,7 @@ def _rounding_error(
         if share <= max(MOVES_THE_ROTOR, CLEAR_STDS * std):
             continue
         known = doubt <= max(enough, DOUBT_STDS * noise_gain * left_over)
-        if sudden and known:
+        if known and abs(off) > OVER_NOISE * max(noise, noise_gain * left_over):
             # Friction may jump while the torque bends smoothly. The speed follows the bend and not the jump: it shows
             # which of both is sudden by what no cubic takes up, the speed under a torque that is a parabola.
             share, std = _share_beside_cubic(bend[: 2 * aside + 1], speed[k - aside : k + aside + 1])
