@@ -167,7 +167,9 @@ def rounding_error(
         How many times as wide as the filter's the window is in which the speed must bend: noise in the speed hides
         steps of the torque in a narrow one.
     soft
-        Whether bends count that no single torque shows, but the parabola through those of the window does.
+        Whether bends count that no single torque shows, but the parabola through those of the window does, and what may
+        be a jump of the friction in such a bend is not known. The search, which sees the whole record, asks polynomials
+        over longer windows instead.
 
     Returns
     -------
@@ -261,7 +263,7 @@ def _rounding_error(
         if share <= max(MOVES_THE_ROTOR, CLEAR_STDS * std):
             continue
         known = doubt <= max(enough, DOUBT_STDS * noise_gain * left_over)
-        if known and abs(off) > OVER_NOISE * max(noise, noise_gain * left_over):
+        if soft and known and abs(off) > OVER_NOISE * max(noise, noise_gain * left_over):
             # Friction may jump while the torque bends smoothly. The speed follows the bend and not the jump: it shows
             # which of both is sudden by what no cubic takes up, the speed under a torque that is a parabola.
             share, std = _share_beside_cubic(bend[: 2 * aside + 1], speed[k - aside : k + aside + 1])
