@@ -108,12 +108,8 @@ def find_discrepancy(
     aside = prepare(_records(held_out_recordings, wheel, delay), wheel) if held_out_recordings else None
     named = delay if delay is not None and delay.slots and not known else None
     # What is left of a delay that is taken out is less than a part of a slot.
-    tried = [effect for effect in candidates(wheel) if delay is None or effect is not DelayTerm]
-    beyond_motion: list[type[MeanEffect]] = []
-    if problem.friction_is_derived and _speed_is_constant(problem):
-        # All that moves the speed is its noise, which is in the friction, too: it would pass for an effect of motion.
-        beyond_motion = [effect for effect in tried if effect.name not in SHOWN_AT_REST]
-        tried = [effect for effect in tried if effect.name in SHOWN_AT_REST]
+    missing = [effect for effect in candidates(wheel) if delay is None or effect is not DelayTerm]
+    tried = [effect for effect in missing if _can_show(problem, effect)]
     problem, found, leftover, complete = _explain(problem, tried, progress)
     progress("noise and jumps")
     cage = cage_bursts(problem, complete) if problem.has_noise else None
@@ -153,15 +149,36 @@ def find_discrepancy(
         scores = (held_out(base, at_base), *scores)
     aside_names = tuple(name for name, _ in held_out_recordings)
     gain = replace(_gain(problem, at_base, found.ladder[-1], scores), held_out=aside_names)
+    not_shown = [effect for effect in missing if effect not in tried]
+    listed = _listed(found, mean, dict(_untested(problem, found, tried, wheel)), not_shown)
+    result = DiscrepancyResult(verdict, effects, leftover, listed, gain)
+    delay_s = -named.slots * wheel.sample_period_s if named is not None else None
+    return Search(wheel, problem, found, scores[-len(found.ladder) :], result, delay_s)
+
+
+def _can_show(problem: Problem, effect: type[MeanEffect]) -> bool:
+    """Return whether the motion can show an effect: at constant speed, friction that is derived shows none of motion.
+
+    All that moves the speed is its noise, which is in the friction, too: it would pass for an effect of motion.
+    """
+    at_rest = problem.friction_is_derived and _speed_is_constant(problem)
+    return not at_rest or effect.name in SHOWN_AT_REST
+
+
+def _listed(
+    found: SearchResult,
+    mean: Sequence[FoundEffect],
+    untested: dict[str, str],
+    not_shown: Sequence[type[MeanEffect]],
+) -> tuple[tuple[str, str], ...]:
+    """Return what is told to be untested: but for what is told beside a name, and with what the motion cannot show."""
     beside = {name for effect in mean for name in effect.equivalent}
-    listed = {k: v for k, v in _untested(problem, found, tried, wheel) if k not in beside}
-    for effect in beyond_motion:
+    listed = {name: missing for name, missing in untested.items() if name not in beside}
+    for effect in not_shown:
         listed.setdefault(effect.name, as_a_part(effect.separate_by))
     if not found.ladder[-1].fit.jumps.size:
         listed |= {term.name: NO_JUMPS for term in JUMP_TERMS if term.name in listed}
-    result = DiscrepancyResult(verdict, effects, leftover, tuple(listed.items()), gain)
-    delay_s = -named.slots * wheel.sample_period_s if named is not None else None
-    return Search(wheel, problem, found, scores[-len(found.ladder) :], result, delay_s)
+    return tuple(listed.items())
 
 
 def candidates(wheel: Wheel) -> list[type[MeanEffect]]:
