@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 from scipy.ndimage import correlate1d
 
-from rwa_monitor.physics.effects.base import Channels, MeanEffect, Memory, Parameter
+from rwa_monitor.physics.effects.base import Channels, Memory, Parameter
 from rwa_monitor.physics.effects.columns import known_or_nan, stack
 from rwa_monitor.physics.effects.current_delay import CurrentDelay
 from rwa_monitor.samples import FloatArray
@@ -23,19 +23,9 @@ SLOPE_REACH: Final = 6  # slots to each side
 LONGEST_PULSE: Final = 3  # slots: a level that lasts no longer, between two others, is a pulse
 
 
-class DelayTerm(MeanEffect):
+class DelayTerm(CurrentDelay):
     """The catalogue's effect, with the side of a jump on which its pulse falls as a shape of the search alone."""
 
-    name = CurrentDelay.name
-    title = CurrentDelay.title
-    formula = CurrentDelay.formula
-    description = CurrentDelay.description
-    signature = CurrentDelay.signature
-    confused_with = CurrentDelay.confused_with
-    separate_by = CurrentDelay.separate_by
-    source = CurrentDelay.source
-    needs = CurrentDelay.needs
-    parity = CurrentDelay.parity
     parameters = (*CurrentDelay.parameters, Parameter(LEAD, "slot", -0.5, 0.5, 0.0, choices=(0.0, -0.5, 0.5)))
 
     @classmethod

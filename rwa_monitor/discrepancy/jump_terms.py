@@ -10,7 +10,7 @@ from typing import ClassVar, Final
 
 import numpy as np
 
-from rwa_monitor.physics.effects.base import Channels, Family, MeanEffect, Memory
+from rwa_monitor.physics.effects.base import Channels, MeanEffect, Memory
 from rwa_monitor.physics.effects.columns import known_or_nan
 from rwa_monitor.physics.effects.decaying_jump import DecayingJump
 from rwa_monitor.physics.effects.resolution import duration, narrowed
@@ -22,11 +22,24 @@ SHORTEST_SLOTS: Final = 20  # of a relaxation: shorter ones are outliers beside 
 LONGEST_SHARE: Final = 0.1  # of the record: longer ones are drifts
 
 
-class _JumpTerm(MeanEffect):
-    """A switching effect as columns; its jumps are those of the dry level."""
+class JumpTerm(MeanEffect):
+    """A switching effect as columns; its jumps are those of the dry level.
+
+    A subclass says which effect it `wraps`, and has its name, its words and its parameters.
+    """
 
     wraps: ClassVar[type[SwitchingEffect]]
+    family = "switching"
     uses_level = True
+
+    def __init_subclass__(cls, wraps: type[SwitchingEffect] | None = None) -> None:
+        """Take what the effect says of itself; a subclass of a subclass has it already."""
+        if wraps is None:
+            return
+        cls.wraps, cls.parameters = wraps, wraps.parameters
+        cls.name, cls.title, cls.formula, cls.description = wraps.name, wraps.title, wraps.formula, wraps.description
+        cls.signature, cls.confused_with = wraps.signature, wraps.confused_with
+        cls.separate_by, cls.source = wraps.separate_by, wraps.source
 
     @classmethod
     def columns(
@@ -48,19 +61,12 @@ class _JumpTerm(MeanEffect):
         return bounds
 
 
-def _term(effect: type[SwitchingEffect]) -> type[_JumpTerm]:
-    family: Family = "switching"
-    shared = ("name", "title", "formula", "description", "signature", "confused_with", "separate_by", "source")
-    return type(
-        effect.__name__ + "Term",
-        (_JumpTerm,),
-        {
-            **{field: getattr(effect, field) for field in shared},
-            "family": family,
-            "parameters": effect.parameters,
-            "wraps": effect,
-        },
-    )
+class DecayingJumpTerm(JumpTerm, wraps=DecayingJump):
+    """`decaying_jump` as a column."""
 
 
-JUMP_TERMS: Final = (_term(DecayingJump), _term(ViscousJump))
+class ViscousJumpTerm(JumpTerm, wraps=ViscousJump):
+    """`viscous_jump` as a column."""
+
+
+JUMP_TERMS: Final = (DecayingJumpTerm, ViscousJumpTerm)

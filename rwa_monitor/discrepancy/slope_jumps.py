@@ -17,10 +17,11 @@ from numba import njit
 
 from rwa_monitor.discrepancy.base_fit import JUMP_PENALTY, Problem, jump_sets, strong_jumps
 from rwa_monitor.discrepancy.gain import held_out
+from rwa_monitor.discrepancy.jump_terms import ViscousJumpTerm
 from rwa_monitor.discrepancy.result import ParameterValue
 from rwa_monitor.discrepancy.search import ACCEPT_GAIN, Model, refit
 from rwa_monitor.discrepancy.terms import Term
-from rwa_monitor.physics.effects.base import Channels, MeanEffect, Memory, Parameter
+from rwa_monitor.physics.effects.base import Channels, Memory, Parameter
 from rwa_monitor.physics.effects.viscous_jump import ViscousJump
 from rwa_monitor.samples import FloatArray, IntArray
 
@@ -31,18 +32,11 @@ MOST_CHANGES: Final = 24  # of slope: more are a law of speed, not jumps
 HELD_OUT_BLOCKS: Final = 41  # so short that each slope is seen in blocks of both parities
 
 
-class SlopeJumps(MeanEffect):
+class SlopeJumps(ViscousJumpTerm):
     """A viscous coefficient of its own in each of some stretches of time: `viscous_jump`, with slopes that are free."""
 
-    name = ViscousJump.name
-    family = "switching"
-    title = ViscousJump.title
-    formula = ViscousJump.formula
-    description = ViscousJump.description
-    signature = ViscousJump.signature
-    confused_with = ViscousJump.confused_with
-    separate_by = ViscousJump.separate_by
-    source = ViscousJump.source
+    uses_level = False
+    parameters = ()
     places: tuple[int, ...] = ()  # joined index at which each stretch begins, but for the first
 
     @classmethod

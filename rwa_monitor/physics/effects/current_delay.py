@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import ClassVar
 
 import numpy as np
 
@@ -30,7 +31,7 @@ class CurrentDelay(MeanEffect):
         "working assumption."
     )
     needs = frozenset({"motor_torque_Nm"})
-    parameters = (Parameter("strength_s", "s", -5.0, 5.0, 0.25, linear=True),)
+    parameters: ClassVar[tuple[Parameter, ...]] = (Parameter("strength_s", "s", -5.0, 5.0, 0.25, linear=True),)
 
     @classmethod
     def columns(
