@@ -10,12 +10,12 @@ the effects lies nearer the file's in the one case, that fitted without them in 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Final, Literal
+from typing import TYPE_CHECKING, Final, Literal
 
 import numpy as np
 
 from rwa_monitor.discrepancy.base_fit import Problem, remove_levels, segment_starts
-from rwa_monitor.discrepancy.find import Search
+from rwa_monitor.discrepancy.result import SimulatedGain
 from rwa_monitor.discrepancy.search import Model
 from rwa_monitor.discrepancy.slope_jumps import SlopeJumps, shared_strength
 from rwa_monitor.discrepancy.uncertainty import spread
@@ -24,6 +24,9 @@ from rwa_monitor.physics.effects.catalogue import CATALOGUE, mean_effects, to_bl
 from rwa_monitor.physics.effects.current_delay import CurrentDelay
 from rwa_monitor.physics.wheel import Nominal, Wheel
 from rwa_monitor.samples import FloatArray
+
+if TYPE_CHECKING:
+    from rwa_monitor.discrepancy.find import Search
 
 Treatment = Literal["kept", "one speed", "shifted", "absent"]
 LOWEST_SHARE: Final = 0.05  # of the samples: the dry friction is the lowest level that lasts, jumps lie above
@@ -38,6 +41,10 @@ COMMENTS: Final[dict[Treatment, str]] = {
 DRIFTS: Final = frozenset({"run_in_drift"})  # effects that change with time alone, as a fault does that grows
 CAUTION: Final = "What an effect here explains is no longer seen as a fault: the records must be of a healthy wheel."
 CAUTION_LOSS: Final = "It does worse than the file without the effects on held-out data: do not use it."
+CAUTION_SIMULATED: Final = (
+    "Simulated on the searched records it does worse than the file without the effects: do not use it."
+)
+NO_FRICTION: Final = "below zero, which dry friction cannot be: the law does not hold near rest"
 CAUTION_DRIFT: Final = (
     "A drift can be the fault itself: do not extend the wheel file while friction moves; compare with the last healthy"
     " windows."
@@ -105,6 +112,11 @@ class Extension:
     is_a_loss: bool = False
 
     @property
+    def simulated(self) -> SimulatedGain:
+        """What the effects gain or lose when the wheel file is simulated, each segment at its own level."""
+        return SimulatedGain(self.rmse_before_Nm, self.rmse_after_Nm)
+
+    @property
     def comment(self) -> str:
         """What was done with the nominal friction, in words."""
         return COMMENTS[self.treatment]
@@ -113,6 +125,7 @@ class Extension:
         """Write the wheel file, with the comment and a warning on top."""
         drifts = any(block.name in DRIFTS for block in self.wheel.effect)
         caution = f"{CAUTION} {CAUTION_DRIFT}" if drifts else CAUTION
+        caution = f"{CAUTION_SIMULATED}\n# {caution}" if self.simulated.is_a_loss else caution
         caution = f"{CAUTION_LOSS}\n# {caution}" if self.is_a_loss else caution
         return f"# In [nominal], {self.comment}.\n# {caution}\n{self.wheel.to_toml()}"
 
@@ -178,7 +191,8 @@ def laws_in_words(extension: Extension) -> list[str]:
     """Return what became of the base law, and the check of the extended file on the records' own speed, a line each."""
     before, after = extension.before, extension.after
     if after.one_speed_rad_s is None:
-        dry = f"dry {before.dry_Nm:.4g} → {after.dry_Nm:.4g} N m (lowest lasting level)"
+        impossible = f"; {NO_FRICTION}" if min(before.dry_Nm, after.dry_Nm) < 0 else ""
+        dry = f"dry {before.dry_Nm:.4g} → {after.dry_Nm:.4g} N m (lowest lasting level{impossible})"
         law = f"{dry}, viscous {_with_std(before)} → {_with_std(after)} N m s/rad"
     else:
         law = (
@@ -186,6 +200,8 @@ def laws_in_words(extension: Extension) -> list[str]:
             " dry and how much viscous is not known at one speed"
         )
     check = f"RMSE {extension.rmse_before_Nm:.4g} → {extension.rmse_after_Nm:.4g} N m with the effects"
+    if extension.simulated.is_a_loss and extension.wheel.effect:
+        check += " (does not hold when simulated)"
     if not extension.wheel.fss and np.isfinite(extension.rmse_simulated_Nm):
         check += f", at the file's own dry friction {extension.rmse_simulated_Nm:.4g} N m"
     return [

@@ -14,6 +14,7 @@ from rwa_monitor.discrepancy.angle_drift import with_angle_drift
 from rwa_monitor.discrepancy.base_fit import Problem, fit, make_problem, with_noise_of
 from rwa_monitor.discrepancy.cage import cage_bursts
 from rwa_monitor.discrepancy.delay_term import DelayTerm
+from rwa_monitor.discrepancy.extended import extend
 from rwa_monitor.discrepancy.gain import HeldOut, held_out, holds_out, on_other_recordings
 from rwa_monitor.discrepancy.jump_terms import JUMP_TERMS
 from rwa_monitor.discrepancy.mapper import Mapper, in_turn
@@ -153,7 +154,16 @@ def find_discrepancy(
     listed = _listed(found, mean, dict(_untested(problem, found, tried, wheel)), not_shown)
     result = DiscrepancyResult(verdict, effects, leftover, listed, gain)
     delay_s = -named.slots * wheel.sample_period_s if named is not None else None
-    return Search(wheel, problem, found, scores[-len(found.ladder) :], result, delay_s)
+    return _with_simulated(Search(wheel, problem, found, scores[-len(found.ladder) :], result, delay_s))
+
+
+def _with_simulated(search: Search) -> Search:
+    """Add what the wheel file says of the records when it is simulated with the effects that were found."""
+    gain = search.result.gain
+    if gain is None or not search.extended.terms:
+        return search
+    gain = replace(gain, simulated=extend(search).simulated)
+    return replace(search, result=replace(search.result, gain=gain))
 
 
 def _can_show(problem: Problem, effect: type[MeanEffect]) -> bool:

@@ -50,8 +50,8 @@ class Plan:
 def plan(search: Search) -> Plan:
     """Rank the manoeuvres by what they would tell of the questions that are open.
 
-    First the causes that the data cannot tell apart; else an effect that is not beyond doubt; else the effects that the
-    data could not test.
+    First the causes that the data cannot tell apart; else an effect that is not beyond doubt; else, or where no
+    manoeuvre would confirm that, the effects that the data could not test.
     """
     advice = [] if search.result.unexplained is None else [_shown_by(search.result.unexplained)]
     mean = [effect for effect in search.result.effects if effect.name in MEAN_EFFECTS]
@@ -69,7 +69,8 @@ def plan(search: Search) -> Plan:
             would = dict.fromkeys(CATALOGUE[name].separate_by for name in causes)
             none = "none of these" if manoeuvres else "no manoeuvre of the library"
             advice.append(f"{none} would {question}; what would: {' '.join(would)}")
-        return Plan(question, manoeuvres, advice)
+        if manoeuvres or sets:
+            return Plan(question, manoeuvres, advice)
     untested = [name for name, _ in search.result.untested if name in MEAN_EFFECTS]
     # A manoeuvre does not measure what no channel measures.
     channels = not_testable(search.problem, CANDIDATES, search.result.untested)

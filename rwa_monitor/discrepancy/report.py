@@ -40,6 +40,9 @@ def sentence(result: DiscrepancyResult) -> str:
             + (" (what is named here may stand in for it)" if parts else "")
         )
     lacks = f"The simulation lacks {'; and '.join(parts)}."
+    simulated = result.gain.simulated if result.gain is not None else None
+    if simulated is not None and simulated.is_a_loss:
+        lacks += f" What was found {simulated.in_words()}."
     if result.gain is not None and result.gain.is_a_loss:
         return f"{_loss_in_words(result, result.gain)} {lacks}"
     if result.gain is not None and result.gain.only_by_fewer_jumps:

@@ -112,11 +112,33 @@ class DiagnosisGain:
 
 
 @dataclass(frozen=True, slots=True)
+class SimulatedGain:
+    """RMSE [N m] of the wheel file simulated on the searched records, without the effects found and with them."""
+
+    rmse_base_Nm: float
+    rmse_extended_Nm: float
+
+    @property
+    def is_a_loss(self) -> bool:
+        """Say whether the simulation is worse with the effects."""
+        return self.rmse_extended_Nm > (1.0 + TOLERATED_RISE) * self.rmse_base_Nm
+
+    def in_words(self) -> str:
+        """Say what does not hold, in plain words; nothing where it does."""
+        if not self.is_a_loss:
+            return ""
+        return (
+            f"does not hold when simulated: on these records the RMSE of the wheel file goes from"
+            f" {self.rmse_base_Nm:.4g} to {self.rmse_extended_Nm:.4g} N m with it; do not extend the wheel file by it"
+        )
+
+
+@dataclass(frozen=True, slots=True)
 class Gain:
     """What the extension gains; RMSE and log score on held-out data, equal where the base model is adequate.
 
     `held_out` names the recordings that RMSE and log score are of; where it is empty, held-out blocks of the searched
-    recordings.
+    recordings. `simulated` is of the wheel file with the effects, simulated on the searched records; None without any.
     """
 
     rmse_base_Nm: float
@@ -127,6 +149,7 @@ class Gain:
     changepoints_base: int
     changepoints_extended: int
     diagnosis: DiagnosisGain | None = None
+    simulated: SimulatedGain | None = None
     held_out: tuple[str, ...] = ()
 
     @property
@@ -191,6 +214,13 @@ class DiscrepancyResult:
                         "false_changepoints": rates.false_changepoints,
                     }
                     for when, rates in (("before", gain.diagnosis.before), ("after", gain.diagnosis.after))
+                },
+                "simulated": None
+                if gain.simulated is None
+                else {
+                    "rmse_base_Nm": gain.simulated.rmse_base_Nm,
+                    "rmse_extended_Nm": gain.simulated.rmse_extended_Nm,
+                    "note": gain.simulated.in_words(),
                 },
                 "held_out": list(gain.held_out),
             },

@@ -22,6 +22,9 @@ from rwa_monitor.physics.effects.wrong_duration_law import FEWEST_SOJOURNS
 from rwa_monitor.physics.wheel import Wheel
 
 TOO_LARGE: Final = 0.3  # of the RMS of all friction: an effect that must be larger to show has not been tested
+# Of the RMS of the friction where it acts: what acts in a few samples has a small RMS however large it is there, as
+# drag near zero speed where the wheel hurries through. Static friction of twice the dry is the most that bearings show.
+TOO_LARGE_AT_PEAK: Final = 1.0
 
 FRICTION_NOT_DERIVED: Final = "motor_current_A instead of friction_torque_Nm"
 NO_SYSTEMS: Final = "fss: the switching systems in the wheel file"
@@ -39,6 +42,8 @@ class Detectable:
         The strength; NaN where no strength would show.
     share
         RMS of its torque over that of all friction [-].
+    peak_share
+        Its largest torque over the RMS of the friction where it acts [-].
     too_weak
         True where that is more than can be expected.
     """
@@ -48,6 +53,7 @@ class Detectable:
     strength: float
     unit: str
     share: float
+    peak_share: float
     too_weak: bool
 
     def in_words(self) -> str:
@@ -78,8 +84,12 @@ def detectable_strengths(problem: Problem, model: Model, effects: Sequence[type[
         beyond = not visible or strength > max(float(term.high[0]), -float(term.low[0]))
         parameter = effect.strength_parameters()[0]
         # A column that follows the level is in proportion to friction itself: its bounds say what is likely.
-        large = share > TOO_LARGE and not depends_on_level(effect)
-        found.append(Detectable(effect.name, parameter.name, strength, parameter.unit, share, beyond or large))
+        # A strength in N m is what the effect reaches in a motion that shows it whole.
+        peak = strength * max(float(np.max(np.abs(column))), 1.0 if parameter.unit == "N m" else 0.0)
+        there = float(np.sqrt(column**2 @ problem.z**2 / max(float(column @ column), np.finfo(np.float64).tiny)))
+        peak = peak / there if there > 0 else np.inf
+        large = (share > TOO_LARGE or peak > TOO_LARGE_AT_PEAK) and not depends_on_level(effect)
+        found.append(Detectable(effect.name, parameter.name, strength, parameter.unit, share, peak, beyond or large))
     return found
 
 
@@ -91,7 +101,8 @@ def too_weak_to_show(problem: Problem, model: Model, effects: Sequence[type[Mean
             entry.name,
             f"{as_a_part(separate_by[entry.name])}; here it would show only from {entry.parameter} = "
             + entry.in_words()
-            + f" on, {entry.share:.0%} of all friction",
+            + f" on, {entry.share:.0%} of all friction"
+            + (f", {entry.peak_share:.0%} of what there is where it acts" if entry.share <= TOO_LARGE else ""),
         )
         for entry in detectable_strengths(problem, model, effects)
         if entry.too_weak and np.isfinite(entry.strength)

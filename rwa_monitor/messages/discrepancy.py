@@ -59,6 +59,14 @@ class DiagnosisGain(Message):
     after: DiagnosisQuality
 
 
+class SimulatedGain(Message):
+    """RMSE of the wheel file simulated on the searched records without and with the effects; `note` if it is worse."""
+
+    rmse_base_Nm: Number
+    rmse_extended_Nm: Number
+    note: str = ""
+
+
 class Gain(Message):
     """What the effects found are worth on held-out data: recordings named, or blocks of the searched ones."""
 
@@ -70,6 +78,7 @@ class Gain(Message):
     changepoints_base: Count
     changepoints_extended: Count
     diagnosis: DiagnosisGain | None
+    simulated: SimulatedGain | None = None
     held_out: list[str] = Field(default=[])
 
 

@@ -7,11 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rwa_monitor.discrepancy.extended import extend
+from rwa_monitor.discrepancy.extended import extend, laws_in_words
 from rwa_monitor.discrepancy.find import Search, find_discrepancy, prepare
 from rwa_monitor.discrepancy.gain import HeldOut, on_other_recordings
 from rwa_monitor.discrepancy.record import make_record
 from rwa_monitor.discrepancy.report import html, sentence
+from rwa_monitor.discrepancy.result import SimulatedGain
 from rwa_monitor.samples import Samples
 from tests.discrepancy.simple import NOISE_NM, WHEEL, Array, record, swing
 
@@ -121,3 +122,26 @@ def test_error_that_does_not_fall_is_said(found: Search) -> None:
     assert gain is not None
     same = replace(gain, rmse_extended_Nm=1.001 * gain.rmse_base_Nm)
     assert "leaves no less error" in sentence(replace(found.result, gain=same))
+
+
+def test_an_extension_that_does_worse_when_simulated_is_said_everywhere(found: Search) -> None:
+    gain = found.result.gain
+    assert gain is not None
+    assert gain.simulated is not None
+    assert not gain.simulated.is_a_loss
+    assert "does not hold" not in sentence(found.result)
+    worse = replace(found.result, gain=replace(gain, simulated=SimulatedGain(5.5e-5, 8.8e-5)))
+    for words in (sentence(worse), worse.to_json()["gain"]["simulated"]["note"]):
+        assert "does not hold when simulated" in words
+        assert "from 5.5e-05 to 8.8e-05 N m" in words
+    assert "does not hold when simulated" in html(replace(found, result=worse), ["searched"])
+    extension = replace(extend(found), rmse_before_Nm=5.5e-5, rmse_after_Nm=8.8e-5)
+    assert any("does not hold when simulated" in line for line in laws_in_words(extension))
+    assert "does worse" in extension.to_toml()
+
+
+def test_dry_friction_below_zero_is_said_to_be_none(found: Search) -> None:
+    extension = extend(found)
+    below = replace(extension, after=replace(extension.after, dry_Nm=-1e-3))
+    assert "cannot be" in laws_in_words(below)[0]
+    assert "cannot be" not in laws_in_words(extension)[0]

@@ -9,7 +9,7 @@ from rwa_monitor.discrepancy.find import CANDIDATES, Search, find_discrepancy
 from rwa_monitor.discrepancy.next_flight import TELLS_NOTHING, plan
 from rwa_monitor.discrepancy.report import absent_effects, html, sentence
 from rwa_monitor.discrepancy.untested import detectable_strengths, not_testable
-from tests.discrepancy.simple import PERIOD_S, WHEEL, record, swing
+from tests.discrepancy.simple import DRY_NM, PERIOD_S, WHEEL, record, swing
 
 COUNT = 3000
 
@@ -74,3 +74,13 @@ def test_a_plan_promises_nothing_that_needs_a_channel() -> None:
     rates = [(len(entry.shows) / entry.duration_s, entry.nats_per_hour) for entry in planned.manoeuvres]
     assert rates == sorted(rates, reverse=True)
     assert min(entry.separation for entry in planned.manoeuvres) >= TELLS_NOTHING
+
+
+def test_an_effect_of_few_samples_is_judged_where_it_acts() -> None:
+    # Zero speed is hurried through: a drag near rest acts in a few samples, and must be huge there to show.
+    speed = 250.0 * np.clip(4.0 * np.sin(2 * np.pi * np.arange(COUNT) * PERIOD_S / 60.0 + 0.3), -1.0, 1.0)
+    noise = np.random.default_rng(53000).normal(0.0, 2.0 * DRY_NM, COUNT)
+    found = find_discrepancy([("record", record(speed, jumps=(), noise=noise)[0])], WHEEL)
+    assert "of what there is where it acts" in dict(found.result.untested)["stribeck"]
+    assert "stribeck" not in {entry.name for entry in absent_effects(found)}
+    assert any("stribeck" in entry.shows for entry in plan(found).manoeuvres)
