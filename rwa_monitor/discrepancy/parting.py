@@ -197,7 +197,7 @@ def _closed(one: Stays) -> Iterator[tuple[float, float]]:
     """Yield size [N m] and slots of jumps up and of those that undo them, the nearest in time."""
     size, std = np.diff(one.level), np.hypot(one.std[1:], one.std[:-1])
     free = np.ones(size.size, dtype=bool)
-    for up in np.flatnonzero(size > 0):
+    for up in np.flatnonzero(size > 0).tolist():
         after = np.arange(up + 1, min(up + 1 + VISIT_JUMPS, size.size))
         undone = after[free[after] & (np.abs(size[after] + size[up]) < CLOSED_WITHIN * np.hypot(std[after], std[up]))]
         if undone.size:
