@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from itertools import combinations
 from typing import Final
 
 import numpy as np
-from scipy import special
 
 from rwa_monitor.discrepancy.base_fit import Problem
-from rwa_monitor.discrepancy.parting import TIERS, Parted
+from rwa_monitor.discrepancy.parting import MOST_CONFUSED, TIERS, Parted, confused_share
 from rwa_monitor.errors import InputError
 from rwa_monitor.physics.wheel import SwitchingSystem
 from rwa_monitor.samples import FloatArray, IntArray
@@ -24,9 +24,6 @@ DRIFT_VISIBLE_AT: Final = 6.0  # standard deviations of a drift below which noth
 LARGEST_DRIFT: Final = 0.02
 MOST_SYSTEMS: Final = max(len(counts) for tier in TIERS for counts in tier)
 MOST_ODD: Final = 0.1  # of the stays, that fit no system: more are no accident
-# Of the visits, that may be another system's. Halves of one Gaussian lot, parted at its middle and taken for two, have
-# 0.09; one visit in twenty shifts the median of a law by less than the sampling error of a hundred.
-MOST_CONFUSED: Final = 0.05
 SURE_BY: Final = 3.0  # log-likelihood by which one description must beat the next: odds of 20
 MOST_TIMES: Final = 10.0  # as many recordings, where two descriptions hardly differ
 
@@ -126,7 +123,10 @@ def check_told_apart(parted: Parted, base: float, hours: float) -> None:
         )
     counts = parted.chains.counts
     for i, j in combinations(range(len(counts)), 2):
-        if counts[i] == counts[j] == 2 and (share := confused_share(parted, i, j)) > MOST_CONFUSED:
+        if (
+            counts[i] == counts[j] == 2
+            and (share := confused_share(parted.chains, parted.visits, i, j)) > MOST_CONFUSED
+        ):
             sizes = " and ".join(f"{parted.chains.size[k, 1] / base:.2g}" for k in (i, j))
             raise InputError(
                 "identify",
@@ -135,8 +135,9 @@ def check_told_apart(parted: Parted, base: float, hours: float) -> None:
                 f" {100.0 * share:.0f} % of the visits may be of the other. More recordings would not help: write the"
                 " systems with their duration laws into the wheel file ([[fss]])",
             )
-    for rival, worse in parted.rivals[:1]:
-        if worse < SURE_BY:
+    for rival, worse in parted.rivals:
+        # A system more that is not worth its parameters is no rival.
+        if worse < SURE_BY and Counter(counts) - Counter(rival):
             times = int(np.ceil(SURE_BY / max(worse, SURE_BY / MOST_TIMES)))
             raise InputError(
                 "identify",
@@ -144,26 +145,6 @@ def check_told_apart(parted: Parted, base: float, hours: float) -> None:
                 f" (log-likelihoods differ by {worse:.1f} of the {SURE_BY:.0f} needed): give about {times} times as"
                 f" many recordings, {times * hours:.2g} h in all, or write the systems into the wheel file ([[fss]])",
             )
-
-
-def confused_share(parted: Parted, i: int, j: int) -> float:
-    """Return the share of the visits of two systems of two configurations that may be the other's.
-
-    The mean probability, by size and duration, that a visit belongs to the other of the two.
-    """
-    chains, doubt = parted.chains, []
-    for own in (i, j):
-        for visit in parted.visits[own]:
-            if visit.configuration == 1:
-                worth = []
-                for k in (i, j):
-                    width = float(np.hypot(chains.spread[k, 1], visit.std))
-                    size = (visit.friction - chains.size[k, 1]) / width
-                    slots = (np.log(visit.slots) - chains.mu[k, 1]) / chains.sigma[k, 1]
-                    count = sum(1 for other in parted.visits[k] if other.configuration == 1)
-                    worth.append(np.log(count / (width * chains.sigma[k, 1])) - 0.5 * (size**2 + slots**2))
-                doubt.append(1.0 - float(special.softmax(worth)[(i, j).index(own)]))
-    return float(np.mean(doubt))
 
 
 def _in_words(counts: tuple[int, ...]) -> str:

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from rwa_monitor.discrepancy.chain_decoding import Chains, Stays, decode
-from rwa_monitor.discrepancy.identification_doubts import check_told_apart, confused_share
-from rwa_monitor.discrepancy.parting import Parted, part
+from rwa_monitor.discrepancy.identification_doubts import check_told_apart
+from rwa_monitor.discrepancy.parting import Parted, confused_share, part
 from rwa_monitor.errors import InputError
 from rwa_monitor.samples import FloatArray, IntArray
 
@@ -106,7 +106,11 @@ def test_visits_that_durations_alone_tell_apart_are_hardly_confused() -> None:
     # Of one size; visits a factor of 40 apart, 9 standard deviations.
     found = parted([pair(9000, 100, 0.5, 0.5, 0.4), pair(9000, 4000, 0.5, 0.5, 0.4)], 50_620)
     assert found.chains.counts == (2, 2)
-    assert confused_share(found, 0, 1) < 0.01
+    assert confused_share(found.chains, found.visits, 0, 1) < 0.01
+
+
+def test_many_visits_of_one_system_are_not_parted_in_halves() -> None:
+    assert parted([pair(3000, 400, 0.3, 0.5)], 50_660, count=20).chains.counts == (2,)
 
 
 def known(systems: list[Truth]) -> Chains:
