@@ -198,18 +198,24 @@ def _wheel(wheel_file: Path | None) -> str:
 
 def _model(model_file: Path | None, wheel_file: Path | None) -> str:
     """Check that the model can be used, and with this wheel."""
+    from rwa_monitor.diagnosis.model import models_for
     from rwa_monitor.formats.model_file import read_model
     from rwa_monitor.formats.wheel_file import read_wheel
 
     model, wheel = read_model(model_file), read_wheel(wheel_file)
-    known = {anomaly.name for anomaly in model.anomalies}
-    unknown = [name for name in wheel.anomalies if name not in known]
-    taught = f"{', '.join(sorted(known))}, from {model.trained.windows} windows ({model.trained.source})"
-    return taught + (
-        f"; knows nothing of this wheel's {', '.join(unknown)}, which are not judged: rwa-monitor train"
-        if unknown
-        else ""
-    )
+    taught = [anomaly.name for anomaly in model.anomalies]
+    told = f"{', '.join(sorted(taught))}, from {model.trained.windows} windows ({model.trained.source})"
+    unknown, stated = [], []
+    for name, known in zip(wheel.anomalies, models_for(wheel, model), strict=True):
+        if known is None or not known.knows_friction:
+            unknown.append(name)
+        elif known is not model.anomaly(name):
+            stated.append(name)
+    if stated:
+        told += f"; knows no anomaly of this wheel's {', '.join(stated)}: judged by the wheel file's healthy friction"
+    if unknown:
+        told += f"; nothing says what this wheel's healthy {', '.join(unknown)} is: not judged, rwa-monitor identify"
+    return told
 
 
 def _bus(bus: BusOptions) -> str:

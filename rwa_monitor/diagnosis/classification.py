@@ -18,7 +18,7 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Final, TypeGuard
 
 import numpy as np
 from scipy import special
@@ -56,6 +56,8 @@ class Judged:
         Whether what was seen is unlike everything learned, nominal or anomalous.
     leans
         Whether the window alone does not show it and earlier windows do.
+    known
+        Whether anything was learned or stated of it; otherwise it is not judged.
     """
 
     name: str
@@ -64,6 +66,7 @@ class Judged:
     telling: bool
     unlike: bool
     leans: bool = False
+    known: bool = True
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,8 +115,12 @@ def _as_told(features: Features) -> tuple[IntArray, ...]:
 
 def unjudged(features: Features, names: Sequence[str]) -> Judgement:
     """Return the judgement where nothing is known: neither active nor not."""
-    judged = tuple(Judged(name, UNKNOWN, active=False, telling=False, unlike=False) for name in names)
-    return Judgement(judged, features, {}, _as_told(features))
+    return Judgement(tuple(_not_judged(name) for name in names), features, {}, _as_told(features))
+
+
+def _not_judged(name: str) -> Judged:
+    """Return the judgement on an anomaly of which nothing is known: neither active nor not."""
+    return Judged(name, UNKNOWN, active=False, telling=False, unlike=False, known=False)
 
 
 # ---- the paper -------------------------------------------------------------------------------------------------------
@@ -227,16 +234,22 @@ def classify(
         base = base and base.believed(shift.held_after(posterior, number))
 
     judged, to_carry = [], {}
-    for a, name in enumerate(names):
+    for a, (name, learned) in enumerate(zip(names, models, strict=True)):
+        if not _knows(learned):
+            judged.append(_not_judged(name))
+            continue
         # Shares that add up to one do so to the last digit only: 1 + 2e-16 would be refused as a probability.
         probability = min(1.0, float(posterior[combinations[:, a]].sum()))
         before = float(prior[combinations[:, a]].sum())
-        telling, unlike = _quality(features, models[a], a)
+        telling, unlike = _quality(features, learned, a)
         leans = a == 1 and history.viscous is not None and history.viscous.leans(features.viscous_std)
         judged.append(
             Judged(name, probability, active=probability > 0.5, telling=telling or leans, unlike=unlike, leans=leans)
         )
-        gained = 0.0 if _says_the_same(features, a) else new_share * (_logit(probability) - _logit(before))
+        # A coefficient that the window hardly measures is drawn to the same side of doubt by each window like it.
+        hardly = a < 2 and not telling and (a == 1 or shift is None)
+        repeated = hardly or _says_the_same(features, a)
+        gained = 0.0 if repeated else new_share * (_logit(probability) - _logit(before))
         to_carry[name] = float(special.expit(_logit(before) + gained))
     viscous = history.viscous.after(features.viscous, features.viscous_std) if history.viscous else None
     return Judgement(tuple(judged), features, to_carry, configurations, (base, viscous))
@@ -294,7 +307,7 @@ def _log_likelihood(
     unrested = [
         (s, learned)
         for s, (system, learned) in enumerate(zip(features.systems, models[2:], strict=True))
-        if not system.rests and learned is not None and learned.knows_friction
+        if not system.rests and _knows(learned)
     ]
     log_likelihood = np.zeros(len(combinations))
     for a, rows in enumerate(_evidence_alone(features, models, history, dry_too=not unrested)):
@@ -391,9 +404,14 @@ def _told_before(
     return {a: min(max(p, LEAST_PRIOR), 1.0 - LEAST_PRIOR) for a, p in told.items()}
 
 
+def _knows(model: AnomalyModel | None) -> TypeGuard[AnomalyModel]:
+    """Say whether anything is known of an anomaly's friction, learned or stated by the wheel file."""
+    return model is not None and model.knows_friction
+
+
 def _quality(features: Features, model: AnomalyModel | None, a: int) -> tuple[bool, bool]:
     """Return whether the window can show an anomaly, and whether what it shows is unlike everything learned."""
-    if model is None or not model.knows_friction:
+    if not _knows(model):
         return False, False
     if a < 2:
         value, std = ((features.base_dry, features.base_dry_std), (features.viscous, features.viscous_std))[a]

@@ -116,6 +116,11 @@ def reason_silent(silent: Sequence[str], anomalies: int, lacking: str) -> str:
     return f"Nothing else is anomalous, but the window does not show {listed(silent)}{lacking}."
 
 
+def reason_unknown(unknown: Sequence[str], lacking: str) -> str:
+    """Return the reason of a verdict kept open by parts of which nothing says what they are when healthy."""
+    return f"Nothing else is anomalous, but nothing says how large healthy {listed(unknown)} is{lacking}."
+
+
 def _leaning(names: Sequence[str]) -> str:
     """Return the end of a reason, on what earlier windows show and this one does not; "" for nothing."""
     return f"; this window alone does not show {listed(names)}, earlier windows do" if names else ""

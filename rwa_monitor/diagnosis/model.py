@@ -105,6 +105,16 @@ class Levels(Strict):
         """Upper bound of nominal values."""
         return self.nominal.high + 2.0 * self.nominal.soft
 
+    @property
+    def severity_unit(self) -> float | None:
+        """How far above the nominal bound severity 1 lies; None where what was learned does not lie above it.
+
+        At the median of the learned anomaly; where none was learned, at the scale on which anomalies are looked for.
+        """
+        if self.median is None:
+            return self.reach
+        return self.median - self.nominal_high if self.median > self.nominal_high else None
+
 
 class LinearSvm(Strict):
     """The paper's classifier: sign(w·z + b) with z the standardised value, or the histogram of a system's friction.

@@ -54,8 +54,8 @@ def anomaly_of(
             return AnomalyDiagnosis(judged.name, judged.active, judged.probability, 0.0, 1.0, 0.0, 0.0, 0.0, name)
         levels = model.levels[q] if model else None
     severity = severity_std = None
-    if levels is not None and levels.median is not None and levels.median > levels.nominal_high:
-        width = levels.median - levels.nominal_high
+    width = None if levels is None else levels.severity_unit
+    if levels is not None and width is not None:
         severity = _finite(max(0.0, (value - levels.nominal_high) / width))
         severity_std = _finite(std / width)
     return AnomalyDiagnosis(

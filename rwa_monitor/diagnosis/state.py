@@ -243,8 +243,12 @@ def rate_after_change(probability: float, rate: float) -> float:
 
 
 def probability_before(probability: float, rate: float) -> float:
-    """Return the probability of an anomaly before a window, that after the last one and its rate being given."""
-    return probability + CHANGE_PER_WINDOW * (rate_after_change(probability, rate) - probability)
+    """Return the probability of an anomaly before a window, that after the last one and its rate being given.
+
+    Time alone brings it to the rate at most: a hundred windows that show nothing must not add up to an anomaly.
+    """
+    changed = probability + CHANGE_PER_WINDOW * (rate_after_change(probability, rate) - probability)
+    return min(changed, max(probability, rate))
 
 
 def follow(before: Tracked | None, value: float, std: float, *, known: bool) -> Tracked | None:

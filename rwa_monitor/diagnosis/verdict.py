@@ -73,7 +73,7 @@ def verdict_of(
         lacking = " while friction jumps and the wheel file names no switching system ([[fss]])"
     for anomaly, entry, doubtful in zip(anomalies, judged, open_to_doubt, strict=True):
         what = explanation.title(entry.name)
-        if _rested(anomaly):
+        if _rested(anomaly) or not entry.known:
             continue
         if low < entry.probability and (entry.probability < high or doubtful):
             return "inconclusive", (
@@ -91,12 +91,12 @@ def verdict_of(
     for anomaly, std in zip(anomalies, shown.deviations, strict=True):
         if case.method == "joint" and _outside(anomaly, std, adequate=fits.adequate):
             return "inconclusive", explanation.reason_outside(anomaly, lacking, below=_below(anomaly))
-    silent = [entry.name for entry in judged if not entry.telling]
+    silent = [entry.name for entry in judged if entry.known and not entry.telling]
     if silent:
-        return (
-            "inconclusive",
-            explanation.reason_silent(silent, len(judged), lacking),
-        )
+        return "inconclusive", explanation.reason_silent(silent, len(judged), lacking)
+    unknown = [entry.name for entry in judged if not entry.known]
+    if unknown:
+        return "inconclusive", explanation.reason_unknown(unknown, lacking)
     whole = case.wheel.window.samples
     if case.evidence.used < MIN_SHARE * whole:
         return "inconclusive", (
@@ -134,6 +134,8 @@ def remedy_of(case: Case, anomalies: Sequence[AnomalyDiagnosis], shown: Shown, *
         return "Learn its switching systems from longer recordings with rwa-monitor identify: waiting does not help."
     if adequate and any(_below(anomaly) and not anomaly.active for anomaly in anomalies[:2]):
         return "Friction hardly falls below nominal: check units, sign and the wheel file before the wheel."
+    if case.model is not None and any(anomaly.nominal_low is None for anomaly in anomalies):
+        return "State it in the wheel file, or learn it with rwa-monitor identify: waiting does not help."
     return ""
 
 

@@ -172,6 +172,27 @@ def test_ruling_out_one_anomaly_window_after_window_does_not_speak_for_another()
         carried = carried.model_copy(update={"probability": after})
 
 
+@pytest.mark.parametrize("probability", [0.0, 0.1, 0.44, 0.6, 0.99])
+def test_time_alone_makes_no_anomaly(probability: float) -> None:
+    later = probability
+    for _ in range(1000):
+        later = probability_before(later, 0.44)
+    assert later <= max(probability, 0.44)
+
+
+@pytest.mark.parametrize(("name", "change"), [("dry", {"base_dry": 1.3}), ("viscous", {"viscous": 1.1})])
+def test_a_coefficient_that_no_window_measures_well_does_not_add_up(name: str, change: dict[str, float]) -> None:
+    """Its estimate is drawn to the same side each time: by friction without a name, by a speed that hardly moves."""
+    seen = replace(features(), **change, **{f"{'base_' if name == 'dry' else ''}{name}_std": 1.0})
+    carried, found = EMPTY, []
+    for _ in range(50):
+        judgement = classify(seen, MODELS, NAMES, MODEL, carried)
+        found.append(next(entry.probability for entry in judgement.anomalies if entry.name == name))
+        carried = carried.model_copy(update={"probability": judgement.to_carry})
+    assert max(found) == found[0] < 0.5  # the first knows nothing yet of the others, which are healthy
+    assert found[-1] <= found[1] + 0.02
+
+
 def test_overlapping_windows_do_not_count_their_evidence_twice() -> None:
     seen = features(viscous=1.08, std=0.02)
     carried = {
@@ -227,8 +248,10 @@ def test_densities_are_finite_everywhere(value: float, std: float) -> None:
 def test_no_model_leaves_an_anomaly_untold() -> None:
     models = [*MODELS[:3], None]
     entry = classify(features(factor_2=3.0), models, NAMES, MODEL, EMPTY).anomalies[3]
+    assert not entry.known
     assert not entry.telling
     assert not entry.active
+    assert entry.probability == 0.5
     paper = classify_as_paper(features(factor_2=3.0), models, NAMES).anomalies[3]
     assert not paper.telling
 

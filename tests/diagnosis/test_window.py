@@ -22,9 +22,13 @@ MODEL = built_in_model()
 EMPTY = CarriedState.empty()
 
 
-def telemetry(seed: int, wheel: Wheel | None = None, **factors: float) -> tuple[FloatArray, FloatArray]:
-    """Speed and friction torque of one window with anomalies by factor."""
-    scenario = Scenario(anomalies={name: Anomaly(factor=factor) for name, factor in factors.items()})
+def telemetry(
+    seed: int, wheel: Wheel | None = None, duration_s: float = 10_000.0, **factors: float
+) -> tuple[FloatArray, FloatArray]:
+    """Speed and friction torque of one window, unless it is to be longer, with anomalies by factor."""
+    scenario = Scenario(
+        duration_s=duration_s, anomalies={name: Anomaly(factor=factor) for name, factor in factors.items()}
+    )
     samples = simulate(scenario, wheel or built_in_wheel(), np.random.default_rng(seed)).samples
     assert samples.friction_torque_Nm is not None
     return samples.speed_rad_s, samples.friction_torque_Nm
@@ -238,7 +242,50 @@ def test_an_unknown_system_is_judged_by_the_wheel_file() -> None:
     ill, _ = diagnose(*telemetry(15, wheel, cage=1.8), wheel=wheel)
     assert healthy.verdict == "nominal"
     assert active(ill) == {"cage"}
-    assert ill.anomaly("cage").severity is None  # nothing was learned to compare with
+    cage = ill.anomaly("cage")
+    assert cage.estimate is not None
+    assert cage.nominal_high is not None
+    # Nothing was learned to compare with: 1 lies 40 % of the healthy friction above its bound, 1.6 mN m in the middle.
+    assert cage.severity == pytest.approx((cage.estimate - cage.nominal_high) / (0.4 * 1.6e-3), rel=1e-6)
+
+
+CAGE = """
+[wheel]
+name = "short windows"
+sample_period_s = 0.125
+[nominal]
+dry_torque_Nm = 1.6e-3
+viscous_Nm_s_rad = 5.333e-6
+nominal_speed_rad_s = 300.0
+[noise]
+friction_std_Nm = 3.9e-5
+[window]
+samples = 4000
+[[fss]]
+name = "cage"
+durations = [{ law = "uniform", low = 400, high = 1200 }, { law = "uniform", low = 60, high = 200 }]
+friction = [{ low = 0.0, high = 0.0 }, { low = 0.3, high = 0.6 }]
+"""
+
+
+@pytest.mark.parametrize("stated", [True, False])
+def test_a_healthy_system_of_unknown_friction_stays_unjudged_however_long(stated: bool) -> None:
+    """Thirty windows: what none of them shows does not add up to an anomaly."""
+    truth = Wheel.from_toml(CAGE, "truth")
+    wheel = truth if stated else Wheel.from_toml("\n".join(CAGE.splitlines()[:-1]), "told")
+    speed, torque = telemetry(21, truth, 30 * 4000 * 0.125)
+    state, seen = EMPTY, []
+    for first in range(0, speed.size, 4000):
+        part = slice(first, first + 4000)
+        diagnosis, state = diagnose(speed[part], torque[part], wheel=wheel, carried=state)
+        seen.append(diagnosis)
+    assert {one.verdict for one in seen} == {"nominal" if stated else "inconclusive"}
+    if stated:
+        assert max(one.anomaly("cage").probability for one in seen) < 0.1
+    else:
+        assert {one.anomaly("cage").probability for one in seen} == {0.5}
+        assert "nothing says" in seen[-1].reason
+        assert "cage" not in state.probability
 
 
 # ---- carried state ---------------------------------------------------------------------------------------------------
