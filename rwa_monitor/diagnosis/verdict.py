@@ -106,16 +106,20 @@ def verdict_of(
     return "nominal", explanation.reason_nominal(anomalies, leaning, lacking)
 
 
+def covered(case: Case) -> bool:
+    """Return whether enough of the window's slots hold a usable sample for it to be judged."""
+    return case.evidence.used >= MIN_COVERAGE * case.evidence.slots
+
+
 def _nothing_to_judge(case: Case) -> str:
     """Return why nothing can be judged, whatever the friction is; "" where it can."""
     if case.wheel.nominal is None:
         return "The wheel file has no [nominal], so there is nothing to compare the friction with."
     if case.model is None:
         return "There is no model, so no nominal range to compare the friction with."
-    used = case.evidence.used / case.evidence.slots
-    if used < MIN_COVERAGE:
+    if not covered(case):
         return (
-            f"Only {100.0 * used:.0f} % of the window's slots hold a usable sample"
+            f"Only {100.0 * case.evidence.used / case.evidence.slots:.0f} % of the window's slots hold a usable sample"
             f" ({100.0 * MIN_COVERAGE:.0f} % are needed)."
         )
     return ""
@@ -128,7 +132,7 @@ def remedy_of(case: Case, anomalies: Sequence[AnomalyDiagnosis], shown: Shown, *
             "Friction, jumps and how well the model fits are measured; no part of it is judged. Learn the wheel file"
             " from healthy recordings with rwa-monitor identify, or add [nominal] to it."
         )
-    if case.evidence.used < MIN_COVERAGE * case.evidence.slots:
+    if not covered(case):
         return explanation.CHECK_TELEMETRY
     if shown.unnamed_jumps:
         return "Learn its switching systems from longer recordings with rwa-monitor identify: waiting does not help."

@@ -42,7 +42,7 @@ from rwa_monitor.diagnosis.results import (
     Method,
 )
 from rwa_monitor.diagnosis.state import CarriedState, Tracked, follow, next_state
-from rwa_monitor.diagnosis.verdict import Shown, remedy_of, verdict_of
+from rwa_monitor.diagnosis.verdict import Shown, covered, remedy_of, verdict_of
 from rwa_monitor.diagnosis.window_diagnosis import (
     DRY_UNIT,
     VISCOUS_UNIT,
@@ -162,6 +162,9 @@ def _judge(case: Case, models: Sequence[AnomalyModel | None], stages: _Stages) -
     names, features = case.wheel.anomalies, stages.features
     if case.model is None:
         return unjudged(features, names)
+    if not covered(case):
+        # What is carried stays as it is, too: the few samples there are may be of another pace, or of another wheel.
+        return replace(unjudged(features, names), to_carry=dict(case.carried.probability))
     if case.method == "paper":
         return classify_as_paper(features, models, names)
     window = case.wheel.window
@@ -177,10 +180,11 @@ def _judge(case: Case, models: Sequence[AnomalyModel | None], stages: _Stages) -
 def _tracked(case: Case, stages: _Stages, judgement: Judgement) -> tuple[Tracked | None, Tracked | None]:
     """Return what is known of base dry and viscous friction after the window, normalised.
 
-    A window that the friction model does not fit moves nothing: what is missing in it is in its estimates too.
+    A window that the friction model does not fit moves nothing: what is missing in it is in its estimates too. Nor does
+    one of which most is missing.
     """
     base, viscous = case.carried.base_dry, case.carried.viscous
-    if not stages.fits.adequate:
+    if not (stages.fits.adequate and covered(case)):
         return base and base.drifted(), viscous and viscous.drifted()
     unit = normalised_nominal_viscous(case.wheel)
     if case.model is not None and case.method == "joint":

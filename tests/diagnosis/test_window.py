@@ -210,6 +210,9 @@ def test_too_few_samples_are_inconclusive_with_the_reason(used: int, method: Met
     assert diagnosis.verdict == "inconclusive"
     assert "usable sample" in diagnosis.reason
     assert len(diagnosis.anomalies) == 4
+    assert {anomaly.probability for anomaly in diagnosis.anomalies} == {0.5}
+    assert state.base_dry == state.viscous is None
+    assert not state.probability
     if used < 16:
         assert state == EMPTY
 
