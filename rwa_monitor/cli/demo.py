@@ -145,9 +145,9 @@ def _serve_page(
 
 def _compile_kernels(options: RunOptions, stop: Event) -> None:
     """Compile what is compiled once for each machine, before the satellite begins to send."""
-    from rwa_monitor.live.warm_up import warm_up
+    from rwa_monitor.live.warm_up import prepare
 
-    compiling = Thread(target=warm_up, args=(options.setup(),), daemon=True)
+    compiling = Thread(target=prepare, args=(options.setup(), stop), daemon=True)
     compiling.start()
     while compiling.is_alive() and not stop.is_set():
         compiling.join(STOP_HEARD_S)

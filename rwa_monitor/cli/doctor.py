@@ -148,7 +148,7 @@ def _kernels() -> str:
     from rwa_monitor.diagnosis.model import built_in_model
     from rwa_monitor.live.core import diagnose_samples
     from rwa_monitor.live.rebuild import Setup
-    from rwa_monitor.live.warm_up import warm_up
+    from rwa_monitor.live.warm_up import prepare
     from rwa_monitor.live.wheel_set import WheelSet
     from rwa_monitor.physics.scenario import Scenario
     from rwa_monitor.physics.telemetry import simulate
@@ -157,9 +157,8 @@ def _kernels() -> str:
     tell_of_compiling()
     wheel, model = built_in_wheel(), built_in_model()
     telemetry = simulate(Scenario(duration_s=250.0), wheel, np.random.default_rng(0))
-    warm_up(
-        Setup(WheelSet(wheel), model, "joint")
-    )  # what the commands need is compiled here, and not with the first file
+    # What the commands need is compiled here, and not with the first file.
+    prepare(Setup(WheelSet(wheel), model, "joint"), Event())
     began = time.perf_counter()
     (window,) = diagnose_samples(telemetry.samples, wheel, model)
     elapsed = time.perf_counter() - began

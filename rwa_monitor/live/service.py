@@ -14,6 +14,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
 from threading import Event, Thread
+from typing import Final
 
 import zenoh
 
@@ -22,10 +23,12 @@ from rwa_monitor.live.bus import Inbox, MonitorBus, check_wheels, endpoints, ope
 from rwa_monitor.live.bus_watch import BusNews, BusWatch
 from rwa_monitor.live.monitor import IDLE_WAIT_S, Clock, Monitor
 from rwa_monitor.live.past import Past, read_past
-from rwa_monitor.live.recorder import FolderLock, Recorder
+from rwa_monitor.live.recorder import FolderLock, Recorder, last_recording
 from rwa_monitor.live.run_options import RunOptions
 from rwa_monitor.live.supervisor import Supervisor
-from rwa_monitor.live.warm_up import warm_up
+from rwa_monitor.live.warm_up import prepare
+
+STOP_WAIT_S: Final = 0.5  # for the process that compiles to end, when we are stopped meanwhile
 
 
 def run(
@@ -65,11 +68,19 @@ def run(
     for key in ("", ""), *options.own_wheels:
         setup.new_core(*key)  # a wheel that cannot be served is told at once
     with ExitStack() as stack:
+        if options.record is not None:
+            stack.enter_context(FolderLock(options.record))
+        # In a thread of its own, so that a stop signal is heard while kernels are compiled on a new machine.
+        compiling = Thread(target=prepare, args=(setup, stop), name="warm-up", daemon=True)
+        compiling.start()
+        stack.callback(compiling.join, STOP_WAIT_S)
         clock = Clock()
         recorder: Recorder | None = None
         past = Past()
         if options.record is not None:
-            stack.enter_context(FolderLock(options.record))
+            if last_recording(options.record) is not None:  # the cores are rebuilt with what is being compiled
+                while compiling.is_alive() and not stop.is_set():
+                    compiling.join(IDLE_WAIT_S)
             past = read_past(options.record, setup, stop, say)
             if stop.is_set():
                 return
@@ -84,9 +95,6 @@ def run(
                 max_file_bytes=options.max_file_bytes,
                 max_total_bytes=options.max_record_bytes,
             )
-        # In a thread of its own, so that a stop signal is heard while kernels are compiled on a new machine.
-        compiling = Thread(target=warm_up, args=(setup,), name="warm-up", daemon=True)
-        compiling.start()
         if session is None:
             session = stack.enter_context(open_session(options.bus))
         bus = stack.enter_context(MonitorBus(session, Inbox()))

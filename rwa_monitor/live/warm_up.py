@@ -1,18 +1,26 @@
 """Compiles what the core needs, before samples wait for it.
 
 The kernels of the diagnosis are compiled when they are first called, and then kept on disk: once for each kind of array
-that they are called with. On a new machine this takes some seconds, in which a service would neither hear its stop
-signal nor take samples.
+that they are called with. On a new machine this takes up to a minute, in which a service would neither hear its stop
+signal nor take samples, and the compiler some 500 MB, which a process does not give back. So a service has it done by
+another one (`prepare`) and loads from the disk what that has compiled, which takes a second and 100 MB.
 """
 
 from __future__ import annotations
 
+import json
+import os
+import subprocess
+import sys
+import threading
+from contextlib import suppress
 from dataclasses import replace
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
+from numba.core import event
 
-from rwa_monitor.diagnosis.model import built_in_model
+from rwa_monitor.diagnosis.model import Model, built_in_model
 from rwa_monitor.live.core import WheelCore
 from rwa_monitor.live.rebuild import Setup
 from rwa_monitor.live.wheel_set import WheelSet
@@ -21,6 +29,80 @@ from rwa_monitor.samples import Samples
 
 WINDOW_SLOTS: Final = 2_048
 WINDOWS: Final = 2  # the second one has a state carried over from the first
+COMPILING: Final = "numba:compile"  # numba's event around each compilation; there is none for what it loads
+STOP_HEARD_S: Final = 0.1  # how soon the compiling process is ended when nobody waits for it any more
+SETUP_ON_STDIN: Final = "-"
+
+
+def prepare(setup: Setup, stop: threading.Event) -> None:
+    """Warm up as `warm_up` does; what is not compiled yet is compiled by a process whose memory ends with it.
+
+    Parameters
+    ----------
+    setup
+        What samples will be diagnosed with.
+    stop
+        Ends it early when set.
+    """
+    try:
+        with event.install_listener(COMPILING, _Refusal()):  # type: ignore[no-untyped-call]
+            warm_up(setup)
+    except _NotCompiledError:
+        _compile_in_child(setup, stop)
+        if not stop.is_set():
+            # All is on the disk now. If not (no process may be started, or it had too little memory), it is compiled
+            # here after all.
+            warm_up(setup)
+
+
+class _NotCompiledError(Exception):
+    """A kernel is not on the disk."""
+
+
+class _Refusal(event.Listener):  # type: ignore[misc]
+    """Lets no kernel be compiled in the thread that made it; others may."""
+
+    def __init__(self) -> None:
+        self.thread = threading.get_ident()
+
+    def on_start(self, compilation: Any) -> None:
+        """Stop before the compiler begins."""
+        if threading.get_ident() == self.thread:
+            raise _NotCompiledError(compilation.data)
+
+    def on_end(self, compilation: Any) -> None:
+        """Nothing was compiled."""
+
+
+def _compile_in_child(setup: Setup, stop: threading.Event) -> None:
+    """Warm up in a process of its own, which leaves the kernels on the disk."""
+    text = json.dumps(
+        {
+            "wheel": setup.wheels.common.to_toml(),
+            "model": setup.model.to_json() if setup.model else "",
+            "method": setup.method,
+        }
+    )
+    # The same packages as here, and none out of the working folder that are not found here either (-P).
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path or os.getcwd() for path in sys.path)}
+    command = [sys.executable, "-P", "-m", "rwa_monitor.live.warm_up", SETUP_ON_STDIN]
+    quiet = subprocess.DEVNULL
+    with (
+        suppress(OSError),  # no process can be started, or it ended at once
+        subprocess.Popen(command, stdin=subprocess.PIPE, stdout=quiet, stderr=quiet, env=environment) as child,
+    ):
+        try:
+            assert child.stdin is not None
+            with child.stdin as pipe:
+                pipe.write(text.encode())
+            while child.poll() is None:
+                # Who listens for compilations, to tell of them, hears of this one too.
+                with event.trigger_event(COMPILING):
+                    stopped = stop.wait(STOP_HEARD_S)
+                if stopped:
+                    return
+        finally:
+            child.kill()  # nothing where it has ended
 
 
 def warm_up(setup: Setup) -> None:
@@ -65,5 +147,16 @@ def _read_only(samples: Samples) -> Samples:
     return copy
 
 
-if __name__ == "__main__":  # when an image is built
-    warm_up(Setup(WheelSet(built_in_wheel()), built_in_model(), "joint"))
+def _main(arguments: list[str]) -> None:
+    """Compile what the built-in wheel and model need, or what the setup on the standard input does (`prepare`)."""
+    if SETUP_ON_STDIN not in arguments:
+        warm_up(Setup(WheelSet(built_in_wheel()), built_in_model(), "joint"))
+        return
+    given = json.load(sys.stdin)
+    wheel = Wheel.from_toml(given["wheel"], "wheel")
+    model = Model.from_json(given["model"], "model") if given["model"] else None
+    warm_up(Setup(WheelSet(wheel), model, given["method"]))
+
+
+if __name__ == "__main__":  # when an image is built, and as the child of a service
+    _main(sys.argv[1:])
