@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -13,12 +14,13 @@ from rwa_monitor.live import rebuild
 from rwa_monitor.live.core import WheelCore
 from rwa_monitor.live.outputs import Output
 from rwa_monitor.live.recorder import Predecessor, predecessor_of
-from rwa_monitor.live.recording import MAX_FLEET_FILE_BYTES, RECORDING_SUFFIX, Recording, read_recording
+from rwa_monitor.live.recording import RECORDING_SUFFIX, PassingRecording, Recording, read_recording
 from rwa_monitor.messages import Diagnosis
 
 # How far back diagnoses are published again at a start: an outage may have begun before several crashes.
 REPEATED_FILES: Final = 16
 REPEATED_BYTES: Final = 64 * 2**20
+TELL_S: Final = 5.0  # between two words about how far the rebuilding has come
 MAX_LISTED: Final = 5  # names in one line of talk
 
 
@@ -44,23 +46,43 @@ class Past:
     diagnoses: list[Output] = field(default_factory=list)
 
 
-def read_past(folder: Path, setup: rebuild.Setup, stop: Event, say: Callable[[str], None]) -> Past:
-    """Rebuild the cores from the last recording of a folder that can be used; incomplete when stopped."""
+def read_past(
+    folder: Path,
+    setup: rebuild.Setup,
+    stop: Event,
+    say: Callable[[str], None],
+    on_progress: Callable[[], None] = lambda: None,
+) -> Past:
+    """Rebuild the cores from the last recording of a folder that can be used; incomplete when stopped.
+
+    Parameters
+    ----------
+    folder
+        Of the recordings.
+    setup
+        What the monitor goes on with.
+    stop
+        Ends it early when set.
+    say
+        Takes lines of talk; a large fleet takes minutes, of which it hears every `TELL_S`.
+    on_progress
+        Called often, for a supervisor that waits.
+    """
     past = Past()
     paths = sorted(folder.glob(f"*{RECORDING_SUFFIX}"), reverse=True)
     for place, path in enumerate(paths):
         if past.predecessor is None:
             past.predecessor = predecessor_of(path)
+        passing = PassingRecording(path)
+        teller = _Teller(passing, say, on_progress)
         try:
-            recording = read_recording(path, MAX_FLEET_FILE_BYTES)
-            recorded_setup = rebuild.Setup.of(recording)
+            recorded_setup, rebuilt = rebuild.run_passing(passing, stop, teller.look)
         except InputError as error:
             say(f"{error}; going back to the recording before it")
             continue
+        recording = passing.recording
         for problem in recording.problems:
             say(f"{path}: {problem}")
-        rebuilt = rebuild.start(recording, recorded_setup)
-        rebuild.run_inputs(recording, recorded_setup, rebuilt, stop)
         past.cores = _same(rebuilt.cores, recorded_setup, setup)
         if anew := sorted(f"{spacecraft}/{wheel}" for spacecraft, wheel in rebuilt.cores.keys() - past.cores.keys()):
             say(f"{path} was made with another wheel file, model or method of {_listed(anew)}: begun anew")
@@ -69,6 +91,23 @@ def read_past(folder: Path, setup: rebuild.Setup, stop: Event, say: Callable[[st
         say(f"going on from {path}: {len(past.cores)} wheels, {rebuilt.inputs} messages")
         return past
     return past
+
+
+class _Teller:
+    """Says how far a long rebuilding has come."""
+
+    def __init__(self, passing: PassingRecording, say: Callable[[str], None], on_progress: Callable[[], None]) -> None:
+        self._passing = passing
+        self._say = say
+        self._on_progress = on_progress
+        self._due_s = time.monotonic() + TELL_S
+
+    def look(self) -> None:
+        """Say it where it is due."""
+        self._on_progress()
+        if time.monotonic() >= self._due_s:
+            self._due_s = time.monotonic() + TELL_S
+            self._say(f"rebuilding the state from {self._passing.recording.path}: {self._passing.share:.0%} of it done")
 
 
 def _same(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from pathlib import Path
 from threading import Event
 from typing import Any, Final, get_args
 
@@ -13,7 +14,7 @@ from rwa_monitor.errors import InputError
 from rwa_monitor.live.checkpoint import Checkpoint
 from rwa_monitor.live.core import WheelCore
 from rwa_monitor.live.outputs import CARRIED_SCHEMA, Output, outputs_of
-from rwa_monitor.live.recording import Recording
+from rwa_monitor.live.recording import Attached, PassingRecording, RecordedMessage, Recording
 from rwa_monitor.live.wheel_set import WheelSet, key_of_name
 from rwa_monitor.messages import Changepoints, Diagnosis, SamplesMessage, split_key
 
@@ -85,12 +86,55 @@ def start(recording: Recording, setup: Setup) -> Rebuilt:
     rebuilt = Rebuilt()
     for name, data in recording.attachments.items():
         if name.startswith(CHECKPOINT_PREFIX):
-            spacecraft, wheel = key_of_name(name.removeprefix(CHECKPOINT_PREFIX).removesuffix(".json"))
-            checkpoint = Checkpoint.from_json(data, f"{recording.path}: {name}")
-            rebuilt.cores[spacecraft, wheel] = WheelCore.resume(
-                checkpoint, setup.wheels.of(spacecraft, wheel), setup.model, method=setup.method
-            )
+            _resume(recording.path, name, data, setup, rebuilt)
     return rebuilt
+
+
+def _resume(path: Path, name: str, data: bytes, setup: Setup, rebuilt: Rebuilt) -> None:
+    """Bring a core to where its checkpoint stands."""
+    spacecraft, wheel = key_of_name(name.removeprefix(CHECKPOINT_PREFIX).removesuffix(".json"))
+    checkpoint = Checkpoint.from_json(data, f"{path}: {name}")
+    rebuilt.cores[spacecraft, wheel] = WheelCore.resume(
+        checkpoint, setup.wheels.of(spacecraft, wheel), setup.model, method=setup.method
+    )
+
+
+def run_passing(passing: PassingRecording, stop: Event, on_progress: Callable[[], None]) -> tuple[Setup, Rebuilt]:
+    """Run a recording while it is read, so that no more of it is in memory than the cores.
+
+    Parameters
+    ----------
+    passing
+        What to run. Its `recording` gets what is small: all attachments but checkpoints, and the messages of
+        `COMPARED_SCHEMAS`.
+    stop
+        Ends it early when set.
+    on_progress
+        Called after each checkpoint and message.
+
+    Raises
+    ------
+    InputError
+        If the recording cannot be read, or lacks what it was made with; if a checkpoint or an input is damaged.
+    """
+    recording, rebuilt = passing.recording, Rebuilt()
+    setup: Setup | None = None
+    for part in passing.parts():
+        if stop.is_set():
+            break
+        if isinstance(part, Attached) and not part.name.startswith(CHECKPOINT_PREFIX):
+            recording.attachments[part.name] = part.data
+            continue
+        # The recorder writes what a recording was made with before all else.
+        setup = setup or Setup.of(recording)
+        if isinstance(part, Attached):
+            _resume(recording.path, part.name, part.data, setup, rebuilt)
+        else:
+            _run_input(recording.path, part, setup, rebuilt)
+            if part.schema in COMPARED_SCHEMAS:
+                recording.messages.append(part)
+        on_progress()
+    return setup or Setup.of(recording), rebuilt
 
 
 def run_inputs(
@@ -121,19 +165,22 @@ def run_inputs(
     for number, recorded in enumerate(recording.messages):
         if stop is not None and stop.is_set():
             return
-        if recorded.schema == SamplesMessage.schema_name():
-            spacecraft, wheel, _ = split_key(recorded.topic)
-            message = SamplesMessage.parse(recorded.data, f"{recording.path}: {recorded.topic}")
-            if (spacecraft, wheel) not in rebuilt.cores:
-                rebuilt.cores[spacecraft, wheel] = setup.new_core(spacecraft, wheel)
-            core = rebuilt.cores[spacecraft, wheel]
-            events = core.feed(message.samples(), message.publisher, message.batch)
-            rebuilt.inputs += 1
-            rebuilt.outputs += [
-                output for output in outputs_of(events, spacecraft, wheel) if output.schema in COMPARED_SCHEMAS
-            ]
+        _run_input(recording.path, recorded, setup, rebuilt)
         if on_message is not None:
             on_message(number + 1)
+
+
+def _run_input(path: Path, recorded: RecordedMessage, setup: Setup, rebuilt: Rebuilt) -> None:
+    """Feed a message to its core where it is one of samples."""
+    if recorded.schema != SamplesMessage.schema_name():
+        return
+    spacecraft, wheel, _ = split_key(recorded.topic)
+    message = SamplesMessage.parse(recorded.data, f"{path}: {recorded.topic}")
+    if (spacecraft, wheel) not in rebuilt.cores:
+        rebuilt.cores[spacecraft, wheel] = setup.new_core(spacecraft, wheel)
+    events = rebuilt.cores[spacecraft, wheel].feed(message.samples(), message.publisher, message.batch)
+    rebuilt.inputs += 1
+    rebuilt.outputs += [output for output in outputs_of(events, spacecraft, wheel) if output.schema in COMPARED_SCHEMAS]
 
 
 def inherited_counts(settings: dict[str, Any]) -> dict[str, int]:

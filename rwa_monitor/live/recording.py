@@ -12,14 +12,17 @@ file that exceeds a limit is refused.
 from __future__ import annotations
 
 import json
+import os
 import struct
 import zlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
+from errno import EIO
 from hashlib import sha256
-from io import BytesIO
+from io import BytesIO, FileIO
+from operator import index
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, NamedTuple, Protocol, SupportsIndex, overload
 
 import zstandard
 from mcap.data_stream import ReadDataStream
@@ -29,7 +32,7 @@ from mcap.records import Message as McapMessage
 from mcap.writer import MCAP0_MAGIC
 
 from rwa_monitor.errors import InputError
-from rwa_monitor.formats.files import display_name, read_bytes
+from rwa_monitor.formats.files import PIECE_BYTES, display_name, read_bytes, unreadable
 
 MAX_CHUNK_BYTES: Final = 64 * 2**20  # uncompressed; ours have some 64 kB, or one message of at most 8 MB
 MAX_RECORD_BYTES: Final = 256 * 2**20  # an attached checkpoint of 8 open windows of 80,000 slots is some 30 MB
@@ -39,6 +42,8 @@ MAX_FILE_BYTES: Final = 2**30  # ours are rotated at 32 MiB, or at twice what th
 MAX_FLEET_FILE_BYTES: Final = 24 * 2**30
 MAX_WORK_BYTES: Final = 3 * 2**30  # to be copied and unpacked, of all records of a file and of what only looks like one
 MAX_WORK_SHARE: Final = 3  # or so many for each byte of a larger file
+# Where nothing is kept of what is unpacked; telemetry that hardly changes is packed to a twentieth.
+MAX_PASSING_WORK_SHARE: Final = 64
 MAX_RECORDS: Final = 10_000_000  # of a file
 MAX_JSON_BYTES: Final = 16 * 2**20  # of an attachment that is parsed here
 _HEAD_BYTES: Final = 9  # opcode and length
@@ -63,6 +68,13 @@ class RecordedMessage:
     publish_time: int
     data: bytes
     sequence: int = field(default=0, compare=False)
+
+
+class Attached(NamedTuple):
+    """An attachment of a recording."""
+
+    name: str
+    data: bytes
 
 
 @dataclass(slots=True)
@@ -126,35 +138,149 @@ def read_recording(path: Path, limit: int = MAX_FILE_BYTES) -> Recording:
         If the file cannot be opened, does not begin as an MCAP file, or exceeds a limit.
     """
     data = read_bytes(path, limit)
-    if data[: len(MCAP0_MAGIC)] != MCAP0_MAGIC:
-        raise InputError(str(path), "is no MCAP file")
     recording = Recording(path)
-    _Walk(recording, data).run()
+    for part in _Walk(recording, data, MAX_WORK_SHARE).parts():
+        if isinstance(part, RecordedMessage):
+            recording.messages.append(part)
+        else:
+            recording.attachments[part.name] = part.data
     return recording
 
 
-class _Walk:
-    """Goes over the records of a file and collects what is whole."""
+class PassingRecording:
+    """A recording whose content is passed on piece by piece and not kept, so that a large one takes little memory.
 
-    def __init__(self, recording: Recording, data: bytes) -> None:
+    Parameters
+    ----------
+    path
+        The file.
+
+    Attributes
+    ----------
+    recording
+        Its `problems` and `finished` are true at the end; what it keeps is for whoever reads.
+    share
+        Of the file that has been gone through, 0 … 1.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.recording = Recording(path)
+        self.share = 0.0
+
+    def parts(self) -> Iterator[Attached | RecordedMessage]:
+        """Pass on attachments and messages in the order of the file.
+
+        Raises
+        ------
+        InputError
+            As `read_recording`; the limit is `MAX_FLEET_FILE_BYTES`.
+        """
+        path = self.recording.path
+        try:
+            with path.open("rb", buffering=0) as file:
+                size = os.fstat(file.fileno()).st_size
+                if size > MAX_FLEET_FILE_BYTES:
+                    reason = f"is larger than the limit of {MAX_FLEET_FILE_BYTES:,} bytes"
+                    raise InputError(display_name(path), reason)
+                walk = _Walk(self.recording, _FileBytes(file, size), MAX_PASSING_WORK_SHARE)
+                for part in walk.parts():
+                    self.share = walk.position / size
+                    yield part
+        except OSError as error:
+            raise unreadable(path, error) from error
+
+
+class _Bytes(Protocol):
+    """What the walk needs of a file's content; `bytes` and `_FileBytes` are such."""
+
+    def __len__(self) -> int: ...
+
+    @overload
+    def __getitem__(self, key: SupportsIndex, /) -> int: ...
+
+    @overload
+    def __getitem__(self, key: slice, /) -> bytes: ...
+
+    def find(self, sub: bytes, start: int, /) -> int: ...
+
+
+class _FileBytes:
+    """The content of a file as if it were in memory, of which only a piece is."""
+
+    def __init__(self, file: FileIO, size: int) -> None:
+        self._file = file
+        self._size = size
+        self._begin = 0
+        self._piece = b""
+
+    def __len__(self) -> int:
+        return self._size
+
+    @overload
+    def __getitem__(self, key: SupportsIndex, /) -> int: ...
+
+    @overload
+    def __getitem__(self, key: slice, /) -> bytes: ...
+
+    def __getitem__(self, key: SupportsIndex | slice, /) -> int | bytes:
+        if not isinstance(key, slice):
+            return self._between(index(key), index(key) + 1)[0]
+        start, stop, _ = key.indices(self._size)
+        return self._between(start, max(start, stop))
+
+    def find(self, sub: bytes, start: int, /) -> int:
+        """Return where some bytes are found first from `start` on, -1 where they are not."""
+        while start + len(sub) <= self._size:
+            stop = min(start + PIECE_BYTES, self._size)
+            if (found := self._between(start, stop).find(sub)) >= 0:
+                return start + found
+            start = stop - len(sub) + 1  # what is looked for may lie across the border
+        return -1
+
+    def _between(self, start: int, stop: int) -> bytes:
+        if not self._begin <= start <= stop <= self._begin + len(self._piece):
+            self._file.seek(start)
+            self._begin, self._piece = start, self._read(max(stop - start, min(PIECE_BYTES, self._size - start)))
+        return self._piece[start - self._begin : stop - self._begin]
+
+    def _read(self, count: int) -> bytes:
+        pieces = []
+        while count > 0:
+            piece = self._file.read(count)
+            if not piece:
+                raise OSError(EIO, "it became shorter while it was read")
+            pieces.append(piece)
+            count -= len(piece)
+        return pieces[0] if len(pieces) == 1 else b"".join(pieces)
+
+
+class _Walk:
+    """Goes over the records of a file and passes on what is whole."""
+
+    def __init__(self, recording: Recording, data: _Bytes, work_share: int) -> None:
+        if data[: len(MCAP0_MAGIC)] != MCAP0_MAGIC:
+            raise InputError(str(recording.path), "is no MCAP file")
         self.recording = recording
         self.data = data
-        self.most_work_bytes = max(MAX_WORK_BYTES, MAX_WORK_SHARE * len(data))
+        self.position = len(MCAP0_MAGIC)
+        self.most_work_bytes = max(MAX_WORK_BYTES, work_share * len(data))
+        self.found: list[Attached | RecordedMessage] = []  # in the record at hand
         self.schemas: dict[int, str] = {}
         self.channels: dict[int, tuple[str, str]] = {}  # topic and schema
         self.lost_messages = 0
         self.work_bytes = 0
         self.records = 0
 
-    def run(self) -> None:
+    def parts(self) -> Iterator[Attached | RecordedMessage]:
         """Go from the beginning to the end, or to what cannot be passed."""
-        position = len(MCAP0_MAGIC)
-        while position < len(self.data) and not self.recording.finished:
-            stop = self._record_end(position)
+        while self.position < len(self.data) and not self.recording.finished:
+            position, stop = self.position, self._record_end(self.position)
             if stop is None or not self._record(position, stop):
                 stop = self._next_chunk(position + 1)
                 self.recording.problems.append(f"bytes {position} to {stop} of {len(self.data)} cannot be read")
-            position = stop
+            found, self.found = self.found, []
+            self.position = stop
+            yield from found
         if self.lost_messages:
             self.recording.problems.append(
                 f"{self.lost_messages} messages of channels whose description cannot be read"
@@ -242,7 +368,7 @@ class _Walk:
             self.lost_messages += 1
             return
         topic, schema = self.channels[record.channel_id]
-        self.recording.messages.append(
+        self.found.append(
             RecordedMessage(topic, schema, record.log_time, record.publish_time, record.data, record.sequence)
         )
 
@@ -258,7 +384,7 @@ class _Walk:
                     self.channels.setdefault(int(key), (str(topic), str(schema)))
         except Exception:  # noqa: BLE001 - as above
             return False
-        self.recording.attachments[attachment.name] = attachment.data
+        self.found.append(Attached(attachment.name, attachment.data))
         return True
 
     def _summary_is_whole(self, start: int) -> bool:
@@ -281,7 +407,7 @@ class _Walk:
 
     def _is_chunk(self, start: int, stop: int) -> bool:
         """Tell whether a whole chunk lies between two positions; looks at its head before it copies anything."""
-        opcode, _, _, _, size, _ = _CHUNK_HEAD.unpack_from(self.data, start)
+        opcode, _, _, _, size, _ = _CHUNK_HEAD.unpack(self.data[start : start + _CHUNK_HEAD.size])
         data = start + _COMPRESSION_OFFSET + len(_ZSTD_NAME) + 8
         length = int.from_bytes(self.data[data - 8 : data], "little")
         if opcode != Opcode.CHUNK or size > MAX_CHUNK_BYTES or data + length != stop:

@@ -81,7 +81,7 @@ def run(
             if last_recording(options.record) is not None:  # the cores are rebuilt with what is being compiled
                 while compiling.is_alive() and not stop.is_set():
                     compiling.join(IDLE_WAIT_S)
-            past = read_past(options.record, setup, stop, say)
+            past = read_past(options.record, setup, stop, say, lambda: supervisor.starting(clock.monotonic_s()))
             if stop.is_set():
                 return
             recorder = Recorder(

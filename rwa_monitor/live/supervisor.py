@@ -22,6 +22,7 @@ from rwa_monitor.errors import InputError
 MICROSECONDS: Final = 1e6
 SIGNS_PER_SILENCE: Final = 3.0  # so that one that comes late is no alarm
 FILE_PERIOD_S: Final = 1.0  # between two signs in a file, where no socket asks for more
+START_SILENCE_S: Final = 60.0  # that a start may take without going on
 
 
 class Supervisor:
@@ -53,6 +54,13 @@ class Supervisor:
             self.period_s = FILE_PERIOD_S
         self._alive = alive
         self._due_s = float("-inf")
+        self._start_due_s = float("-inf")
+
+    def starting(self, now_s: float) -> None:
+        """Say that the start goes on, where that is due, so that a long one is waited for; call it often."""
+        if now_s >= self._start_due_s:
+            self._start_due_s = now_s + FILE_PERIOD_S
+            self._send(f"EXTEND_TIMEOUT_USEC={START_SILENCE_S * MICROSECONDS:.0f}")
 
     def ready(self, status: str) -> None:
         """Say that the service has begun, and what it does; raises InputError if the file cannot be made."""

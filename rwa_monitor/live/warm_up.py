@@ -15,6 +15,7 @@ import sys
 import threading
 from contextlib import suppress
 from dataclasses import replace
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
@@ -45,7 +46,7 @@ def prepare(setup: Setup, stop: threading.Event) -> None:
         Ends it early when set.
     """
     try:
-        with event.install_listener(COMPILING, _Refusal()):  # type: ignore[no-untyped-call]
+        with event.install_listener(COMPILING, _Refusal()):
             warm_up(setup)
     except _NotCompiledError:
         _compile_in_child(setup, stop)
@@ -59,7 +60,7 @@ class _NotCompiledError(Exception):
     """A kernel is not on the disk."""
 
 
-class _Refusal(event.Listener):  # type: ignore[misc]
+class _Refusal(event.Listener):
     """Lets no kernel be compiled in the thread that made it; others may."""
 
     def __init__(self) -> None:
@@ -84,12 +85,13 @@ def _compile_in_child(setup: Setup, stop: threading.Event) -> None:
         }
     )
     # The same packages as here, and none out of the working folder that are not found here either (-P).
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path or os.getcwd() for path in sys.path)}
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(path or str(Path.cwd()) for path in sys.path)}
     command = [sys.executable, "-P", "-m", "rwa_monitor.live.warm_up", SETUP_ON_STDIN]
     quiet = subprocess.DEVNULL
     with (
         suppress(OSError),  # no process can be started, or it ended at once
-        subprocess.Popen(command, stdin=subprocess.PIPE, stdout=quiet, stderr=quiet, env=environment) as child,
+        # Nothing in the command comes from outside.
+        subprocess.Popen(command, stdin=subprocess.PIPE, stdout=quiet, stderr=quiet, env=environment) as child,  # noqa: S603
     ):
         try:
             assert child.stdin is not None

@@ -80,6 +80,11 @@ def adds_up(status: dict[str, Any]) -> bool:
     return bool(status["samples_received"] == sum(status[f"samples_{part}"] for part in parts))
 
 
+def statuses(listener: Listener) -> dict[str, dict[str, Any]]:
+    """Return the last status of each wheel."""
+    return {status["wheel"]: status for status in map(json.loads, listener.kind("status"))}
+
+
 # ---- in one process, on an embedded bus ------------------------------------------------------------------------------
 
 
@@ -91,11 +96,11 @@ def test_an_embedded_monitor_says_what_the_batch_says_and_its_recording_replays(
             sent = publish(telemetries, session, speed=math.inf, linger_s=0.0)
             wait_for(lambda: len(listener.kind("diagnosis")) >= 4, "four diagnoses")
             replies = {str(reply.ok.key_expr): reply.ok.payload.to_bytes() for reply in session.get("rwa/**/health")}
-            wait_for(lambda: listener.status().get("samples_received", 0) > 0, "a status")
-        statuses = {s["wheel"]: s for s in map(json.loads, listener.kind("status"))}
+            wait_for(lambda: sum(s["samples_received"] for s in statuses(listener).values()) == sent, "all samples")
+        latest = statuses(listener)
     assert sent == sum(len(samples) for samples in telemetries.values())
-    assert sum(status["samples_received"] for status in statuses.values()) == sent
-    assert all(adds_up(status) for status in statuses.values())
+    assert sum(status["samples_received"] for status in latest.values()) == sent
+    assert all(adds_up(status) for status in latest.values())
     assert set(replies) == {"rwa/sat/wheel_1/health", "rwa/sat/wheel_2/health"}
     assert all(json.loads(payload)["window_end_ns"] == 2 * WINDOW * 125_000_000 for payload in replies.values())
     first = [payload for payload in listener.kind("diagnosis") if b'"wheel":"wheel_1"' in payload]
