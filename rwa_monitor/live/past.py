@@ -14,7 +14,7 @@ from rwa_monitor.live import rebuild
 from rwa_monitor.live.core import WheelCore
 from rwa_monitor.live.outputs import Output
 from rwa_monitor.live.recorder import Predecessor, predecessor_of
-from rwa_monitor.live.recording import RECORDING_SUFFIX, PassingRecording, Recording, read_recording
+from rwa_monitor.live.recording import RECORDING_SUFFIX, PassingRecording, RecordedMessage, Recording
 from rwa_monitor.messages import Diagnosis
 
 # How far back diagnoses are published again at a start: an outage may have begun before several crashes.
@@ -155,10 +155,19 @@ def _earlier_diagnoses(paths: Sequence[Path]) -> list[Output]:
             size += path.stat().st_size
             if size > REPEATED_BYTES:
                 break
-            found = [*_diagnoses(read_recording(path)), *found]
+            found = [*_diagnoses_in(path), *found]
         except (OSError, InputError):  # a damaged file was or will be told of by a replay; here it only repeats less
             break
     return found
+
+
+def _diagnoses_in(path: Path) -> list[Output]:
+    """Return the diagnoses of a recording of which nothing else is kept."""
+    passing = PassingRecording(path)
+    for part in passing.parts():
+        if isinstance(part, RecordedMessage) and part.schema == Diagnosis.schema_name():
+            passing.recording.messages.append(part)
+    return _diagnoses(passing.recording)
 
 
 def _diagnoses(recording: Recording) -> list[Output]:

@@ -9,10 +9,11 @@ from contextlib import contextmanager
 from dataclasses import replace
 from functools import _lru_cache_wrapper
 from pathlib import Path
+from threading import Event
 
 from rwa_monitor.live.bus import BusOptions, Inbox, MonitorBus, open_session
 from rwa_monitor.live.monitor import MAX_WHEELS, Clock, Monitor
-from rwa_monitor.live.past import Past
+from rwa_monitor.live.past import Past, read_past
 from rwa_monitor.live.recorder import FLUSH_PERIOD_S, MAX_FILE_AGE_S, Recorder
 from rwa_monitor.live.recording import MAX_FLEET_FILE_BYTES, read_recording, recordings_of
 from rwa_monitor.live.run_options import RunOptions
@@ -100,6 +101,27 @@ def test_a_new_file_takes_the_memory_of_one_checkpoint_however_many_wheels_there
     # A file grows to twice what it begins with; that of as many wheels as one process takes is still read again.
     full = (size_of_many - size_of_few) / 12 * SLOTS / (MESSAGES * MESSAGE)
     assert 2.0 * full * MAX_WHEELS < MAX_FLEET_FILE_BYTES
+
+
+def passing_of_a_restart(folder: Path, wheels: int) -> int:
+    """Return the bytes that going on from a recording takes, and gives back when it is done."""
+    with driven(folder, wheel(SLOTS), max_file_bytes=2**30) as driver:
+        driver.send(wheels, range(MESSAGES))
+        driver.now_s += MAX_FILE_AGE_S
+        driver.monitor.tick()
+        driver.send(wheels, range(MESSAGES, MESSAGES + 10))
+    setup = RunOptions(wheel=wheel(SLOTS), model=model()).setup()
+    with traced():
+        past = read_past(folder, setup, Event(), lambda _: None)
+        held, peak = tracemalloc.get_traced_memory()
+    assert len(past.cores) == wheels
+    return peak - held
+
+
+def test_a_restart_takes_the_memory_of_the_cores_and_not_of_the_recording(tmp_path: Path) -> None:
+    """When a recording was read whole first, that of 400 full windows took 5 GB, and their cores one."""
+    few, many = passing_of_a_restart(tmp_path / "few", 4), passing_of_a_restart(tmp_path / "many", 16)
+    assert many < 1.5 * few
 
 
 def held_bytes() -> int:

@@ -15,8 +15,16 @@ from mcap.reader import make_reader
 
 from rwa_monitor.cli.main import main as program
 from rwa_monitor.errors import InputError
+from rwa_monitor.live import recording as recording_module
 from rwa_monitor.live.recorder import FolderLock, Predecessor, Recorder, RecordingWriter
-from rwa_monitor.live.recording import RecordedMessage, file_sha256, read_recording, recordings_of
+from rwa_monitor.live.recording import (
+    PassingRecording,
+    RecordedMessage,
+    Recording,
+    file_sha256,
+    read_recording,
+    recordings_of,
+)
 from rwa_monitor.live.recover import recover
 from rwa_monitor.messages import samples_json
 from rwa_monitor.samples import IntArray, Samples
@@ -114,6 +122,50 @@ def test_bit_flips_never_give_false_messages(whole: tuple[Path, list[bytes]]) ->
             assert recording.problems
             losses += 1
     assert losses > 300  # most bytes are in chunks
+
+
+def passed(path: Path) -> Recording:
+    """Return a recording that was read piece by piece."""
+    passing = PassingRecording(path)
+    for part in passing.parts():
+        if isinstance(part, RecordedMessage):
+            passing.recording.messages.append(part)
+        else:
+            passing.recording.attachments[part.name] = part.data
+        assert 0.0 < passing.share <= 1.0
+    return passing.recording
+
+
+@pytest.mark.parametrize("piece_bytes", [64, 1_000, 2**20])
+def test_read_piece_by_piece_a_recording_is_the_same_also_cut_and_damaged(
+    whole: tuple[Path, list[bytes]], piece_bytes: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(recording_module, "PIECE_BYTES", piece_bytes)
+    path, _ = whole
+    data = path.read_bytes()
+    assert passed(path) == read_recording(path)
+    rng = np.random.default_rng(50_002)
+    for _ in range(60):
+        broken = bytearray(data[: int(rng.integers(len(data) // 2, len(data)))])
+        for position in rng.integers(8, len(broken), 2):
+            broken[position] ^= 1 << int(rng.integers(8))
+        path.write_bytes(broken)
+        assert passed(path) == read_recording(path)
+
+
+def test_telemetry_that_is_packed_well_is_read_again_where_it_is_not_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A fleet at rest: its recording was refused after a restart, for what it unpacks to."""
+    path = tmp_path / "rest.mcap"
+    writer = RecordingWriter(path, (), lambda: 7)
+    for number in range(1_000):
+        writer.write(TOPICS[0], "rwa.Samples", number.to_bytes(4, "big") * 50, number)
+    writer.close()
+    monkeypatch.setattr(recording_module, "MAX_WORK_BYTES", 0)  # so that the share of the size counts
+    with pytest.raises(InputError, match="asks for more than"):
+        read_recording(path)
+    assert len(passed(path).messages) == 1_000
 
 
 def test_a_lost_first_chunk_does_not_take_the_names_of_all_topics_along(whole: tuple[Path, list[bytes]]) -> None:

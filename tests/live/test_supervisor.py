@@ -84,6 +84,14 @@ def test_a_supervisor_hears_of_a_start_a_standstill_and_a_stop(
     assert ear.listen()[-1] == "STOPPING=1"
 
 
+def test_a_supervisor_waits_for_a_start_that_goes_on(ear: Ear) -> None:
+    supervisor = Supervisor(ear.environment)
+    for now_s in (0.0, 0.5, 1.0, 1.5):
+        supervisor.starting(now_s)
+    wait_for(lambda: len(ear.listen()) >= 2, "two words")
+    assert ear.heard == ["EXTEND_TIMEOUT_USEC=60000000"] * 2
+
+
 def test_signs_of_life_stop_when_the_core_stalls_although_the_process_lives(ear: Ear) -> None:
     stop, stalls, goes_on = Event(), Event(), Event()
 
