@@ -21,12 +21,11 @@ from rwa_monitor.live.trends import CoefficientTrend, WindowFriction, wheel_tren
 from rwa_monitor.messages import Diagnosis
 from rwa_monitor.physics.torque_balance import mended_friction, torque_constant_of
 from rwa_monitor.physics.wheel import Wheel, built_in_wheel
-from rwa_monitor.samples import NANOSECONDS_PER_SECOND, FloatArray, Samples
+from rwa_monitor.samples import NANOSECONDS_PER_SECOND, SECONDS_PER_HOUR, FloatArray, Samples
 
 __all__ = ["discrepancy", "ladder", "trend", "window"]
 
 SECONDS_PER_MINUTE: Final = 60.0
-SECONDS_PER_HOUR: Final = 3600.0
 LOOK_AHEAD: Final = 1.0  # of a trend that reaches no limit soon, in lengths of what was seen
 MILLI: Final = 1e3  # N m to mN m
 MAX_DOTS: Final = 4_000  # of the measured friction in a picture; a screen shows no more

@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 from rwa_monitor.errors import InputError
 
 NANOSECONDS_PER_SECOND: Final = 1_000_000_000
+SECONDS_PER_HOUR: Final = 3_600.0
+SECONDS_PER_DAY: Final = 86_400.0
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.int64]

@@ -14,6 +14,9 @@ import numpy as np
 
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, IntArray
 
+# Times that the arithmetic below holds in 64 bits for any two of them: 1954 to 2096, if the clock counts from 1970.
+MIN_TIME_NS: Final = -500_000_000_000_000_000
+MAX_TIME_NS: Final = 4_000_000_000_000_000_000
 MIN_PERIOD_NS: Final = 1_000  # 1 MHz: faster sampling than any wheel's electronics gives is a wrong unit
 
 

@@ -20,7 +20,7 @@ from rwa_monitor.cli.diagnosis_view import VERDICT_STYLE
 from rwa_monitor.live.bus import Inbox
 from rwa_monitor.live.searches import PATIENCE
 from rwa_monitor.messages import Changepoints, Diagnosis, Discrepancy, Gain, Message, Status
-from rwa_monitor.samples import NANOSECONDS_PER_SECOND
+from rwa_monitor.samples import NANOSECONDS_PER_SECOND, SECONDS_PER_HOUR
 
 REFRESH_S: Final = 0.2
 # What the view listens to, by the last part of the key.
@@ -200,7 +200,7 @@ class DemoView:
 
     def hours(self, time_ns: int) -> float:
         """Return a time of the wheels' clock as hours since the demo's first sample."""
-        return (time_ns - self._start_ns) / NANOSECONDS_PER_SECOND / 3600.0
+        return (time_ns - self._start_ns) / NANOSECONDS_PER_SECOND / SECONDS_PER_HOUR
 
 
 def found_in_words(found: Discrepancy) -> str:

@@ -30,7 +30,7 @@ from rwa_monitor.discrepancy.record import left_out_in_words, make_record
 from rwa_monitor.discrepancy.unit_check import Shown, slope_in_question
 from rwa_monitor.errors import InputError
 from rwa_monitor.physics.wheel import FrictionRange, Noise, Nominal, SwitchingSystem, Wheel, Window
-from rwa_monitor.samples import NANOSECONDS_PER_SECOND, FloatArray, IntArray, Samples
+from rwa_monitor.samples import NANOSECONDS_PER_SECOND, SECONDS_PER_HOUR, FloatArray, IntArray, Samples
 
 MIN_SOJOURNS: Final = 4  # of a configuration, whole or cut; fewer do not show that there is one
 # Of a mean duration, one standard deviation. The law written holds it, so that it misleads no diagnosis; but a law that
@@ -39,7 +39,6 @@ LARGEST_LAW_ERROR: Final = 0.3
 # Of the friction at rest, that of a jump below which it is none of a switching system: a third of what healthy base dry
 # friction spreads by. A slope that differs between recordings makes such jumps.
 SMALLEST_JUMP: Final = 0.02
-SECONDS_PER_HOUR: Final = 3600.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,7 +23,7 @@ from rwa_monitor.physics.effects.base import Channels
 from rwa_monitor.physics.effects.catalogue import MEAN_EFFECTS
 from rwa_monitor.physics.speed import ORBIT_S
 from rwa_monitor.physics.wheel import Wheel
-from rwa_monitor.samples import FloatArray
+from rwa_monitor.samples import SECONDS_PER_HOUR, FloatArray
 
 DURATION_S: Final = 2400.0  # of a manoeuvre: less than half an orbit
 DECIDES: Final = 5.0  # nats: one cause is then 150 times as likely as the other
@@ -63,7 +63,7 @@ class PlannedManoeuvre:
     @property
     def nats_per_hour(self) -> float:
         """What it is worth for its time."""
-        return self.separation * 3600.0 / self.duration_s
+        return self.separation * SECONDS_PER_HOUR / self.duration_s
 
 
 @dataclass(frozen=True, slots=True)

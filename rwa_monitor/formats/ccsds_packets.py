@@ -32,8 +32,8 @@ from rwa_monitor.formats.telemetry import (
     disorder,
 )
 from rwa_monitor.formats.telemetry_map import PacketWheel, conversion, packet_wheels, time_conversion
-from rwa_monitor.messages import MAX_TIME_NS
 from rwa_monitor.samples import Samples
+from rwa_monitor.slots import MAX_TIME_NS
 
 MAX_PACKET_FILE_BYTES: Final = 1_000_000_000
 HEADER_BYTES: Final = 6

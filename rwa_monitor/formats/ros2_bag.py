@@ -34,8 +34,8 @@ from rwa_monitor.formats.files import display_name, first_line, unreadable
 from rwa_monitor.formats.ros2_types import checked_definition
 from rwa_monitor.formats.telemetry import Decoding, SampleBatch, TelemetryFile, WheelTelemetry, disorder
 from rwa_monitor.formats.telemetry_map import SI_UNITS, TopicChannel, TopicWheel, conversion, topic_wheels
-from rwa_monitor.messages import MAX_TIME_NS
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, FloatArray, IntArray, Samples
+from rwa_monitor.slots import MAX_TIME_NS
 
 MAX_RECORD_BYTES: Final = 64 * 2**20
 MAX_SKIPPED_BYTES: Final = 2**40  # of an attachment that is passed over

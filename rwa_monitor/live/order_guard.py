@@ -17,11 +17,8 @@ import numpy as np
 from rwa_monitor.live.sequencer import Counts
 from rwa_monitor.physics.wheel import Limits
 from rwa_monitor.samples import CHANNELS, BoolArray, FloatArray, IntArray, Samples
-from rwa_monitor.slots import SlotGrid, is_nearest_slot, nearest_slot
+from rwa_monitor.slots import MAX_TIME_NS, MIN_TIME_NS, SlotGrid, is_nearest_slot, nearest_slot
 
-# Times that the slot arithmetic holds in 64 bits for any two of them: 1954 to 2096, if the clock counts from 1970.
-MIN_TIME_NS: Final = -500_000_000_000_000_000
-MAX_TIME_NS: Final = 4_000_000_000_000_000_000
 # In SI units: no wheel, with limits of its own or without, has more. Sums of squares stay far from overflow.
 MAX_MAGNITUDE: Final = 1e6
 # Slots written to the ring buffer, and samples looked at, in one go.

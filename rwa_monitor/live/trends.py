@@ -17,10 +17,8 @@ import numpy as np
 from rwa_monitor.diagnosis.explanation import quantity, title
 from rwa_monitor.diagnosis.trend import Reach, Trend, find_trend
 from rwa_monitor.messages import Diagnosis
-from rwa_monitor.samples import NANOSECONDS_PER_SECOND
+from rwa_monitor.samples import NANOSECONDS_PER_SECOND, SECONDS_PER_DAY, SECONDS_PER_HOUR
 
-SECONDS_PER_DAY: Final = 86_400.0
-SECONDS_PER_HOUR: Final = 3_600.0
 SHORT_S: Final = 2.0 * SECONDS_PER_DAY  # below, a time is said in hours
 DRAWN: Final = 60  # points of the line in plain content
 SMALLEST_P: Final = 1e-9  # below, a p-value is only said to be smaller: it rests on Gaussian tails

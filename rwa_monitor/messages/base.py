@@ -13,10 +13,10 @@ from typing import Annotated, Any, ClassVar, Final, Literal, Self
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from rwa_monitor.errors import InputError
+from rwa_monitor.slots import MAX_TIME_NS
 
 MAX_MESSAGE_BYTES: Final = 8 * 2**20  # 100,000 samples of three channels are some 6 MB
 MAX_SAMPLES: Final = 100_000  # of one message: 3.5 hours at 8 Hz
-MAX_TIME_NS: Final = 4_000_000_000_000_000_000  # the year 2096, if the clock counts from 1970
 MAX_CLOCK_NS: Final = 2**62  # of times that a monitor tells: beyond every sample, and sums of two fit in 64 bits
 MAX_COUNT: Final = 2**53  # integers that every JSON reader keeps exactly
 

@@ -18,7 +18,7 @@ from pydantic import Field
 from rwa_monitor.errors import InputError
 from rwa_monitor.physics.strict import Strict
 from rwa_monitor.physics.wheel import Wheel
-from rwa_monitor.samples import FloatArray
+from rwa_monitor.samples import SECONDS_PER_HOUR, FloatArray
 
 ProfileKind = Literal["orbit", "one_direction", "crossings", "rich", "constant", "from_rest"]
 
@@ -281,7 +281,7 @@ def _from_rest(plan: _Plan, profile: SpeedProfile, rng: np.random.Generator) -> 
 
 def _add_slews(plan: _Plan, profile: SpeedProfile, rng: np.random.Generator, largest: float) -> None:
     """Add accelerate–hold–brake moves at random times, in both directions."""
-    for _ in range(rng.poisson(profile.slews_per_hour * plan.duration / 3600.0)):
+    for _ in range(rng.poisson(profile.slews_per_hour * plan.duration / SECONDS_PER_HOUR)):
         change = largest * rng.uniform(0.3, 1.0) * rng.choice([-1.0, 1.0])
         start = rng.uniform(0.0, plan.duration)
         move, hold = rng.uniform(*SLEW_S), rng.uniform(*SLEW_S)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import re
+import tomllib
 from pathlib import Path
 from types import ModuleType
 
@@ -47,3 +48,18 @@ def test_links_inside_the_repository_lead_somewhere(page: Path) -> None:
     for target in re.findall(r"\]\(([^)#]+)(?:#[^)]*)?\)", page.read_text(encoding="utf-8")):
         if not re.match(r"[a-z]+:", target):
             assert (page.parent / target).exists(), f"{target} in {page.name}"
+
+
+def test_the_rooms_of_the_architecture_are_those_of_the_package() -> None:
+    page = (DOCS / "architecture.md").read_text(encoding="utf-8")
+    rows = page.partition("## The rooms")[2].partition("## ")[0]
+    told = set(re.findall(r"`([a-z_]+(?:\.py|/))`", "\n".join(re.findall(r"^\| ([^|]*) \|", rows, re.MULTILINE))))
+    package = ROOT / "rwa_monitor"
+    there = {f"{path.name}/" for path in package.iterdir() if (path / "__init__.py").is_file()}
+    there |= {path.name for path in package.glob("*.py") if not path.name.startswith("__")}
+    assert told == there
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    layers = " ".join(project["tool"]["importlinter"]["contracts"][0]["layers"])
+    assert set(re.findall(r"rwa_monitor\.(\w+)", layers)) == {
+        name.removesuffix("/").removesuffix(".py") for name in there
+    }

@@ -26,6 +26,7 @@ from rwa_monitor.messages import (
     split_key,
 )
 from rwa_monitor.samples import Samples
+from rwa_monitor.slots import MAX_TIME_NS
 from tests.live.support import batch_diagnoses, run_core, said, telemetry, wheel
 
 SCHEMAS = Path(__file__).parents[2] / "schemas"
@@ -83,7 +84,7 @@ def test_what_the_monitor_says_fits_the_schemas() -> None:
 FLOATS = st.one_of(st.floats(), st.just(float("nan")))
 
 
-@given(rows=st.lists(st.tuples(st.integers(0, messages.MAX_TIME_NS), FLOATS, FLOATS), min_size=1, max_size=30))
+@given(rows=st.lists(st.tuples(st.integers(0, MAX_TIME_NS), FLOATS, FLOATS), min_size=1, max_size=30))
 def test_samples_survive_the_bus(rows: list[tuple[int, float, float]]) -> None:
     time_ns, speed, friction = (np.array(column) for column in zip(*rows, strict=True))
     payload = samples_json(Samples(time_ns, speed, friction), "me", 3)

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 
 from rwa_monitor.live.core import WheelCore
 from rwa_monitor.live.events import EpochStarted, StraySamples, WindowDiagnosed
-from rwa_monitor.live.order_guard import MAX_TIME_NS, MIN_TIME_NS, PIECE_SLOTS, OrderGuard
+from rwa_monitor.live.order_guard import PIECE_SLOTS, OrderGuard
 from rwa_monitor.live.sequencer import (
     CHALLENGE_MESSAGES,
     DOUBT_FACTOR,
@@ -24,7 +24,7 @@ from rwa_monitor.live.sequencer import (
 )
 from rwa_monitor.physics.wheel import Limits, Wheel
 from rwa_monitor.samples import Samples
-from rwa_monitor.slots import SlotGrid
+from rwa_monitor.slots import MAX_TIME_NS, MIN_TIME_NS, SlotGrid
 from tests.live.support import WINDOW, said, telemetry, wheel
 
 PERIOD_NS = 125_000_000
