@@ -219,12 +219,13 @@ LOCK = env -u PIP_FIND_LINKS -u UV_FIND_LINKS $(UV_VENV)/bin/uv pip compile pypr
        --custom-compile-command "make lock" $(LOCK_ARGS)
 
 .PHONY: lock
-lock: ## writes requirements.txt and requirements-dev.txt anew from pyproject.toml
+lock: ## writes requirements.txt, -core.txt (no dashboard, no database) and -dev.txt anew from pyproject.toml
 	@test -x $(UV_VENV)/bin/uv || { "$$(tools/find_python.sh)" -m venv $(UV_VENV) && $(UV_VENV)/bin/python -m pip install --quiet uv; }
 	$(LOCK) --extra build --extra dashboard --extra postgresql --output-file requirements.txt
+	$(LOCK) --extra build --constraint requirements.txt --output-file requirements-core.txt
 	$(LOCK) --extra build --extra dashboard --extra postgresql --extra fleet --extra foxglove --extra ccsds --extra ros2 --extra dev \
 	  --constraint requirements.txt --output-file requirements-dev.txt
-	@! grep -nE 'https?://|file:|--(extra-)?index-url|--find-links|(^|[ "])/' requirements.txt requirements-dev.txt
+	@! grep -nE 'https?://|file:|--(extra-)?index-url|--find-links|(^|[ "])/' requirements.txt requirements-core.txt requirements-dev.txt
 
 .PHONY: clean
 clean: ## removes the environment and everything generated; recordings stay

@@ -165,8 +165,9 @@ def install(folder: Path) -> Path:
     environment = folder / "environment"
     subprocess.run([sys.executable, "-m", "venv", str(environment)], check=True, capture_output=True)
     (package,) = folder.glob("*.whl")
-    install_it = [str(environment / "bin/pip"), "install", "--quiet", str(package)]
-    subprocess.run(install_it, check=True, capture_output=True)
+    for what in (["--require-hashes", "-r", str(root / "requirements-core.txt")], ["--no-deps", str(package)]):
+        install_it = [str(environment / "bin/pip"), "install", "--quiet", *what]
+        subprocess.run(install_it, check=True, capture_output=True)
     return environment
 
 
@@ -228,12 +229,26 @@ def page(measured: Measured, seconds: float) -> str:
 
 Made by `make onboard` ({seconds:.0f} s at {RATE_HZ} Hz) on: {machine}.
 
-The package is installed without extras into a fresh environment; `rwa-monitor run` with a recording is pinned to one
+The package is installed without extras into a fresh environment, as below; `rwa-monitor run` with a recording is pinned to one
 core and limited in the data that it may write to, and serves {WHEELS} wheels over TCP. Limits tried: {tried} MB.
 A slower core takes more of itself in proportion: one of a tenth of this one's speed would be busy for {slow:.1%} of its
 time.
 
 {table(["what", "figure"], rows)}
+
+## How to install it
+
+From a checkout; every package is checked by its hash, and nothing is fetched past the lock. The first command that
+diagnoses compiles the kernels.
+
+```sh
+python3 -m venv core
+core/bin/pip install --require-hashes -r requirements-core.txt
+core/bin/pip install --no-deps --no-build-isolation .
+core/bin/rwa-monitor doctor
+```
+
+As a service of systemd, with what it may touch: `docker/rwa-monitor.service`.
 
 ## What the disk holds
 

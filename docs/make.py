@@ -178,6 +178,7 @@ def _reference() -> str:
         "## Exit codes\n",
         _exit_codes(),
         "## On the bus\n",
+        "How to send samples so that nothing is lost: [Publish your own telemetry](publish.md).\n",
         *_bus(),
         "## wheel.toml\n",
         *_settings(wheel.Wheel, "[wheel]"),
