@@ -229,7 +229,7 @@ def page(measured: Measured, seconds: float) -> str:
 
 Made by `make onboard` ({seconds:.0f} s at {RATE_HZ} Hz) on: {machine}.
 
-The package is installed without extras into a fresh environment, as below; `rwa-monitor run` with a recording is pinned to one
+The package is installed without extras into a fresh environment; `rwa-monitor run` with a recording is pinned to one
 core and limited in the data that it may write to, and serves {WHEELS} wheels over TCP. Limits tried: {tried} MB.
 A slower core takes more of itself in proportion: one of a tenth of this one's speed would be busy for {slow:.1%} of its
 time.
