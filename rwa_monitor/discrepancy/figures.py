@@ -15,13 +15,17 @@ from rwa_monitor.discrepancy.engineering import scaled
 from rwa_monitor.discrepancy.find import Search
 from rwa_monitor.discrepancy.ladder import ladder
 from rwa_monitor.discrepancy.views import View, base_residual
-from rwa_monitor.samples import FloatArray
+from rwa_monitor.samples import FloatArray, IntArray
 
 BASE, EXTENDED, MEASURED = "#c1440e", "#1f6f8b", "#8a8a8a"  # orange-red, teal, grey: apart for colour-blind eyes too
 LINES: Final = {"simulation as it is": "--", "simulation extended": "-"}  # apart without colour, too
 MAX_POINTS: Final = 2500  # of a line in a picture
 STANDARD_ERRORS: Final = 2.0  # that the bars of all views show
 ZOOM_SLOTS: Final = 1200  # of the close-up
+STEADY_SHARE: Final = 0.1  # of the largest acceleration, below which the speed counts as steady
+BIN_RATIO: Final = 0.1  # width of a bin over speed, as a share of the speed
+SLOW_RAD_S: Final = 1.0  # below which bins over speed get no narrower
+FEWEST_IN_BIN: Final = 5  # samples of which a mean is drawn
 
 
 def overlay(search: Search) -> Figure:
@@ -66,6 +70,49 @@ def overlay(search: Search) -> Figure:
         axis.set_xlabel("time [s]")
         axis.grid(alpha=0.25)
     figure.legend(*axes["B"].get_legend_handles_labels(), loc="outside upper center", ncols=3)
+    return figure
+
+
+def friction_over_speed(search: Search) -> Figure:
+    """Draw friction over speed: measured, apart by the sign of the acceleration, and as both simulations have it.
+
+    The jumps are taken out: all is drawn at the lowest level of the dry friction.
+    """
+    problem, fit = search.problem, search.extended.fit
+    above = fit.level - fit.level.min()
+    speed = problem.speed * problem.sign
+    at_rest = (problem.z_measured - above) * problem.sign
+    simulated = {"simulation as it is": at_rest - base_residual(problem, search.extended) * problem.sign}
+    if search.extended.terms:
+        simulated["simulation extended"] = at_rest - fit.residual * problem.sign
+    gaining = problem.sign * problem.gather([record.channels.acceleration_rad_s2 for record in problem.records])
+    steady = STEADY_SHARE * np.nanmax(np.abs(gaining), initial=0.0)
+
+    figure = Figure(figsize=(11, 4.6), layout="constrained")
+    axis = figure.subplots()
+    label, factor = scaled("friction torque without its jumps [N m]", float(np.max(np.abs(at_rest))))
+    for name, marker, part in (
+        ("measured, |ω| grows", "^", gaining > steady),
+        ("measured, |ω| falls", "v", gaining < -steady),
+        ("measured, steady", ".", np.abs(gaining) <= steady),
+    ):
+        x, y, count = _means_over(speed[part], at_rest[part])
+        error = STANDARD_ERRORS * np.sqrt(problem.noise.long_run_variance / count)
+        axis.errorbar(x, y * factor, error * factor, fmt=marker, ms=4, lw=0.8, color=MEASURED, label=name)
+    for (name, torque), colour in zip(simulated.items(), (BASE, EXTENDED), strict=False):
+        x, y, _ = _means_over(speed, torque)
+        for k, side in enumerate((x < 0, x > 0)):
+            axis.plot(x[side], y[side] * factor, color=colour, lw=1.4, ls=LINES[name], label=name if k else None)
+    axis.set(xlabel="speed ω [rad/s]", ylabel=label)
+    axis.grid(alpha=0.25)
+    axis.legend(fontsize=8)
+    return figure
+
+
+def formula(latex: str) -> Figure:
+    """Draw a formula of the catalogue, black on nothing."""
+    figure = Figure(figsize=(0.1, 0.1))
+    figure.text(0.0, 0.0, f"${latex}$")
     return figure
 
 
@@ -118,17 +165,30 @@ def ladder_picture(search: Search) -> Figure:
     return figure
 
 
-def svg(figure: Figure) -> str:
-    """Return a figure as an <svg> element, without date or random ids."""
+def svg(figure: Figure, *, tight: bool = False) -> str:
+    """Return a figure as an <svg> element, without date or random ids; `tight` cuts it to what is drawn."""
     text = io.StringIO()
     with mpl.rc_context({"svg.hashsalt": "rwa-monitor", "font.size": 9}):
-        figure.savefig(text, format="svg", metadata={"Date": None})
+        figure.savefig(text, format="svg", metadata={"Date": None}, bbox_inches="tight" if tight else None)
     document = text.getvalue()
     return document[document.index("<svg") :]
 
 
 def _bars(axis: Axes, x: FloatArray, y: FloatArray, error: FloatArray, colour: str, marker: str, label: str) -> None:
     axis.errorbar(x, y, STANDARD_ERRORS * error, fmt=marker, ms=3.5, lw=1, capsize=2, color=colour, label=label)
+
+
+def _means_over(speed: FloatArray, torque: FloatArray) -> tuple[FloatArray, FloatArray, IntArray]:
+    """Return means of speed and torque and the samples in each, in bins as wide as a share of the speed itself.
+
+    So they part the directions, and are narrow near zero, where friction changes fastest.
+    """
+    bin_of = np.sign(speed) * np.ceil(np.log1p(np.abs(speed) / SLOW_RAD_S) / BIN_RATIO)
+    at = (bin_of - bin_of.min(initial=0.0)).astype(np.int64)
+    count = np.bincount(at)
+    full = count >= FEWEST_IN_BIN
+    x, y = (np.bincount(at, values)[full] / count[full] for values in (speed, torque))
+    return x, y, count[full]
 
 
 def _thin(x: FloatArray, y: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -131,6 +131,11 @@ def html(search: Search, sources: list[str], build: str = "") -> str:
         "sure_p": SURE_P,
         "accept_gain": f"{ACCEPT_GAIN:.0f}",
         "overlay": figures.svg(figures.overlay(search)),
+        "friction_over_speed": figures.svg(figures.friction_over_speed(search)),
+        "formulas": {
+            effect.name: figures.svg(figures.formula(CATALOGUE[effect.name].formula), tight=True)
+            for effect in search.result.effects
+        },
         "ladder_picture": figures.svg(figures.ladder_picture(search)) if extended else "",
         "views": [(view, figures.svg(figures.view_picture(view, both=extended))) for view in views],
         "extended_toml": extension.to_toml() if extended else "",

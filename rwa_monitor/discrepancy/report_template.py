@@ -184,9 +184,11 @@ of what this motion can show, and how much of all friction (rms) that is; to wit
 {% if result.effects %}
 <h2>The effects named</h2>
 {% for effect in result.effects %}
-<h3>{{ catalogue[effect.name].title }}: <code>{{ catalogue[effect.name].formula }}</code></h3>
-<p>{{ catalogue[effect.name].description }} <span class="small">It shows as: {{ catalogue[effect.name].signature }}
-Source: {{ catalogue[effect.name].source }}</span></p>
+<h3>{{ catalogue[effect.name].title }}</h3>
+<figure>{{ formulas[effect.name] | safe }}</figure>
+<p>{{ catalogue[effect.name].description | replace("`", "") }}
+<span class="small">It shows as: {{ catalogue[effect.name].signature | replace("`", "") }}
+Source: {{ catalogue[effect.name].source | replace("`", "") }}</span></p>
 {% endfor %}
 {% endif %}
 
@@ -209,8 +211,8 @@ PAGE: Final = (
 </head>
 <body>
 <h1>What the simulation of wheel “{{ wheel.name }}” gets wrong</h1>
-<p class="small">{{ sources | join(", ") }} · {{ samples }} samples in motion{% if left_out %}
-({{ left_out }}){% endif %}{% if clipped %}, {{ clipped }} outliers pulled in{% endif %} · noise
+<p class="small">{{ sources | join(", ") }} · {{ samples }} samples in motion
+{%- if left_out %} ({{ left_out }}){% endif %}{% if clipped %}, {{ clipped }} outliers pulled in{% endif %} · noise
 {{ noise_std_Nm | torque }} · {{ software }}</p>
 <p class="verdict {{ result.verdict }}"><strong>{{ result.verdict | capitalize }}.</strong> {{ sentence }}{% if
 extended_toml and not result.gain.is_a_loss and not result.gain.simulated.is_a_loss %} On data held out, the log
@@ -220,6 +222,11 @@ become {{ rungs[-1].jumps }}.{% endif %}</p>
 
 <h2>Measured and simulated</h2>
 <figure class="wide">{{ overlay | safe }}</figure>
+
+<h2>Friction over speed</h2>
+<p class="small">Means over narrow ranges of speed, all jumps taken out: at the lowest level of dry friction. Where it
+differs between growing and falling speed, it has a memory or follows the acceleration.</p>
+<figure class="wide">{{ friction_over_speed | safe }}</figure>
 """
     + MISSING
     + GAINS

@@ -12,7 +12,7 @@ import pytest
 from click.testing import CliRunner
 
 from rwa_monitor.cli.main import main
-from rwa_monitor.discrepancy import report
+from rwa_monitor.discrepancy import figures, report
 from rwa_monitor.discrepancy.bootstrap import with_bootstrap
 from rwa_monitor.discrepancy.extended import extended_wheel
 from rwa_monitor.discrepancy.find import Search, find_discrepancy
@@ -24,7 +24,7 @@ from rwa_monitor.discrepancy.search import refit
 from rwa_monitor.discrepancy.terms import make_term
 from rwa_monitor.discrepancy.views import all_views
 from rwa_monitor.formats.table import table_writer
-from rwa_monitor.physics.effects.catalogue import MEAN_EFFECTS
+from rwa_monitor.physics.effects.catalogue import CATALOGUE, MEAN_EFFECTS
 from rwa_monitor.physics.scenario import Scenario
 from rwa_monitor.physics.speed import SpeedProfile
 from rwa_monitor.physics.telemetry import simulate
@@ -139,6 +139,22 @@ def test_the_page_stands_alone_and_is_the_same_each_time(found: Search) -> None:
         assert word in text
     assert report.html(found, ["hidden.csv"]) == text
     assert "rwa-monitor 0.1.0, build 0.1.0+gabc" in report.html(found, ["hidden.csv"], "0.1.0+gabc")
+
+
+@pytest.mark.parametrize("name", CATALOGUE)
+def test_every_formula_of_the_catalogue_can_be_drawn(name: str) -> None:
+    drawn = figures.svg(figures.formula(CATALOGUE[name].formula), tight=True)
+    assert drawn.count("<use ") > 3
+
+
+def test_friction_over_speed_shows_the_law_near_zero(found: Search) -> None:
+    """The Stribeck rise is drawn: near zero the extended line lies above the straight one, on both sides."""
+    axis = figures.friction_over_speed(found).axes[0]
+    lines = {str(line.get_label()): line for line in axis.get_lines()}
+    simple, extended = lines["simulation as it is"], lines["simulation extended"]
+    slow = np.asarray(simple.get_xdata()) < 4.0
+    assert slow.sum() >= 2
+    assert (np.asarray(extended.get_ydata())[slow] > np.asarray(simple.get_ydata())[slow]).all()
 
 
 def test_a_file_name_cannot_inject_markup(found: Search) -> None:

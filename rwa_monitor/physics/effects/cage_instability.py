@@ -33,7 +33,7 @@ class CageInstability(NoiseEffect):
     title = "Cage instability"
     formula = (
         r"\tau = g(t)\, m \operatorname{sign}(\omega), \quad \sigma = \sigma_0 \left(1 + g(t)\, b\right), \qquad "
-        r"g(t) \in \{0, 1\} \text{ where } \bigl||\omega| - \omega_c\bigr| < w, \text{ else } 0"
+        r"g(t) \in \{0, 1\} \text{ where } \left||\omega| - \omega_c\right| < w, \text{ else } 0"
     )
     description = (
         "The ball cage leaves its smooth path and whirls: friction and noise rise together, come in bursts, and do "

@@ -32,7 +32,7 @@ class DecayingJump(SwitchingEffect):
     title = "Jumps that relax"
     formula = (
         r"\tau = -\gamma \sum_j \Delta_j \left(1 - e^{-(t - t_j)/T}\right) \operatorname{sign}(\omega), \quad t_j "
-        r"\le t < t_{j+1}"
+        r"\leq t < t_{j+1}"
     )
     description = (
         "A pocket of oil that is run over is squeezed out again: the drag jumps and then relaxes by a share of the "

@@ -21,7 +21,7 @@ class ViscousJump(SwitchingEffect):
 
     name = "viscous_jump"
     title = "Jumps of the viscous friction"
-    formula = r"\tau = c\, \omega \sum_{t_j \le t} \Delta_j"
+    formula = r"\tau = c\, \omega \sum_{t_j \leq t} \Delta_j"
     description = (
         "Where lubricant moves in or out of the contact, the viscous coefficient jumps along with the dry friction: "
         "the jump is larger at high speed by the factor 1 + c|ω|."
