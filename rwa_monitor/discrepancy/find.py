@@ -17,6 +17,7 @@ from rwa_monitor.discrepancy.delay_term import DelayTerm
 from rwa_monitor.discrepancy.extended import extend
 from rwa_monitor.discrepancy.gain import HeldOut, held_out, holds_out, on_other_recordings
 from rwa_monitor.discrepancy.jump_terms import JUMP_TERMS
+from rwa_monitor.discrepancy.lattice import drawn_again, without_steps
 from rwa_monitor.discrepancy.mapper import Mapper, in_turn
 from rwa_monitor.discrepancy.noise_effects import noise_effects
 from rwa_monitor.discrepancy.nulls import built_in_nulls
@@ -31,7 +32,7 @@ from rwa_monitor.discrepancy.result import (
     Verdict,
 )
 from rwa_monitor.discrepancy.rounding import without_rounding
-from rwa_monitor.discrepancy.search import Found, Growth, Model, Progress, SearchResult, grow, rank
+from rwa_monitor.discrepancy.search import Found, Growth, Model, Progress, SearchResult, grow, rank, refit
 from rwa_monitor.discrepancy.slope_jumps import SlopeJumps, shared_strength, with_slope_jumps
 from rwa_monitor.discrepancy.switching_effects import switching_effects
 from rwa_monitor.discrepancy.uncertainty import described, spread
@@ -111,13 +112,13 @@ def find_discrepancy(
     # What is left of a delay that is taken out is less than a part of a slot.
     missing = [effect for effect in candidates(wheel) if delay is None or effect is not DelayTerm]
     tried = [effect for effect in missing if _can_show(problem, effect)]
-    problem, found, leftover, complete = _explain(problem, tried, progress)
+    problem, found, leftover, complete = _explain(problem, tried, progress, wheel)
     progress("noise and jumps")
     cage = cage_bursts(problem, complete) if problem.has_noise else None
     if cage is not None:
         # Bursts pass for jumps, and for laws of speed: what is said of anything else is said without them.
         problem = replace(prepare(cage.quiet(problem.records), wheel), each=each)
-        problem, found, leftover, complete = _explain(problem, tried, progress)
+        problem, found, leftover, complete = _explain(problem, tried, progress, wheel)
     in_band = cage.in_band if cage is not None else ()
     others: list[FoundEffect] = []
     wanders = None
@@ -198,12 +199,19 @@ def candidates(wheel: Wheel) -> list[type[MeanEffect]]:
 
 
 def _explain(
-    problem: Problem, candidates: Sequence[type[MeanEffect]], progress: Progress
+    problem: Problem, candidates: Sequence[type[MeanEffect]], progress: Progress, wheel: Wheel
 ) -> tuple[Problem, SearchResult, Unexplained | None, Model]:
     """Search for mean effects, and judge what they leave: see `judge_leftover`; the noise is that of the best model."""
     grown = grow(problem, candidates, holds_out, progress)
     sloped = _with_slope_jumps(problem, grown, candidates, progress)
     best = sloped or grown.ladder[-1]
+    if best.terms:
+        drawn = drawn_again(problem, best.fit, lambda other: refit(other, best.terms, [best.fit.jumps]).fit)
+        if drawn is not None:
+            problem = replace(prepare(drawn, wheel), each=problem.each)
+            grown = grow(problem, candidates, holds_out, progress, begin_with=best)
+            sloped = _with_slope_jumps(problem, grown, candidates, progress)
+            best = sloped or grown.ladder[-1]
     if best.terms:
         # What the effect did to the base model's residual passed for coloured noise; without it the eye is sharper.
         calmer = with_noise_of(problem, best.fit.residual)
@@ -241,7 +249,8 @@ def _known_delay(wheel: Wheel) -> Delay | None:
 def _records(recordings: Sequence[tuple[str, Samples]], wheel: Wheel, delay: Delay | None = None) -> list[Record]:
     if delay is not None:  # taken out of the torque itself: to first order it would be taken out a second time
         wheel = wheel.model_copy(update={"effect": tuple(b for b in wheel.effect if b.name != DelayTerm.name)})
-    return [without_known_effects(make_record(samples, wheel, name, delay), wheel) for name, samples in recordings]
+    records = [make_record(samples, wheel, name, delay) for name, samples in recordings]
+    return without_steps([without_known_effects(record, wheel) for record in records], wheel)
 
 
 def prepare(records: Sequence[Record], wheel: Wheel) -> Problem:

@@ -24,6 +24,7 @@ from rwa_monitor.discrepancy.unit_check import check_inertia, shown_inertia
 from rwa_monitor.errors import InputError
 from rwa_monitor.physics import torque_balance
 from rwa_monitor.physics.effects.base import Channels
+from rwa_monitor.physics.effects.tachometer_quantisation import lattice_step
 from rwa_monitor.physics.speed import wheel_angle
 from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray, Samples
@@ -49,6 +50,9 @@ WRONG_UNIT_FACTOR: Final = (
     100.0  # of nominal friction: mN m read as N m are a thousand; no bearing gets there and turns
 )
 UNUSUAL_FACTOR: Final = 5.0  # of nominal friction: a wheel that has gone bad, or another wheel
+FEWEST_LEVELS: Final = 3  # readings, all different, of which a step can be told
+MOST_LEVELS: Final = 0.5  # of the samples: a lattice of so many different readings has finer steps than its noise
+RMS_OF_ROUNDING: Final = 12**-0.5  # of a step: the error is uniform over it
 SMOOTHING_REACH: Final = 6  # slots beyond the hole, on each side, from which motion is estimated
 
 
@@ -86,6 +90,11 @@ class Record:
         Width of the filter with which friction is derived; 0 where it is given.
     left_out
         Why samples do not enter the search, in words, and how many; no reason without any.
+    torque_step_Nm
+        Lattice on which the torque was read that friction comes from [N m], 0 where there is none or it is of no
+        consequence.
+    friction_as_read_Nm
+        float64 (n,), friction with its rounding, where `friction_torque_Nm` is without (see `lattice`); else None.
     """
 
     source: str
@@ -101,6 +110,8 @@ class Record:
     bent: BoolArray | None = None
     derivative_slots: int = 0
     left_out: Mapping[str, int] = field(default_factory=dict)
+    torque_step_Nm: float = 0.0
+    friction_as_read_Nm: FloatArray | None = None
 
     @property
     def undrifted(self) -> Channels:
@@ -146,9 +157,10 @@ def make_record(samples: Samples, wheel: Wheel, source: str, delay: alignment.De
         motion = alignment.aligned(motion, wheel, delay.slots, delay.part)
     speed, torque, friction = motion.speed_rad_s, motion.torque_Nm, motion.friction_Nm
     derived = friction is None
+    torque_step = _torque_step(samples, wheel)
     bent: BoolArray | None = None
     if friction is None:
-        friction, hole, bent, corners = _derived_friction(speed, torque, wheel, source)
+        friction, hole, bent, corners = _derived_friction(speed, torque, wheel, source, torque_step)
     else:
         hole, corners = min(2, count // 8), 0
 
@@ -187,6 +199,7 @@ def make_record(samples: Samples, wheel: Wheel, source: str, delay: alignment.De
         left_out=_left_out(
             measured, samples, int(np.count_nonzero(used)), int(np.count_nonzero(good & ~used)), corners
         ),
+        torque_step_Nm=torque_step,
     )
 
 
@@ -219,6 +232,18 @@ def _source_of_friction(samples: Samples) -> FloatArray:
     """Return the channel that friction comes from, float64 (n,); NaN where none is there."""
     channels = (samples.friction_torque_Nm, samples.motor_torque_Nm, samples.motor_current_A)
     return next((values for values in channels if values is not None), np.full(len(samples), np.nan))
+
+
+def _torque_step(samples: Samples, wheel: Wheel) -> float:
+    """Return the step of the lattice that the source of friction was read on [N m], 0 where there is none."""
+    values = _source_of_friction(samples)
+    readings = np.unique(values[np.isfinite(values)])
+    # A converter's zero need not be zero: differences are on the lattice.
+    step = lattice_step(readings - readings[0]) if FEWEST_LEVELS <= readings.size < MOST_LEVELS * values.size else None
+    if step is None:
+        return 0.0
+    of_current = samples.friction_torque_Nm is None and samples.motor_torque_Nm is None
+    return step * (wheel.torque_constant_Nm_A or 0.0) if of_current else step
 
 
 def delay_of(recordings: Sequence[tuple[str, Samples]], wheel: Wheel) -> alignment.Delay | None:
@@ -355,7 +380,7 @@ def _from_neighbours(values: FloatArray, hole: int, reach: int, order: int) -> F
 
 
 def _derived_friction(
-    speed: FloatArray, torque: FloatArray | None, wheel: Wheel, source: str
+    speed: FloatArray, torque: FloatArray | None, wheel: Wheel, source: str, torque_step: float
 ) -> tuple[FloatArray, int, BoolArray, int]:
     """Return K_T·I - J·dω/dt [N m], NaN at corners of the speed; the filter's half-width [slots]; where speed bends.
 
@@ -371,7 +396,8 @@ def _derived_friction(
     hole = torque_balance.derivative_taps(wheel.friction.derivative, wheel.sample_period_s).size // 2
     bias = wheel.inertia_kg_m2 * _derivative_bias(speed, wheel, BIAS_REACH)
     doubt = np.abs(bias - wheel.inertia_kg_m2 * _derivative_bias(speed, wheel, SHORT_BIAS_REACH))
-    sigma = _spread_between_neighbours(friction + bias, 2 * hole + 1)
+    # On a lattice most differences are nothing: no spread is less than that of the rounding.
+    sigma = max(_spread_between_neighbours(friction + bias, 2 * hole + 1), torque_step * RMS_OF_ROUNDING)
     friction = friction + bias
     # What a step of torque makes of it is no bend that a polynomial knows.
     rounding = torque_balance.rounding_error(speed, torque, wheel, CORNER_WINDOWS, soft=False)

@@ -1,0 +1,144 @@
+"""Torque that was read on a lattice: its rounding is undone as far as a model of the record tells.
+
+Rounding to steps of several standard deviations is no noise: where the torque rests, the error rests with it, and where
+the torque moves, mean and spread of the error follow it (B. Widrow, I. Kollár, Quantization Noise, 2008, chapter 4).
+Levels, laws of speed and a cage would be read out of that; and a median of differences on a lattice is nothing, or a
+step. But the reading tells between which two values the torque was. So each sample is drawn from the normal law about
+a model, as far as it lies within the step that was read: where the model is right that is the unrounded record's own
+law, and nothing has to be known of rounding by what comes after (data augmentation: M. A. Tanner, W. H. Wong, JASA 82,
+1987; as residuals: P. K. Dunn, G. K. Smyth, J. Comp. Graph. Stat. 5, 1996). Model and draws are found in turns (the
+stochastic EM of G. Celeux, J. Diebolt, 1985) with the same uniform numbers in each, which makes it a fixed point.
+
+What the model lacks is drawn towards it within each step: an effect is found weaker than it is, and never stronger.
+Once it is found, the draws are repeated about the model that has it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+from scipy import special
+
+from rwa_monitor.discrepancy.base_fit import Fit, Problem, fit, make_problem, strong_level, with_noise_of
+from rwa_monitor.discrepancy.record import Record
+from rwa_monitor.physics.wheel import Wheel
+from rwa_monitor.samples import FloatArray
+
+COARSE: Final = 0.5  # standard deviations of the noise: finer steps are of no consequence
+FINEST_NOISE: Final = 0.05  # of a step: less noise than that hardly ever shows
+ROUNDS: Final = 24  # of model and draws in turn, at most
+SETTLED: Final = 0.005  # change of the standard deviation
+FAR: Final = 8.0  # standard deviations: beyond, where within its step a sample lies is as good as known
+SEED: Final = 19871987  # fixed: the same record gives the same answer
+
+
+def without_steps(records: Sequence[Record], wheel: Wheel) -> list[Record]:
+    """Return records whose friction was read in coarse steps with the rounding undone, about the base model.
+
+    Others, and those whose steps are fine beside their noise, are returned as they are.
+
+    Raises
+    ------
+    InputError
+        As `make_problem` does.
+    """
+    if not any(record.torque_step_Nm > 0.0 for record in records):
+        return list(records)
+    uniform = _uniform(records)
+    spread = [
+        replace(record, friction_torque_Nm=record.friction_torque_Nm + record.torque_step_Nm * (u - 0.5))
+        for record, u in zip(records, uniform, strict=True)
+    ]
+    problem = make_problem(spread, wheel)
+    variance = problem.noise.std**2
+    kept = [
+        record
+        if is_coarse(record.torque_step_Nm, float(np.sqrt(max(variance - record.torque_step_Nm**2 / 6.0, 0.0))))
+        else replace(record, torque_step_Nm=0.0)
+        for record in records
+    ]
+    if not any(record.torque_step_Nm > 0.0 for record in kept):
+        return kept
+    problem = make_problem(kept, wheel)
+    problem = replace(problem, z=problem.z_measured)
+    base = fit(problem, np.zeros((problem.size, 0)))
+    # No weak jump to begin with: a rounding error that rests looks like one.
+    start = base.coefficients[0] * problem.speed + strong_level(problem, base.level)
+    return _drawn(problem, start, lambda drawn: fit(drawn, np.zeros((drawn.size, 0))))
+
+
+def is_coarse(step: float, noise_std: float) -> bool:
+    """Say whether a step of the torque matters beside its noise [N m]."""
+    return step > COARSE * noise_std
+
+
+def drawn_again(problem: Problem, model: Fit, again: Callable[[Problem], Fit]) -> list[Record] | None:
+    """Return the records of a problem with the rounding undone about a better model; None where none is rounded.
+
+    Parameters
+    ----------
+    problem
+        The data, drawn about another model.
+    model
+        The fit of the better one.
+    again
+        Fits it to a problem with other draws.
+    """
+    if not any(record.torque_step_Nm > 0.0 for record in problem.records):
+        return None
+    return _drawn(problem, problem.z - model.residual, again)
+
+
+def _uniform(records: Sequence[Record]) -> list[FloatArray]:
+    rng = np.random.default_rng(SEED)
+    return [rng.random(record.used.size) for record in records]
+
+
+def _drawn(problem: Problem, expected: FloatArray, again: Callable[[Problem], Fit]) -> list[Record]:
+    """Draw each sample of z within its step about what is expected, float64 (n,) [N m], and fit, in turns."""
+    step = problem.gather([np.full(record.used.size, record.torque_step_Nm) for record in problem.records])
+    uniform = problem.gather(_uniform(problem.records))
+    read = problem.gather([_as_read(record) for record in problem.records]) * problem.sign
+    std, drawn = problem.noise.std, problem
+    for _ in range(ROUNDS):
+        drawn = with_z(problem, _within(read, step, expected, std, uniform))
+        fitted = again(with_noise_of(drawn, drawn.z - expected))
+        expected, last = drawn.z - fitted.residual, std
+        std = with_noise_of(drawn, fitted.residual).noise.std
+        if abs(std - last) < SETTLED * last:
+            break
+    z = _within(read, step, expected, std, uniform)
+    records = []
+    for record, values in zip(problem.records, problem.spread(z * problem.sign), strict=True):
+        friction = np.where(record.used, values, record.friction_torque_Nm)
+        records.append(replace(record, friction_torque_Nm=friction, friction_as_read_Nm=_as_read(record)))
+    return records
+
+
+def with_z(problem: Problem, z: FloatArray) -> Problem:
+    """Return the problem with other friction, float64 (n,) [N m]."""
+    return replace(problem, z=z, z_measured=z)
+
+
+def _as_read(record: Record) -> FloatArray:
+    return record.friction_torque_Nm if record.friction_as_read_Nm is None else record.friction_as_read_Nm
+
+
+def _within(read: FloatArray, step: FloatArray, expected: FloatArray, std: float, uniform: FloatArray) -> FloatArray:
+    """Return draws from a normal law within half a step of what was read, (n,); what has no step is left as it is.
+
+    Always on the lower tail, where a probability keeps its digits.
+    """
+    std = np.maximum(std, FINEST_NOISE * step)
+    std = np.where(step > 0.0, std, 1.0)
+    upper = read < expected  # the step lies below the middle
+    near = np.where(upper, expected - read, read - expected) - 0.5 * step
+    low, high = -np.minimum(near, FAR * std) / std - step / std, -np.minimum(near, FAR * std) / std
+    probability = special.ndtr(low) + uniform * (special.ndtr(high) - special.ndtr(low))
+    inside = np.clip(special.ndtri(probability), low, high) - high  # from the near end, ≤ 0
+    away = near - inside * std
+    drawn = np.where(upper, expected - away, expected + away)
+    return np.where(step > 0.0, drawn, read)
