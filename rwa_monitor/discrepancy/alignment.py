@@ -10,7 +10,7 @@ the torque rounds off alike.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -30,6 +30,7 @@ LEFT_SHARE: Final = 0.5  # of what a delay is to explain
 LEFT_OF_HALVES: Final = 0.2  # by half a slot: the mean of two slots halves what steps at all, late or not
 ROUGH: Final = 2.0  # of what noise gives: less is not to be explained
 WITHIN_A_SLOT: Final = 1.0 / 12.0  # slots²: the variance of a place somewhere in a slot
+RMS_OF_TWO_ROUNDINGS: Final = 6**-0.5  # of a step, of their difference: each error is uniform over it
 SLOPE_REACH: Final = 6  # slots to each side
 STEP_MARGIN: Final = 1  # slots on each side of a step that a delay of parts of a slot leaves wrong
 
@@ -61,12 +62,14 @@ class Delay:
 class Motion:
     """What is measured of a record on its slots, float64 (n,): speed [rad/s], motor torque and friction [N m].
 
-    The torque is None where it is not measured, friction where it is to be derived.
+    The torque is None where it is not measured, friction where it is to be derived. `torque_step_Nm` is the lattice
+    on which that was read which friction comes from, 0 where there is none.
     """
 
     speed_rad_s: FloatArray
     torque_Nm: FloatArray | None
     friction_Nm: FloatArray | None
+    torque_step_Nm: float = 0.0
 
 
 def find_delay(motions: Sequence[Motion], wheel: Wheel) -> Delay | None:
@@ -148,7 +151,8 @@ def _roughness(motion: Motion, wheel: Wheel, halves: IntArray) -> tuple[FloatArr
     if known.size < 2:
         return None
     # Of friction as it is: a delay makes few of its differences large.
-    std = float(np.median(known)) / 0.6745
+    # On a lattice most differences are nothing, or one step: no less than that of two rounding errors.
+    std = max(float(np.median(known)) / 0.6745, motion.torque_step_Nm * RMS_OF_TWO_ROUNDINGS)
     # Where friction jumps the torque steps as well, and late or early says nothing of the speed, which stays straight.
     stepped = np.abs(np.nan_to_num(_rise(torque - friction, lag))) > STEP_STDS * std
     if std == 0.0 or not stepped.any():
@@ -202,6 +206,7 @@ def aligned(motion: Motion, wheel: Wheel, slots: int, part: float, *, masked: bo
         accelerating = motion.torque_Nm - motion.friction_Nm
         friction = noisy = motion.friction_Nm + torque - motion.torque_Nm
     std = float(np.nanmedian(np.abs(_rise(noisy, lag)))) / 0.6745
+    std = max(std, motion.torque_step_Nm * RMS_OF_TWO_ROUNDINGS)
     steps = np.abs(np.nan_to_num(_rise(accelerating, lag))) > STEP_STDS * std
     around = np.arange(-SLOPE_REACH, SLOPE_REACH + 1)
     late = part * np.nan_to_num(
@@ -211,7 +216,7 @@ def aligned(motion: Motion, wheel: Wheel, slots: int, part: float, *, masked: bo
         late[binary_dilation(steps, iterations=SLOPE_REACH)] = 0.0
         if part and masked:
             late[binary_dilation(steps, iterations=reach)] = np.nan
-    return Motion(motion.speed_rad_s, torque + late, None if friction is None else friction + late)
+    return replace(motion, torque_Nm=torque + late, friction_Nm=None if friction is None else friction + late)
 
 
 def _rise(values: FloatArray, lag: int) -> FloatArray:

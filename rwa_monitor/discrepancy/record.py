@@ -19,6 +19,7 @@ import numpy as np
 from scipy.ndimage import binary_dilation, correlate1d, maximum_filter
 
 from rwa_monitor.discrepancy import alignment
+from rwa_monitor.discrepancy.reversals import averages_over_reversals
 from rwa_monitor.discrepancy.saturation import without_end_stops
 from rwa_monitor.discrepancy.unit_check import check_inertia, shown_inertia
 from rwa_monitor.errors import InputError
@@ -157,10 +158,9 @@ def make_record(samples: Samples, wheel: Wheel, source: str, delay: alignment.De
         motion = alignment.aligned(motion, wheel, delay.slots, delay.part)
     speed, torque, friction = motion.speed_rad_s, motion.torque_Nm, motion.friction_Nm
     derived = friction is None
-    torque_step = _torque_step(samples, wheel)
     bent: BoolArray | None = None
     if friction is None:
-        friction, hole, bent, corners = _derived_friction(speed, torque, wheel, source, torque_step)
+        friction, hole, bent, corners = _derived_friction(speed, torque, wheel, source, motion.torque_step_Nm)
     else:
         hole, corners = min(2, count // 8), 0
 
@@ -183,7 +183,9 @@ def make_record(samples: Samples, wheel: Wheel, source: str, delay: alignment.De
         ),
     )
     good = channels.good
-    used = good & ~rest & (direction != 0)
+    moving = good & ~rest & (direction != 0)
+    averaged = averages_over_reversals(speed, np.where(moving, direction * friction, np.nan))
+    used = moving & ~averaged
     return Record(
         source=source,
         channels=channels,
@@ -197,9 +199,14 @@ def make_record(samples: Samples, wheel: Wheel, source: str, delay: alignment.De
         bent=bent,
         derivative_slots=2 * hole + 1 if derived else 0,
         left_out=_left_out(
-            measured, samples, int(np.count_nonzero(used)), int(np.count_nonzero(good & ~used)), corners
+            measured,
+            samples,
+            int(np.count_nonzero(used)),
+            int(np.count_nonzero(good & ~moving)),
+            corners,
+            int(np.count_nonzero(moving & averaged)),
         ),
-        torque_step_Nm=torque_step,
+        torque_step_Nm=motion.torque_step_Nm,
     )
 
 
@@ -211,7 +218,9 @@ def left_out_in_words(records: Sequence[Record]) -> str:
     return "left out: " + ", ".join(f"{count} {why}" for why, count in total.items()) if total else ""
 
 
-def _left_out(measured: Samples, without_stops: Samples, used: int, rest: int, corners: int) -> dict[str, int]:
+def _left_out(
+    measured: Samples, without_stops: Samples, used: int, rest: int, corners: int, averaged: int
+) -> dict[str, int]:
     """Count the samples that are not used, by reason; what no other reason explains lacks its derivative."""
     before, after = (
         np.isfinite(samples.speed_rad_s) & np.isfinite(_source_of_friction(samples))
@@ -223,7 +232,8 @@ def _left_out(measured: Samples, without_stops: Samples, used: int, rest: int, c
         "at the end stop of a channel": int(np.count_nonzero(before & ~after)),
         "at corners of the speed, where derived friction is not known": corners,
         "at rest": rest,
-        "beside gaps and ends, where friction cannot be derived": known - used - rest - corners,
+        "averaged over a reversal of the speed": averaged,
+        "beside gaps and ends, where friction cannot be derived": known - used - rest - corners - averaged,
     }
     return {why: count for why, count in reasons.items() if count}
 
@@ -270,7 +280,7 @@ def _motion(samples: Samples, wheel: Wheel, slot: IntArray) -> alignment.Motion:
     if torque is None and samples.motor_current_A is not None and wheel.torque_constant_Nm_A is not None:
         current = _on_grid(samples.motor_current_A, slot)
         torque = wheel.torque_constant_Nm_A * current if current is not None else None
-    return alignment.Motion(speed, torque, _on_grid(samples.friction_torque_Nm, slot))
+    return alignment.Motion(speed, torque, _on_grid(samples.friction_torque_Nm, slot), _torque_step(samples, wheel))
 
 
 def _on_grid(values: FloatArray | None, slot: IntArray) -> FloatArray | None:

@@ -19,10 +19,12 @@ from rwa_monitor.discrepancy.base_fit import Problem, remove_levels, segment_sta
 from rwa_monitor.discrepancy.noise import MAX_LAG
 from rwa_monitor.discrepancy.result import ParameterValue
 from rwa_monitor.discrepancy.search import Model
-from rwa_monitor.discrepancy.terms import LOG_SPACING_FROM, Term, make_term, shape_limits
+from rwa_monitor.discrepancy.terms import LOG_SPACING_FROM, Term, make_background, make_term, shape_limits
 from rwa_monitor.physics.effects.base import Parameter
+from rwa_monitor.physics.effects.speed_dead_zone import SpeedDeadZone
 from rwa_monitor.samples import FloatArray
 
+DEAD_ZONE: Final = "dead_zone_rad_s"
 STEP: Final = 1e-3  # of a shape parameter's range, for the derivative
 WIDTH: Final = 2.0  # standard deviations each way: 95 %
 STRETCHES: Final = 20  # of the samples: what a stretch leaves is taken to know little of what the next but one leaves
@@ -63,6 +65,9 @@ def spread(problem: Problem, model: Model) -> Spread:
                 owners.append((index, parameter.name))
     std = _standard_deviations(problem, model, np.column_stack(columns))
     known = dict(zip(owners, std.tolist(), strict=True))
+    for index, term in enumerate(model.terms):
+        if term.effect is SpeedDeadZone:
+            known[index, DEAD_ZONE] = _half_width_of_zone(problem, model, index)
     return Spread(
         known[-1, ""],
         tuple(
@@ -70,6 +75,34 @@ def spread(problem: Problem, model: Model) -> Spread:
             for index, term in enumerate(model.terms)
         ),
     )
+
+
+def _half_width_of_zone(problem: Problem, model: Model, index: int) -> float:
+    """Return by how much the end of a dead zone may be moved [rad/s]: its likelihood is a step at each sample's speed.
+
+    Half the range, between speeds of samples, over which the log likelihood falls by less than a half: an interval of
+    one standard deviation of a likelihood that is no step.
+    """
+    term = model.terms[index]
+    low, high = shape_limits(problem, term.effect)[DEAD_ZONE]
+    end = float(term.shape[DEAD_ZONE])
+    others = tuple(other for i, other in enumerate(model.terms) if i != index)
+    background = make_background(problem, others, model.fit.jumps)
+
+    def criterion(at: float) -> float:
+        return background.criterion_with(make_term(problem, term.effect, {DEAD_ZONE: at}, None))
+
+    speeds = np.unique(problem.speed)
+    above = int(np.searchsorted(speeds, end))  # the first speed that is outside
+    most = criterion(end) + 1.0
+    first, last = above, above
+    while first > 1 and speeds[first - 1] > low and criterion(float(speeds[first - 1])) < most:
+        first -= 1
+    while last + 1 < speeds.size and speeds[last] < high and criterion(float(speeds[last + 1])) < most:
+        last += 1
+    lower = float(speeds[first - 1]) if first > 0 else 0.0
+    upper = float(speeds[min(last, speeds.size - 1)])
+    return 0.5 * (upper - lower)
 
 
 def described(
