@@ -234,6 +234,7 @@ def _print_details(found: Search) -> None:
 
     from rwa_monitor.discrepancy.extended import extend, laws_in_words
     from rwa_monitor.discrepancy.find import CANDIDATES
+    from rwa_monitor.discrepancy.lattice import steps_in_words
     from rwa_monitor.discrepancy.record import left_out_in_words
     from rwa_monitor.discrepancy.report import absent_effects, noise_gains, p_in_words
     from rwa_monitor.discrepancy.untested import as_a_part, not_testable
@@ -255,6 +256,9 @@ def _print_details(found: Search) -> None:
         console.print(table)
     left_out = left_out_in_words(found.problem.records)
     console.print(f"{found.problem.size} samples in motion{f' ({left_out})' if left_out else ''}")
+    steps = steps_in_words(found.problem)
+    if steps:
+        console.print(f"{steps}; taken out as far as the readings tell")
     gain = result.gain
     if gain is not None:
         where = ", ".join(gain.held_out) or "blocks left out in turn"

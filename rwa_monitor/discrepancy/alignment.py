@@ -16,6 +16,7 @@ from typing import Final
 import numpy as np
 from scipy.ndimage import binary_dilation, correlate1d
 
+from rwa_monitor.discrepancy.steps import RMS_OF_ROUNDING, Steps
 from rwa_monitor.physics import torque_balance
 from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import FloatArray, IntArray
@@ -30,7 +31,7 @@ LEFT_SHARE: Final = 0.5  # of what a delay is to explain
 LEFT_OF_HALVES: Final = 0.2  # by half a slot: the mean of two slots halves what steps at all, late or not
 ROUGH: Final = 2.0  # of what noise gives: less is not to be explained
 WITHIN_A_SLOT: Final = 1.0 / 12.0  # slots²: the variance of a place somewhere in a slot
-RMS_OF_TWO_ROUNDINGS: Final = 6**-0.5  # of a step, of their difference: each error is uniform over it
+RMS_OF_TWO_ROUNDINGS: Final = 2**0.5 * RMS_OF_ROUNDING  # of a step: of the difference of two errors
 SLOPE_REACH: Final = 6  # slots to each side
 STEP_MARGIN: Final = 1  # slots on each side of a step that a delay of parts of a slot leaves wrong
 
@@ -62,14 +63,19 @@ class Delay:
 class Motion:
     """What is measured of a record on its slots, float64 (n,): speed [rad/s], motor torque and friction [N m].
 
-    The torque is None where it is not measured, friction where it is to be derived. `torque_step_Nm` is the lattice
-    on which that was read which friction comes from, 0 where there is none.
+    The torque is None where it is not measured, friction where it is to be derived; `steps` are those in which that
+    was read which friction comes from.
     """
 
     speed_rad_s: FloatArray
     torque_Nm: FloatArray | None
     friction_Nm: FloatArray | None
-    torque_step_Nm: float = 0.0
+    steps: Steps | None = None
+
+    @property
+    def torque_step_Nm(self) -> float:
+        """Return the step in which the torque was read that friction comes from [N m], 0 where there is none."""
+        return 0.0 if self.steps is None else self.steps.torque_Nm
 
 
 def find_delay(motions: Sequence[Motion], wheel: Wheel) -> Delay | None:

@@ -28,6 +28,7 @@ from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import FloatArray
 
 COARSE: Final = 0.5  # standard deviations of the noise: finer steps are of no consequence
+FINE: Final = 4.0  # steps between neighbours, on the median: a lattice far below any noise or motion
 FINEST_NOISE: Final = 0.05  # of a step: less noise than that hardly ever shows
 ROUNDS: Final = 24  # of model and draws in turn, at most
 SETTLED: Final = 0.005  # change of the standard deviation
@@ -45,8 +46,9 @@ def without_steps(records: Sequence[Record], wheel: Wheel) -> list[Record]:
     InputError
         As `make_problem` does.
     """
+    records = [record if _may_matter(record) else replace(record, steps=None) for record in records]
     if not any(record.torque_step_Nm > 0.0 for record in records):
-        return list(records)
+        return records
     uniform = _uniform(records)
     spread = [
         replace(record, friction_torque_Nm=record.friction_torque_Nm + record.torque_step_Nm * (u - 0.5))
@@ -57,7 +59,7 @@ def without_steps(records: Sequence[Record], wheel: Wheel) -> list[Record]:
     kept = [
         record
         if is_coarse(record.torque_step_Nm, float(np.sqrt(max(variance - record.torque_step_Nm**2 / 6.0, 0.0))))
-        else replace(record, torque_step_Nm=0.0)
+        else replace(record, steps=None)
         for record in records
     ]
     if not any(record.torque_step_Nm > 0.0 for record in kept):
@@ -70,9 +72,21 @@ def without_steps(records: Sequence[Record], wheel: Wheel) -> list[Record]:
     return _drawn(problem, start, lambda drawn: fit(drawn, np.zeros((drawn.size, 0))))
 
 
+def _may_matter(record: Record) -> bool:
+    """Say whether a record's steps are not far finer than what neighbours differ by: that is told without a model."""
+    change = np.abs(np.diff(record.friction_torque_Nm[record.used]))
+    return record.torque_step_Nm > 0.0 and change.size > 0 and float(np.median(change)) < FINE * record.torque_step_Nm
+
+
 def is_coarse(step: float, noise_std: float) -> bool:
     """Say whether a step of the torque matters beside its noise [N m]."""
     return step > COARSE * noise_std
+
+
+def steps_in_words(problem: Problem) -> str:
+    """Say in what steps the torque was read, where they matter beside the noise; "" where they do not."""
+    said = [record.steps.in_words(problem.noise.std) for record in problem.records if record.steps is not None]
+    return "; ".join(dict.fromkeys(said))
 
 
 def drawn_again(problem: Problem, model: Fit, again: Callable[[Problem], Fit]) -> list[Record] | None:
@@ -132,13 +146,13 @@ def _within(read: FloatArray, step: FloatArray, expected: FloatArray, std: float
 
     Always on the lower tail, where a probability keeps its digits.
     """
-    std = np.maximum(std, FINEST_NOISE * step)
-    std = np.where(step > 0.0, std, 1.0)
+    scale = np.where(step > 0.0, np.maximum(std, FINEST_NOISE * step), 1.0)
     upper = read < expected  # the step lies below the middle
     near = np.where(upper, expected - read, read - expected) - 0.5 * step
-    low, high = -np.minimum(near, FAR * std) / std - step / std, -np.minimum(near, FAR * std) / std
+    high = -np.minimum(near / scale, FAR)
+    low = high - step / scale
     probability = special.ndtr(low) + uniform * (special.ndtr(high) - special.ndtr(low))
     inside = np.clip(special.ndtri(probability), low, high) - high  # from the near end, ≤ 0
-    away = near - inside * std
+    away = near - inside * scale
     drawn = np.where(upper, expected - away, expected + away)
     return np.where(step > 0.0, drawn, read)

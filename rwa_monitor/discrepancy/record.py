@@ -21,11 +21,11 @@ from scipy.ndimage import binary_dilation, correlate1d, maximum_filter
 from rwa_monitor.discrepancy import alignment
 from rwa_monitor.discrepancy.reversals import averages_over_reversals
 from rwa_monitor.discrepancy.saturation import without_end_stops
+from rwa_monitor.discrepancy.steps import RMS_OF_ROUNDING, Steps, source_of_friction, steps_of
 from rwa_monitor.discrepancy.unit_check import check_inertia, shown_inertia
 from rwa_monitor.errors import InputError
 from rwa_monitor.physics import torque_balance
 from rwa_monitor.physics.effects.base import Channels
-from rwa_monitor.physics.effects.tachometer_quantisation import lattice_step
 from rwa_monitor.physics.speed import wheel_angle
 from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray, Samples
@@ -51,9 +51,6 @@ WRONG_UNIT_FACTOR: Final = (
     100.0  # of nominal friction: mN m read as N m are a thousand; no bearing gets there and turns
 )
 UNUSUAL_FACTOR: Final = 5.0  # of nominal friction: a wheel that has gone bad, or another wheel
-FEWEST_LEVELS: Final = 3  # readings, all different, of which a step can be told
-MOST_LEVELS: Final = 0.5  # of the samples: a lattice of so many different readings has finer steps than its noise
-RMS_OF_ROUNDING: Final = 12**-0.5  # of a step: the error is uniform over it
 SMOOTHING_REACH: Final = 6  # slots beyond the hole, on each side, from which motion is estimated
 
 
@@ -91,11 +88,10 @@ class Record:
         Width of the filter with which friction is derived; 0 where it is given.
     left_out
         Why samples do not enter the search, in words, and how many; no reason without any.
-    torque_step_Nm
-        Lattice on which the torque was read that friction comes from [N m], 0 where there is none or it is of no
-        consequence.
+    steps
+        In which the channel was read that friction comes from; None where there are none of any consequence.
     friction_as_read_Nm
-        float64 (n,), friction with its rounding, where `friction_torque_Nm` is without (see `lattice`); else None.
+        Friction with its rounding, where `friction_torque_Nm` is without (see `lattice`); else None.
     """
 
     source: str
@@ -111,8 +107,13 @@ class Record:
     bent: BoolArray | None = None
     derivative_slots: int = 0
     left_out: Mapping[str, int] = field(default_factory=dict)
-    torque_step_Nm: float = 0.0
+    steps: Steps | None = None
     friction_as_read_Nm: FloatArray | None = None
+
+    @property
+    def torque_step_Nm(self) -> float:
+        """Return the step in which the torque was read that friction comes from [N m], 0 where there is none."""
+        return 0.0 if self.steps is None else self.steps.torque_Nm
 
     @property
     def undrifted(self) -> Channels:
@@ -185,7 +186,7 @@ def make_record(samples: Samples, wheel: Wheel, source: str, delay: alignment.De
     good = channels.good
     moving = good & ~rest & (direction != 0)
     averaged = averages_over_reversals(speed, np.where(moving, direction * friction, np.nan))
-    used = moving & ~averaged
+    used, averaged_over = moving & ~averaged, int(np.count_nonzero(moving & averaged))
     return Record(
         source=source,
         channels=channels,
@@ -199,14 +200,9 @@ def make_record(samples: Samples, wheel: Wheel, source: str, delay: alignment.De
         bent=bent,
         derivative_slots=2 * hole + 1 if derived else 0,
         left_out=_left_out(
-            measured,
-            samples,
-            int(np.count_nonzero(used)),
-            int(np.count_nonzero(good & ~moving)),
-            corners,
-            int(np.count_nonzero(moving & averaged)),
+            measured, samples, *(int(np.count_nonzero(m)) for m in (used, good & ~moving)), corners, averaged_over
         ),
-        torque_step_Nm=motion.torque_step_Nm,
+        steps=motion.steps,
     )
 
 
@@ -223,7 +219,7 @@ def _left_out(
 ) -> dict[str, int]:
     """Count the samples that are not used, by reason; what no other reason explains lacks its derivative."""
     before, after = (
-        np.isfinite(samples.speed_rad_s) & np.isfinite(_source_of_friction(samples))
+        np.isfinite(samples.speed_rad_s) & np.isfinite(source_of_friction(samples))
         for samples in (measured, without_stops)
     )
     known = int(np.count_nonzero(after))
@@ -236,24 +232,6 @@ def _left_out(
         "beside gaps and ends, where friction cannot be derived": known - used - rest - corners - averaged,
     }
     return {why: count for why, count in reasons.items() if count}
-
-
-def _source_of_friction(samples: Samples) -> FloatArray:
-    """Return the channel that friction comes from, float64 (n,); NaN where none is there."""
-    channels = (samples.friction_torque_Nm, samples.motor_torque_Nm, samples.motor_current_A)
-    return next((values for values in channels if values is not None), np.full(len(samples), np.nan))
-
-
-def _torque_step(samples: Samples, wheel: Wheel) -> float:
-    """Return the step of the lattice that the source of friction was read on [N m], 0 where there is none."""
-    values = _source_of_friction(samples)
-    readings = np.unique(values[np.isfinite(values)])
-    # A converter's zero need not be zero: differences are on the lattice.
-    step = lattice_step(readings - readings[0]) if FEWEST_LEVELS <= readings.size < MOST_LEVELS * values.size else None
-    if step is None:
-        return 0.0
-    of_current = samples.friction_torque_Nm is None and samples.motor_torque_Nm is None
-    return step * (wheel.torque_constant_Nm_A or 0.0) if of_current else step
 
 
 def delay_of(recordings: Sequence[tuple[str, Samples]], wheel: Wheel) -> alignment.Delay | None:
@@ -280,7 +258,7 @@ def _motion(samples: Samples, wheel: Wheel, slot: IntArray) -> alignment.Motion:
     if torque is None and samples.motor_current_A is not None and wheel.torque_constant_Nm_A is not None:
         current = _on_grid(samples.motor_current_A, slot)
         torque = wheel.torque_constant_Nm_A * current if current is not None else None
-    return alignment.Motion(speed, torque, _on_grid(samples.friction_torque_Nm, slot), _torque_step(samples, wheel))
+    return alignment.Motion(speed, torque, _on_grid(samples.friction_torque_Nm, slot), steps_of(samples, wheel))
 
 
 def _on_grid(values: FloatArray | None, slot: IntArray) -> FloatArray | None:

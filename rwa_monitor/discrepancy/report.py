@@ -10,6 +10,7 @@ from rwa_monitor.discrepancy import engineering, figures
 from rwa_monitor.discrepancy.extended import extend, laws_in_words
 from rwa_monitor.discrepancy.find import CANDIDATES, Search, candidates
 from rwa_monitor.discrepancy.ladder import ladder
+from rwa_monitor.discrepancy.lattice import steps_in_words
 from rwa_monitor.discrepancy.next_flight import plan
 from rwa_monitor.discrepancy.nulls import built_in_nulls
 from rwa_monitor.discrepancy.record import left_out_in_words
@@ -117,6 +118,7 @@ def html(search: Search, sources: list[str], build: str = "") -> str:
         "wheel": search.wheel,
         "samples": search.problem.size,
         "left_out": left_out_in_words(search.problem.records),
+        "steps": steps_in_words(search.problem),
         "clipped": round(search.problem.clipped_share * search.problem.size),
         "noise_std_Nm": search.problem.noise.std,
         "software": f"{SOFTWARE}, build {build}" if build else SOFTWARE,

@@ -213,7 +213,8 @@ PAGE: Final = (
 <h1>What the simulation of wheel “{{ wheel.name }}” gets wrong</h1>
 <p class="small">{{ sources | join(", ") }} · {{ samples }} samples in motion
 {%- if left_out %} ({{ left_out }}){% endif %}{% if clipped %}, {{ clipped }} outliers pulled in{% endif %} · noise
-{{ noise_std_Nm | torque }} · {{ software }}</p>
+{{ noise_std_Nm | torque }}{% if steps %} ({{ steps }}; taken out as far as the readings tell){%
+endif %} · {{ software }}</p>
 <p class="verdict {{ result.verdict }}"><strong>{{ result.verdict | capitalize }}.</strong> {{ sentence }}{% if
 extended_toml and not result.gain.is_a_loss and not result.gain.simulated.is_a_loss %} On data held out, the log
 score of a sample rises by {{

@@ -67,7 +67,11 @@ def _mean_signs(speed_rad_s: FloatArray) -> dict[str, FloatArray]:
     first, last = (_mean_sign(speed_rad_s[:-1], middle), _mean_sign(middle, speed_rad_s[1:]))  # halves of an interval
     before, after = np.append(np.nan, last), np.append(first, np.nan)  # of each sample
     whole = _mean_sign(speed_rad_s[:-1], speed_rad_s[1:])
-    return {"centred": 0.5 * (before + after), "ending": np.append(np.nan, whole), "beginning": np.append(whole, np.nan)}
+    return {
+        "centred": 0.5 * (before + after),
+        "ending": np.append(np.nan, whole),
+        "beginning": np.append(whole, np.nan),
+    }
 
 
 def _mean_sign(begin: FloatArray, end: FloatArray) -> FloatArray:

@@ -1,0 +1,147 @@
+"""Torque that is read in coarse steps, or averaged over a reversal: neither is an effect of the wheel."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from rwa_monitor.discrepancy.find import Search, find_discrepancy
+from rwa_monitor.discrepancy.lattice import steps_in_words, without_steps
+from rwa_monitor.discrepancy.record import make_record
+from rwa_monitor.discrepancy.reversals import averages_over_reversals
+from rwa_monitor.samples import Samples
+from tests.discrepancy.simple import DRY_NM, NOISE_NM, PERIOD_S, VISCOUS, WHEEL, Array, record, swing
+
+SEED = 52_200
+STRIBECK_NM, STRIBECK_RAD_S = 5e-4, 8.0
+FINE_STEPS = 8  # of the time within a sample
+
+
+def motion(count: int = 8000) -> Array:
+    """Return a swing with dwells in it, on which a rounding error rests [rad/s]."""
+    speed = swing(count)
+    for k in range(500, count - 700, 2000):
+        speed[k : k + 600] = speed[k]
+        speed[k + 600 : k + 700] = np.linspace(speed[k], speed[k + 700], 100)
+    return speed
+
+
+def read_in_steps(samples: Samples, step: float) -> Samples:
+    """Return samples whose friction is rounded [N m]."""
+    assert samples.friction_torque_Nm is not None
+    return replace(samples, friction_torque_Nm=step * np.rint(samples.friction_torque_Nm / step))
+
+
+def with_current(samples: Samples, speed: Array, step_A: float) -> Samples:
+    """Return samples with a rounded current in place of the friction."""
+    assert WHEEL.inertia_kg_m2 is not None
+    assert WHEEL.torque_constant_Nm_A is not None
+    assert samples.friction_torque_Nm is not None
+    torque = samples.friction_torque_Nm + WHEEL.inertia_kg_m2 * np.gradient(speed, PERIOD_S)
+    current = step_A * np.rint(torque / WHEEL.torque_constant_Nm_A / step_A)
+    return replace(samples, friction_torque_Nm=None, motor_current_A=current)
+
+
+def search(samples: Samples) -> Search:
+    return find_discrepancy([("record", samples)], WHEEL)
+
+
+@pytest.mark.parametrize("step", [1.5, 2.0, 4.0])
+def test_steps_of_friction_make_no_effect_and_no_other_noise(step: float) -> None:
+    samples, _ = record(motion(), seed=SEED)
+    found = search(read_in_steps(samples, step * NOISE_NM))
+    assert found.result.verdict == "adequate"
+    # The standard error of a standard deviation from 8000 samples is 0.8 %; coarse steps tell less of it.
+    assert found.problem.noise.std == pytest.approx(NOISE_NM, rel=0.05)
+    assert f"friction is quantised in steps of {step * NOISE_NM * 1e6:.4g} µN m" in steps_in_words(found.problem)
+
+
+def test_steps_of_the_current_are_told_and_make_no_effect() -> None:
+    speed = swing(6_000, period_s=900.0)
+    samples, _ = record(speed, seed=SEED + 1)
+    found = search(with_current(samples, speed, 2.4e-3))
+    assert found.result.verdict == "adequate"
+    assert "current is quantised in steps of 2.4 mA" in steps_in_words(found.problem)
+
+
+def test_an_effect_is_found_behind_the_steps() -> None:
+    def stribeck(speed: Array, _: Array) -> Array:
+        return STRIBECK_NM * np.exp(-((speed / STRIBECK_RAD_S) ** 2)) * np.sign(speed)
+
+    samples, _ = record(swing(top=60.0), effect=stribeck, seed=SEED + 2)
+    (effect,) = search(read_in_steps(samples, 4.0 * NOISE_NM)).result.effects
+    assert effect.name == "stribeck"
+    strength = effect.parameters["strength_Nm"]
+    assert strength.std is not None
+    assert abs(strength.value - STRIBECK_NM) < 4.0 * strength.std
+
+
+def test_what_is_drawn_within_the_steps_is_the_law_of_the_noise() -> None:
+    samples, level = record(motion(), jumps=(), seed=SEED + 3)
+    read = make_record(read_in_steps(samples, 3.0 * NOISE_NM), WHEEL, "read")
+    (drawn,) = without_steps([read], WHEEL)
+    apart = np.abs(drawn.friction_torque_Nm - read.friction_torque_Nm)[read.used]
+    assert apart.max() <= 1.5 * NOISE_NM * (1 + 1e-9)
+    speed = samples.speed_rad_s
+    noise = ((drawn.friction_torque_Nm - np.sign(speed) * level - VISCOUS * speed) / NOISE_NM)[read.used]
+    # Level, slope and spread are fitted, which only brings the laws nearer.
+    assert stats.kstest(noise, "norm").pvalue > 1e-3
+
+
+def test_no_number_changes_where_steps_are_fine_or_none() -> None:
+    samples, _ = record(motion(), seed=SEED + 4)
+    for table in (samples, read_in_steps(samples, 0.05 * NOISE_NM)):
+        before = make_record(table, WHEEL, "table")
+        (after,) = without_steps([before], WHEEL)
+        assert after.steps is None
+        assert after.friction_torque_Nm is before.friction_torque_Nm
+
+
+def averaged(seed: int, shift: float) -> tuple[Samples, Array]:
+    """Return samples that are means over their slot, whose middle is `shift` slots off, and where they straddle."""
+    speed = swing(8000, period_s=250.0)
+    at = np.arange(speed.size)[:, None] + shift + (np.arange(FINE_STEPS) + 0.5) / FINE_STEPS - 0.5
+    inside = np.interp(at, np.arange(speed.size), speed)
+    samples, _ = record(speed, jumps=(), seed=seed)
+    assert samples.friction_torque_Nm is not None
+    mean_sign = np.sign(inside).mean(axis=1)
+    friction = samples.friction_torque_Nm + DRY_NM * (mean_sign - np.sign(speed))
+    return replace(samples, friction_torque_Nm=friction), np.flatnonzero(np.abs(mean_sign) < 1)
+
+
+@pytest.mark.parametrize("shift", [0.0, -0.5])
+def test_means_over_a_reversal_make_no_effect(shift: float) -> None:
+    samples, straddling = averaged(SEED + 5, shift)
+    assert straddling.size >= 3
+    found = search(samples)
+    assert found.result.verdict == "adequate"
+    (read,) = found.problem.records
+    assert not read.used[straddling].any()
+    assert read.left_out["averaged over a reversal of the speed"] <= 2 * straddling.size
+
+
+def test_samples_that_are_points_are_all_kept() -> None:
+    samples, _ = record(swing(8000, period_s=250.0), seed=SEED + 6)
+    assert samples.friction_torque_Nm is not None
+    drag = np.sign(samples.speed_rad_s) * samples.friction_torque_Nm
+    assert not averages_over_reversals(samples.speed_rad_s, drag).any()
+
+
+def test_the_end_of_a_dead_zone_is_told_as_well_as_samples_lie_around_it() -> None:
+    zone = 12.0
+
+    def dead_zone(speed: Array, level: Array) -> Array:
+        return -level * np.sign(speed) * (np.abs(speed) < zone)
+
+    samples, _ = record(swing(4000), jumps=(), effect=dead_zone, seed=SEED + 7)
+    found = {effect.name: effect for effect in search(samples).result.effects}
+    end = found["speed_dead_zone"].parameters["dead_zone_rad_s"]
+    assert end.std is not None
+    assert end.std > 0.0
+    speeds = np.sort(np.abs(samples.speed_rad_s))
+    above = int(np.searchsorted(speeds, end.value))
+    assert end.std >= 0.5 * (speeds[above] - speeds[above - 1]) * (1 - 1e-9)
+    assert abs(end.value - zone) < 3.0 * end.std + 0.05  # speed noise of 0.01 rad/s on each sample
