@@ -186,7 +186,7 @@ def make_record(samples: Samples, wheel: Wheel, source: str, delay: alignment.De
     good = channels.good
     moving = good & ~rest & (direction != 0)
     averaged = averages_over_reversals(speed, np.where(moving, direction * friction, np.nan))
-    used, averaged_over = moving & ~averaged, int(np.count_nonzero(moving & averaged))
+    used = moving & ~averaged
     return Record(
         source=source,
         channels=channels,
@@ -200,7 +200,14 @@ def make_record(samples: Samples, wheel: Wheel, source: str, delay: alignment.De
         bent=bent,
         derivative_slots=2 * hole + 1 if derived else 0,
         left_out=_left_out(
-            measured, samples, *(int(np.count_nonzero(m)) for m in (used, good & ~moving)), corners, averaged_over
+            measured,
+            samples,
+            {
+                "at corners of the speed, where derived friction is not known": corners,
+                "at rest": int(np.count_nonzero(good & ~moving)),
+                "averaged over a reversal of the speed": int(np.count_nonzero(moving & averaged)),
+            },
+            int(np.count_nonzero(used)),
         ),
         steps=motion.steps,
     )
@@ -214,9 +221,7 @@ def left_out_in_words(records: Sequence[Record]) -> str:
     return "left out: " + ", ".join(f"{count} {why}" for why, count in total.items()) if total else ""
 
 
-def _left_out(
-    measured: Samples, without_stops: Samples, used: int, rest: int, corners: int, averaged: int
-) -> dict[str, int]:
+def _left_out(measured: Samples, without_stops: Samples, known_why: Mapping[str, int], used: int) -> dict[str, int]:
     """Count the samples that are not used, by reason; what no other reason explains lacks its derivative."""
     before, after = (
         np.isfinite(samples.speed_rad_s) & np.isfinite(source_of_friction(samples))
@@ -226,10 +231,8 @@ def _left_out(
     reasons = {
         "without a value of speed or torque": int(np.count_nonzero(~before)),
         "at the end stop of a channel": int(np.count_nonzero(before & ~after)),
-        "at corners of the speed, where derived friction is not known": corners,
-        "at rest": rest,
-        "averaged over a reversal of the speed": averaged,
-        "beside gaps and ends, where friction cannot be derived": known - used - rest - corners - averaged,
+        **known_why,
+        "beside gaps and ends, where friction cannot be derived": known - used - sum(known_why.values()),
     }
     return {why: count for why, count in reasons.items() if count}
 
