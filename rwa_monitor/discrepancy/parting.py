@@ -31,6 +31,7 @@ PER_SYSTEM: Final = 2.0  # log odds a priori against a system more: steps of the
 # drag that is known to so much.
 LEVEL_ERROR: Final = 0.002
 BASE_SPREAD: Final = 0.02  # of the base, from one recording to another, before it is known
+ENOUGH_JUMPS: Final = 1500  # to tell how many systems there are; more only sharpen what they are like
 FIRST_PASSES: Final = 2  # after which the worse starts are given up
 LAST_PASSES: Final = 12
 FIRST_BEAM: Final = 12  # paths followed
@@ -125,6 +126,37 @@ def part(records: Sequence[Stays], base: float) -> Parted:
         Friction of the lowest stays [N m].
     """
     records = [Stays(one.level, np.hypot(one.std, LEVEL_ERROR * abs(base)), one.at) for one in records]
+    known = _described(_first_of(records, ENOUGH_JUMPS), base)
+    order = sorted(known, key=lambda counts: -known[counts][0])
+    while True:
+        criterion, chains, _ = known[order[0]]
+        _, chains, paths = _alternate(records, chains, LAST_PASSES, LAST_BEAM)
+        visits, bases = _visits(records, chains, paths)
+        if not _is_halved(chains, visits):
+            break
+        del order[0]
+    odd = float(np.mean(np.concatenate([path.outlier for path in paths])))
+    rivals = tuple((counts, float(criterion - known[counts][0])) for counts in order[1:])
+    return Parted(chains, visits, bases, rivals, float(criterion), odd)
+
+
+def _first_of(records: Sequence[Stays], jumps: int) -> list[Stays]:
+    """Return the first records, the last of them cut, with so many jumps, or all that there are."""
+    first: list[Stays] = []
+    for one in records:
+        stays = min(one.level.size, jumps + 1)
+        first.append(Stays(one.level[:stays], one.std[:stays], one.at[: stays + 1]))
+        jumps -= stays - 1
+        if jumps <= 0:
+            break
+    return first
+
+
+def _described(records: Sequence[Stays], base: float) -> dict[tuple[int, ...], tuple[float, Chains, list[Path]]]:
+    """Describe the records by each number of systems and configurations, simple ones first while more is worth more.
+
+    Returns the criterion, the systems and the paths by the numbers of configurations.
+    """
     jumps = sum(one.level.size - 1 for one in records)
     known: dict[tuple[int, ...], tuple[float, Chains, list[Path]]] = {}
     for tier in TIERS:
@@ -133,18 +165,9 @@ def part(records: Sequence[Stays], base: float) -> Parted:
             worth, chains, paths = _best_of(records, counts, base)
             price = 0.5 * _parameters(counts) * np.log(jumps + 1) + (len(counts) - 1) * PER_SYSTEM
             known[counts] = worth - price, chains, paths
-        if known and max(value[0] for value in known.values()) <= before:
+        if max(value[0] for value in known.values()) <= before:
             break
-    order = sorted(known, key=lambda counts: -known[counts][0])
-    while True:
-        criterion, chains, paths = known[order[0]]
-        visits, bases = _visits(records, chains, paths)
-        if not _is_halved(chains, visits):
-            break
-        del order[0]
-    odd = float(np.mean(np.concatenate([path.outlier for path in paths])))
-    rivals = tuple((counts, float(criterion - known[counts][0])) for counts in order[1:])
-    return Parted(chains, visits, bases, rivals, float(criterion), odd)
+    return known
 
 
 def _parameters(counts: tuple[int, ...]) -> int:
