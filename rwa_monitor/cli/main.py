@@ -16,6 +16,7 @@ from typing import Any, Final
 import click
 
 from rwa_monitor.cli.exit_codes import FAILED, INTERRUPTED, WRONG_USE
+from rwa_monitor.cli.kernel_cache import provide_kernel_cache
 from rwa_monitor.cli.lazy import LazyGroup
 from rwa_monitor.cli.options import FILE
 from rwa_monitor.cli.talk import PROGRAM, say
@@ -134,6 +135,7 @@ def main(ctx: click.Context, settings: Path | None) -> None:
     if ctx.invoked_subcommand is None:
         click.echo(ctx.get_help(), err=True)
         ctx.exit(WRONG_USE)
+    provide_kernel_cache()
     if settings is not None or any(name.startswith("RWA_MONITOR_") for name in os.environ):
         from rwa_monitor.cli.settings import near_variable, read_settings, unknown_variables
 
