@@ -53,17 +53,18 @@ class _Gap:
     before: Arrival
     asked_s: float
     pauses_s: list[float] = field(default_factory=lambda: list(PAUSES_S))
-    found: list[Arrival] = field(default_factory=list)
+    found: dict[int, Arrival] = field(default_factory=dict)  # by number: each answer to a question asked again has all
     answered_s: float | None = None
     held: deque[Arrival] = field(default_factory=deque)
 
-    def numbers(self) -> dict[int, Arrival]:
-        """Return what was found, by number."""
-        return {message.number: message for message in list(self.found) if self.first <= message.number}
+    def take(self, message: Arrival) -> None:
+        """Take an answer, in any thread."""
+        if message.number >= self.first:
+            self.found[message.number] = message
 
     def is_closed(self) -> bool:
         """Tell whether all that was missing was found."""
-        return len(self.numbers()) >= self.before.number - self.first
+        return len(self.found) >= self.before.number - self.first
 
 
 class Backfill:
@@ -148,7 +149,7 @@ class Backfill:
             gap.answered_s = self._clock_s()
 
         gap.asked_s, gap.answered_s = self._clock_s(), None
-        self._ask(gap.before, gap.first, gap.found.append, answered)
+        self._ask(gap.before, gap.first, gap.take, answered)
 
     def _tend(self, source: str) -> None:
         """Pass on what waited where the gap is closed, or will not be; ask again where it may be."""
@@ -164,7 +165,7 @@ class Backfill:
                 self._ask_for(gap)
             return
         del self._gaps[source]
-        found = gap.numbers()
+        found = dict(gap.found)  # a late answer may still come
         lost = gap.before.number - gap.first - len(found)
         if lost > 0 and gap.first > 0:  # what a publisher sent before we ever heard of it, nobody misses
             self.missed[gap.before.key] = self.missed.get(gap.before.key, 0) + lost

@@ -6,7 +6,6 @@ the last one is enough to go on. Floats are written in full; a core that was res
 
 from __future__ import annotations
 
-import math
 from typing import Annotated, Final, Literal, Self
 
 import numpy as np
@@ -86,7 +85,7 @@ class SlotsState(_Part):
         """Keep the slots from `begin` on, and the values from `values_begin` on."""
         begin, values_begin = max(begin, ring.begin), max(values_begin, ring.values_begin)
         slots = np.arange(begin, ring.end, dtype=np.int64)
-        values = {name: _with_null(ring.read(name, values_begin, ring.end).tolist()) for name in ring.channels}
+        values = {name: _with_null(ring.read(name, values_begin, ring.end)) for name in ring.channels}
         return cls(begin=begin, end=ring.end, filled=_run_lengths(ring.is_filled(slots)), values=values)
 
     @property
@@ -119,7 +118,7 @@ class WaitingSample(_Part):
     @classmethod
     def of(cls, rows: Rows) -> Self:
         """Keep the one sample of `rows`."""
-        values = {name: _with_null(array.tolist())[0] for name, array in rows.values.items()}
+        values = {name: _with_null(array)[0] for name, array in rows.values.items()}
         return cls(time_ns=int(rows.time_ns[0]), values=values)
 
     def rows(self) -> Rows:
@@ -144,8 +143,9 @@ class ChannelState(_Part):
     @classmethod
     def of(cls, channel: Channel) -> Self:
         """Keep what is remembered of a channel."""
-        memory = dict(zip(MEMORY, channel.memory.tolist(), strict=True))
-        return cls(**{**memory, "recent": _with_null(channel.recent.tolist()), "last": _with_null([memory["last"]])[0]})
+        memory: dict[str, float | None] = dict(zip(MEMORY, channel.memory.tolist(), strict=True))
+        last = _with_null(channel.memory)[MEMORY.index("last")]
+        return cls(**{**memory, "recent": _with_null(channel.recent), "last": last})
 
     def channel(self) -> Channel:
         """Return the channel as it was."""
@@ -188,7 +188,7 @@ class GatheredState(_Part):
     @classmethod
     def of(cls, gathered: Gathered) -> Self:
         """Keep what a window's accumulator has gathered."""
-        return cls(x=_with_null(gathered.x.tolist()), z=_with_null(gathered.z.tolist()), turns=gathered.turns.tolist())
+        return cls(x=_with_null(gathered.x), z=_with_null(gathered.z), turns=gathered.turns.tolist())
 
     def gathered(self) -> Gathered:
         """Return what the accumulator goes on with."""
@@ -240,8 +240,11 @@ class Checkpoint(_Part):
             raise InputError.of_validation(source, error) from error
 
 
-def _with_null(values: list[float]) -> list[float | None]:
-    return [None if math.isnan(value) else value for value in values]
+def _with_null(values: FloatArray) -> list[float | None]:
+    listed: list[float | None] = values.tolist()
+    for place in np.flatnonzero(np.isnan(values)).tolist():  # few
+        listed[place] = None
+    return listed
 
 
 def _with_nan(values: list[float | None]) -> FloatArray:

@@ -30,6 +30,7 @@ IDLE_WAIT_S: Final = 0.1  # how long to wait for a message before looking at the
 TICK_S: Final = 0.05  # between two looks at what is due while messages flow
 STATUS_RECORDED_S: Final = 10.0  # every status is published; one in this time is recorded
 MAX_WHEELS: Final = 4_096  # of one process: 2.7 MB each with windows of 80,000 slots; `--shard` divides more
+MANY_WHEELS: Final = 100  # whose state takes seconds to write
 
 
 @dataclass(slots=True)
@@ -118,13 +119,23 @@ class Monitor:
         self._tick_due_s = 0.0
         self._said: str = ""
 
-    def begin(self, past: Past) -> None:
-        """Take over what an earlier run left behind, and begin the recording."""
+    def begin(self, past: Past, on_progress: Callable[[], None] = lambda: None) -> None:
+        """Take over what an earlier run left behind, and begin the recording.
+
+        Parameters
+        ----------
+        past
+            What was left behind.
+        on_progress
+            Called for each wheel whose state is written, for a supervisor that waits.
+        """
         for key, core in past.cores.items():
             self._served[key] = _Served(core=core)
         if self.recorder is not None:
             inherited = [(output.key, output.schema, output.payload, output.time_ns) for output in past.unrecorded]
-            self.recorder.begin(self._checkpoints(), self.clock.monotonic_s(), inherited)
+            if len(past.cores) >= MANY_WHEELS:  # some 20 ms each
+                self.say(f"beginning a recording with the state of {len(past.cores)} wheels")
+            self.recorder.begin(self._checkpoints(on_progress), self.clock.monotonic_s(), inherited)
             self._tell_recorder()
         health = {}
         for output in (*past.diagnoses, *past.unrecorded):
@@ -356,8 +367,9 @@ class Monitor:
             self.recorder.output(topic, Status.schema_name(), payload, None)
         self._publish(Output(topic, Status, Status.schema_name(), payload, 0))
 
-    def _checkpoints(self) -> Iterator[tuple[str, bytes]]:
+    def _checkpoints(self, on_progress: Callable[[], None] = lambda: None) -> Iterator[tuple[str, bytes]]:
         for (spacecraft, wheel), served in self._served.items():
+            on_progress()
             if served.core is not None:
                 yield f"{spacecraft}/{wheel}", served.core.checkpoint().to_json()
 

@@ -75,13 +75,17 @@ def run(
         compiling.start()
         stack.callback(compiling.join, STOP_WAIT_S)
         clock = Clock()
+
+        def starting() -> None:
+            supervisor.starting(clock.monotonic_s())
+
         recorder: Recorder | None = None
         past = Past()
         if options.record is not None:
             if last_recording(options.record) is not None:  # the cores are rebuilt with what is being compiled
                 while compiling.is_alive() and not stop.is_set():
                     compiling.join(IDLE_WAIT_S)
-            past = read_past(options.record, setup, stop, say, lambda: supervisor.starting(clock.monotonic_s()))
+            past = read_past(options.record, setup, stop, say, starting)
             if stop.is_set():
                 return
             recorder = Recorder(
@@ -100,7 +104,7 @@ def run(
         bus = stack.enter_context(MonitorBus(session, Inbox()))
         monitor = Monitor(options, bus, recorder, say, clock)
         stack.callback(monitor.close)
-        monitor.begin(past)
+        monitor.begin(past, starting)
         del past  # what was published again needs no place for as long as the monitor runs
         bus.subscribe(options.wheels)
         bus.offer_health()
