@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
+from pathlib import Path
 from threading import Event, Thread
 from typing import Final
 
@@ -88,17 +89,7 @@ def run(
             past = read_past(options.record, setup, stop, say, starting)
             if stop.is_set():
                 return
-            recorder = Recorder(
-                options.record,
-                wheel_toml=options.wheel.to_toml(),
-                own_wheels=setup.wheels.own_attachments(),
-                model_json=options.model.to_json() if options.model else "",
-                settings={**options.settings(), "build": build()},
-                predecessor=past.predecessor,
-                wall_ns=clock.wall_ns,
-                max_file_bytes=options.max_file_bytes,
-                max_total_bytes=options.max_record_bytes,
-            )
+            recorder = _recorder(options, options.record, past, clock)
         if session is None:
             session = stack.enter_context(open_session(options.bus))
         bus = stack.enter_context(MonitorBus(session, Inbox()))
@@ -121,6 +112,21 @@ def run(
             else:
                 monitor.step()
         supervisor.stopping()
+
+
+def _recorder(options: RunOptions, folder: Path, past: Past, clock: Clock) -> Recorder:
+    """Return what records, in a folder, after what lies there."""
+    return Recorder(
+        folder,
+        wheel_toml=options.wheel.to_toml(),
+        own_wheels=options.setup().wheels.own_attachments(),
+        model_json=options.model.to_json() if options.model else "",
+        settings={**options.settings(), "build": build()},
+        predecessor=past.predecessor,
+        wall_ns=clock.wall_ns,
+        max_file_bytes=options.max_file_bytes,
+        max_total_bytes=options.max_record_bytes,
+    )
 
 
 def _unbreakable(say: Callable[[str], None]) -> Callable[[str], None]:
