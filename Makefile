@@ -170,6 +170,10 @@ fleet: $(VENV)/.installed-dev ## diagnosis of many recordings on 1, 2 and 4 work
 fleet-live: $(VENV)/.installed-dev ## 100 and 1,000 wheels on one core; writes docs/fleet_live.md
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.fleet_live -o docs/fleet_live.md
 
+.PHONY: restart
+restart: $(VENV)/.installed-dev ## kills and restarts the monitor of 400 full windows; writes docs/restart.md (RESTART_ARGS="--wheels 100")
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.restart -o docs/restart.md $(RESTART_ARGS)
+
 .PHONY: package
 package: $(VENV)/.installed-dev sbom ## builds sdist and wheel, tries the wheel in an empty environment; and sbom
 	PYTHON=$(BIN)/python tools/check_package.sh

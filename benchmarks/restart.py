@@ -1,0 +1,296 @@
+"""What it takes to kill the monitor of a fleet of full windows, and to start it again: `python -m benchmarks.restart`.
+
+A fleet of wheels fills windows of 80,000 slots as fast as one `rwa-monitor run` takes them, over TCP on loopback. When
+they are nearly full the monitor is ended by SIGKILL, and in the next window by SIGTERM; the fleet goes on meanwhile,
+and a new monitor goes on from the recordings. Told are the time until it monitors, its largest memory, the longest time
+in which it said nothing, and whether all windows are what `diagnose` says of the same samples.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from multiprocessing import get_context
+from multiprocessing.connection import Connection
+from pathlib import Path
+from threading import Event, Thread
+from typing import Final
+
+import numpy as np
+import zenoh
+
+from rwa_monitor.diagnosis.model import built_in_model
+from rwa_monitor.evaluation.report import table
+from rwa_monitor.evaluation.speed.machine import describe_machine
+from rwa_monitor.live.bus import BusOptions, open_session
+from rwa_monitor.live.core import diagnose_samples
+from rwa_monitor.live.outputs import outputs_of
+from rwa_monitor.live.publisher import ReliablePublisher
+from rwa_monitor.messages import Diagnosis, samples_json
+from rwa_monitor.physics.scenario import Scenario
+from rwa_monitor.physics.telemetry import simulate
+from rwa_monitor.physics.wheel import built_in_wheel
+from rwa_monitor.samples import Samples
+
+BATCH: Final = 256  # samples of a message
+SLOTS: Final = 80_000  # of a window
+FULL: Final = 0.95  # of a window, when the monitor is ended
+OUTAGE_MESSAGES: Final = 4  # that each wheel sends while no monitor is there: two minutes at 8 Hz
+AHEAD: Final = 8  # messages of each wheel that are sent before the monitor has told that it has taken them
+HISTORY: Final = 64  # messages that each publisher keeps
+WINDOWS: Final = 2
+SEED: Final = 50_001
+PATIENCE_S: Final = 600.0
+
+
+def telemetry() -> Samples:
+    """Return what every wheel sends: two windows and a little more."""
+    seconds = (WINDOWS * SLOTS + 4 * BATCH) * 0.125
+    return simulate(Scenario(duration_s=seconds), built_in_wheel(), np.random.default_rng(SEED)).samples
+
+
+def fleet_process(endpoint: str, wheels: int, orders: Connection) -> None:
+    """Publish messages [first, stop) of all wheels for each order received; answer when they were taken off."""
+    samples = telemetry()
+    with open_session(BusOptions(listen=(endpoint,))) as session:
+        publishers = [ReliablePublisher(session, f"rwa/fleet/wheel_{n}/samples", HISTORY) for n in range(wheels)]
+        orders.send(True)
+        while (order := orders.recv()) is not None:
+            for number in range(*order):
+                payload = samples_json(samples[number * BATCH : (number + 1) * BATCH], "publisher", number)
+                for publisher in publishers:
+                    publisher.put(payload)
+            orders.send(True)
+        for publisher in publishers:
+            publisher.close()
+
+
+@dataclass
+class Heard:
+    """What the monitors published: samples taken of each wheel, and the diagnoses of each."""
+
+    taken: dict[str, int] = field(default_factory=dict)
+    diagnoses: dict[str, set[bytes]] = field(default_factory=dict)
+
+    def take(self, message: zenoh.Sample) -> None:
+        """Take a status or a diagnosis."""
+        key, payload = str(message.key_expr), message.payload.to_bytes()
+        if key.endswith("/status"):
+            status = json.loads(payload)  # after a start publishers repeat what they have kept
+            self.taken[key] = status["samples_received"] - status["samples_duplicate"] - status["samples_queued"]
+        else:
+            self.diagnoses.setdefault(key, set()).add(payload)
+
+
+@dataclass
+class Start:
+    """One start of the monitor."""
+
+    what: str
+    monitoring_s: float = 0.0
+    caught_up_s: float = 0.0
+    silent_s: float = 0.0
+    peak_MB: float = 0.0
+    peak_later_MB: float = 0.0
+    read_MB: float = 0.0
+    stopped_s: float = 0.0
+
+
+class Monitor:
+    """A `rwa-monitor run`, what it says and when."""
+
+    def __init__(self, endpoint: str, folder: Path, what: str) -> None:
+        self.start = Start(what)
+        last = max(folder.glob("*.mcap"), default=None)
+        self.start.read_MB = last.stat().st_size / 1e6 if last else 0.0
+        command = [sys.executable, "-m", "rwa_monitor", "run", "-e", endpoint, "--record", str(folder)]
+        self.began_s = self.said_s = time.monotonic()
+        self.lines: list[str] = []
+        self.process = subprocess.Popen([*command, "--record-limit", "20"], stderr=subprocess.PIPE, text=True)
+        self.monitoring = Event()
+        Thread(target=self._listen, daemon=True).start()
+
+    def _listen(self) -> None:
+        assert self.process.stderr is not None
+        for line in self.process.stderr:
+            now_s = time.monotonic()
+            self.lines.append(line.rstrip())
+            print(f"  {now_s - self.began_s:6.1f} s  {line.rstrip()}", file=sys.stderr)
+            if not self.monitoring.is_set():
+                self.start.silent_s = max(self.start.silent_s, now_s - self.said_s)
+                self.said_s = now_s
+            if ": monitoring " in line:
+                self.start.monitoring_s = now_s - self.began_s
+                self.start.peak_MB = self.peak_MB()
+                self.monitoring.set()
+
+    def peak_MB(self) -> float:
+        """Return the most memory that it has had resident."""
+        lines = Path(f"/proc/{self.process.pid}/status").read_text().splitlines()
+        return next(int(line.split()[1]) * 1024 / 1e6 for line in lines if line.startswith("VmHWM"))
+
+    def wait_until(self, done: Callable[[], bool], what: str) -> float:
+        """Wait, and return how long after the start it was so."""
+        while not done():
+            if self.process.poll() is not None:
+                raise RuntimeError(f"the monitor ended with {self.process.returncode} before {what}")
+            if time.monotonic() - self.began_s > PATIENCE_S:
+                raise TimeoutError(what)
+            Event().wait(0.05)
+        return time.monotonic() - self.began_s
+
+    def end(self, how: signal.Signals) -> None:
+        """End it."""
+        self.start.peak_later_MB = self.peak_MB()
+        began_s = time.monotonic()
+        self.process.send_signal(how)
+        self.process.wait(PATIENCE_S)
+        self.start.stopped_s = time.monotonic() - began_s
+
+
+def expected_windows() -> list[Diagnosis]:
+    """Return what `diagnose` says of the full windows."""
+    events = diagnose_samples(telemetry(), built_in_wheel(), built_in_model())
+    whole = [event for event in events if not event.partial]
+    return [
+        Diagnosis.parse(output.payload, output.key)
+        for output in outputs_of(whole, "fleet", "wheel_0")
+        if output.message is Diagnosis
+    ]
+
+
+def measure(wheels: int, folder: Path) -> tuple[list[Start], int, int]:
+    """Return the starts, the windows that were expected of all wheels, and those that came as expected."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        endpoint = f"tcp/127.0.0.1:{free.getsockname()[1]}"
+    context = get_context("spawn")
+    orders, fleets_end = context.Pipe()
+    fleet = context.Process(target=fleet_process, args=(endpoint, wheels, fleets_end), daemon=True)
+    fleet.start()
+    orders.recv()
+    heard, starts, sent = Heard(), [], 0
+
+    def send(stop: int, monitor: Monitor | None = None) -> None:
+        """Let all wheels send up to message `stop`; with a monitor no faster than it takes them."""
+        nonlocal sent
+        while sent < stop:
+            following = min(sent + AHEAD, stop)
+            orders.send((sent, following))
+            orders.recv()
+            sent = following
+            if monitor is not None:
+                monitor.wait_until(all_taken, "it had taken all")
+
+    def all_taken() -> bool:
+        return len(heard.taken) == wheels and min(heard.taken.values()) >= sent * BATCH
+
+    with open_session(BusOptions(mode="client", connect=(endpoint,))) as session:
+        for kind in ("status", "diagnosis"):
+            session.declare_subscriber(f"rwa/fleet/*/{kind}", heard.take)
+        for number, (what, how) in enumerate(
+            (
+                ("the first, with nothing recorded", signal.SIGKILL),
+                ("after SIGKILL", signal.SIGTERM),
+                ("after SIGTERM", signal.SIGTERM),
+            )
+        ):
+            heard.taken.clear()
+            monitor = Monitor(endpoint, folder, what)
+            monitor.monitoring.wait(PATIENCE_S)
+            monitor.start.caught_up_s = monitor.wait_until(all_taken if sent else lambda: True, "it had caught up")
+            full = min(number + FULL, WINDOWS) * SLOTS / BATCH
+            send(round(full) if number < WINDOWS else WINDOWS * SLOTS // BATCH + 4, monitor)
+            monitor.end(how)
+            starts.append(monitor.start)
+            if number < WINDOWS:
+                send(sent + OUTAGE_MESSAGES)
+    orders.send(None)
+    fleet.join(60.0)
+    expected = expected_windows()
+    right = 0
+    for wheel in range(wheels):
+        wanted = {_as_of(window, f"wheel_{wheel}") for window in expected}
+        right += len(wanted & heard.diagnoses.get(f"rwa/fleet/wheel_{wheel}/diagnosis", set()))
+    return starts, wheels * len(expected), right
+
+
+def _as_of(window: Diagnosis, wheel: str) -> bytes:
+    """Return a diagnosis as that of another wheel."""
+    return window.model_copy(update={"wheel": wheel}).to_json()
+
+
+def page(wheels: int, starts: list[Start], expected: int, right: int) -> str:
+    """Return what was measured as a page."""
+    rows = [
+        [
+            start.what,
+            f"{start.read_MB:,.0f} MB",
+            f"{start.monitoring_s:.0f} s",
+            f"{start.silent_s:.0f} s",
+            f"{start.caught_up_s - start.monitoring_s:.0f} s",
+            f"{start.peak_MB:,.0f} MB",
+            f"{start.peak_later_MB:,.0f} MB",
+            f"{start.stopped_s:.1f} s",
+        ]
+        for start in starts
+    ]
+    head = [
+        "start",
+        "recording it goes on from",
+        "until it monitors",
+        "longest silence until then",
+        "until it has what was sent meanwhile",
+        "largest memory until it monitors",
+        "and until it was ended",
+        "until it had ended",
+    ]
+    load = ", ".join(f"{value:.1f}" for value in os.getloadavg())
+    return f"""# A restart of a fleet
+
+<!-- Written by `make restart`. -->
+
+One `rwa-monitor run` that records {wheels:,} wheels, whose windows of {SLOTS:,} slots are {FULL:.0%} full when it is
+ended: by SIGKILL, and in the next window by SIGTERM. Each wheel sends {OUTAGE_MESSAGES} messages of {BATCH} samples
+while no monitor is there, {OUTAGE_MESSAGES * BATCH / 8:.0f} s at 8 Hz, and keeps its last {HISTORY}. All wheels send
+the same samples (seed {SEED}), as fast as the monitor takes them; so all windows close at once.
+
+**{right:,} of {expected:,} windows are byte for byte what `diagnose` says of the samples.**
+
+{table(head, rows)}
+
+On: {describe_machine()["processor"]}; load of the machine {load}.
+
+A monitor goes on from the checkpoints at the beginning of its last recording, and takes the inputs after them once
+more; it reads and forgets them one by one, so that it needs the memory of its open windows (2.7 MB a wheel) and some
+300 MB. A recording grows to twice what it begins with, so that the inputs may take longer than the checkpoints. Every
+five seconds it says how far it is, and systemd is told to wait. The messages that all publishers have kept come again
+at each start: they pass through the inbox, and are in memory while a gap before them is asked for.
+"""
+
+
+def main() -> None:
+    """Measure, and print or write what came out."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--wheels", type=int, default=400)
+    parser.add_argument("-o", "--output", type=Path, help="page to write; printed otherwise")
+    options = parser.parse_args()
+    with tempfile.TemporaryDirectory(prefix="rwa-restart-") as folder:
+        text = page(options.wheels, *measure(options.wheels, Path(folder)))
+    if options.output:
+        options.output.write_text(text, encoding="utf-8")
+    else:
+        print(text)
+
+
+if __name__ == "__main__":
+    main()
