@@ -16,6 +16,8 @@ from rwa_monitor.discrepancy.cage import cage_bursts
 from rwa_monitor.discrepancy.delay_term import DelayTerm
 from rwa_monitor.discrepancy.extended import extend
 from rwa_monitor.discrepancy.gain import HeldOut, held_out, holds_out, on_other_recordings
+from rwa_monitor.discrepancy.heat import may_be_warm, told_as_unexplained
+from rwa_monitor.discrepancy.heat_term import HeatOfMotion
 from rwa_monitor.discrepancy.jump_terms import JUMP_TERMS
 from rwa_monitor.discrepancy.lattice import drawn_again, without_steps
 from rwa_monitor.discrepancy.mapper import Mapper, in_turn
@@ -32,7 +34,17 @@ from rwa_monitor.discrepancy.result import (
     Verdict,
 )
 from rwa_monitor.discrepancy.rounding import without_rounding
-from rwa_monitor.discrepancy.search import Found, Growth, Model, Progress, SearchResult, grow, rank, refit
+from rwa_monitor.discrepancy.search import (
+    Found,
+    Growth,
+    Model,
+    Progress,
+    SearchResult,
+    extensions,
+    grow,
+    rank,
+    refit,
+)
 from rwa_monitor.discrepancy.slope_jumps import SlopeJumps, shared_strength, with_slope_jumps
 from rwa_monitor.discrepancy.switching_effects import switching_effects
 from rwa_monitor.discrepancy.uncertainty import described, spread
@@ -112,13 +124,14 @@ def find_discrepancy(
     # What is left of a delay that is taken out is less than a part of a slot.
     missing = [effect for effect in candidates(wheel) if delay is None or effect is not DelayTerm]
     tried = [effect for effect in missing if _can_show(problem, effect)]
-    problem, found, leftover, complete = _explain(problem, tried, progress, wheel)
+    searched = [*tried, HeatOfMotion] if may_be_warm(problem) else tried
+    problem, found, leftover, complete = _explain(problem, searched, progress, wheel)
     progress("noise and jumps")
     cage = cage_bursts(problem, complete) if problem.has_noise else None
     if cage is not None:
         # Bursts pass for jumps, and for laws of speed: what is said of anything else is said without them.
         problem = replace(prepare(cage.quiet(problem.records), wheel), each=each)
-        problem, found, leftover, complete = _explain(problem, tried, progress, wheel)
+        problem, found, leftover, complete = _explain(problem, searched, progress, wheel)
     in_band = cage.in_band if cage is not None else ()
     others: list[FoundEffect] = []
     wanders = None
@@ -226,6 +239,7 @@ def _explain(
     found = rank(problem, grown, progress)
     progress("what is left")
     found, leftover, complete = judge_leftover(problem, found)
+    found, leftover = told_as_unexplained(problem, found, leftover)
     return problem, found, leftover, complete
 
 
@@ -236,7 +250,12 @@ def _with_slope_jumps(
     if not any(effect.name == SlopeJumps.name for effect in candidates):
         return None
     progress("slopes between jumps")
-    return with_slope_jumps(problem, grown.ladder[-1], grown.ladder[0], partial(with_free_curves, problem))
+
+    def rivals(model: Model) -> list[Model]:
+        heat = [HeatOfMotion] if HeatOfMotion in candidates and HeatOfMotion.name not in model.names else []
+        return [*with_free_curves(problem, model), *extensions(problem, model, heat, progress)]
+
+    return with_slope_jumps(problem, grown.ladder[-1], grown.ladder[0], rivals)
 
 
 def _known_delay(wheel: Wheel) -> Delay | None:

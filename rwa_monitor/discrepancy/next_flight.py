@@ -20,6 +20,10 @@ SHAPE_SHOWN_BY: Final = (
         "periodic",
         "dwell at one speed for ten of its periods or more, then at half that speed: is it time or the angle?",
     ),
+    (
+        "heat of the motion",
+        "record the bearing's temperature; or hold top speed until the drag settles, then sweep slowly",
+    ),
     ("drift", "hold one speed and temperature for several windows: does it go on, settle, or follow the temperature?"),
     ("wander", "hold one speed and temperature for several windows: does it wander with nothing else changing?"),
     ("temperature", "hold one speed through a thermal cycle, then another speed: does it scale with the speed?"),

@@ -1,0 +1,71 @@
+"""Viscous drag that follows the heat of the motion, where nobody measured the bearing's temperature.
+
+Friction heats the bearing, and the lubricant thins: the slope of the drag over the speed then follows the power of the
+friction through a thermal lag of some ten minutes. Without a temperature that is no effect of the catalogue, and its
+slopes, which are others in each stretch of time, pass for jumps of the viscous friction. Here it is a candidate of the
+search like any other, so that those names must do better than it does; where it wins it is told as unexplained, with
+the channel that would tell.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from rwa_monitor.discrepancy.base_fit import Problem, jump_sets, remove_levels, segment_starts
+from rwa_monitor.discrepancy.heat_term import FASTEST_S, LONGEST_SHARE, TINY, HeatOfMotion
+from rwa_monitor.discrepancy.result import Unexplained
+from rwa_monitor.discrepancy.search import Found, Model, SearchResult, refit
+from rwa_monitor.physics.effects.resolution import duration
+from rwa_monitor.physics.effects.viscosity_temperature import ViscosityTemperature
+
+
+def may_be_warm(problem: Problem) -> bool:
+    """Say whether heat of the motion may hide: no temperature, speeds that differ, and time to warm up."""
+    channels = [record.channels for record in problem.records]
+    unknown = all(one.bearing_temperature_degC is None for one in channels)
+    return unknown and not problem.at_one_speed and LONGEST_SHARE * max(map(duration, channels)) > FASTEST_S
+
+
+def told_as_unexplained(
+    problem: Problem, found: SearchResult, left: Unexplained | None
+) -> tuple[SearchResult, Unexplained | None]:
+    """Take the heat of the motion out of what was named, and tell it as what no effect of the catalogue explains.
+
+    Where it could stand for a named effect, the catalogue's `viscosity_temperature` is said to: without a temperature
+    only as a possibility.
+    """
+    found = replace(found, found=tuple(_with_possible_cause(entry) for entry in found.found))
+    model = found.ladder[-1]
+    if HeatOfMotion.name not in model.names:
+        return found, left
+    index = model.names.index(HeatOfMotion.name)
+    (entry,) = [entry for entry in found.found if entry.name == HeatOfMotion.name]
+    terms = tuple(term for term in model.terms if term.effect is not HeatOfMotion)
+    reduced = refit(problem, terms, jump_sets(problem, model.fit)) if terms else found.ladder[0]
+    shorter = (m for m in found.ladder if HeatOfMotion.name not in m.names and len(m.terms) < len(terms))
+    named = tuple(one for one in found.found if one.name != HeatOfMotion.name)
+    others = [name for name in entry.equivalent if name != ViscosityTemperature.name]
+    told = Unexplained(
+        f"{HeatOfMotion.signature} with a lag of about {model.terms[index].shape['time_constant_s']:.2g} s, as"
+        f" {ViscosityTemperature.name} would: record the bearing's temperature"
+        + "".join(f", or {name} as well as these data can tell" for name in others)
+        + (f"; and {left.signature}" if left is not None else ""),
+        float(np.hypot(_size(problem, model, index), left.size_Nm if left is not None else 0.0)),
+    )
+    return replace(found, ladder=(*shorter, reduced) if terms else (reduced,), found=named), told
+
+
+def _with_possible_cause(entry: Found) -> Found:
+    equivalent = (ViscosityTemperature.name if name == HeatOfMotion.name else name for name in entry.equivalent)
+    return replace(entry, equivalent=tuple(dict.fromkeys(equivalent)))
+
+
+def _size(problem: Problem, model: Model, index: int) -> float:
+    """Return the RMS of a term's torque beyond levels and slope [N m]."""
+    first = segment_starts(problem, model.fit.jumps)
+    torque = remove_levels(model.terms[index].columns @ model.strengths(index), first)
+    along = remove_levels(problem.speed, first)
+    torque = torque - along * float(along @ torque) / max(float(along @ along), TINY)
+    return float(np.sqrt(np.mean(torque**2)))
