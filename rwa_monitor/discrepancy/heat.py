@@ -10,15 +10,18 @@ the channel that would tell.
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Final
 
 import numpy as np
 
 from rwa_monitor.discrepancy.base_fit import Problem, jump_sets, remove_levels, segment_starts
-from rwa_monitor.discrepancy.heat_term import FASTEST_S, LONGEST_SHARE, TINY, HeatOfMotion
+from rwa_monitor.discrepancy.heat_term import FASTEST_S, LONGEST_SHARE, HeatOfMotion
 from rwa_monitor.discrepancy.result import Unexplained
 from rwa_monitor.discrepancy.search import Found, Model, SearchResult, refit
 from rwa_monitor.physics.effects.resolution import duration
 from rwa_monitor.physics.effects.viscosity_temperature import ViscosityTemperature
+
+BESIDE_SHARE: Final = 0.1  # of the gain of the heat that a name beside it must reach: no law of heat is exact
 
 
 def may_be_warm(problem: Problem) -> bool:
@@ -42,10 +45,11 @@ def told_as_unexplained(
         return found, left
     index = model.names.index(HeatOfMotion.name)
     (entry,) = [entry for entry in found.found if entry.name == HeatOfMotion.name]
-    terms = tuple(term for term in model.terms if term.effect is not HeatOfMotion)
+    named = tuple(one for one in found.found if one is not entry and one.gain >= BESIDE_SHARE * entry.gain)
+    terms = tuple(term for term in model.terms if term.effect.name in {one.name for one in named})
     reduced = refit(problem, terms, jump_sets(problem, model.fit)) if terms else found.ladder[0]
-    shorter = (m for m in found.ladder if HeatOfMotion.name not in m.names and len(m.terms) < len(terms))
-    named = tuple(one for one in found.found if one.name != HeatOfMotion.name)
+    names = set(reduced.names)
+    shorter = (m for m in found.ladder if set(m.names) <= names and len(m.terms) < len(terms))
     others = [name for name in entry.equivalent if name != ViscosityTemperature.name]
     told = Unexplained(
         f"{HeatOfMotion.signature} with a lag of about {model.terms[index].shape['time_constant_s']:.2g} s, as"
@@ -67,5 +71,5 @@ def _size(problem: Problem, model: Model, index: int) -> float:
     first = segment_starts(problem, model.fit.jumps)
     torque = remove_levels(model.terms[index].columns @ model.strengths(index), first)
     along = remove_levels(problem.speed, first)
-    torque = torque - along * float(along @ torque) / max(float(along @ along), TINY)
+    torque = torque - along * float(along @ torque) / max(float(along @ along), np.finfo(np.float64).tiny)
     return float(np.sqrt(np.mean(torque**2)))

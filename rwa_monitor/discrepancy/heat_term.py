@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
 from typing import Final
 
 import numpy as np
 from scipy.signal import lfilter
 
-from rwa_monitor.discrepancy.record import Record
 from rwa_monitor.physics.effects.base import Channels, MeanEffect, Memory, Parameter
 from rwa_monitor.physics.effects.resolution import duration, narrowed
 from rwa_monitor.samples import FloatArray
@@ -18,15 +16,14 @@ FASTEST_S: Final = 60.0  # time constants of a bearing in its housing: minutes (
 SLOWEST_S: Final = 7200.0
 LONGEST_SHARE: Final = 0.5  # of the record: a slower one is a drift
 PALMGREN: Final = 2.0 / 3.0  # exponent of the speed where ball bearings churn; else 1 (`sublinear_viscous`)
-TINY: Final = float(np.finfo(np.float64).tiny)
 SCALE_RAD_S: Final = 100.0  # unit of the speed, so that all strengths are torques
 
 
 class HeatOfMotion(MeanEffect):
     """A viscous drag that falls with the heat that the motion made, after a first-order thermal lag.
 
-    What heats is the measured power of the friction. Viscosity is exponential in the temperature, to second order here.
-    The record need not begin cold.
+    The power of the friction has a dry part, in proportion to |ω|, and a viscous one, to ω²; each heats. Viscosity is
+    exponential in the temperature, to second order here. The record need not begin cold.
     """
 
     name = "heat_of_the_motion"
@@ -37,10 +34,8 @@ class HeatOfMotion(MeanEffect):
     source = "none"
     separate_by = "The bearing's temperature."
     parameters = (
-        Parameter("thinning_Nm", "N m", -np.inf, 0.0, -1e-4, linear=True),
-        Parameter("thinning_of_churning_Nm", "N m", -np.inf, 0.0, -1e-4, linear=True),
-        Parameter("curvature_Nm", "N m", 0.0, np.inf, 0.0, linear=True),
-        Parameter("curvature_of_churning_Nm", "N m", 0.0, np.inf, 0.0, linear=True),
+        *(Parameter(f"thinning_{i}_Nm", "N m", -np.inf, 0.0, -1e-4, linear=True) for i in range(4)),
+        *(Parameter(f"curvature_{i}_Nm", "N m", 0.0, np.inf, 0.0, linear=True) for i in range(2)),
         Parameter("start_Nm", "N m", -np.inf, np.inf, 0.0, linear=True),
         Parameter("time_constant_s", "s", FASTEST_S, SLOWEST_S, 1000.0),
     )
@@ -49,22 +44,17 @@ class HeatOfMotion(MeanEffect):
     def columns(
         cls, channels: Channels, shape: Mapping[str, float], memory: Memory = None
     ) -> tuple[FloatArray, Memory]:
-        """Return the drag times the heat and times its square, and times what is left of the heat at the start.
-
-        The torque that overcomes friction is taken from `motor_torque_Nm`: see `with_friction`.
-        """
+        """Return each drag times the heat of each power, times its square, and times what is left of the start's."""
         del memory
-        assert channels.motor_torque_Nm is not None
-        power = channels.motor_torque_Nm * channels.speed_rad_s
-        latest = np.maximum.accumulate(np.where(np.isfinite(power), np.arange(len(channels)), 0))
-        power = np.nan_to_num(power[latest])
+        known = np.isfinite(channels.speed_rad_s)
+        latest = np.maximum.accumulate(np.where(known, np.arange(len(channels)), 0))
+        speed = np.abs(np.nan_to_num(channels.speed_rad_s[latest])) / SCALE_RAD_S
         kept = float(np.exp(-channels.sample_period_s / shape["time_constant_s"]))
-        heat = lfilter([0.0, 1.0 - kept], [1.0, -kept], power / max(float(np.mean(np.abs(power))), TINY))
+        dry, viscous = (lfilter([0.0, 1.0 - kept], [1.0, -kept], power) for power in (speed, speed**2))
         start = kept ** np.arange(len(channels), dtype=np.float64)
-        speed = np.abs(channels.speed_rad_s) / SCALE_RAD_S
         newton, churning = channels.direction * speed, channels.direction * speed**PALMGREN
-        drags = (newton * heat, churning * heat, newton * heat**2, churning * heat**2, newton * start)
-        return np.stack(drags, axis=1), None
+        thinning = (newton * dry, newton * viscous, churning * dry, churning * viscous)
+        return np.stack([*thinning, newton * viscous**2, churning * viscous**2, newton * start], axis=1), None
 
     @classmethod
     def shape_bounds(cls, channels: Channels) -> dict[str, tuple[float, float]]:
@@ -72,8 +62,3 @@ class HeatOfMotion(MeanEffect):
         bounds = super().shape_bounds(channels)
         low, high = FASTEST_S, LONGEST_SHARE * duration(channels)
         return {**bounds, "time_constant_s": narrowed(bounds["time_constant_s"], low, high)}
-
-
-def with_friction(record: Record) -> Channels:
-    """Return a record's channels with the torque that overcomes its friction as that of the motor."""
-    return replace(record.channels, motor_torque_Nm=record.friction_torque_Nm)

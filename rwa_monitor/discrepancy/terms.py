@@ -25,7 +25,6 @@ from rwa_monitor.discrepancy.base_fit import (
     strong_level,
 )
 from rwa_monitor.discrepancy.delay_term import LEAD, SLOPE_REACH, without_pulses
-from rwa_monitor.discrepancy.heat_term import HeatOfMotion, with_friction
 from rwa_monitor.discrepancy.record import Record
 from rwa_monitor.physics.effects.base import Channels, MeanEffect, Parameter
 from rwa_monitor.physics.effects.torque_ripple import TorqueRipple
@@ -171,19 +170,13 @@ def _make_term(problem: Problem, effect: type[MeanEffect], shape: Mapping[str, f
     if columns is None and strong is not None:
         columns = _columns_with_level(effect, shape, strong)
     if columns is None:
-        columns = _evaluate(problem, effect, shape, [_channels_for(effect, record) for record in problem.records])
+        channels = [record.undrifted if effect is TorqueRipple else record.channels for record in problem.records]
+        columns = _evaluate(problem, effect, shape, channels)
         if not depends_on_level(effect):
             problem.columns.put(key, columns)
     return Term(
         effect, dict(shape), columns, np.array([p.low for p in strengths]), np.array([p.high for p in strengths])
     )
-
-
-def _channels_for(effect: type[MeanEffect], record: Record) -> Channels:
-    """Return the channels of a record as an effect asks for them."""
-    if effect is TorqueRipple:
-        return record.undrifted
-    return with_friction(record) if effect is HeatOfMotion else record.channels
 
 
 def _evaluate(
