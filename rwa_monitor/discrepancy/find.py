@@ -124,7 +124,7 @@ def find_discrepancy(
     # What is left of a delay that is taken out is less than a part of a slot.
     missing = [effect for effect in candidates(wheel) if delay is None or effect is not DelayTerm]
     tried = [effect for effect in missing if _can_show(problem, effect)]
-    searched = [*tried, HeatOfMotion] if may_be_warm(problem) else tried
+    searched: list[type[MeanEffect]] = [*tried, HeatOfMotion] if may_be_warm(problem) else tried
     problem, found, leftover, complete = _explain(problem, searched, progress, wheel)
     progress("noise and jumps")
     cage = cage_bursts(problem, complete) if problem.has_noise else None
