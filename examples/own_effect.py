@@ -8,11 +8,11 @@ The effect here is made up: a grease whose drag levels off at high speed, like t
 from collections.abc import Mapping
 
 import numpy as np
+from numpy.typing import NDArray
 
 import rwa_monitor as rwa
 from rwa_monitor.physics.effects.base import Channels, MeanEffect, Memory, Parameter
 from rwa_monitor.physics.effects.catalogue import register
-from rwa_monitor.samples import FloatArray
 
 
 # 1. The class. Metadata say what it is and what it is confused with; `columns` is the formula at unit strength.
@@ -36,7 +36,7 @@ class GreasePlateau(MeanEffect):
     @classmethod
     def columns(
         cls, channels: Channels, shape: Mapping[str, float], memory: Memory = None
-    ) -> tuple[FloatArray, Memory]:
+    ) -> tuple[NDArray[np.float64], Memory]:
         return np.tanh(channels.speed_rad_s / shape["plateau_speed_rad_s"])[:, np.newaxis], memory
 
 

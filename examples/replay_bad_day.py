@@ -9,18 +9,18 @@ import sys
 from pathlib import Path
 
 import rwa_monitor as rwa
-from rwa_monitor.live.recording import recordings_of
-from rwa_monitor.live.replay import replay
+
+# Not public, so it may change: it gives the messages of a recording one by one. Their samples alone are rwa.read(file).
 from rwa_monitor.live.telemetry_files import read_telemetry
 
 folder = Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parents[1] / "replay" / "bad_day"
 
 # 1. The chain of files that the recorder wrote; each knows the one before it.
-files = recordings_of(folder)
+files = sorted(folder.glob("*.mcap")) if folder.is_dir() else [folder]
 print(f"{folder.name}: {', '.join(file.name for file in files)}")
 
 # 2. The same inputs through the same core: are changepoints and diagnoses what was recorded?
-print(f"replayed: {replay(folder).short()}")
+print(f"replayed: {rwa.replay(folder).short()}")
 
 # 3. What became of every sample of the first file, by hand: a Monitor takes the messages as they came.
 content = read_telemetry(files[0])

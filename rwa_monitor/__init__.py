@@ -1,6 +1,9 @@
 """Diagnosis of reaction wheels from their bearing friction, live on a bus and from recordings.
 
-The public names are those of `rwa_monitor.api`, and `rwa_monitor.plot` for pictures; everything else may change.
+Public are the names below (`rwa_monitor.api`, which each comes from when it is asked for), those in `__all__` of
+`rwa_monitor.plot` for pictures, `read_results` of `rwa_monitor.fleet.store`, and, to write an effect of one's own,
+`rwa_monitor.physics.effects.base` and `register` of `rwa_monitor.physics.effects.catalogue`. They change with a line in
+the changelog; everything else may change at any time.
 """
 
 from __future__ import annotations
@@ -13,9 +16,15 @@ if TYPE_CHECKING:
 
     from rwa_monitor import plot
     from rwa_monitor.api import (
+        CarriedState,
         CoefficientTrend,
         Diagnosis,
+        InputError,
+        Learned,
+        Model,
         Monitor,
+        Report,
+        RwaMonitorError,
         Samples,
         Scenario,
         Search,
@@ -25,16 +34,25 @@ if TYPE_CHECKING:
         extended_wheel,
         find_discrepancy,
         frame,
+        identify,
         read,
+        read_model,
         read_wheel,
+        replay,
         simulate,
         wheel_trends,
     )
 
 __all__ = [
+    "CarriedState",
     "CoefficientTrend",
     "Diagnosis",
+    "InputError",
+    "Learned",
+    "Model",
     "Monitor",
+    "Report",
+    "RwaMonitorError",
     "Samples",
     "Scenario",
     "Search",
@@ -45,9 +63,12 @@ __all__ = [
     "extended_wheel",
     "find_discrepancy",
     "frame",
+    "identify",
     "plot",
     "read",
+    "read_model",
     "read_wheel",
+    "replay",
     "simulate",
     "wheel_trends",
 ]

@@ -11,10 +11,15 @@ for diagnosis in rwa.diagnose(samples, wheel):
 
 Everything here is thin: it reads files and calls the pure rooms, as the commands do. What it returns are the plain
 values of those rooms and the messages of the bus, so that a script, the command line and the bus say the same.
+
+While something here computes, linear algebra keeps to one thread (`threads.one_thread_of_algebra`): the same bytes on
+every machine, and several times faster. Kernels that have to be compiled are told of by a warning of the logger
+`rwa_monitor`, once on each machine.
 """
 
 from __future__ import annotations
 
+import logging
 import os
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -24,14 +29,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rwa_monitor.compiling import tell_of_compiling
 from rwa_monitor.diagnosis.model import Model, built_in_model
 from rwa_monitor.diagnosis.results import Method
 from rwa_monitor.diagnosis.state import CarriedState
 from rwa_monitor.discrepancy.extended import extended_wheel
 from rwa_monitor.discrepancy.find import Search
 from rwa_monitor.discrepancy.find import find_discrepancy as search_recordings
+from rwa_monitor.discrepancy.identification import Learned, bare_wheel
+from rwa_monitor.discrepancy.identification import identify as learn_wheel
 from rwa_monitor.errors import InputError, RwaMonitorError
 from rwa_monitor.formats.files import display_name
+from rwa_monitor.formats.model_file import read_model as read_model_file
 from rwa_monitor.formats.results import diagnosis_row
 from rwa_monitor.formats.scenario_file import read_scenario
 from rwa_monitor.formats.telemetry import joined, only_wheel, read_decoding
@@ -39,6 +48,8 @@ from rwa_monitor.formats.wheel_file import read_wheel as read_wheel_file
 from rwa_monitor.live.core import WheelCore
 from rwa_monitor.live.events import Event, SensorFault, WindowDiagnosed
 from rwa_monitor.live.outputs import trouble_in
+from rwa_monitor.live.replay import Report
+from rwa_monitor.live.replay import replay as replay_recordings
 from rwa_monitor.live.telemetry_files import read_telemetry
 from rwa_monitor.live.trends import CoefficientTrend, wheel_trends
 from rwa_monitor.messages import Diagnosis, diagnosis_message
@@ -47,16 +58,22 @@ from rwa_monitor.physics.telemetry import Telemetry
 from rwa_monitor.physics.telemetry import simulate as simulate_telemetry
 from rwa_monitor.physics.wheel import Wheel, built_in_wheel
 from rwa_monitor.samples import Samples
-from rwa_monitor.threads import on_threads
+from rwa_monitor.threads import on_threads, one_thread_of_algebra
 from rwa_monitor.version import SOFTWARE
 
 if TYPE_CHECKING:
     from pandas import DataFrame
 
 __all__ = [
+    "CarriedState",
     "CoefficientTrend",
     "Diagnosis",
+    "InputError",
+    "Learned",
+    "Model",
     "Monitor",
+    "Report",
+    "RwaMonitorError",
     "Samples",
     "Scenario",
     "Search",
@@ -66,13 +83,25 @@ __all__ = [
     "extended_wheel",
     "find_discrepancy",
     "frame",
+    "identify",
     "read",
+    "read_model",
     "read_wheel",
+    "replay",
     "simulate",
     "wheel_trends",
 ]
 
 PathLike = str | os.PathLike[str]
+Recordings = Samples | Sequence[Samples] | Mapping[str, Samples]
+
+_logger = logging.getLogger("rwa_monitor")
+
+
+def _tell_of_compiling() -> None:
+    tell_of_compiling(
+        lambda: _logger.warning("compiling what this needs, once on this machine: this takes up to a minute")
+    )
 
 
 # ---- in --------------------------------------------------------------------------------------------------------------
@@ -124,6 +153,18 @@ def read_wheel(path: PathLike | None = None) -> Wheel:
     return read_wheel_file(None if path is None else Path(path))
 
 
+def read_model(path: PathLike | None = None) -> Model:
+    """Read a model (MODEL.json, from `rwa-monitor train`); None gives the built-in one.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be used; names the field.
+    """
+    return read_model_file(None if path is None else Path(path))
+
+
+@one_thread_of_algebra()
 def simulate(
     scenario: Scenario | PathLike | None = None, wheel: Wheel | None = None, *, seed: int | np.random.Generator = 0
 ) -> Telemetry:
@@ -197,6 +238,7 @@ class Monitor:
         self._troubles: dict[tuple[str | bool, ...], str] = {}
         self._core = WheelCore(self.wheel, model or built_in_model(), method=method, carried=carried)
 
+    @one_thread_of_algebra()
     def feed(self, samples: Samples, publisher: str = "", batch: int | None = None) -> list[Diagnosis]:
         """Take samples, and return the diagnoses of the windows that they closed.
 
@@ -214,6 +256,7 @@ class Monitor:
         """
         return self._said(self._core.feed(samples, publisher, batch))
 
+    @one_thread_of_algebra()
     def finish(self) -> list[Diagnosis]:
         """Return the diagnosis of the open window, marked partial: nothing more will come."""
         return self._said(self._core.finish())
@@ -288,6 +331,7 @@ def diagnose(
     InputError
         If friction is neither given nor can be derived.
     """
+    _tell_of_compiling()
     monitor = Monitor(wheel, model, method=method, carried=carried)
     return [*monitor.feed(samples), *monitor.finish()]
 
@@ -318,16 +362,70 @@ def frame(diagnoses: Iterable[Diagnosis]) -> DataFrame:
     return pd.DataFrame([diagnosis_row(diagnosis) for diagnosis in diagnoses])
 
 
-# ---- what the simulation gets wrong ----------------------------------------------------------------------------------
+def replay(recordings: PathLike | Sequence[PathLike]) -> Report:
+    """Make every decision of a recording of `run` again, and compare; the same as `rwa-monitor replay --verify`.
+
+    Parameters
+    ----------
+    recordings
+        A file, a folder whose recordings form a chain, or several files in order.
+
+    Returns
+    -------
+    Report
+        `.short()` says it in a line; `.equal`, `.bytes_equal`, `.differences` and `.unreadable` for a script.
+
+    Raises
+    ------
+    InputError
+        If a path is no recording, or its attachments cannot be used.
+    """
+    _tell_of_compiling()
+    paths = Path(recordings) if isinstance(recordings, str | os.PathLike) else [Path(path) for path in recordings]
+    with one_thread_of_algebra():
+        return replay_recordings(paths)
+
+
+# ---- a wheel, and what its simulation gets wrong ---------------------------------------------------------------------
+
+
+def identify(recordings: Recordings, start: Wheel | None = None, *, systems: bool = True) -> Learned:
+    """Learn a wheel's nominal friction, noise and switching laws from recordings of it while healthy.
+
+    Parameters
+    ----------
+    recordings
+        One recording, or several of one wheel; with names for the messages where it is a mapping.
+    start
+        What is known already: name, sample period, motor constants, limits. None: the sample period of the recordings.
+    systems
+        False: nominal friction and noise only, for short recordings.
+
+    Returns
+    -------
+    Learned
+        `.wheel`, whose `to_toml()` is the wheel file, and `.notes`: what its values rest on, with uncertainties.
+
+    Raises
+    ------
+    InputError
+        If a recording cannot be used, or there is too little to learn from; says how much more is needed.
+    """
+    named = _named(recordings, "recording")
+    if not named:
+        raise InputError("recordings", "none given; one is needed")
+    _tell_of_compiling()
+    with one_thread_of_algebra():
+        return learn_wheel(named, start or bare_wheel("wheel", named[0][1]), systems=systems)
 
 
 def find_discrepancy(
-    recordings: Samples | Sequence[Samples] | Mapping[str, Samples],
+    recordings: Recordings,
     wheel: Wheel | None = None,
     *,
     progress: Callable[[str], None] = lambda _: None,
     threads: int = 1,
-    held_out: Samples | Sequence[Samples] | Mapping[str, Samples] = (),
+    held_out: Recordings = (),
 ) -> Search:
     """Find what the simulation of a wheel gets wrong, name the cause, extend the model and measure the gain.
 
@@ -340,8 +438,7 @@ def find_discrepancy(
     progress
         Called with a word on each step.
     threads
-        How many candidates are tried at a time; the answer does not depend on it. More than one pays where the linear
-        algebra underneath keeps to one thread (OPENBLAS_NUM_THREADS=1).
+        How many candidates are tried at a time; the answer does not depend on it.
     held_out
         Further recordings of the wheel, on which nothing is searched or fitted: the gain is measured on them. None:
         on blocks of the recordings, left out in turn.
@@ -360,10 +457,12 @@ def find_discrepancy(
     named, aside = _named(recordings, "recording"), _named(held_out, "held out")
     if not named:
         raise InputError("recordings", "none given; one is needed")
-    return search_recordings(named, wheel or built_in_wheel(), progress, on_threads(threads), aside)
+    _tell_of_compiling()
+    with one_thread_of_algebra():
+        return search_recordings(named, wheel or built_in_wheel(), progress, on_threads(threads), aside)
 
 
-def _named(recordings: Samples | Sequence[Samples] | Mapping[str, Samples], word: str) -> list[tuple[str, Samples]]:
+def _named(recordings: Recordings, word: str) -> list[tuple[str, Samples]]:
     """Return recordings with names; those that have none are numbered."""
     if isinstance(recordings, Mapping):
         return list(recordings.items())

@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 import pytest
+from threadpoolctl import threadpool_info, threadpool_limits
 
 import rwa_monitor as rwa
 from rwa_monitor import api
 from rwa_monitor.errors import InputError
 from rwa_monitor.formats.csv_table import write_csv
 from rwa_monitor.physics.wheel import Window
+from rwa_monitor.threads import one_thread_of_algebra
 
 SEED = 21
 
@@ -115,6 +119,82 @@ def test_a_hidden_effect_is_found_and_the_extended_wheel_has_it(wheel: rwa.Wheel
     extended = rwa.extended_wheel(search)
     assert [block.name for block in extended.effect] == ["stribeck"]
     assert rwa.find_discrepancy({"again": rwa.simulate(hidden, wheel, seed=4).samples}, extended).result.effects == ()
+
+
+def test_what_identify_learns_diagnoses_its_own_wheel(wheel: rwa.Wheel, telemetry: rwa.Telemetry) -> None:
+    learned = rwa.identify({"healthy": telemetry.samples}, systems=False)
+    assert learned.wheel.nominal is not None
+    assert wheel.nominal is not None
+    assert learned.wheel.nominal.viscous_Nm_s_rad == pytest.approx(wheel.nominal.viscous_Nm_s_rad, rel=0.01)
+    assert learned.wheel.sample_period_s == wheel.sample_period_s
+    assert learned.notes
+    assert rwa.Wheel.from_toml(learned.wheel.to_toml(), "again") == learned.wheel
+    with pytest.raises(rwa.InputError, match="none given"):
+        rwa.identify([])
+
+
+def test_a_model_is_read_and_a_recording_replayed(tmp_path: Path) -> None:
+    file = tmp_path / "model.json"
+    file.write_text(rwa.read_model().to_json(), encoding="utf-8")
+    assert rwa.read_model(file) == rwa.read_model()
+    file.write_text("{}", encoding="utf-8")
+    with pytest.raises(rwa.RwaMonitorError, match=r"model\.json"):
+        rwa.read_model(file)
+    report = rwa.replay(Path(__file__).parents[1] / "replay" / "bad_day")
+    assert report.equal
+    assert "equal" in report.short()
+
+
+# Everything that an answer can rest on, on a short record.
+ANSWERS = """
+import json
+import rwa_monitor as rwa
+scene = rwa.Scenario.from_toml('[scenario]\\nduration_s = 1000.0\\n[speed]\\nkind = "rich"\\n', "short")
+samples = rwa.simulate(scene, seed=50012).samples
+print(samples.friction_torque_Nm.tobytes().hex())
+print(rwa.identify(samples, systems=False).wheel.to_toml())
+print([diagnosis.to_json() for diagnosis in rwa.diagnose(samples)])
+print(json.dumps(rwa.find_discrepancy(samples).result.to_json()))
+"""
+
+
+def test_answers_are_the_same_bytes_however_many_threads_linear_algebra_is_given() -> None:
+    said = set()
+    for threads in ("1", "4"):
+        environment = os.environ | {"OPENBLAS_NUM_THREADS": threads, "OMP_NUM_THREADS": threads}
+        done = subprocess.run([sys.executable, "-c", ANSWERS], capture_output=True, env=environment, check=True)
+        said.add(done.stdout)
+    assert len(said) == 1
+
+
+def test_linear_algebra_keeps_to_one_thread_while_something_computes(telemetry: rwa.Telemetry) -> None:
+    def threads() -> set[int]:
+        return {library["num_threads"] for library in threadpool_info() if library["user_api"] == "blas"}
+
+    seen: list[set[int]] = []
+    with threadpool_limits(3, user_api="blas"):
+        rwa.find_discrepancy(telemetry.samples, progress=lambda _: seen.append(threads()))
+        assert seen
+        assert all(found == {1} for found in seen)
+        assert threads() == {3}  # as it was
+        with one_thread_of_algebra(), ThreadPoolExecutor(1) as other:
+            other.submit(one_thread_of_algebra()(threads)).result()
+            assert threads() == {1}  # that another one ends does not end this one
+
+
+def test_compiling_is_told_by_a_warning() -> None:
+    code = """
+import numba
+from rwa_monitor import api, compiling
+compiling.NOTICEABLE_S = 0.0
+api._tell_of_compiling()
+api._tell_of_compiling()
+new = numba.njit(lambda x: x + 1.0)
+new(1.0)
+new(1)
+"""
+    done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
+    assert done.stderr.splitlines() == ["compiling what this needs, once on this machine: this takes up to a minute"]
 
 
 def test_reading_warns_of_columns_left_out(tmp_path: Path) -> None:

@@ -22,10 +22,10 @@ from rwa_monitor.cli.options import FILE
 from rwa_monitor.cli.talk import PROGRAM, say
 from rwa_monitor.errors import InputError, RwaMonitorError
 
-# One thread for linear algebra, unless the user says otherwise: our matrices are small, threads would only wait for
-# each other, and the order of sums, so the last bit, would depend on the machine. Before numpy is imported anywhere.
-for _variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
-    os.environ.setdefault(_variable, "1")
+# One thread for linear algebra, whatever the environment says: our matrices are small, threads would only wait for each
+# other, and the order of sums, so the last bit, would depend on the machine. Before numpy is imported anywhere, and for
+# all processes started from here; from Python, rwa_monitor.threads does it.
+os.environ |= dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 
 # Each command is `command` in a module of this name. Modules import what they need when the command runs, not before,
 # so that --help and a mistyped option answer at once.

@@ -12,6 +12,7 @@ from pathlib import Path
 import click
 import pytest
 
+import rwa_monitor
 from rwa_monitor.cli.main import main as program
 
 ROOT = Path(__file__).parents[2]
@@ -93,7 +94,13 @@ SAID = {
     "README.md": ("ANOMALOUS  Friction of switching system fss_2", "16: 12 fss_1, 4 fss_2"),
     "tutorial.md": ("NOMINAL  All friction is nominal", "The simulation lacks stribeck"),
     "formats.md": ("day.ccsds  wheel_1  0.000 s to 10000.000 s", "NOMINAL  All friction is nominal"),
-    "python.md": ("anomalous Viscous friction is", "stribeck "),
+    "python.md": (
+        "anomalous Viscous friction is",
+        "own arrays: nominal",
+        "refused: samples: speed_rad_s: has shape (12000,)",
+        "stribeck ",
+        "equal, byte for byte",
+    ),
 }
 
 
@@ -130,6 +137,27 @@ def test_the_code_of_a_page_works_in_its_order(name: str, tmp_path: Path) -> Non
             said += done.stdout
     for words in SAID[name]:
         assert words in said
+
+
+@pytest.mark.slow
+def test_the_python_of_the_pages_passes_a_strict_type_checker(tmp_path: Path) -> None:
+    files = []
+    for page in (ROOT / "docs" / "python.md", ROOT / "docs" / "publish.md"):
+        for number, block in enumerate(block for block in blocks_of(page) if block.language == "python"):
+            files.append(tmp_path / f"{page.stem}_{number}.py")
+            files[-1].write_text(block.text, encoding="utf-8")
+    assert len(files) > 8
+    command = [sys.executable, "-m", "mypy", "--strict", *map(str, files)]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=240, check=False)
+    assert done.returncode == 0, done.stdout
+
+
+def test_the_python_page_names_what_is_public() -> None:
+    table = (ROOT / "docs" / "python.md").read_text(encoding="utf-8").split("## Read, or simulate")[0]
+    rows = " ".join(line for line in table.splitlines() if line.startswith("| `"))
+    named = set(re.findall(r"`(\w+)`", rows))
+    assert set(rwa_monitor.__all__) - {"__version__", "plot"} <= named
+    assert set(rwa_monitor.plot.__all__) <= named
 
 
 @pytest.mark.parametrize("page", ["promises.md", "threats.md"])
