@@ -23,7 +23,7 @@ from rwa_monitor.discrepancy.lattice import drawn_again, without_steps
 from rwa_monitor.discrepancy.mapper import Mapper, in_turn
 from rwa_monitor.discrepancy.noise_effects import noise_effects
 from rwa_monitor.discrepancy.nulls import built_in_nulls
-from rwa_monitor.discrepancy.record import Record, delay_of, make_record
+from rwa_monitor.discrepancy.record import Record, delay_of, make_record, without_known_effects
 from rwa_monitor.discrepancy.result import (
     INDISTINGUISHABLE,
     DiscrepancyResult,
@@ -51,8 +51,7 @@ from rwa_monitor.discrepancy.uncertainty import described, spread
 from rwa_monitor.discrepancy.unexplained import judge_leftover, wandering, with_free_curves
 from rwa_monitor.discrepancy.untested import as_a_part, too_weak_to_show, untested_others
 from rwa_monitor.physics.effects.base import MeanEffect
-from rwa_monitor.physics.effects.catalogue import CATALOGUE, MEAN_EFFECTS, mean_effects
-from rwa_monitor.physics.effects.removal import effect_torque
+from rwa_monitor.physics.effects.catalogue import CATALOGUE, MEAN_EFFECTS
 from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import Samples
 
@@ -285,16 +284,6 @@ def prepare(records: Sequence[Record], wheel: Wheel) -> Problem:
     if base.coefficients[0] > 0:
         problem = replace(problem, lowest_viscous=0.0)
     return with_angle_drift(problem, base)
-
-
-def without_known_effects(record: Record, wheel: Wheel) -> Record:
-    """Subtract the torque of the effects that the wheel already has."""
-    effects = mean_effects(wheel)
-    if not effects:
-        return record
-    viscous = wheel.nominal.viscous_Nm_s_rad if wheel.nominal else 0.0
-    torque, _ = effect_torque(effects, record.channels, record.friction_torque_Nm, viscous, [None] * len(effects))
-    return replace(record, friction_torque_Nm=record.friction_torque_Nm - np.nan_to_num(torque))
 
 
 def _describe(problem: Problem, model: Model, found: Found) -> FoundEffect:

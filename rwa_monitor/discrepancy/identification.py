@@ -23,10 +23,11 @@ from rwa_monitor.discrepancy.identification_doubts import (
     drift_in_words,
     friction_errors,
     unnamed_jumps,
+    with_temperature,
 )
 from rwa_monitor.discrepancy.negative_friction import at_one_speed, motion_in_friction, why_negative
 from rwa_monitor.discrepancy.parting import Visit, part
-from rwa_monitor.discrepancy.record import left_out_in_words, make_record
+from rwa_monitor.discrepancy.record import left_out_in_words, make_record, without_known_effects
 from rwa_monitor.discrepancy.unit_check import Shown, slope_in_question
 from rwa_monitor.errors import InputError
 from rwa_monitor.physics.wheel import FrictionRange, Noise, Nominal, SwitchingSystem, Wheel, Window
@@ -82,8 +83,8 @@ def identify(recordings: Sequence[tuple[str, Samples]], start: Wheel, *, systems
     recordings
         Name and samples of each recording of one wheel, healthy as far as one knows.
     start
-        What is known already: name, sample period, motor constants. Its nominal friction, noise and switching systems
-        are learned anew.
+        What is known already: name, sample period, motor constants, effects that are taken out before anything is
+        learned, and stay. Its nominal friction, noise and switching systems are learned anew.
     systems
         Whether to learn switching systems; False for short recordings, nominal friction and noise only.
 
@@ -93,7 +94,9 @@ def identify(recordings: Sequence[tuple[str, Samples]], start: Wheel, *, systems
         If a recording cannot be used, or there is too little to learn a law from; says how much more is needed.
     """
     bare = start.model_copy(update={"nominal": None, "fss": (), "noise": Noise(), "effect": ()})
-    problem = make_problem([make_record(samples, bare, name) for name, samples in recordings], bare)
+    problem = make_problem(
+        [without_known_effects(make_record(samples, bare, name), start) for name, samples in recordings], bare
+    )
     fitted = fit(problem, np.zeros((problem.size, 0)))
     viscous = float(fitted.coefficients[0])
     names = ", ".join(name for name, _ in recordings)
@@ -103,7 +106,11 @@ def identify(recordings: Sequence[tuple[str, Samples]], start: Wheel, *, systems
         )
     records = _stays(problem, fitted.jumps, fitted.level + fitted.residual)
     base, base_std = _lowest_level(records)
-    drift = drift_in_words(problem, fitted.jumps, fitted.residual, base)
+    warming = with_temperature(problem, fitted, base)
+    drift = [*warming, *drift_in_words(problem, fitted.jumps, fitted.residual, base)]
+    if warming and systems:
+        reason = "; ".join((*drift, "--no-systems (systems=False) learns friction and noise as they are"))
+        raise InputError(names, reason)
     found: list[_System] = []
     laws: list[Sequence[LearnedLaw]] = []
     if systems:
@@ -132,6 +139,7 @@ def identify(recordings: Sequence[tuple[str, Samples]], start: Wheel, *, systems
             "noise": Noise(friction_std_Nm=problem.noise.std),
             "window": _window(start.window, problem),
             "fss": tuple(blocks),
+            "effect": start.effect,
         }
     )
     left_out = left_out_in_words(problem.records)

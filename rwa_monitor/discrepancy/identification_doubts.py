@@ -9,8 +9,9 @@ from typing import Final
 
 import numpy as np
 
-from rwa_monitor.discrepancy.base_fit import Problem
+from rwa_monitor.discrepancy.base_fit import Fit, Problem, fit
 from rwa_monitor.discrepancy.parting import MOST_CONFUSED, TIERS, Parted, confused_share
+from rwa_monitor.discrepancy.search import ACCEPT_GAIN
 from rwa_monitor.errors import InputError
 from rwa_monitor.physics.wheel import SwitchingSystem
 from rwa_monitor.samples import FloatArray, IntArray
@@ -22,6 +23,8 @@ DRIFT_VISIBLE_AT: Final = 6.0  # standard deviations of a drift below which noth
 # Of the base dry friction, over the recordings: a third of that band. Drift that is large also makes jumps, which take
 # most of it away from what is seen between jumps.
 LARGEST_DRIFT: Final = 0.02
+# Of the base dry friction, the standard deviation of what temperature adds, below which it is let be.
+SMALLEST_SWING: Final = 0.005
 MOST_SYSTEMS: Final = max(len(counts) for tier in TIERS for counts in tier)
 MOST_ODD: Final = 0.1  # of the stays, that fit no system: more are no accident
 SURE_BY: Final = 3.0  # log-likelihood by which one description must beat the next: odds of 20
@@ -54,6 +57,32 @@ def check_enough(problem: Problem, base: float, viscous: float, names: str, caus
             f" {100.0 * errors[worst]:.2g} % ({100.0 * LARGEST_ERROR:.2g} % at most); give about"
             f" {int(np.ceil((errors[worst] / LARGEST_ERROR) ** 2))} times as many, or a wider range of speeds",
         )
+
+
+def with_temperature(problem: Problem, fitted: Fit, base: float) -> list[str]:
+    """Say whether viscous friction follows the bearing's temperature, where that was recorded: nothing if not.
+
+    What it changes from one moment to the next makes jumps that are no system's.
+    """
+    recorded = [record.channels.bearing_temperature_degC for record in problem.records]
+    known = [temperature for temperature in recorded if temperature is not None]
+    if len(known) < len(recorded):
+        return []
+    temperature = problem.gather(known)
+    temperature = np.nan_to_num(temperature - np.nanmean(temperature))
+    follows = fit(problem, (problem.speed * temperature)[:, None])
+    viscous, slope = follows.coefficients.tolist()
+    # Lubricants get thinner when they get warmer.
+    falls = -slope * float(np.std(problem.speed * temperature))
+    if fitted.criterion - follows.criterion < ACCEPT_GAIN or falls < SMALLEST_SWING * base:
+        return []
+    share = 100.0 * slope / max(viscous, 1e-300)
+    note = (
+        f"viscous friction follows the bearing's temperature ({share:+.2g} % a kelvin), which makes jumps that are no"
+        " switching system's: name the effect with `rwa-monitor discrepancy`, and learn once more from the wheel file"
+        " that it writes (`identify --wheel extended_wheel.toml`)"
+    )
+    return [note]
 
 
 def drift_in_words(problem: Problem, jumps: IntArray, residual: FloatArray, base: float) -> list[str]:

@@ -26,6 +26,8 @@ from rwa_monitor.discrepancy.unit_check import check_inertia, shown_inertia
 from rwa_monitor.errors import InputError
 from rwa_monitor.physics import torque_balance
 from rwa_monitor.physics.effects.base import Channels
+from rwa_monitor.physics.effects.catalogue import mean_effects
+from rwa_monitor.physics.effects.removal import effect_torque
 from rwa_monitor.physics.speed import wheel_angle
 from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray, Samples
@@ -211,6 +213,16 @@ def make_record(samples: Samples, wheel: Wheel, source: str, delay: alignment.De
         ),
         steps=motion.steps,
     )
+
+
+def without_known_effects(record: Record, wheel: Wheel) -> Record:
+    """Subtract the torque of the effects that the wheel already has."""
+    effects = mean_effects(wheel)
+    if not effects:
+        return record
+    viscous = wheel.nominal.viscous_Nm_s_rad if wheel.nominal else 0.0
+    torque, _ = effect_torque(effects, record.channels, record.friction_torque_Nm, viscous, [None] * len(effects))
+    return replace(record, friction_torque_Nm=record.friction_torque_Nm - np.nan_to_num(torque))
 
 
 def left_out_in_words(records: Sequence[Record]) -> str:

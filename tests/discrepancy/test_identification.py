@@ -20,7 +20,7 @@ from rwa_monitor.live.core import diagnose_samples
 from rwa_monitor.physics.scenario import Anomaly, Scenario
 from rwa_monitor.physics.speed import SpeedProfile
 from rwa_monitor.physics.telemetry import simulate
-from rwa_monitor.physics.wheel import Limits, Wheel, built_in_wheel
+from rwa_monitor.physics.wheel import EffectBlock, Limits, Wheel, built_in_wheel
 from rwa_monitor.samples import Samples
 
 
@@ -71,6 +71,28 @@ def test_both_switching_systems_come_back(learned: Wheel) -> None:
 
 def test_the_learned_wheel_loads(learned: Wheel) -> None:
     assert Wheel.from_toml(learned.to_toml(), "learned") == learned
+
+
+def test_what_the_temperature_does_is_no_switching_system() -> None:
+    """Viscous friction that falls by 2 % a kelvin: refused until the wheel file has the effect, which then stays."""
+    block = EffectBlock(
+        name="viscosity_temperature", parameters={"strength_Nm_s_rad": 5e-6, "activation_temperature_K": 1800.0}
+    )
+    scenario = Scenario(effect=(block,))
+    samples = simulate(scenario, built_in_wheel(), np.random.default_rng(50_700)).samples
+    assert samples.bearing_temperature_degC is not None
+    bare = Wheel(name="warm", sample_period_s=0.125)
+    with pytest.raises(InputError, match=r"follows the bearing's temperature .* a kelvin.*rwa-monitor discrepancy"):
+        identify([("warm.csv", samples)], bare)
+    without = identify([("warm.csv", samples)], bare, systems=False)
+    known = identify([("warm.csv", samples)], bare.model_copy(update={"effect": (block,)}), systems=False)
+    assert any("temperature" in note for note in without.notes)
+    assert not any("temperature" in note for note in known.notes)
+    assert known.wheel.effect == (block,)
+    true = built_in_wheel().nominal
+    assert true is not None
+    assert known.wheel.nominal is not None
+    assert known.wheel.nominal.viscous_Nm_s_rad == pytest.approx(true.viscous_Nm_s_rad, rel=2e-3)
 
 
 def test_too_little_data_is_refused_with_what_is_needed() -> None:
