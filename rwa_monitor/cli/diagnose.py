@@ -23,6 +23,7 @@ from rwa_monitor.cli.options import (
 )
 from rwa_monitor.cli.talk import say
 from rwa_monitor.errors import InputError
+from rwa_monitor.words import counted
 
 if TYPE_CHECKING:
     from rwa_monitor.diagnosis.results import Method
@@ -81,10 +82,11 @@ def command(
     task = Diagnose(
         read_wheel(wheel_file) if wheel_file else None, read_model(model_file) if model_file else None, method, decoding
     )
-    show = _json_line if as_json else _Pictures()
+    show = _Counted(_json_line) if as_json else _Counted(_Pictures())
     status = _one_by_one(task, files, show, carry) if not fleet.asked_for else _at_once(task, files, show, fleet)
-    if isinstance(show, _Pictures):
-        show.end()
+    if isinstance(show.shown, _Pictures):
+        show.shown.end()
+    show.end()
     ctx.exit(status)
 
 
@@ -127,6 +129,30 @@ def _at_once(task: Diagnose, files: tuple[Path, ...], show: Callable[[Diagnosis]
 
 def _json_line(diagnosis: Diagnosis) -> None:
     click.echo(diagnosis.to_json())
+
+
+class _Counted:
+    """Shows diagnoses, and says at the end how many windows have too few samples to be judged."""
+
+    def __init__(self, shown: Callable[[Diagnosis], None]) -> None:
+        self.shown = shown
+        self._windows = self._too_few = 0
+        self._reason = ""
+
+    def __call__(self, diagnosis: Diagnosis) -> None:
+        """Show a diagnosis."""
+        from rwa_monitor.cli.diagnosis_view import has_too_few_samples
+
+        self.shown(diagnosis)
+        self._windows += 1
+        if has_too_few_samples(diagnosis):
+            self._too_few += 1
+            self._reason = diagnosis.reason
+
+    def end(self) -> None:
+        """Say what could not be judged."""
+        if self._too_few:
+            say(f"{self._too_few} of {counted(self._windows, 'window')} could not be judged, the last: {self._reason}")
 
 
 class _Pictures:

@@ -10,8 +10,9 @@ from rich.table import Table
 from rich.text import Text
 
 from rwa_monitor.diagnosis.explanation import quantity, span
+from rwa_monitor.diagnosis.verdict import MIN_COVERAGE
 from rwa_monitor.messages import Anomaly, Diagnosis, Quantity
-from rwa_monitor.samples import NANOSECONDS_PER_SECOND
+from rwa_monitor.words import time_text
 
 VERDICT_STYLE: Final = {"nominal": "bold green", "anomalous": "bold red", "inconclusive": "bold yellow"}
 UNKNOWN: Final = "–"
@@ -23,13 +24,18 @@ def print_diagnosis(console: Console, diagnosis: Diagnosis) -> None:
     console.print()
 
 
+def has_too_few_samples(diagnosis: Diagnosis) -> bool:
+    """Return whether too few of a window's slots hold a sample for any part of its friction to be judged."""
+    return diagnosis.coverage < MIN_COVERAGE
+
+
 def render(diagnosis: Diagnosis) -> RenderableType:
-    """Return the picture of one window's diagnosis."""
-    where = diagnosis.source or f"{diagnosis.spacecraft}/{diagnosis.wheel}"
-    start_s, end_s = (t / NANOSECONDS_PER_SECOND for t in (diagnosis.window_start_ns, diagnosis.window_end_ns))
+    """Return the picture of one window's diagnosis; only the reason where the window has too few samples."""
+    wheel = f"{diagnosis.spacecraft}/{diagnosis.wheel}" if diagnosis.spacecraft else diagnosis.wheel
+    start, end = time_text(diagnosis.window_start_ns), time_text(diagnosis.window_end_ns)
     head = Text.assemble(
-        (where, "bold"),
-        f"  {diagnosis.wheel}  {start_s:.3f} s to {end_s:.3f} s  {diagnosis.samples} slots",
+        (f"{diagnosis.source}  {wheel}" if diagnosis.source else wheel, "bold"),
+        f"  {start} to {end}  {diagnosis.samples} slots",
         f"  coverage {100 * diagnosis.coverage:.1f} %",
         "  partial" if diagnosis.partial else "",
     )
@@ -38,6 +44,8 @@ def render(diagnosis: Diagnosis) -> RenderableType:
         " (undecided)" if diagnosis.verdict == "inconclusive" else "",
         f"  {diagnosis.explanation or diagnosis.reason}",
     )
+    if has_too_few_samples(diagnosis):
+        return Group(head, verdict)
     return Group(head, verdict, _anomalies(diagnosis), _friction(diagnosis))
 
 

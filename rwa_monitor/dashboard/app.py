@@ -49,7 +49,7 @@ from rwa_monitor.errors import InputError
 from rwa_monitor.history.database import HistoryError
 from rwa_monitor.history.records import AlarmRecord, WheelLine
 from rwa_monitor.history.store import History
-from rwa_monitor.messages import Diagnosis, Discrepancy, dump_json, key_of
+from rwa_monitor.messages import Diagnosis, Discrepancy, Status, dump_json, key_of
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND
 from rwa_monitor.version import SOFTWARE
 
@@ -182,7 +182,7 @@ class Api:
         if name not in self.sources.fleet.names():
             if name not in self.sources.history.wheels():
                 raise HTTPException(404, "no such wheel")
-            return _json(_wheel_json(b"null", [], [], self.sources.history.discrepancy(*name)))
+            return _json(_wheel_json(b"null", [], [], self.sources.history.discrepancy(*name), b"null"))
         wheel = self.sources.fleet.wheel(*name)
         assert wheel is not None  # it is known, as asked above
         with self.sources.fleet.lock:
@@ -190,9 +190,10 @@ class Api:
             curves = [*wheel.curves]
             so_far = wheel.open_window.evidence_so_far(wheel.diagnosis, wheel.constants)
             found = wheel.latest.get(Discrepancy.kind)
+            status = wheel.latest.get(Status.kind)
         curves += [so_far.to_json()] if so_far else []
         known = found.payload if found else self.sources.history.discrepancy(*name)
-        return _json(_wheel_json(samples, jumps, curves, known))
+        return _json(_wheel_json(samples, jumps, curves, known, status.payload if status else b"null"))
 
     def windows(self, request: Request) -> Response:
         """Answer with the latest diagnoses of one wheel, the oldest first."""
@@ -364,9 +365,12 @@ async def _until_first(*works: Any) -> None:
             await task
 
 
-def _wheel_json(samples: bytes, jumps: list[bytes], curves: list[bytes], discrepancy: bytes | None) -> bytes:
+def _wheel_json(
+    samples: bytes, jumps: list[bytes], curves: list[bytes], discrepancy: bytes | None, status: bytes
+) -> bytes:
     parts = [b'"samples":' + samples, b'"changepoints":[' + b",".join(jumps) + b"]"]
     parts += [b'"evidence":[' + b",".join(curves) + b"]", b'"discrepancy":' + (discrepancy or b"null")]
+    parts.append(b'"status":' + status)
     return b"{" + b",".join(parts) + b"}"
 
 

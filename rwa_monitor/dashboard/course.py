@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Final, Literal
 
-from rwa_monitor.messages import Diagnosis, dump_json, health_message
+from rwa_monitor.messages import Diagnosis, dump_json
 
 NOTICEABLE: Final = 0.1  # change of the severity from one window to the next that is worth an arrow
+ERRORS: Final = 2.0  # and in standard deviations of the change: less is scatter of the estimates
 REMEMBERED: Final = 50  # windows that a course is begun with
 
 Change = Literal["worse", "better", "steady"]
@@ -25,7 +27,8 @@ class Course:
     windows
         How many these are.
     change
-        Where the worst severity goes; None unless the last two windows are anomalous.
+        Where the worst severity goes, steady where its errors allow that; None unless the last two windows are
+        anomalous.
     """
 
     since_ns: int | None = None
@@ -45,10 +48,24 @@ class Course:
             self.windows += 1
             self.change = None
             if same and before is not None and window.verdict == "anomalous":
-                step = health_message(window).severity - health_message(before).severity
-                self.change = "worse" if step > NOTICEABLE else "better" if step < -NOTICEABLE else "steady"
+                self.change = _change(before, window)
             self._last = window
 
     def to_json(self) -> bytes:
         """Return it as it goes with a diagnosis in the feed."""
         return dump_json({"since_ns": self.since_ns, "windows": self.windows, "change": self.change})
+
+
+def _change(before: Diagnosis, after: Diagnosis) -> Change:
+    """Return where the worst severity goes from one anomalous window to the next."""
+    (was, was_std), (now, now_std) = _worst(before), _worst(after)
+    step = now - was
+    if abs(step) <= max(NOTICEABLE, ERRORS * math.hypot(was_std, now_std)):
+        return "steady"
+    return "worse" if step > 0.0 else "better"
+
+
+def _worst(window: Diagnosis) -> tuple[float, float]:
+    """Return the largest severity of a window's active anomalies and its standard deviation; 0 where none is known."""
+    found = [(one.severity, one.severity_std or 0.0) for one in window.anomalies.values() if one.active]
+    return max(((severity, std) for severity, std in found if severity is not None), default=(0.0, 0.0))

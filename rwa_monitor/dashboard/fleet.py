@@ -11,7 +11,7 @@ from rwa_monitor.dashboard.course import Course
 from rwa_monitor.dashboard.telemetry import DerivedFriction, Evidence, OpenWindow, Rhythm
 from rwa_monitor.dashboard.trace import Trace
 from rwa_monitor.live.wheel_set import WheelSet
-from rwa_monitor.messages import Changepoints, Diagnosis, Discrepancy, Message, Status, key_of
+from rwa_monitor.messages import Changepoints, Diagnosis, Discrepancy, Message, Status, dump_json, key_of
 from rwa_monitor.physics.wheel import Wheel as WheelConstants
 from rwa_monitor.physics.wheel import built_in_wheel
 from rwa_monitor.samples import Samples
@@ -126,10 +126,11 @@ class Fleet:
                     wall_ns = received.wall_ns or 0
                     wheel.rhythm.hear_status(message.last_sample_ns, wall_ns)
                     rhythm = wheel.rhythm.to_json()
-                    pulse = b'{"heard_wall_ns":%d,"window_fill":%.4f,"telemetry":%b}' % (
+                    pulse = b'{"heard_wall_ns":%d,"window_fill":%.4f,"telemetry":%b,"refused":%b}' % (
                         wall_ns,
                         message.window_fill,
                         rhythm,
+                        dump_json(_refused(message)),
                     )
                     received = replace(received, beside=rhythm, brief=pulse)
                     wheel.latest[Status.kind] = received
@@ -182,3 +183,10 @@ class Fleet:
         with self.lock:
             kinds = (Diagnosis.kind, Status.kind)
             return [wheel.latest[kind] for wheel in self._wheels.values() for kind in kinds if kind in wheel.latest]
+
+
+def _refused(status: Status) -> str | None:
+    """Return why a wheel of which no message could be used has none; None where one was, or none has come."""
+    if status.samples_received or not status.messages_rejected:
+        return None
+    return status.last_error or "the monitor does not say why"

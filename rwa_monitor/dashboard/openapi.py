@@ -67,11 +67,12 @@ class Beat(_Shown):
 
 
 class PulseOfWheel(_Shown):
-    """What a status comes to for a page that does not look at the wheel."""
+    """What a status comes to for a page that does not look at the wheel; why all messages were refused, else null."""
 
     heard_wall_ns: int
     window_fill: float
     telemetry: TelemetryState
+    refused: str | None
 
 
 class Software(_Shown):
@@ -102,20 +103,23 @@ class Entry(_Shown):
 
 
 class WheelNow(_Shown):
-    """One wheel as it is now: samples, thinned; changepoints of the open window; the wGLR; the latest report."""
+    """One wheel as it is now: samples, thinned; changepoints of the open window; the wGLR; latest report and status."""
 
     samples: SamplesMessage | None
     changepoints: list[Changepoints]
     evidence: list[Evidence]
     discrepancy: Discrepancy | None
+    status: Status | None
 
 
 class RecordingFile(_Shown):
-    """One recording of the folder."""
+    """One recording of the folder, and the first and last time in it on the wheels' clocks."""
 
     name: str
     size_bytes: int
     changed_wall_ns: int
+    first_ns: int | None
+    last_ns: int | None
 
 
 class Replay(_Shown):

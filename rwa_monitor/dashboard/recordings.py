@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Final
 
@@ -12,7 +13,7 @@ from rwa_monitor.dashboard.fleet import Received
 from rwa_monitor.dashboard.telemetry import DerivedFriction, Evidence, OpenWindow
 from rwa_monitor.dashboard.trace import samples_of, thinned_json
 from rwa_monitor.errors import InputError
-from rwa_monitor.live.recording import RECORDING_SUFFIX, RecordedMessage, Recording, read_recording
+from rwa_monitor.live.recording import RECORDING_SUFFIX, RecordedMessage, Recording, read_recording, time_span
 from rwa_monitor.live.wheel_set import COMMON, WheelSet
 from rwa_monitor.messages import (
     Changepoints,
@@ -33,11 +34,13 @@ SHOWN: Final = {kind.schema_name(): kind for kind in (Diagnosis, Changepoints, S
 
 @dataclass(frozen=True, slots=True)
 class RecordingFile:
-    """One recording of the folder."""
+    """One recording of the folder; the first and last time in it on the wheels' clocks, None where none is known."""
 
     name: str
     size_bytes: int
     changed_wall_ns: int
+    first_ns: int | None = None
+    last_ns: int | None = None
 
 
 def list_recordings(folder: Path | None) -> list[RecordingFile]:
@@ -48,8 +51,19 @@ def list_recordings(folder: Path | None) -> list[RecordingFile]:
     for path in folder.glob(f"*{RECORDING_SUFFIX}"):
         if path.is_file():
             facts = path.stat()
-            found.append(RecordingFile(path.name, facts.st_size, facts.st_mtime_ns))
+            first_ns, last_ns = _span(path, facts.st_size, facts.st_mtime_ns)
+            found.append(RecordingFile(path.name, facts.st_size, facts.st_mtime_ns, first_ns, last_ns))
     return sorted(found, key=lambda entry: entry.name, reverse=True)
+
+
+@lru_cache(maxsize=10_000)
+def _span(path: Path, size_bytes: int, changed_wall_ns: int) -> tuple[int | None, int | None]:
+    """Return the times of a recording as it is at this size and change; (None, None) where it cannot be read."""
+    del size_bytes, changed_wall_ns
+    try:
+        return time_span(path) or (None, None)
+    except InputError:
+        return None, None
 
 
 def replay_json(folder: Path | None, name: str) -> bytes:

@@ -25,6 +25,7 @@ from rwa_monitor.live.run_options import RunOptions
 from rwa_monitor.live.searches import Searches
 from rwa_monitor.messages import Diagnosis, Health, Message, SamplesMessage, Status, key_of, split_key
 from rwa_monitor.version import SOFTWARE
+from rwa_monitor.words import counted, time_text
 
 IDLE_WAIT_S: Final = 0.1  # how long to wait for a message before looking at the clock again
 TICK_S: Final = 0.05  # between two looks at what is due while messages flow
@@ -165,7 +166,7 @@ class Monitor:
     def close(self) -> None:
         """Write the last status of each wheel and the end of the recording."""
         windows = sum(served.windows for served in self._served.values())
-        self.say(f"stopped: {windows} windows of {len(self._served)} wheels diagnosed")
+        self.say(f"stopped: {counted(windows, 'window')} of {counted(len(self._served), 'wheel')} diagnosed")
         unused = [
             f"{key[0]}/{key[1]}" for key in self.options.own_wheels if self._is_ours(*key) and not self._heard(key)
         ]
@@ -250,7 +251,8 @@ class Monitor:
         diagnosis = event.diagnosis
         verdict = (diagnosis.verdict, *(anomaly.name for anomaly in diagnosis.anomalies if anomaly.active))
         if verdict != served.verdict and self.options.tell_verdicts:
-            self.say(f"{spacecraft}/{wheel}: {diagnosis.verdict}: {diagnosis.reason}")
+            until = time_text(event.end_ns)
+            self.say(f"{spacecraft}/{wheel}: window to {until}: {diagnosis.verdict}: {diagnosis.reason}")
         served.verdict = verdict
 
     def _refuse(self, key: str, payload: bytes, error: InputError) -> None:
@@ -329,12 +331,13 @@ class Monitor:
         if self.recorder is not None and self.recorder.error:
             last_error = self.recorder.error
         elif self.bus.inbox.dropped and last_error is None:
-            last_error = f"{self.bus.inbox.dropped} messages were dropped: they come faster than they can be diagnosed"
+            dropped = counted(self.bus.inbox.dropped, "message")
+            last_error = f"dropped {dropped}: they come faster than they can be diagnosed"
         counts = core.counts if core else None
         # Publishers that number their messages show a gap in any case; of others only the bus knows what it lost.
         missed_by_bus = self.bus.missed.get(key_of(SamplesMessage, spacecraft, wheel), 0)
         if missed_by_bus and last_error is None:
-            last_error = f"the bus lost {missed_by_bus} messages, which their publisher no longer has"
+            last_error = f"the bus lost {counted(missed_by_bus, 'message')}, which their publisher no longer has"
         status = Status(
             spacecraft=spacecraft,
             wheel=wheel,

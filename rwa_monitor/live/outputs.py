@@ -30,6 +30,7 @@ from rwa_monitor.messages import (
 )
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND
 from rwa_monitor.version import SOFTWARE
+from rwa_monitor.words import counted, time_text
 
 CARRIED_KIND: Final = "carried"
 CARRIED_SCHEMA: Final = "rwa.Carried"
@@ -125,17 +126,20 @@ def trouble_in(event: Event) -> str | None:
     """Return, in words, what an operator should hear about an event, None where all is well."""
     if isinstance(event, EpochStarted) and event.step_ns:
         step_s = event.step_ns / NANOSECONDS_PER_SECOND
-        return f"the wheel's clock stepped by {step_s:.3f} s: a new epoch began, the open window was closed as it was"
+        return (
+            f"the wheel's clock stepped by {step_s:.3f} s, to {time_text(event.origin_ns)}: a new epoch began, the open"
+            " window was closed as it was"
+        )
     if isinstance(event, ChannelMissing):
         return f"samples without {event.channel}, which this wheel's friction comes from: they are masked"
     if isinstance(event, StraySamples):
         return (
-            f"{event.count} samples with a time far from those before and after were rejected, "
-            f"the first at {event.time_ns} ns"
+            f"{counted(event.count, 'sample')} rejected with a time far from those before and after, "
+            f"the first at {time_text(event.time_ns)}"
         )
     if isinstance(event, SensorFault):
         what = "repeats one value, as a sensor that hangs" if event.hangs else "stands out from the samples around it"
-        return f"{event.channel} {what}, at {event.time_ns} ns: masked"
+        return f"{event.channel} {what}, at {time_text(event.time_ns)}: masked"
     if isinstance(event, SamplePeriodDiffers):
         return (
             f"is sample_period_s = {event.expected_s:.6g} of the wheel file right? The samples come every"
@@ -148,11 +152,12 @@ def trouble_in(event: Event) -> str | None:
         )
     if isinstance(event, PublisherConflict):
         return (
-            f"two live publishers on one wheel: {event.samples} samples of {event.refused!r} were rejected, "
+            f"two live publishers on one wheel: {counted(event.samples, 'sample')} of {event.refused!r} rejected, "
             f"{event.current!r} goes on"
         )
     if isinstance(event, PublisherChanged):
         return f"publisher {event.after!r} took over from {event.before!r}, which had gone silent"
     if isinstance(event, MessagesMissed):
-        return f"{event.count} messages of {event.publisher!r} are missing, from batch {event.first} on"
+        are = "is" if event.count == 1 else "are"
+        return f"{counted(event.count, 'message')} of {event.publisher!r} {are} missing, from batch {event.first} on"
     return None

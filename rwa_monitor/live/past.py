@@ -16,6 +16,7 @@ from rwa_monitor.live.outputs import Output
 from rwa_monitor.live.recorder import Predecessor, predecessor_of
 from rwa_monitor.live.recording import RECORDING_SUFFIX, PassingRecording, RecordedMessage, Recording
 from rwa_monitor.messages import Diagnosis
+from rwa_monitor.words import counted
 
 # How far back diagnoses are published again at a start: an outage may have begun before several crashes.
 REPEATED_FILES: Final = 16
@@ -88,7 +89,7 @@ def read_past(
             say(f"{path} was made with another wheel file, model or method of {_listed(anew)}: begun anew")
         past.unrecorded = _unrecorded(recording, rebuilt.outputs)
         past.diagnoses = [*_earlier_diagnoses(paths[place + 1 :]), *_diagnoses(recording)]
-        say(f"going on from {path}: {len(past.cores)} wheels, {rebuilt.inputs} messages")
+        say(f"going on from {path}: {counted(len(past.cores), 'wheel')}, {counted(rebuilt.inputs, 'message')}")
         return past
     return past
 

@@ -19,7 +19,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from errno import EIO
 from hashlib import sha256
-from io import BytesIO, FileIO
+from io import SEEK_END, BytesIO, FileIO
 from operator import index
 from pathlib import Path
 from typing import Any, Final, NamedTuple, Protocol, SupportsIndex, overload
@@ -442,6 +442,40 @@ def _believable(chunk: Chunk) -> bool:
     if chunk.compression == "zstd":
         return bool(zstandard.get_frame_parameters(chunk.data).content_size == chunk.uncompressed_size)
     return chunk.compression == ""
+
+
+def time_span(path: Path) -> tuple[int, int] | None:
+    """Return the first and the last time [ns, the wheels' clocks] in a recording, None where it tells none.
+
+    From the heads of its chunks alone, which no checksum guards: to show, and for nothing else. What a recording holds
+    before the first sample bears no time (0) and does not count.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read.
+    """
+    first_ns: int | None = None
+    last_ns = 0
+    try:
+        with path.open("rb") as file:
+            size = file.seek(0, SEEK_END)
+            position = len(MCAP0_MAGIC)
+            for _ in range(MAX_RECORDS):
+                file.seek(position)
+                head = file.read(_CHUNK_HEAD.size)
+                if len(head) < _CHUNK_HEAD.size:
+                    break
+                opcode, length, start_ns, end_ns, *_ = _CHUNK_HEAD.unpack(head)
+                position += _HEAD_BYTES + length
+                if opcode == Opcode.DATA_END or position > size:
+                    break
+                if opcode == Opcode.CHUNK and end_ns:
+                    first_ns = first_ns or start_ns or end_ns
+                    last_ns = max(last_ns, end_ns)
+    except OSError as error:
+        raise unreadable(path, error) from error
+    return None if first_ns is None else (first_ns, last_ns)
 
 
 # ---- chains ----------------------------------------------------------------------------------------------------------

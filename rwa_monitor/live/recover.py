@@ -15,8 +15,8 @@ from rwa_monitor.errors import InputError
 from rwa_monitor.live.recorder import CHUNK_BYTES, PROFILE
 from rwa_monitor.live.recording import CHANNELS_ATTACHMENT, MAX_FLEET_FILE_BYTES, Recording, read_recording
 from rwa_monitor.messages import KEY_PREFIX, MESSAGES, SamplesMessage, dump_json
-from rwa_monitor.samples import NANOSECONDS_PER_SECOND
 from rwa_monitor.version import SOFTWARE
+from rwa_monitor.words import time_text
 
 RECOVERED_ATTACHMENT: Final = "recovered.json"
 
@@ -80,19 +80,15 @@ def _spans(recording: Recording) -> Iterator[str]:
             saved.setdefault(message.topic, []).append((message.sequence, times_ns[0], times_ns[-1]))
     for topic, messages in sorted(saved.items()):
         wheel = topic.removeprefix(f"{KEY_PREFIX}/").removesuffix(f"/{SamplesMessage.kind}")
-        parts = [f"{wheel}: samples of {_seconds(messages[0][1])} to {_seconds(messages[-1][2])} are saved"]
+        parts = [f"{wheel}: samples of {time_text(messages[0][1])} to {time_text(messages[-1][2])} are saved"]
         if first := messages[0][0]:
             parts.append(f"{first} messages before that are lost")
         for (number, _, end_ns), (next_number, begin_ns, _) in pairwise(messages):
             if missing := next_number - number - 1:
-                parts.append(f"{missing} messages between {_seconds(end_ns)} and {_seconds(begin_ns)} are lost")
+                parts.append(f"{missing} messages between {time_text(end_ns)} and {time_text(begin_ns)} are lost")
         if not recording.finished:
             parts.append("what came later is lost")
         yield "; ".join(parts)
-
-
-def _seconds(time_ns: int) -> str:
-    return f"{time_ns / NANOSECONDS_PER_SECOND:.3f} s"
 
 
 def _write(recording: Recording, lost: list[str], writer: Writer) -> None:

@@ -1,22 +1,26 @@
 """Whether samples fit the wheel file at all: the sample period, the unit of speed.
 
-Either mistake leaves diagnoses that look like any other, of half the samples or fewer; each is told once.
+Either mistake leaves diagnoses that look like any other, of half the samples or fewer; each is told once. A window that
+cannot be judged because samples come too rarely for the wheel file says so itself: it may be all that somebody sees.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Final
 
 import numba
 import numpy as np
 
+from rwa_monitor.diagnosis.window_diagnosis import WindowDiagnosis
 from rwa_monitor.live.events import Event, SamplePeriodDiffers, SpeedsBeyondLimit
 from rwa_monitor.physics.wheel import Wheel
-from rwa_monitor.samples import NANOSECONDS_PER_SECOND, FloatArray, IntArray, Samples
+from rwa_monitor.samples import NANOSECONDS_PER_SECOND, BoolArray, FloatArray, IntArray, Samples
 
 STEPS: Final = 64  # steps of time from which the period of the samples is told
 PERIOD_DIFFERS: Final = 1.25  # ratio of the periods: jitter and single missing samples make less of the quantile
 SLOW_QUANTILE: Final = 0.1  # nearly all steps are longer: the samples come slowly, not just with gaps
+REGULAR: Final = 1.5  # ratio of the median step to short ones: 2 and 3 slots in turn, and no few samples by chance
 MANY_BEYOND: Final = 64  # samples beyond the limit that are no single wild readings
 SHARE_BEYOND: Final = 0.1  # of all samples
 
@@ -59,8 +63,7 @@ class SettingsCheck:
             return []
         period_s = float(np.median(steps))
         fast = period_s * PERIOD_DIFFERS < self._expected_s
-        longest_s = self._expected_s * PERIOD_DIFFERS
-        slow = period_s > longest_s and float(np.quantile(steps, SLOW_QUANTILE)) > longest_s
+        slow = _come_slowly(steps, self._expected_s)
         return [SamplePeriodDiffers(period_s, self._expected_s)] if fast or slow else []
 
     def _look_at_speed(self, samples: Samples) -> list[Event]:
@@ -72,6 +75,37 @@ class SettingsCheck:
             return []
         self._speed_said = True
         return [SpeedsBeyondLimit(self._limit, self._largest)]
+
+
+def with_sample_period(diagnosis: WindowDiagnosis, good: BoolArray, sample_period_s: float) -> WindowDiagnosis:
+    """Return a diagnosis of a window with too few samples that asks for the sample period where that explains it.
+
+    Parameters
+    ----------
+    diagnosis
+        Of a window that could not be judged for want of samples.
+    good
+        bool (n,), slots of the window that hold a good sample. Gaps, however many, leave samples in neighbouring slots,
+        or at distances by chance; samples that all keep the same distance come at another period.
+    sample_period_s
+        Of the wheel file [s].
+    """
+    steps_s = sample_period_s * np.diff(np.flatnonzero(good))
+    if steps_s.size < STEPS or not _come_slowly(steps_s, sample_period_s):
+        return diagnosis
+    if float(np.median(steps_s)) > REGULAR * float(np.quantile(steps_s, SLOW_QUANTILE)):
+        return diagnosis
+    reason = (
+        f"{diagnosis.reason.removesuffix('.')}; its samples come every {float(np.median(steps_s)):.3g} s: is"
+        f" sample_period_s = {sample_period_s:.6g} of the wheel file right?"
+    )
+    remedy = "Give a wheel file with the sample period of this telemetry: until then no window can be judged."
+    return replace(diagnosis, reason=reason, explanation=f"{reason} {remedy}")
+
+
+def _come_slowly(steps_s: FloatArray, expected_s: float) -> bool:
+    """Return whether nearly all steps of time are longer than the wheel file's, float64 (n,) [s], not just some."""
+    return float(np.quantile(steps_s, SLOW_QUANTILE)) > expected_s * PERIOD_DIFFERS
 
 
 @numba.njit(cache=True, nogil=True)

@@ -18,6 +18,7 @@ from rwa_monitor.live.friction import FRICTION_CHANNELS
 from rwa_monitor.live.recording import Recording, read_recording
 from rwa_monitor.live.wheel_set import COMMON, WheelSet
 from rwa_monitor.messages import SamplesMessage, split_key
+from rwa_monitor.words import counted
 
 NO_DECODING: Final = Decoding()
 
@@ -95,7 +96,7 @@ def _recorded(recording: Recording, source: str, constants: WheelSet | None) -> 
             refused.append(error)
             continue
         batches.append(SampleBatch(parsed.samples(), parsed.publisher, parsed.batch))
-    notes = [f"{source}: {len(refused)} messages refused, the first: {refused[0]}"] if refused else []
+    notes = [f"{source}: {counted(len(refused), 'message')} refused, the first: {refused[0]}"] if refused else []
     found = [_of_topic(source, topic, batches, constants) for topic, batches in sorted(wheels.items()) if batches]
     if not found:
         raise InputError(source, f"holds no messages {SamplesMessage.schema_name()}")

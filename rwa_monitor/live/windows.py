@@ -16,6 +16,7 @@ from rwa_monitor.diagnosis.evidence import ConfirmedCandidate, WindowAccumulator
 from rwa_monitor.diagnosis.model import Model
 from rwa_monitor.diagnosis.results import Method
 from rwa_monitor.diagnosis.state import CarriedState
+from rwa_monitor.diagnosis.verdict import MIN_COVERAGE
 from rwa_monitor.diagnosis.window import diagnose_window
 from rwa_monitor.errors import InputError
 from rwa_monitor.live.checkpoint import (
@@ -32,6 +33,7 @@ from rwa_monitor.live.order_guard import PIECE_SLOTS
 from rwa_monitor.live.ring_buffer import RingBuffer
 from rwa_monitor.live.screen import LAG_SLOTS, TORQUE, Fault, Screen, friction_limit, speed_limit
 from rwa_monitor.live.sequencer import Counts
+from rwa_monitor.live.settings_check import with_sample_period
 from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.slots import SlotGrid
 
@@ -226,6 +228,9 @@ class Windows:
         partial = end < window.start + self._samples
         evidence = window.accumulator.close()
         diagnosis, self.carried = diagnose_window(evidence, self.wheel, self.model, self.carried, self.method)
+        if diagnosis.used < MIN_COVERAGE * diagnosis.slots:
+            good = np.isfinite(window.accumulator.gathered().x)
+            diagnosis = with_sample_period(diagnosis, good, self.wheel.sample_period_s)
         if partial:
             self.carried = forget_positions(self.carried)
         self._last_end = end

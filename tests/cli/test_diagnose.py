@@ -78,6 +78,22 @@ def test_what_was_not_used_is_said(files: Path, tmp_path: Path) -> None:
     assert min(d["coverage"] for d in lines(result.stdout)) < 1.0
 
 
+def test_another_sample_period_is_said_with_each_window_and_at_the_end(files: Path, tmp_path: Path) -> None:
+    header, *rows = (files / "given.csv").read_text().splitlines()
+    table = tmp_path / "slow.csv"
+    table.write_text("\n".join([header, *rows[::8]]) + "\n")
+    result = run("diagnose", table, "--wheel", files / "wheel.toml")
+    assert result.exit_code == 0  # slots without a sample are masked, whatever the reason
+    pictures = result.stdout.strip().split("\n\n")
+    assert len(pictures) == 3
+    for picture in pictures:
+        assert "samples come every 1 s: is sample_period_s = 0.125" in " ".join(picture.split())
+        assert "probability" not in picture
+    last = result.stderr.splitlines()[-1]
+    assert last.startswith("rwa-monitor: 3 of 3 windows could not be judged, the last: ")
+    assert "is sample_period_s = 0.125 of the wheel file right?" in last
+
+
 def test_why_derived_friction_is_masked_is_said(tmp_path: Path) -> None:
     wheel = built_in_wheel()
     assert wheel.inertia_kg_m2 is not None

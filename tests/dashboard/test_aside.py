@@ -170,7 +170,7 @@ def test_an_operator_puts_a_retired_wheel_aside_and_sees_it_come_back(
         expect(page.locator("section h2")).to_contain_text("wheel put aside")
         page.keyboard.press("f")
         expect(page.get_by_text("Put aside (2)")).to_be_visible()
-        expect(page.get_by_text("1 of 1 wheels reporting, 0 anomalous, 0 open alarms")).to_be_visible()
+        expect(page.get_by_text("1 of 1 wheel reporting, 0 anomalous, 0 open alarms")).to_be_visible()
 
         session.put("rwa/sat/wheel_1/diagnosis", diagnosis(2).to_json())
         expect(page.locator(".wheel", has_text="wheel_1")).to_be_visible()

@@ -97,7 +97,7 @@ def test_a_monitor_that_is_killed_leaves_stale_wheels_until_it_is_back(chromium:
             # The monitor is there some seconds after its start; who sends without a history is not heard before.
             def heard() -> bool:
                 session.put("rwa/sat/wheel_1/samples", batch)
-                return "1 of 1 wheels reporting" in page.get_by_role("status").all_inner_texts()[-1]
+                return "1 of 1 wheel reporting" in page.get_by_role("status").all_inner_texts()[-1]
 
             wait_until(heard, "the monitor", COMPILE_S)
 

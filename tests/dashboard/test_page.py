@@ -251,6 +251,42 @@ def test_an_alarm_is_shelved_and_brought_back(chromium: Any, session: zenoh.Sess
 
 
 @pytest.mark.browser
+def test_a_wheel_of_which_all_messages_are_refused_says_why(
+    chromium: Any, session: zenoh.Session, tmp_path: Path
+) -> None:
+    why = "time_ns: Field required"
+    with (
+        serve(DashboardOptions(0, tmp_path), session) as running,
+        reporting(session, "wheel_7", messages_rejected=4, window_fill=0.0, last_error=why),
+    ):
+        page, complaints = new_page(chromium)
+        page.goto(running.address)
+        row = page.locator(".wheel", has_text="wheel_7")
+        expect(row).to_contain_text(f"No message of this wheel can be used: {why}.")
+        expect(row).to_contain_text("messages refused")
+        expect(row).not_to_contain_text("% full")
+        row.click()
+        expect(page.locator(".strong")).to_contain_text(why)
+        expect(page.get_by_text("0 missed, 0 dropped, 4 rejected")).to_be_visible()
+        assert complaints == []
+        page.close()
+
+
+@pytest.mark.browser
+def test_an_alarm_says_which_figures_are_of_the_latest_window(
+    chromium: Any, session: zenoh.Session, tmp_path: Path
+) -> None:
+    with failing_fleet(session, tmp_path) as running:
+        page, complaints = new_page(chromium)
+        page.goto(f"{running.address}#/alarms")
+        expect(page.get_by_text("probability 99 %, severity 1 ± 0.1.")).to_be_visible()
+        session.put("rwa/sat/wheel_2/diagnosis", diagnosis(4, severity=1.2, wheel="wheel_2").to_json())
+        expect(page.get_by_text("probability 99 %, severity 1.2 ± 0.1.")).to_be_visible()
+        assert complaints == []
+        page.close()
+
+
+@pytest.mark.browser
 def test_empty_and_loading_states_are_drawn(chromium: Any, session: zenoh.Session, tmp_path: Path) -> None:
     with serve(DashboardOptions(0, tmp_path), session) as running:
         page, _ = new_page(chromium)

@@ -12,6 +12,7 @@ from rwa_monitor.dashboard.recordings import POINTS_PER_WHEEL, list_recordings, 
 from rwa_monitor.errors import InputError
 from rwa_monitor.history.imports import import_recordings
 from rwa_monitor.history.store import History
+from rwa_monitor.live.recording import read_recording
 from rwa_monitor.messages import Diagnosis
 
 RECORDING = min(Path("replay").rglob("*.mcap"), key=lambda path: path.stat().st_size)
@@ -58,6 +59,21 @@ def test_only_recordings_of_the_folder_are_opened(tmp_path: Path) -> None:
     assert list_recordings(tmp_path / "none") == []
     with pytest.raises(InputError, match="is no recording here"):
         replay_json(RECORDING.parent, "../pyproject.toml")
+
+
+def test_the_list_tells_which_time_a_recording_covers(tmp_path: Path) -> None:
+    data = RECORDING.read_bytes()
+    (tmp_path / "whole.mcap").write_bytes(data)
+    (tmp_path / "cut.mcap").write_bytes(data[: len(data) * 2 // 3])
+    (tmp_path / "no.mcap").write_bytes(b"no recording at all, whatever it is called")
+    times = [message.log_time for message in read_recording(RECORDING).messages]
+    whole, none, cut = list_recordings(tmp_path)
+    assert (whole.first_ns, whole.last_ns) == (min(time for time in times if time), max(times))
+    assert (none.first_ns, none.last_ns) == (None, None)
+    assert cut.first_ns == whole.first_ns
+    assert cut.last_ns is not None
+    assert whole.last_ns is not None
+    assert cut.last_ns < whole.last_ns
 
 
 def test_a_cut_recording_shows_what_is_left_and_says_so(tmp_path: Path) -> None:

@@ -155,3 +155,13 @@ def test_a_course_says_since_when_and_where_it_goes() -> None:
     assert changes == ["worse", "steady", "better"]
     course.extend([diagnosis(4, severity=3.0)])  # heard again
     assert (course.windows, course.change) == (4, "better")
+
+
+def test_a_course_takes_no_scatter_for_a_change() -> None:
+    # Severities of 0.1 standard deviation: a change of two windows has 0.14.
+    course = Course()
+    changes = []
+    for number, severity in enumerate((2.5, 2.25, 2.3, 2.7)):
+        course.extend([diagnosis(number, severity=severity)])
+        changes.append(course.change)
+    assert changes == [None, "steady", "steady", "worse"]

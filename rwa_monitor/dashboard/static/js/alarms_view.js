@@ -1,7 +1,8 @@
 import { h } from "./dom.js";
-import { utc, wheelTime } from "./format.js";
+import { number, percent, quantity, utc, wheelTime } from "./format.js";
 import { LEVELS, badge } from "./levels.js";
 import { signature } from "./signature.js";
+import { last } from "./store.js";
 
 const HOURS = [1, 8, 24, 168];
 
@@ -17,13 +18,16 @@ export function alarmsView(store) {
     const group = (alarm) => (alarm.closed_ns !== null ? 2 : shelved(alarm, store.now) || aside(alarm) ? 1 : 0);
     const all = [...store.alarms.values()].map((alarm) => ({ alarm, group: group(alarm) }));
     all.sort((a, b) => a.group - b.group || LEVELS.indexOf(b.alarm.level) - LEVELS.indexOf(a.alarm.level) || b.alarm.id - a.alarm.id);
-    const now = JSON.stringify([all, store.connected]);
+    const now = JSON.stringify([all, all.map(({ alarm }) => latestOf(alarm)?.window_end_ns), store.connected]);
     if (now === drawn) return;
     if (drawn && list.contains(document.activeElement) && document.activeElement.tagName === "INPUT") return; // somebody is writing
     drawn = now;
     list.replaceChildren(...all.map(({ alarm, group }) => card(alarm, group)));
     if (!all.length) list.replaceChildren(h("p", { class: "empty" }, store.connected ? "No alarm so far." : "Loading…"));
   }
+
+  /** The latest window of the alarm's wheel, null where none is known. */
+  const latestOf = (alarm) => { const wheel = store.wheels.get(`${alarm.spacecraft}/${alarm.wheel}`); return wheel ? last(wheel) : null; };
 
   const aside = (alarm) => store.isAside(`${alarm.spacecraft}/${alarm.wheel}`);
 
@@ -33,6 +37,7 @@ export function alarmsView(store) {
     return h("section", { class: "card", "aria-label": `Alarm ${alarm.name} of ${alarm.wheel}` },
       h("h2", { class: group === 0 ? "" : "soft" }, sign, ` ${alarm.spacecraft} / ${alarm.wheel} · ${alarm.name}`),
       h("p", {}, alarm.reason),
+      open ? today(alarm, latestOf(alarm)) : null,
       open ? h("p", { class: "advice" }, h("strong", {}, "To do: "), alarm.advice) : null,
       h("p", { class: "soft" }, `Worst so far: ${alarm.peak}. Raised with the window to ${wheelTime(alarm.raised_ns)}. ${phase(alarm)}${shelved(alarm, store.now) ? ` Shelved by ${lastOf(alarm, "shelved").person} until ${utc(alarm.shelved_until_wall_ns)}, or until it gets worse.` : ""}`),
       h("a", { href: `#/wheel/${alarm.spacecraft}/${alarm.wheel}` }, "Show the wheel"),
@@ -57,6 +62,14 @@ export function alarmsView(store) {
 
   refresh();
   return { element: h("div", {}, h("h1", {}, "Alarms"), list), refresh };
+}
+
+/** What the latest window says of the alarm's part: the reason above keeps the figures of the window that raised it. */
+function today(alarm, latest) {
+  const part = latest?.anomalies[alarm.name];
+  if (!part) return null;
+  const severity = part.severity === null ? "" : `, severity ${number(part.severity)}${part.severity_std === null ? "" : ` ± ${number(part.severity_std)}`}`;
+  return h("p", { class: "soft" }, `These are the figures of the window in which it was raised or last rose. The latest one, to ${wheelTime(latest.window_end_ns)}: ${latest.verdict}, ${quantity(part.estimate, part.unit)}, probability ${percent(part.probability)}${severity}.`);
 }
 
 const lastOf = (alarm, event) => alarm.trail.findLast((line) => line.event === event);

@@ -1,6 +1,6 @@
 import { asideList } from "./aside.js";
 import { h } from "./dom.js";
-import { age, number, percent, span } from "./format.js";
+import { age, counted, number, percent, span } from "./format.js";
 import { badge } from "./levels.js";
 import { last } from "./store.js";
 import { SIGN, colour, misfit } from "./verdict.js";
@@ -34,7 +34,7 @@ export function fleetView(store, base) {
     const heard = wheels.filter(({ state }) => state === "live");
     const bad = wheels.filter(({ wheel }) => last(wheel)?.verdict === "anomalous").length;
     const alarms = store.openAlarms().length;
-    const text = store.live && !store.connected && !wheels.length ? "Loading…" : store.live ? `${heard.length} of ${wheels.length} wheels reporting, ${bad} anomalous, ${alarms} open alarm${alarms === 1 ? "" : "s"}` : `${wheels.length} wheels, ${bad} anomalous`;
+    const text = store.live && !store.connected && !wheels.length ? "Loading…" : store.live ? `${heard.length} of ${counted(wheels.length, "wheel")} reporting, ${bad} anomalous, ${counted(alarms, "open alarm")}` : `${counted(wheels.length, "wheel")}, ${bad} anomalous`;
     if (summary.textContent !== text) summary.textContent = text;
   }
 
@@ -90,12 +90,12 @@ export function fleetView(store, base) {
     element.className = `wheel is-${shown}${stale ? " is-stale" : ""}`;
     parts.verdict.className = `verdict ${stale ? "silent" : shown}`;
     parts.verdict.textContent = `${SIGN[verdict] ?? "…"} ${verdict}${diagnosis && shown !== verdict ? "\n? model misfit" : ""}${stale ? "\n◌ stale" : ""}${wheel.course?.change ? `\n${ARROW[wheel.course.change]}` : ""}`;
-    parts.reason.textContent = `${LEAD[state]}${diagnosis?.reason ?? "The first window is being filled."}`;
+    parts.reason.textContent = `${LEAD[state]}${diagnosis?.reason ?? firstWindow(wheel)}`;
     const alarm = store.worstAlarm(wheel.name);
     parts.alarm.replaceChildren(...(alarm ? [badge(alarm.level), " "] : []));
     const facts = [alarm?.phase === "active" ? "not acknowledged" : "", ...(diagnosis ? [since(wheel, diagnosis), misfit(diagnosis)] : [])];
     parts.since.textContent = facts.filter(Boolean).join("; ");
-    parts.age.textContent = staleness(store, wheel, state) ?? fill(wheel);
+    parts.age.textContent = staleness(store, wheel, state) ?? (wheel.refused ? "messages refused" : fill(wheel));
   }
 
   refresh();
@@ -111,6 +111,9 @@ export function staleness(store, wheel, state) {
   return state === "past" ? "stale, from the history" : null;
 }
 
+/** What is said of a wheel before its first diagnosis. */
+export const firstWindow = (wheel) => (wheel.refused ? `No message of this wheel can be used: ${wheel.refused}.` : "The first window is being filled.");
+
 const fill = (wheel) => `window ${Math.round(100 * wheel.fill)} % full`;
 
 /** How sure, and since when: on the wheel's own clock, in which its windows are. */
@@ -119,7 +122,7 @@ function since(wheel, diagnosis) {
   const sure = active.length ? `probability ${percent(Math.max(...active.map((one) => one.probability)))}, severity ${number(worst(wheel))}` : "";
   if (!wheel.course?.since_ns) return sure;
   const windows = wheel.course.windows;
-  return `${sure ? `${sure}; ` : ""}${diagnosis.verdict} for ${windows} window${windows === 1 ? "" : "s"}, ${span((diagnosis.window_end_ns - wheel.course.since_ns) / 1e9)}`;
+  return `${sure ? `${sure}; ` : ""}${diagnosis.verdict} for ${counted(windows, "window")}, ${span((diagnosis.window_end_ns - wheel.course.since_ns) / 1e9)}`;
 }
 
 function worst(wheel) {

@@ -1,4 +1,4 @@
-const EPOCH_NS = 6e17; // before 1989 a clock does not count from 1970, so that it tells no UTC
+const EPOCH_NS = 631152e12; // before 1990 a clock does not count from 1970, so that it tells no UTC
 const PREFIX = { "N m": [1e3, "mN m"], "N m s/rad": [1e6, "µN m s/rad"] };
 
 /** Factor and name of the unit in which a quantity is shown. */
@@ -15,6 +15,9 @@ export function number(value) {
   return value === null || value === undefined ? "–" : String(Number(value.toPrecision(3)));
 }
 
+/** A count with what is counted, in the singular or plural. */
+export const counted = (count, what) => `${count} ${what}${count === 1 ? "" : "s"}`;
+
 export const tellsUtc = (ns) => ns > EPOCH_NS;
 
 export function utc(ns) {
@@ -26,6 +29,9 @@ export function wheelTime(ns) {
   const clock = `spacecraft clock ${(ns / 1e9).toFixed(1)} s`;
   return tellsUtc(ns) ? `${utc(ns)} (${clock})` : `${clock}, UTC unknown`;
 }
+
+/** The same in short. */
+export const shortTime = (ns) => (tellsUtc(ns) ? utc(ns) : `spacecraft clock ${(ns / 1e9).toFixed(1)} s`);
 
 /** A length of time, in the largest unit of which there are some. */
 export function span(s) {

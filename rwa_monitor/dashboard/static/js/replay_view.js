@@ -1,7 +1,7 @@
 import { ask } from "./ask.js";
 import { h } from "./dom.js";
 import { fleetView } from "./fleet_view.js";
-import { number, utc, wheelTime } from "./format.js";
+import { number, shortTime, utc, wheelTime } from "./format.js";
 import { Store } from "./store.js";
 import { wheelView } from "./wheel_view.js";
 
@@ -11,10 +11,13 @@ let opened = null; // the recording that is open, kept while views change
 
 export function recordingsView() {
   const list = h("div", {}, h("p", { class: "empty" }, "Loading…"));
-  ask("/api/recordings").then((found) => list.replaceChildren(...(found.length ? found.map((one) => h("p", { class: "card" }, h("a", { href: `#/replay/${encodeURIComponent(one.name)}` }, one.name), h("span", { class: "soft" }, ` ${number(one.size_bytes / 1e6)} MB, written ${utc(one.changed_wall_ns)}`))) : [h("p", { class: "empty" }, "No recording in this folder yet. A monitor writes them with --record.")])),
+  ask("/api/recordings").then((found) => list.replaceChildren(...(found.length ? found.map((one) => h("p", { class: "card" }, h("a", { href: `#/replay/${encodeURIComponent(one.name)}` }, one.name), h("span", {}, ` ${times(one)}`), h("span", { class: "soft" }, ` ${number(one.size_bytes / 1e6)} MB, written ${utc(one.changed_wall_ns)}`))) : [h("p", { class: "empty" }, "No recording in this folder yet. A monitor writes them with --record.")])),
     (error) => list.replaceChildren(h("p", { class: "anomalous", role: "alert" }, `Recordings cannot be listed: ${error.message}`)));
   return { element: h("div", {}, h("h1", {}, "Recordings"), list), refresh() {} };
 }
+
+/** The time that a recording covers, on the wheels' clocks; "" where none is known. */
+const times = (one) => (one.first_ns === null ? "" : `${shortTime(one.first_ns)} to ${shortTime(one.last_ns)}`);
 
 /** Plays a recording into a store of its own; the views are those of the live page. */
 export function replayView(name, rest) {

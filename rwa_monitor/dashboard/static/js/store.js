@@ -19,7 +19,7 @@ export class Store {
   wheel(name) {
     if (!this.wheels.has(name)) {
       const [spacecraft, wheel] = name.split("/");
-      this.wheels.set(name, { name, spacecraft, wheel, version: 0, diagnoses: [], status: null, heard: null, fill: 0, telemetry: null, course: null, discrepancy: null, curves: [], jumps: [], t: [], speed: [], friction: [] });
+      this.wheels.set(name, { name, spacecraft, wheel, version: 0, diagnoses: [], status: null, heard: null, fill: 0, telemetry: null, refused: null, course: null, discrepancy: null, curves: [], jumps: [], t: [], speed: [], friction: [] });
     }
     return this.wheels.get(name);
   }
@@ -43,7 +43,8 @@ export class Store {
     // What comes out of the history or a bus's memory is not what is heard now: only a status tells of a live monitor.
     if (parts[3] === "status") {
       wheel.status = message;
-      this.hear(wheel, entry.received_wall_ns, message.window_fill, entry.beside);
+      const refused = message.messages_rejected && !message.samples_received ? message.last_error : null;
+      this.hear(wheel, entry.received_wall_ns, message.window_fill, entry.beside, refused);
     } else if (parts[3] === "diagnosis") {
       this.addDiagnosis(wheel, message);
       if (entry.beside) wheel.course = entry.beside;
@@ -55,14 +56,15 @@ export class Store {
 
   /** What the statuses of wheels come to that this page does not look at. */
   pulse(wheels) {
-    for (const [name, beat] of Object.entries(wheels)) this.hear(this.wheel(name), beat.heard_wall_ns, beat.window_fill, beat.telemetry);
+    for (const [name, beat] of Object.entries(wheels)) this.hear(this.wheel(name), beat.heard_wall_ns, beat.window_fill, beat.telemetry, beat.refused);
   }
 
-  hear(wheel, wallNs, fill, telemetry) {
+  hear(wheel, wallNs, fill, telemetry, refused) {
     wheel.version += 1;
     wheel.heard = wallNs / 1e6;
     wheel.fill = fill;
     wheel.telemetry = telemetry;
+    wheel.refused = refused;
   }
 
   addDiagnosis(wheel, message) {

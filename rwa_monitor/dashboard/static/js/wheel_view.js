@@ -2,8 +2,8 @@ import { asideCard } from "./aside.js";
 import { ask } from "./ask.js";
 import { discrepancyReport } from "./discrepancy.js";
 import { h } from "./dom.js";
-import { staleness } from "./fleet_view.js";
-import { number, percent, quantity, span, wheelTime } from "./format.js";
+import { firstWindow, staleness } from "./fleet_view.js";
+import { counted, number, percent, quantity, span, wheelTime } from "./format.js";
 import { last } from "./store.js";
 import { SIGN, colour, misfit, partVerdict, partsNote } from "./verdict.js";
 import { estimateTrends, frictionSplit } from "./wheel_history.js";
@@ -39,6 +39,7 @@ export function wheelView(store, name, base) {
       if (!wheel.jumps.length) wheel.jumps = now.changepoints.flatMap((one) => one.changepoints);
       now.evidence.forEach((one) => store.addCurve(wheel, one));
       wheel.discrepancy ??= now.discrepancy;
+      wheel.status ??= now.status;
       past = records;
       course = Object.fromEntries(trend.map((one) => [one.name, one]));
       drawn = "";
@@ -83,7 +84,7 @@ export function wheelView(store, name, base) {
     const lines = [
       ["verdict " + (stale ? "silent" : diagnosis ? colour(diagnosis) : verdict), `${SIGN[verdict] ?? "…"} ${verdict}${stale ? " (last known)" : ""}`],
       stale ? ["silent stale-note", `◌ ${stale}. This is the last known state, not the present one.`] : null,
-      ["strong", diagnosis?.reason ?? (store.connected || !store.live ? "The first window is being filled." : "Loading…")],
+      ["strong", diagnosis?.reason ?? (store.connected || !store.live ? firstWindow(wheel) : "Loading…")],
       diagnosis ? ["", diagnosis.explanation] : null,
       diagnosis && misfit(diagnosis) ? ["inconclusive", `? ${misfit(diagnosis)}`] : null,
       diagnosis ? ["soft", `Window ${wheelTime(diagnosis.window_start_ns)} to ${wheelTime(diagnosis.window_end_ns)}${since(diagnosis)}`] : null,
@@ -97,7 +98,7 @@ export function wheelView(store, name, base) {
   function since(diagnosis) {
     if (!wheel.course?.since_ns) return "";
     const { windows, since_ns: begin } = wheel.course;
-    return `; ${diagnosis.verdict} for ${windows} window${windows === 1 ? "" : "s"}, since ${wheelTime(begin)} (${span((diagnosis.window_end_ns - begin) / 1e9)})`;
+    return `; ${diagnosis.verdict} for ${counted(windows, "window")}, since ${wheelTime(begin)} (${span((diagnosis.window_end_ns - begin) / 1e9)})`;
   }
 
   function drawTable(diagnosis) {
@@ -119,11 +120,11 @@ export function wheelView(store, name, base) {
       ["monitor", state === "silent" ? staleness(store, wheel, state) : "✓ reporting"],
       ["telemetry", telemetry(state)],
       ["latest sample", status.last_sample_ns === null ? "none yet" : wheelTime(status.last_sample_ns)],
-      ["running window", `${Math.round(100 * status.window_fill)} % full, ${wheel.jumps.length} jumps so far`],
+      ["running window", `${Math.round(100 * status.window_fill)} % full, ${counted(wheel.jumps.length, "jump")} so far`],
       ["samples", `${status.samples_received} received, ${status.samples_used} used, ${status.samples_masked} masked, ${status.samples_late} late, ${status.samples_duplicate} duplicate, ${status.samples_rejected} rejected, ${status.samples_queued} queued`],
-      ["gaps", `${status.slots_missed} slots missed`],
+      ["gaps", `${counted(status.slots_missed, "slot")} missed`],
       ["messages", `${status.messages_missed} missed, ${status.messages_dropped} dropped, ${status.messages_rejected} rejected`],
-      ["lag", `${status.queue_depth} messages wait; last diagnosis took ${status.diagnosis_s === null ? "–" : `${number(1e3 * status.diagnosis_s)} ms`}`],
+      ["lag", `${counted(status.queue_depth, "message")} ${status.queue_depth === 1 ? "waits" : "wait"}; last diagnosis took ${status.diagnosis_s === null ? "–" : `${number(1e3 * status.diagnosis_s)} ms`}`],
       ["last error", status.last_error ?? "none"], ["recording", status.recording ?? "none"], ["software", status.software]);
     const now = JSON.stringify(facts);
     if (quality.dataset.drawn === now) return;

@@ -1,0 +1,38 @@
+"""How times and counts are told to a person."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from rwa_monitor.samples import NANOSECONDS_PER_SECOND
+
+FIRST_UTC_S: Final = 631_152_000  # 1990: a clock that tells less does not count from 1970, so that it tells no UTC
+MILLISECOND_NS: Final = 1_000_000
+
+
+def time_text(time_ns: int) -> str:
+    """Return a time on a wheel's clock as ISO 8601 UTC with milliseconds, or in seconds where it tells no UTC.
+
+    Examples
+    --------
+    >>> time_text(1_788_220_800_004_000_000)
+    '2026-09-01T00:00:00.004Z'
+    >>> time_text(10_000_000_000)
+    '10.000 s'
+    """
+    if time_ns < FIRST_UTC_S * NANOSECONDS_PER_SECOND:
+        return f"{time_ns / NANOSECONDS_PER_SECOND:.3f} s"
+    return f"{np.datetime64((time_ns + MILLISECOND_NS // 2) // MILLISECOND_NS, 'ms')}Z"
+
+
+def counted(count: int, what: str) -> str:
+    """Return a count with what is counted, in the singular or plural.
+
+    Examples
+    --------
+    >>> counted(1, "window"), counted(12_500, "sample")
+    ('1 window', '12500 samples')
+    """
+    return f"{count} {what}{'' if count == 1 else 's'}"
