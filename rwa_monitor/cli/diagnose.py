@@ -23,7 +23,6 @@ from rwa_monitor.cli.options import (
 )
 from rwa_monitor.cli.talk import say
 from rwa_monitor.errors import InputError
-from rwa_monitor.words import counted
 
 if TYPE_CHECKING:
     from rwa_monitor.diagnosis.results import Method
@@ -151,6 +150,8 @@ class _Counted:
 
     def end(self) -> None:
         """Say what could not be judged."""
+        from rwa_monitor.words import counted
+
         if self._too_few:
             say(f"{self._too_few} of {counted(self._windows, 'window')} could not be judged, the last: {self._reason}")
 

@@ -97,7 +97,7 @@ def test_signs_of_life_stop_when_the_core_stalls_although_the_process_lives(ear:
 
     def say(line: str) -> None:
         """Stall as a terminal does whose reader has stopped reading."""
-        if "messages of 'p' are missing" in line:
+        if "message of 'p' is missing" in line:
             stalls.set()
             goes_on.wait(60.0)
 
