@@ -81,17 +81,6 @@ class Samples:
             if values is not None:
                 yield field.name, values
 
-    def check_increasing(self, source: str) -> None:
-        """Raise InputError, naming the row, unless the time strictly increases."""
-        steps = np.diff(self.time_ns)
-        if steps.size and steps.min() <= 0:
-            row = int(np.argmax(steps <= 0)) + 1
-            raise InputError(
-                source,
-                f"time does not increase ({self.time_ns[row - 1]} ns, then {self.time_ns[row]} ns)",
-                f"sample {row + 1}",
-            )
-
 
 # The measured channels besides time, in the order in which tables and messages list them.
 CHANNELS: Final = (

@@ -295,13 +295,3 @@ class Components:
     fss_friction_std: tuple[FloatArray, ...]
     base_ambiguous: bool
     readings: tuple[Reading, ...] = ()
-
-
-def no_candidates() -> Candidates:
-    """Return an empty list of candidates."""
-    return Candidates(
-        index=np.zeros(0, dtype=np.int64),
-        scale=np.zeros(0, dtype=np.int64),
-        statistic=np.zeros(0),
-        jump=np.zeros(0),
-    )

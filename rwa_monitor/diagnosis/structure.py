@@ -61,11 +61,6 @@ class Structure:
     plateaus: int
 
 
-def no_structure() -> Structure:
-    """Return what is known where nothing was gathered."""
-    return Structure(np.zeros(0), np.zeros((NEAR_ZERO, 0)), np.zeros((0, HARMONICS)), zero_runs=0, plateaus=0)
-
-
 class StructureArrays(NamedTuple):
     """The arrays behind `StructureSums`, as compiled code takes them.
 

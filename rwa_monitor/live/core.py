@@ -146,11 +146,6 @@ class WheelCore:
         return events
 
     @property
-    def buffer_bytes(self) -> int:
-        """Memory of the ring buffer [bytes]."""
-        return self._windows.ring.nbytes
-
-    @property
     def window_fill(self) -> float:
         """Share of the oldest open window that has passed, 0 … 1."""
         return self._windows.fill

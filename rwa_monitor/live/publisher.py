@@ -19,7 +19,7 @@ HISTORY_MESSAGES: Final = 8_192  # 3 days of one wheel at 8 Hz in messages of 25
 # How often a publisher tells the number of its last message. Zenoh's other way tells it once after each message: lost
 # when that one message is (an outage, a subscriber about to join), and with it the end of the stream until the next.
 HEARTBEAT_S: Final = 1.0
-LINGER_S: Final = 1.0  # closing right after the last message would lose it (facts.md)
+LINGER_S: Final = 1.0  # closing right after the last message may lose it: `put` hands it over before it is sent
 
 
 class ReliablePublisher:

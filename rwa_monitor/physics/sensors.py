@@ -54,11 +54,6 @@ class Sensors(Strict):
         }
         return self.model_copy(update={name: value for name, value in usual.items() if getattr(self, name) is None})
 
-    @classmethod
-    def perfect(cls) -> Sensors:
-        """Return sensors without noise or quantisation: for tests and oracles."""
-        return cls(**dict.fromkeys(cls.model_fields, 0.0))
-
 
 class FrictionNoise(Strict):
     """Noise of the friction torque v_k (paper, section II).

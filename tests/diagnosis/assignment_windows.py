@@ -8,10 +8,13 @@ import numpy as np
 
 from rwa_monitor.diagnosis.results import Candidates, Evidence, NoiseEstimate
 from rwa_monitor.diagnosis.running_sums import RunningSums
-from rwa_monitor.diagnosis.structure import no_structure
+from rwa_monitor.diagnosis.structure import HARMONICS, NEAR_ZERO, Structure
 from rwa_monitor.physics.switching import simulate_system
 from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import FloatArray, IntArray
+
+NO_CANDIDATES = Candidates(np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros(0))
+NO_STRUCTURE = Structure(np.zeros(0), np.zeros((NEAR_ZERO, 0)), np.zeros((0, HARMONICS)), zero_runs=0, plateaus=0)
 
 
 def sums_of(x: FloatArray, z: FloatArray, used: np.ndarray | None = None) -> RunningSums:
@@ -82,7 +85,7 @@ def evidence_of(
 ) -> Evidence:
     count = x.size if used is None else int(used.sum())
     noise = NoiseEstimate(std, np.array([std**2]), 1.0)
-    return Evidence(x.size, count, count, candidates, sums_of(x, z, used), noise, 20.0, no_structure())
+    return Evidence(x.size, count, count, candidates, sums_of(x, z, used), noise, 20.0, NO_STRUCTURE)
 
 
 def window(

@@ -16,9 +16,9 @@ from rwa_monitor.diagnosis.estimation import estimate
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.diagnosis.noise import mean_variance_factor
 from rwa_monitor.diagnosis.residual_blocks import Blocks, residual_blocks
-from rwa_monitor.diagnosis.results import Evidence, NoiseEstimate, no_candidates
+from rwa_monitor.diagnosis.results import Evidence, NoiseEstimate
 from rwa_monitor.diagnosis.running_sums import RunningSums
-from rwa_monitor.diagnosis.structure import no_structure
+from tests.diagnosis.assignment_windows import NO_CANDIDATES, NO_STRUCTURE
 
 SLOTS, STD, SLOPE = 4_000, 0.05, 0.8
 INDEX = np.array([320, 1_003, 1_040, 2_500, 3_900])
@@ -42,7 +42,7 @@ def _sums(x: np.ndarray, z: np.ndarray, used: np.ndarray) -> RunningSums:
 
 def _evidence(x: np.ndarray, z: np.ndarray, used: np.ndarray) -> Evidence:
     noise, count = NoiseEstimate(STD, np.array([STD**2, 0.0]), 1.0), int(used.sum())
-    return Evidence(SLOTS, count, count, no_candidates(), _sums(x, z, used), noise, 20.0, no_structure())
+    return Evidence(SLOTS, count, count, NO_CANDIDATES, _sums(x, z, used), noise, 20.0, NO_STRUCTURE)
 
 
 def _error(values: np.ndarray) -> float:

@@ -16,10 +16,10 @@ from rwa_monitor.diagnosis.estimation import (
     jump_std,
     nominal_slope_prior,
 )
-from rwa_monitor.diagnosis.results import Evidence, NoiseEstimate, no_candidates
+from rwa_monitor.diagnosis.results import Evidence, NoiseEstimate
 from rwa_monitor.diagnosis.running_sums import RunningSums
-from rwa_monitor.diagnosis.structure import no_structure
 from rwa_monitor.physics.wheel import Wheel, built_in_wheel
+from tests.diagnosis.assignment_windows import NO_CANDIDATES, NO_STRUCTURE
 
 SIGMA = 0.024  # the paper's noise, normalised
 WHITE = NoiseEstimate(SIGMA, SIGMA**2 * np.eye(1, 64)[0], 1.0)
@@ -29,7 +29,7 @@ def _evidence(x, z, used=None, noise=WHITE):
     used = np.ones(z.size, dtype=np.bool_) if used is None else used
     sums = RunningSums(x, z, used)
     sums.extend(z.size)
-    return Evidence(z.size, z.size, int(used.sum()), no_candidates(), sums, noise, 20.0, no_structure())
+    return Evidence(z.size, z.size, int(used.sum()), NO_CANDIDATES, sums, noise, 20.0, NO_STRUCTURE)
 
 
 def _record(seed=1, n=2000, jumps=((600, 0.5), (1400, -0.3))):

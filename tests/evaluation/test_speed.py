@@ -54,7 +54,7 @@ def test_the_plain_method_finds_what_the_truth_holds() -> None:
         jumps = np.unique(truth.changepoints.index[truth.changepoints.visible])
         right += sum(int(np.abs(found.changepoints - jump).min() <= 5) for jump in jumps)
         total += jumps.size
-    assert right / total > 0.9  # facts.md: 95–98 %
+    assert right / total > 0.9  # of the jumps; a plain version in numpy, apart from this one, found 95 to 98 %
 
 
 def test_the_fastest_peer_finds_what_the_truth_holds() -> None:

@@ -58,4 +58,4 @@ def test_memory_is_bounded() -> None:
     # A flag for each of 80,000 slots, and two channels of 8 bytes for the piece that is being written.
     core = WheelCore(built_in_wheel(), None)
     core.feed(telemetry(2_000, given=False))
-    assert core.buffer_bytes <= 200_000
+    assert core._windows.ring.nbytes <= 200_000

@@ -63,12 +63,3 @@ def test_joining_what_does_not_fit_is_refused():
         concatenate([])
     with pytest.raises(InputError, match=r"motor_current_A: is present in some parts"):
         concatenate([samples(), samples(motor_current_A=np.zeros(10))])
-
-
-def test_time_must_increase():
-    samples(0).check_increasing("t.csv")
-    samples(1).check_increasing("t.csv")
-    samples().check_increasing("t.csv")
-    for wrong in ([0, 1, 1, 2], [0, 1, 0, 2]):
-        with pytest.raises(InputError, match=r"^t\.csv: sample 3: time does not increase \(1 ns, then"):
-            Samples(time_ns=wrong, speed_rad_s=np.zeros(4)).check_increasing("t.csv")

@@ -21,7 +21,8 @@ from rwa_monitor.physics.wheel import EffectBlock, Noise, Window, built_in_wheel
 
 WHEEL = built_in_wheel()
 KINDS = ("orbit", "one_direction", "crossings", "rich", "constant", "from_rest")
-PERFECT = {"sensors": Sensors.perfect(), "noise": FrictionNoise(std_Nm=0.0)}
+NO_NOISE_OF_SENSORS = Sensors(**dict.fromkeys(Sensors.model_fields, 0.0))  # and no steps
+PERFECT = {"sensors": NO_NOISE_OF_SENSORS, "noise": FrictionNoise(std_Nm=0.0)}
 
 
 def run(seed=0, wheel=WHEEL, **settings):
@@ -61,7 +62,7 @@ def test_perfect_speed_and_current_give_the_true_friction_back(kind):
 
 def test_given_friction_agrees_with_current_sample_by_sample():
     """Noise included: what is measured as friction is what the motor had to give."""
-    record = run(sensors=Sensors.perfect())
+    record = run(sensors=NO_NOISE_OF_SENSORS)
     motor = WHEEL.torque_constant_Nm_A * record.samples.motor_current_A
     found = tb.friction_torque(motor, record.truth.acceleration_rad_s2, WHEEL.inertia_kg_m2)
     assert found == pytest.approx(record.samples.friction_torque_Nm, abs=1e-12)
@@ -70,7 +71,7 @@ def test_given_friction_agrees_with_current_sample_by_sample():
 
 
 def test_voltage_is_that_of_the_winding():
-    record = run(sensors=Sensors.perfect())
+    record = run(sensors=NO_NOISE_OF_SENSORS)
     expected = 2.0 * record.samples.motor_current_A + 0.032 * record.truth.speed_rad_s
     assert record.samples.motor_voltage_V == pytest.approx(expected, abs=1e-12)
 
