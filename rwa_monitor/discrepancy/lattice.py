@@ -67,9 +67,7 @@ def without_steps(records: Sequence[Record], wheel: Wheel) -> list[Record]:
     problem = make_problem(kept, wheel)
     problem = replace(problem, z=problem.z_measured)
     base = fit(problem, np.zeros((problem.size, 0)))
-    # No weak jump to begin with: a rounding error that rests looks like one.
-    start = base.coefficients[0] * problem.speed + strong_level(problem, base.level)
-    return _drawn(problem, start, lambda drawn: fit(drawn, np.zeros((drawn.size, 0))))
+    return _drawn(problem, _expected(problem, base), lambda drawn: fit(drawn, np.zeros((drawn.size, 0))))
 
 
 def _may_matter(record: Record) -> bool:
@@ -103,7 +101,12 @@ def drawn_again(problem: Problem, model: Fit, again: Callable[[Problem], Fit]) -
     """
     if not any(record.torque_step_Nm > 0.0 for record in problem.records):
         return None
-    return _drawn(problem, problem.z - model.residual, again)
+    return _drawn(problem, _expected(problem, model), again)
+
+
+def _expected(problem: Problem, model: Fit) -> FloatArray:
+    """Return what a model expects of z, float64 (n,) [N m], with no weak jump: what rests on a step looks like one."""
+    return problem.z - model.residual - model.level + strong_level(problem, model.level)
 
 
 def _uniform(records: Sequence[Record]) -> list[FloatArray]:
@@ -120,7 +123,7 @@ def _drawn(problem: Problem, expected: FloatArray, again: Callable[[Problem], Fi
     for _ in range(ROUNDS):
         drawn = with_z(problem, _within(read, step, expected, std, uniform))
         fitted = again(with_noise_of(drawn, drawn.z - expected))
-        expected, last = drawn.z - fitted.residual, std
+        expected, last = _expected(drawn, fitted), std
         std = with_noise_of(drawn, fitted.residual).noise.std
         if abs(std - last) < SETTLED * last:
             break
