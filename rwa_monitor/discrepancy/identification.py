@@ -40,6 +40,7 @@ LARGEST_LAW_ERROR: Final = 0.3
 # Of the friction at rest, that of a jump below which it is none of a switching system: a third of what healthy base dry
 # friction spreads by. A slope that differs between recordings makes such jumps.
 SMALLEST_JUMP: Final = 0.02
+TYPICAL_WITHIN: Final = 2.5  # standard deviations of a configuration's friction; a uniform law's reach 1.7
 
 
 @dataclass(frozen=True, slots=True)
@@ -251,15 +252,23 @@ def _system_of(count: int, visits: Sequence[Visit]) -> _System:
         seen = [visit for visit in visits if visit.configuration == q]
         for visit in seen:
             sojourns[q].add(visit.slots, began=visit.began, ended=visit.ended)
-        # A visit of a few slots is known too badly to say how far a configuration's friction reaches.
-        std = np.array([visit.std for visit in seen])
-        known = std <= np.median(std) if std.size else std
-        friction[q] = [visit.friction for visit, good in zip(seen, known, strict=True) if good]
+        friction[q] = _typical(seen) if seen else []
     for visit, following in pairwise(visits):
         if visit.record == following.record:
             ups[visit.configuration][0] += int(following.configuration > visit.configuration)
             ups[visit.configuration][1] += 1
     return _System(sojourns, friction, [(up, total) for up, total in ups])
+
+
+def _typical(seen: Sequence[Visit]) -> list[float]:
+    """Return the friction of the visits that say how far a configuration's reaches [N m].
+
+    A visit of a few slots is known too badly; and one far from the others may be another system's.
+    """
+    friction, std = np.array([(visit.friction, visit.std) for visit in seen]).T
+    good = std <= np.median(std)
+    good &= np.abs(friction - np.median(friction[good])) <= TYPICAL_WITHIN * np.std(friction[good])
+    return [float(value) for value in friction[good]]
 
 
 def _laws_of(number: int, system: _System, hours: float) -> Sequence[LearnedLaw]:
@@ -292,14 +301,14 @@ def _too_little(what: str, sojourns: list[Sojourns], hours: float, times: float 
     if fewest:
         factor = max(int(np.ceil(max(times, 2 * MIN_SOJOURNS / fewest))), 2)
         more = (
-            f"about {factor} times as many recordings: at {fewest / hours:.2g} sojourns an hour of its rarest"
-            f" configuration about {factor * hours:.2g} h in all"
+            f"about {factor} times as many recordings, {factor * hours:.2g} h in all"
+            f" (its rarest configuration is seen {fewest / hours:.2g} times an hour)"
         )
     return InputError(
         "identify",
         f"too little data to learn {what}: sojourns seen {counts}, at least {MIN_SOJOURNS} of each are needed, "
-        f"and one of them from begin to end, so that its mean is known to {100.0 * LARGEST_LAW_ERROR:.0f} %. "
-        "So few jumps of the friction do not show that the wheel has such a system; a missing effect makes "
+        f"one of them whole, so that its mean is known to {100.0 * LARGEST_LAW_ERROR:.0f} %. "
+        "So few jumps do not show that the wheel has such a system; a missing effect makes "
         "jumps too. --no-systems (systems=False) learns nominal friction and noise without it; if the wheel has it, "
         f"give {more}",
     )

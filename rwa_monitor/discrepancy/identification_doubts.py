@@ -178,4 +178,7 @@ def check_told_apart(parted: Parted, base: float, hours: float) -> None:
 
 def _in_words(counts: tuple[int, ...]) -> str:
     """Say how many systems of how many configurations."""
-    return " and ".join(f"{counts.count(count)} of {count} configurations" for count in sorted(set(counts)))
+    return " and ".join(
+        f"{counts.count(count)} system{'s' if counts.count(count) > 1 else ''} of {count} configurations"
+        for count in sorted(set(counts))
+    )

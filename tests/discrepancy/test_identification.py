@@ -303,3 +303,11 @@ def test_at_one_speed_only_the_sum_is_told(seed: int) -> None:
     )
     with pytest.raises(InputError, match=r"hardly leaves 300 rad/s: there friction is 0\.0032\d* N m"):
         identify([("still.csv", still)], wheel, systems=False)
+
+
+def test_what_is_missing_is_said_in_hours() -> None:
+    # Three visits of 2000 slots, where four are needed.
+    stays = [(2000, 1.6 + 0.8 * (number % 2)) for number in range(7)]
+    with pytest.raises(InputError, match=r"give about \d times as many recordings, [\d.]+ h in all") as refused:
+        identify([("few", in_levels(stays, 5))], Wheel(name="few", sample_period_s=0.125))
+    assert "…" not in str(refused.value)
