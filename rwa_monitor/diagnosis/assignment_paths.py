@@ -17,7 +17,7 @@ from rwa_monitor.diagnosis.assignment_bounds import (
     priced_bounds,
 )
 from rwa_monitor.diagnosis.assignment_kernel import Int32Array, expand
-from rwa_monitor.diagnosis.friction_kernel import evidence_of_cases
+from rwa_monitor.diagnosis.friction_kernel import Cases, evidence_of_cases
 from rwa_monitor.diagnosis.results import REJECTED, UNATTRIBUTED, FlatStory
 from rwa_monitor.diagnosis.segments import chain_of
 from rwa_monitor.samples import FloatArray, IntArray
@@ -30,7 +30,7 @@ class Knowns(NamedTuple):
     ----------
     slots
         Length of the window.
-    table, cases, log_prior, rest
+    table, cases
         See `friction_model.prior_tables`.
     variance, scatter
         See `friction_model.solve`.
@@ -38,9 +38,7 @@ class Knowns(NamedTuple):
 
     slots: int
     table: FloatArray
-    cases: FloatArray
-    log_prior: FloatArray
-    rest: FloatArray
+    cases: Cases
     variance: float
     scatter: float
 
@@ -237,15 +235,7 @@ def weigh(
     for i in range(nodes.size):
         borders[i] = 0 if i == 0 else knowns.slots if i == nodes.size - 1 else index[nodes[i] - 1]
     log_evidence = evidence_of_cases(
-        story,
-        borders,
-        knowns.table,
-        moments,
-        knowns.cases,
-        knowns.log_prior,
-        knowns.rest,
-        knowns.variance,
-        knowns.scatter,
+        story, borders, knowns.table, moments, knowns.cases, knowns.variance, knowns.scatter
     )
     return story, system, direction, borders, moments, log_evidence, add_up_laws(scores, start, taken) + log_evidence
 

@@ -5,7 +5,7 @@ Plain loops over small matrices: a tuned library is slower here, and its sums de
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -15,6 +15,7 @@ from rwa_monitor.samples import FloatArray, IntArray
 
 PIVOT_ROUNDING: Final = 2.0**-52  # of a pivot, relative to the diagonal
 LEAST_PIVOT: Final = 1e-60  # of a coefficient that a wheel file leaves no room for
+PANEL: Final = 4  # columns of a factor
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
@@ -73,15 +74,35 @@ def lay_out(story: FlatStory, borders: IntArray, table: FloatArray) -> tuple[Flo
     return levels, column, np.ascontiguousarray(laws[:, :free])
 
 
+class Cases(NamedTuple):
+    """The prior as a mixture: the base and each system are in one of a few states, and each case chooses them.
+
+    Attributes
+    ----------
+    states
+        float64 (states, 1 + systems, 2): mean and std of the base and of each system's anomaly in each of its states.
+        A part with fewer states repeats its first.
+    choice
+        int64 (cases, 1 + systems), the state of each part.
+    log_prior
+        float64 (cases,), log-probability of each case.
+    rest
+        Standard deviation of an unattributed jump; mean and standard deviation of the slope.
+    """
+
+    states: FloatArray
+    choice: IntArray
+    log_prior: FloatArray
+    rest: FloatArray
+
+
 @njit(cache=True, error_model="numpy", nogil=True)
 def solve_cases(
     story: FlatStory,
     borders: IntArray,
     table: FloatArray,
     moments: FloatArray,
-    cases: FloatArray,
-    log_prior: FloatArray,
-    rest: FloatArray,
+    cases: Cases,
     variance: float,
     scatter: float,
 ) -> tuple[float, FloatArray, FloatArray, FloatArray, IntArray]:
@@ -91,10 +112,10 @@ def solve_cases(
     ----------
     story, borders, table
         See `lay_out`.
-    moments, cases, rest, variance, scatter
-        See `_condition_cases`.
-    log_prior
-        float64 (cases,), log-probability of each case.
+    moments, variance, scatter
+        As in `condition`.
+    cases
+        The prior.
 
     Returns
     -------
@@ -102,77 +123,70 @@ def solve_cases(
         Log evidence, mean, standard deviation and covariance of the mixture, and `column` as `lay_out` gives it.
     """
     levels, column, laws = lay_out(story, borders, table)
-    log_evidences, means, covariances = _condition_cases(levels, moments, cases, laws, rest, variance, scatter)
-    log_evidence, mean, std, covariance = _mix(log_evidences, means, covariances, log_prior)
+    count, unknowns = cases.choice.shape[0], levels.shape[1] + 1
+    prior = _prior_of_states(cases, laws, unknowns)
+    log_evidences = np.empty(count)
+    means, covariances = np.empty((count, unknowns)), np.empty((count, unknowns, unknowns))
+    mean, precision = np.empty(unknowns), np.empty((unknowns, unknowns))
+    for c in range(count):
+        log_determinant = _choose(prior, cases.choice[c], mean, precision)
+        log_evidences[c] = _condition(
+            levels, moments, mean, precision, log_determinant, variance, scatter, means[c], covariances[c]
+        )
+    log_evidence, mean, std, covariance = _mix(log_evidences, means, covariances, cases.log_prior)
     return log_evidence, mean, std, covariance, column
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
-def _condition_cases(
-    levels: FloatArray,
-    moments: FloatArray,
-    cases: FloatArray,
-    laws: FloatArray,
-    rest: FloatArray,
-    variance: float,
-    scatter: float,
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Condition the prior of each case on the segments.
+class _Prior(NamedTuple):
+    """The prior with all parts in their first state, with all in their second, and so on.
 
-    Parameters
+    What a system's anomaly does to its sojourns is common to them; all else is independent before the window. So each
+    part is a diagonal block, see `_invert`, which a case takes from the state that it chooses.
+
+    Attributes
     ----------
-    levels, moments, variance, scatter
-        As in `condition`.
-    cases
-        float64 (cases, 1 + systems, 2): mean and std of the base and of each system's anomaly.
-    laws
-        float64 (3, free sojourns): system, mean and standard deviation of each sojourn's friction law; those of a
-        system one after the other.
-    rest
-        Standard deviation of an unattributed jump; mean and standard deviation of the slope.
-
-    Returns
-    -------
-    tuple
-        Log evidence (cases,), posterior mean (cases, unknowns) and covariance (cases, unknowns, unknowns).
+    part, block
+        int64 (unknowns,): whose state tells of each unknown, and its block.
+    mean, log_variance
+        float64 (states, unknowns): mean, and logarithm of each pivot of the covariance.
+    precision
+        float64 (states, unknowns, unknowns).
     """
-    count, unknowns = cases.shape[0], levels.shape[1] + 1
-    log_evidence = np.empty(count)
-    means = np.empty((count, unknowns))
-    covariances = np.empty((count, unknowns, unknowns))
-    block = _blocks_of(laws, unknowns)
-    mean, covariance = np.empty(unknowns), np.zeros((unknowns, unknowns))
-    for c in range(count):
-        _prior_of_case(cases[c], laws, rest, block, mean, covariance)
-        log_evidence[c] = condition(
-            levels, moments, mean, covariance, block, variance, scatter, means[c], covariances[c]
-        )
-    return log_evidence, means, covariances
+
+    part: IntArray
+    block: IntArray
+    mean: FloatArray
+    log_variance: FloatArray
+    precision: FloatArray
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _blocks_of(laws: FloatArray, unknowns: int) -> IntArray:
-    """Return the block of each unknown, see `_invert`, in the prior of a case.
-
-    What a system's anomaly does to its sojourns is common to them; all else is independent before the window.
-    """
-    block = np.arange(unknowns)
-    for i in range(1, laws.shape[1]):
-        if laws[0, i] == laws[0, i - 1]:
+def _prior_of_states(cases: Cases, laws: FloatArray, unknowns: int) -> _Prior:
+    """Return mean and precision of the unknowns in all states; `laws` as from `lay_out`."""
+    states = cases.states.shape[0]
+    part, block = np.zeros(unknowns, dtype=np.int64), np.arange(unknowns)
+    for i in range(laws.shape[1]):
+        part[1 + i] = 1 + int(laws[0, i])
+        if i > 0 and laws[0, i] == laws[0, i - 1]:
             block[1 + i] = block[i]
-    return block
+    mean, log_variance = np.empty((states, unknowns)), np.empty((states, unknowns))
+    precision, covariance = np.empty((states, unknowns, unknowns)), np.zeros((unknowns, unknowns))
+    for state in range(states):
+        _prior_of_state(cases.states[state], laws, cases.rest, block, mean[state], covariance)
+        _invert(covariance, block, precision[state], log_variance[state])
+    return _Prior(part, block, mean, log_variance, precision)
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _prior_of_case(
-    case: FloatArray, laws: FloatArray, rest: FloatArray, block: IntArray, mean: FloatArray, covariance: FloatArray
+def _prior_of_state(
+    state: FloatArray, laws: FloatArray, rest: FloatArray, block: IntArray, mean: FloatArray, covariance: FloatArray
 ) -> None:
-    """Write mean, and the lower triangle within the blocks of the covariance, of the prior of one case."""
+    """Write mean, and the lower triangle within the blocks of the covariance, with each part in a state of `Cases`."""
     unknowns, sojourns = mean.size, laws.shape[1]
-    mean[0], covariance[0, 0] = case[0, 0], case[0, 1] * case[0, 1]
+    mean[0], covariance[0, 0] = state[0, 0], state[0, 1] * state[0, 1]
     for i in range(sojourns):
         owner = 1 + int(laws[0, i])
-        factor, spread = 1.0 + case[owner, 0], case[owner, 1]
+        factor, spread = 1.0 + state[owner, 0], state[owner, 1]
         mean[1 + i] = factor * laws[1, i]
         deviation = factor * laws[2, i]
         for j in range(block[1 + i] - 1, i):
@@ -184,37 +198,49 @@ def _prior_of_case(
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
+def _choose(prior: _Prior, choice: IntArray, mean: FloatArray, precision: FloatArray) -> float:
+    """Write mean, and the lower triangle of the precision, of one case; return its covariance's log-determinant."""
+    log_determinant = 0.0
+    for i in range(mean.size):
+        state = choice[prior.part[i]]
+        mean[i] = prior.mean[state, i]
+        precision[i, : prior.block[i]] = 0.0
+        for j in range(prior.block[i], i + 1):
+            precision[i, j] = prior.precision[state, i, j]
+        log_determinant += prior.log_variance[state, i]
+    return log_determinant
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
 def evidence_of_cases(
     story: FlatStory,
     borders: IntArray,
     table: FloatArray,
     moments: FloatArray,
-    cases: FloatArray,
-    log_prior: FloatArray,
-    rest: FloatArray,
+    cases: Cases,
     variance: float,
     scatter: float,
 ) -> float:
     """Return the log evidence alone, in a third of the time of `solve_cases`; parameters as there."""
     levels, _, laws = lay_out(story, borders, table)
-    count, unknowns = cases.shape[0], levels.shape[1] + 1
-    block = _blocks_of(laws, unknowns)
-    mean, covariance = np.empty(unknowns), np.zeros((unknowns, unknowns))
-    precision, response = np.empty((unknowns, unknowns)), np.empty(unknowns)
-    scores = np.empty(count)
+    count, unknowns = cases.choice.shape[0], levels.shape[1] + 1
+    prior = _prior_of_states(cases, laws, unknowns)
+    mean, precision = np.empty(unknowns), np.empty((unknowns, unknowns))
+    response, log_variance = np.empty(unknowns), np.empty(unknowns)
+    whole, scores = np.zeros(unknowns, dtype=np.int64), np.empty(count)
     for c in range(count):
-        _prior_of_case(cases[c], laws, rest, block, mean, covariance)
+        log_determinant = _choose(prior, cases.choice[c], mean, precision)
         squares, log_determinant = _add_segments(
-            levels, moments, mean, covariance, block, variance, scatter, precision, response
+            levels, moments, mean, variance, scatter, precision, response, log_determinant
         )
-        log_determinant += _factor(precision, np.zeros(unknowns, dtype=np.int64))
+        log_determinant += _factor(precision, whole, log_variance)
         explained = 0.0
         for i in range(unknowns):  # the response, by forward substitution in units of the posterior's deviations
             for j in range(i):
                 response[i] -= precision[i, j] * response[j]
             response[i] /= precision[i, i]
             explained += response[i] * response[i]
-        scores[c] = log_prior[c] - 0.5 * (squares - explained) - 0.5 * log_determinant
+        scores[c] = cases.log_prior[c] - 0.5 * (squares - explained) - 0.5 * log_determinant
     best = scores.max()
     return float(best + np.log(np.exp(scores - best).sum()))
 
@@ -247,12 +273,35 @@ def condition(
     posterior_mean, posterior
         Posterior mean (unknowns,) and covariance (unknowns, unknowns), written.
     """
-    unknowns = mean.size
-    precision, response = np.empty((unknowns, unknowns)), np.empty(unknowns)
-    squares, log_determinant = _add_segments(
-        levels, moments, mean, covariance, block, variance, scatter, precision, response
+    precision, log_variance = np.empty_like(posterior), np.empty_like(mean)
+    log_determinant = _invert(covariance, block, precision, log_variance)
+    return _condition(
+        levels, moments, mean, precision, log_determinant, variance, scatter, posterior_mean, posterior
     )
-    log_determinant += _invert(precision, np.zeros(unknowns, dtype=np.int64), posterior)
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _condition(
+    levels: FloatArray,
+    moments: FloatArray,
+    mean: FloatArray,
+    precision: FloatArray,
+    log_determinant: float,
+    variance: float,
+    scatter: float,
+    posterior_mean: FloatArray,
+    posterior: FloatArray,
+) -> float:
+    """Do the work of `condition` with the prior's precision and its covariance's log-determinant.
+
+    Of the precision, float64 (unknowns, unknowns), the lower triangle is read and destroyed.
+    """
+    unknowns = mean.size
+    response, log_variance = np.empty(unknowns), np.empty(unknowns)
+    squares, log_determinant = _add_segments(
+        levels, moments, mean, variance, scatter, precision, response, log_determinant
+    )
+    log_determinant += _invert(precision, np.zeros(unknowns, dtype=np.int64), posterior, log_variance)
     explained = 0.0
     for a in range(unknowns):
         shift = 0.0
@@ -268,21 +317,19 @@ def _add_segments(
     levels: FloatArray,
     moments: FloatArray,
     mean: FloatArray,
-    covariance: FloatArray,
-    block: IntArray,
     variance: float,
     scatter: float,
     precision: FloatArray,
     response: FloatArray,
+    log_determinant: float,
 ) -> tuple[float, float]:
     """Add to a prior what the segments tell; return squared misses of its mean, and the log-determinant of variances.
 
-    Parameters as in `condition`; written are the posterior's precision, its lower triangle, and (unknowns,) the
-    response: precision times the shift of the mean.
+    Parameters as in `_condition`; the lower triangle of the precision becomes the posterior's, and written is, float64
+    (unknowns,), the response: precision times the shift of the mean.
     """
     segments, unknowns = levels.shape[0], mean.size
     slope_at = unknowns - 1
-    log_determinant = _invert(covariance, block, precision)
     response[:] = 0.0
     row, column = np.empty(unknowns), np.empty(unknowns, dtype=np.int64)  # what is not zero in a segment's row
     slope, squares = mean[slope_at], 0.0
@@ -320,29 +367,52 @@ def _add_segments(
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _factor(matrix: FloatArray, block: IntArray) -> float:
-    """Put the Cholesky factor in the place of the lower triangle; return the log-determinant. As in `_invert`."""
+def _factor(matrix: FloatArray, block: IntArray, log_pivot: FloatArray) -> float:
+    """Put the Cholesky factor in the place of the lower triangle; return the log-determinant. As in `_invert`.
+
+    `PANEL` columns are finished before they are taken from those beyond: a matrix larger than the fastest cache is then
+    read so much less often. Each element is still reached by one column after the other.
+    """
     size = matrix.shape[0]
-    diagonal, column = np.empty(size), np.empty(size)
+    diagonal, panel = np.empty(size), np.empty((PANEL, size))
     for i in range(size):
         diagonal[i] = matrix[i, i]
     log_determinant = 0.0
-    for j in range(size):
-        # A pivot smaller than its rounding is taken for that: noise a billionth of the friction leaves no digits in it.
-        pivot = max(matrix[j, j], PIVOT_ROUNDING * diagonal[j], LEAST_PIVOT)
-        log_determinant += np.log(pivot)
-        matrix[j, j] = root = np.sqrt(pivot)
-        i = j + 1
-        while i < size and block[i] <= j:
-            matrix[i, j] = column[i] = matrix[i, j] / root
-            for c in range(j + 1, i + 1):  # inner loops along rows, here and below: in the cache, several at once
-                matrix[i, c] -= column[i] * column[c]
-            i += 1
+    first, end = 0, 0  # of the panel; the end of its block
+    while first < size:
+        while end < size and block[end] <= first:
+            end += 1
+        last = min(first + PANEL, end)
+        for j in range(first, last):
+            # A pivot smaller than its rounding is taken for that: noise a billionth of the friction leaves no digits.
+            pivot = max(matrix[j, j], PIVOT_ROUNDING * diagonal[j], LEAST_PIVOT)
+            log_pivot[j] = np.log(pivot)
+            log_determinant += log_pivot[j]
+            matrix[j, j] = root = np.sqrt(pivot)
+            column = panel[j - first]
+            for i in range(j + 1, end):
+                matrix[i, j] = column[i] = matrix[i, j] / root
+                for c in range(j + 1, min(i + 1, last)):
+                    matrix[i, c] -= column[i] * column[c]
+        if last < end:
+            _take_panel(matrix, panel, last, end)
+        first = last
     return log_determinant
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _invert(matrix: FloatArray, block: IntArray, inverse: FloatArray) -> float:
+def _take_panel(matrix: FloatArray, panel: FloatArray, first: int, end: int) -> None:
+    """Take finished columns of a factor from the lower triangle of the rows and columns [first, end)."""
+    a, b, c, d = panel[0], panel[1], panel[2], panel[3]
+    for i in range(first, end):
+        row = matrix[i]
+        ai, bi, ci, di = a[i], b[i], c[i], d[i]
+        for j in range(first, i + 1):
+            row[j] = (((row[j] - ai * a[j]) - bi * b[j]) - ci * c[j]) - di * d[j]
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _invert(matrix: FloatArray, block: IntArray, inverse: FloatArray, log_pivot: FloatArray) -> float:
     """Write the inverse of a symmetric positive definite matrix; return its log-determinant. By its Cholesky factor.
 
     Parameters
@@ -352,11 +422,11 @@ def _invert(matrix: FloatArray, block: IntArray, inverse: FloatArray) -> float:
     block
         int64 (n,): the first row of the diagonal block that each row belongs to; beyond the blocks it is zero. 0
         throughout for a full matrix.
-    inverse
-        float64 (n, n), written.
+    inverse, log_pivot
+        float64 (n, n) and (n,), written; the latter adds up to the log-determinant.
     """
     size = matrix.shape[0]
-    log_determinant = _factor(matrix, block)
+    log_determinant = _factor(matrix, block, log_pivot)
     lower = np.zeros((size, size))  # inverse of the factor
     for i in range(size):
         for c in range(block[i], i):

@@ -15,7 +15,7 @@ from typing import Final
 
 import numpy as np
 
-from rwa_monitor.diagnosis.friction_kernel import condition, lay_out, solve_cases
+from rwa_monitor.diagnosis.friction_kernel import Cases, condition, lay_out, solve_cases
 from rwa_monitor.diagnosis.friction_priors import Priors, case_table, law_table
 from rwa_monitor.diagnosis.results import FlatStory, Story
 from rwa_monitor.diagnosis.running_sums import Moments
@@ -74,18 +74,15 @@ def solve_flat(
     story: FlatStory, borders: IntArray, moments: FloatArray, priors: Priors, variance: float, scatter: float
 ) -> Posterior:
     """Solve the linear model of one story; as `solve`, of the arrays behind story and moments."""
-    table, cases, log_prior, rest = prior_tables(priors)
-    evidence, mean, std, covariance, column = solve_cases(
-        story, borders, table, moments, cases, log_prior, rest, variance, scatter
-    )
+    table, cases = prior_tables(priors)
+    evidence, mean, std, covariance, column = solve_cases(story, borders, table, moments, cases, variance, scatter)
     return Posterior(evidence, mean, std, covariance, story.split(column))
 
 
-def prior_tables(priors: Priors) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Return the priors as compiled code takes them: of laws and of cases, and the rest."""
-    cases, log_prior = case_table(priors.base, priors.anomaly)
+def prior_tables(priors: Priors) -> tuple[FloatArray, Cases]:
+    """Return the priors as compiled code takes them: of friction laws, and of everything else."""
     rest = np.array([priors.unattributed_std, priors.slope.mean, priors.slope.std])
-    return law_table(priors.laws), cases, log_prior, rest
+    return law_table(priors.laws), Cases(*case_table(priors.base, priors.anomaly), rest)
 
 
 def measure(

@@ -17,7 +17,7 @@ import numpy as np
 from rwa_monitor.diagnosis.estimation import SlopePrior, nominal_viscous
 from rwa_monitor.diagnosis.state import CHANGE_PER_WINDOW, CarriedState
 from rwa_monitor.physics.wheel import SwitchingSystem, Wheel
-from rwa_monitor.samples import FloatArray
+from rwa_monitor.samples import FloatArray, IntArray
 
 VISCOUS_SPREAD: Final = 0.5  # the same of the viscous coefficient
 CARRIED_VISCOUS_SPREAD: Final = 0.05  # at least, where earlier windows told the viscous coefficient
@@ -82,7 +82,9 @@ class Priors:
 
     def cases(self) -> list[tuple[Case, ...]]:
         """Return all states of (base, each system) with at most `MOST_ANOMALIES` anomalies."""
-        return _cases(self.base, self.anomaly)
+        parts = (self.base, *self.anomaly)
+        choices = _choices(self.base, self.anomaly)
+        return [tuple(part[i] for part, i in zip(parts, choice, strict=True)) for choice in choices]
 
     def moments(self, s: int, q: int) -> tuple[float, float]:
         """Return mean and variance of the friction of a sojourn over all cases of its system."""
@@ -171,22 +173,24 @@ def _system_of(
     return (ANOMALY_CASES if system.friction else (Case(1.0, 0.0, UNKNOWN_SPREAD),)), tuple(laws)
 
 
-def _cases(base: tuple[Case, ...], anomaly: tuple[tuple[Case, ...], ...]) -> list[tuple[Case, ...]]:
-    parts = (base, *anomaly)
-    numbered = product(*(range(len(part)) for part in parts))
-    return [
-        tuple(part[i] for part, i in zip(parts, choice, strict=True))
-        for choice in numbered
-        if sum(i > 0 for i in choice) <= MOST_ANOMALIES
-    ]
+def _choices(base: tuple[Case, ...], anomaly: tuple[tuple[Case, ...], ...]) -> list[tuple[int, ...]]:
+    """Return which state each part is in, in each case."""
+    numbered = product(*(range(len(part)) for part in (base, *anomaly)))
+    return [choice for choice in numbered if sum(i > 0 for i in choice) <= MOST_ANOMALIES]
 
 
 @lru_cache(maxsize=256)
-def case_table(base: tuple[Case, ...], anomaly: tuple[tuple[Case, ...], ...]) -> tuple[FloatArray, FloatArray]:
-    """Return mean and std of each part in all cases, float64 (cases, parts, 2), and the log of their probabilities."""
-    cases = _cases(base, anomaly)
-    table = np.array([[(part.mean, part.std) for part in case] for case in cases], dtype=np.float64)
-    return table, np.array([sum(np.log(part.probability) for part in case) for case in cases])
+def case_table(
+    base: tuple[Case, ...], anomaly: tuple[tuple[Case, ...], ...]
+) -> tuple[FloatArray, IntArray, FloatArray]:
+    """Return states, choice and log_prior of `friction_kernel.Cases`."""
+    parts, choices = (base, *anomaly), _choices(base, anomaly)
+    states = [[part[i if i < len(part) else 0] for part in parts] for i in range(max(map(len, parts)))]
+    return (
+        np.array([[(part.mean, part.std) for part in state] for state in states], dtype=np.float64),
+        np.array(choices, dtype=np.int64),
+        np.array([sum(np.log(parts[p][i].probability) for p, i in enumerate(choice)) for choice in choices]),
+    )
 
 
 @lru_cache(maxsize=256)

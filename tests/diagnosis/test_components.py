@@ -102,8 +102,8 @@ def test_evidence_is_that_of_the_whole_gaussian():
         sums = sums_of(x, z)
         moments = sums.between(borders[:-1], borders[1:])
         closed = solve(story, borders, moments, priors, std**2, scatter).log_evidence
-        table, cases, log_prior, rest = prior_tables(priors)
-        alone = evidence_of_cases(story.flat(), borders, table, moments.table, cases, log_prior, rest, std**2, scatter)
+        table, cases = prior_tables(priors)
+        alone = evidence_of_cases(story.flat(), borders, table, moments.table, cases, std**2, scatter)
         assert alone == pytest.approx(closed, abs=1e-9)
         segment = np.searchsorted(borders, np.arange(slots), side="right") - 1
         direct = []
