@@ -9,6 +9,8 @@ of the assignment; what the alternatives leave open shows in the standard deviat
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import islice, product
 from typing import Final
@@ -18,7 +20,7 @@ from numba import njit
 
 from rwa_monitor.diagnosis.friction_model import Posterior, measure, solve
 from rwa_monitor.diagnosis.friction_priors import Priors, priors_of
-from rwa_monitor.diagnosis.laws import log_probability, onsets
+from rwa_monitor.diagnosis.laws import Number, log_probability, onsets
 from rwa_monitor.diagnosis.results import (
     REJECTED,
     UNATTRIBUTED,
@@ -63,33 +65,28 @@ def split(
         wheel names no system at all, they show that there is one; then any share of the level may be its friction.
     """
     story = Story(assignment.configurations, assignment.starts, assignment.index[assignment.system == UNATTRIBUTED])
-    accepted = assignment.system != REJECTED
-    jumps = np.unique(assignment.index[accepted])
-    borders = np.concatenate([[0], jumps, [evidence.slots]]).astype(np.int64)
+    jumps = estimate.index
+    borders = _borders(jumps, evidence.slots)
     segments = evidence.sums.between(borders[:-1], borders[1:])
-    seen = np.isfinite(estimate.level)
-    level = float(np.mean(estimate.level[seen])) if seen.any() else 0.0
-    priors = priors_of(wheel, carried, level, typical_jump(assignment.jump[accepted]))
+    seen = estimate.level[np.isfinite(estimate.level)]
+    level = float(seen.sum()) / seen.size if seen.size else 0.0
+    priors = priors_of(wheel, carried, level, typical_jump(assignment.jump[assignment.system != REJECTED]))
     variance = effective_variance(evidence.noise)
-    told = onsets(wheel.fss, carried)
 
     views: list[_View] = []
     stories = _shifts(story, wheel)
-    for shifted in stories:
-        laws = sum(
-            log_probability(system, shifted.configurations[s], shifted.starts[s], evidence.slots, told[s])
-            for s, system in enumerate(wheel.fss)
-        )
+    laws_of = _laws_of(stories, wheel, evidence.slots, carried)
+    for shifted, laws in zip(stories, laws_of, strict=True):
         posterior = solve(shifted, borders, segments, priors, variance, level_scatter(variance))
         views.append(_view(shifted, posterior, borders, segments.n, laws))
     best = views[0]
-    weights = np.exp([min(view.score - best.score, MOST_AGAINST) for view in views])
+    weights = np.exp(np.array([min(view.score - best.score, MOST_AGAINST) for view in views]))
     weights /= weights.sum()
     return Components(
         base_dry=best.base,
         base_dry_std=float(
             np.hypot(
-                _spread(weights, np.array([v.base for v in views]), np.array([v.base_std for v in views])),
+                _spread(weights, [v.base for v in views], [v.base_std for v in views]),
                 best.base if jumps.size and not wheel.fss else 0.0,
             )
         ),
@@ -97,14 +94,12 @@ def split(
         viscous_std=best.viscous_std,
         fss_friction=best.friction,
         fss_friction_std=tuple(
-            _spread(weights, np.stack([v.friction[s] for v in views]), np.stack([v.friction_std[s] for v in views]))
+            _spread(weights, [v.friction[s] for v in views], [v.friction_std[s] for v in views])
             for s in range(len(wheel.fss))
         ),
         base_ambiguous=float(weights @ np.array([not view.rests for view in views])) > CERTAIN,
         readings=_readings(
-            _rivals(assignment, jumps, stories, [view.score for view in views], [view.laws for view in views]),
-            evidence,
-            priors,
+            _rivals(assignment, jumps, stories, [view.score for view in views], laws_of), evidence, priors
         ),
     )
 
@@ -114,7 +109,6 @@ class _View:
     """What one story says: its log-likelihood, the parts of friction, and whether all systems rest at some time."""
 
     score: float
-    laws: float
     base: float
     base_std: float
     viscous: float
@@ -139,23 +133,45 @@ def _shifts(story: Story, wheel: Wheel) -> list[Story]:
     ]
 
 
+def _borders(jumps: IntArray, slots: int) -> IntArray:
+    """Return the slots at which segments begin and end, int64 (jumps + 2,)."""
+    return np.concatenate((np.zeros(1, dtype=np.int64), jumps, np.full(1, slots)))
+
+
+def _laws_of(stories: list[Story], wheel: Wheel, slots: int, carried: CarriedState | None) -> list[float]:
+    """Return the log-probability of each story by durations; 0 of a single one, which is weighed against no other."""
+    if len(stories) == 1:
+        return [0.0]
+    told = onsets(wheel.fss, carried)
+    return [
+        sum(
+            log_probability(system, story.configurations[s], story.starts[s], slots, told[s])
+            for s, system in enumerate(wheel.fss)
+        )
+        for story in stories
+    ]
+
+
 def _view(story: Story, posterior: Posterior, borders: IntArray, samples: FloatArray, laws: float) -> _View:
     """Read the parts of friction from a posterior."""
-    weights = np.zeros(posterior.mean.size)
-    weights[0] = 1.0
-    first_free = posterior.mean.size - 1 - story.unattributed.size
-    total = max(float(samples.sum()), 1.0)
-    for j, slot in enumerate(story.unattributed):
-        weights[first_free + j] = float(samples[borders[:-1] >= slot].sum()) / total
+    base, base_variance = float(posterior.mean[0]), float(posterior.covariance[0, 0])
+    if story.unattributed.size:
+        weights = np.zeros(posterior.mean.size)
+        weights[0] = 1.0
+        first_free = posterior.mean.size - 1 - story.unattributed.size
+        total = max(float(samples.sum()), 1.0)
+        for j, slot in enumerate(story.unattributed):
+            weights[first_free + j] = float(samples[borders[:-1] >= slot].sum()) / total
+        base, base_variance = float(weights @ posterior.mean), float(weights @ posterior.covariance @ weights)
+    sojourns = [_of_sojourns(at, posterior.mean, posterior.std) for at in posterior.column]
     return _View(
         score=laws + posterior.log_evidence,
-        laws=laws,
-        base=float(weights @ posterior.mean),
-        base_std=float(np.sqrt(np.maximum(weights @ posterior.covariance @ weights, 0.0))),
+        base=base,
+        base_std=math.sqrt(max(base_variance, 0.0)),
         viscous=float(posterior.mean[-1]),
         viscous_std=float(posterior.std[-1]),
-        friction=tuple(np.where(at >= 0, posterior.mean[at], 0.0) for at in posterior.column),
-        friction_std=tuple(np.where(at >= 0, posterior.std[at], 0.0) for at in posterior.column),
+        friction=tuple(friction for friction, _ in sojourns),
+        friction_std=tuple(std for _, std in sojourns),
         rests=all(
             _rests(configurations, starts, borders, samples)
             for configurations, starts in zip(story.configurations, story.starts, strict=True)
@@ -198,7 +214,7 @@ def _readings(rivals: list[Rival], evidence: Evidence, priors: Priors) -> tuple[
     variance = effective_variance(evidence.noise)
     readings = []
     for rival in rivals:
-        borders = np.concatenate([[0], rival.index, [evidence.slots]]).astype(np.int64)
+        borders = _borders(rival.index, evidence.slots)
         segments = evidence.sums.between(borders[:-1], borders[1:])
         posterior = measure(rival.story, borders, segments, priors, variance, level_scatter(variance))
         view = _view(rival.story, posterior, borders, segments.n, rival.log_laws)
@@ -206,11 +222,21 @@ def _readings(rivals: list[Rival], evidence: Evidence, priors: Priors) -> tuple[
     return tuple(readings)
 
 
-def _spread(weights: FloatArray, values: FloatArray, stds: FloatArray) -> FloatArray:
-    """Return the root mean square distance from the first view's values to all that may be; arrays (views, …)."""
+def _spread(weights: FloatArray, values: Sequence[Number], stds: Sequence[Number]) -> FloatArray:
+    """Return the root mean square distance from the first view's values to all that may be; one entry a view."""
     if weights.size == 1:
         return np.asarray(stds[0])
-    return np.asarray(np.sqrt(weights @ (stds**2 + (values - values[0]) ** 2)))
+    return np.asarray(np.sqrt(weights @ (np.array(stds) ** 2 + (np.array(values) - values[0]) ** 2)))
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _of_sojourns(column: IntArray, mean: FloatArray, std: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return a system's friction in each sojourn and its standard deviation, see `Posterior`; 0 where it is by law."""
+    friction, friction_std = np.zeros(column.size), np.zeros(column.size)
+    for sojourn in range(column.size):
+        if column[sojourn] >= 0:
+            friction[sojourn], friction_std[sojourn] = mean[column[sojourn]], std[column[sojourn]]
+    return friction, friction_std
 
 
 @njit(cache=True, error_model="numpy", nogil=True)

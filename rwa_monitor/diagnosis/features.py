@@ -119,14 +119,15 @@ class FeaturesOfStory:
 def features_of(components: Components, assignment: Assignment, wheel: Wheel) -> Features:
     """Return the features of a window from the results of stage 3."""
     nominal_viscous = normalised_nominal_viscous(wheel)
-    jump_std = _jump_std(assignment, len(wheel.fss))
     features = Features(
         base_dry=components.base_dry,
         base_dry_std=components.base_dry_std,
         viscous=components.viscous / nominal_viscous,
         viscous_std=components.viscous_std / nominal_viscous,
-        systems=_systems(components, assignment.configurations, jump_std, wheel),
+        systems=_systems(components, assignment.configurations, assignment, wheel),
     )
+    if not components.readings:
+        return features
     by_story = tuple(
         FeaturesOfStory(
             reading.log_weight,
@@ -134,7 +135,7 @@ def features_of(components: Components, assignment: Assignment, wheel: Wheel) ->
                 features,
                 base_dry=reading.base_dry,
                 base_dry_std=reading.base_dry_std,
-                systems=_systems(reading, reading.story.configurations, jump_std, wheel),
+                systems=_systems(reading, reading.story.configurations, assignment, wheel),
             ),
             same_jumps=all(
                 np.array_equal(mine, others)
@@ -183,21 +184,21 @@ def without_prior(features: Features, prior: SlopePrior, viscous_unit: float) ->
     return replace(features, viscous=float(viscous), viscous_std=float(viscous_std), by_story=by_story)
 
 
-def _jump_std(assignment: Assignment, systems: int) -> FloatArray:
-    """Return the mean standard deviation of each system's jumps, float64 (systems,); 0 for one without jumps."""
-    own = [assignment.jump_std[assignment.system == s] for s in range(systems)]
-    return np.array([float(std.mean()) if std.size else 0.0 for std in own])
+def _jump_std(assignment: Assignment, s: int) -> float:
+    """Return the mean standard deviation of a system's jumps; 0 for one without jumps."""
+    own = assignment.jump_std[assignment.system == s]
+    return float(own.mean()) if own.size else 0.0
 
 
 def _systems(
-    parts: Components | Reading, configurations: tuple[IntArray, ...], jump_std: FloatArray, wheel: Wheel
+    parts: Components | Reading, configurations: tuple[IntArray, ...], assignment: Assignment, wheel: Wheel
 ) -> tuple[SystemFeatures, ...]:
     found = []
     for s, (system, configuration) in enumerate(zip(wheel.fss, configurations, strict=True)):
-        rests = bool((configuration == 0).any())
+        rests = not configuration.all()
         # What stage 3 gives of a system that never rests includes the shift that all sojourns share; the differences
         # come from the jumps.
-        std = parts.fss_friction_std[s] if rests else np.full(configuration.size, jump_std[s])
+        std = parts.fss_friction_std[s] if rests else np.full(configuration.size, _jump_std(assignment, s))
         found.append(SystemFeatures(system.name, configuration, parts.fss_friction[s], std, rests))
     return tuple(found)
 

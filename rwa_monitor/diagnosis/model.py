@@ -88,7 +88,7 @@ class Levels(Strict):
     reach: Positive
     median: Finite | None
 
-    @property
+    @cached_property
     def numbers(self) -> FloatArray:
         """All that densities need, as compiled code takes it: float64 (LEVEL_NUMBERS,)."""
         nominal, anomalous = self.nominal, self.anomalous

@@ -493,8 +493,9 @@ def mean_variance_factors(count: FloatArray, autocovariance: FloatArray, long_ru
 
 def ar_coefficient(noise: NoiseEstimate) -> float:
     """Return φ where the noise looks like AR(1) with a positive φ, else 0."""
-    if noise.autocovariance.size < 3:
+    if noise.autocovariance.size < 3 or not noise.autocovariance[0] > 0.0:
         return 0.0
-    first, second = noise.autocovariance[1:3] / noise.autocovariance[0]
+    variance, first, second = noise.autocovariance[:3].tolist()
+    first, second = first / variance, second / variance
     like_ar = first > _LEAST_COLOUR and abs(second - first**2) < _AR_TOLERANCE
-    return float(first) if like_ar else 0.0
+    return first if like_ar else 0.0

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from functools import cached_property
 from typing import Annotated, Final, Self
 
 import numpy as np
@@ -157,10 +158,10 @@ class CarriedState(Strict):
     inadequate: Annotated[int, Field(ge=0)] = 0
     fss: tuple[SystemState, ...] = ()
 
-    @classmethod
-    def empty(cls) -> Self:
-        """Return the state before any window."""
-        return cls()
+    @staticmethod
+    def empty() -> CarriedState:
+        """Return the state before any window: always the same one, so that it is hashed once."""
+        return _EMPTY
 
     def system(self, name: str) -> SystemState | None:
         """Return what is known of the switching system of that name, or None."""
@@ -188,7 +189,14 @@ class CarriedState(Strict):
 
     def sha256(self) -> str:
         """Return the hash of the canonical JSON."""
+        return self._content_sha256
+
+    @cached_property
+    def _content_sha256(self) -> str:
         return content_sha256(self.model_dump(mode="json"))
+
+
+_EMPTY: Final = CarriedState()
 
 
 def next_state(
