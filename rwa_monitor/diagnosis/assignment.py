@@ -10,6 +10,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -20,7 +21,7 @@ from rwa_monitor.diagnosis.assignment_paths import Knowns, add_agreement, weigh
 from rwa_monitor.diagnosis.assignment_search import REJECT, Path, Problem, Sizes, search
 from rwa_monitor.diagnosis.estimation import estimate, jump_std
 from rwa_monitor.diagnosis.friction_model import Posterior, prior_tables, solve_flat
-from rwa_monitor.diagnosis.friction_priors import Priors, priors_of
+from rwa_monitor.diagnosis.friction_priors import Priors, law_moments, priors_of
 from rwa_monitor.diagnosis.laws import Onset, law_tables, onsets
 from rwa_monitor.diagnosis.results import (
     REJECTED,
@@ -161,16 +162,10 @@ def _problem(case: _Case, level: Level, signs: BoolArray) -> Problem:
 
 def _sizes(case: _Case, level: Level) -> Sizes:
     """Put sizes of jumps and friction laws side by side."""
-    laws = case.priors.laws
-    shape = (len(laws), max((len(of_system) for of_system in laws), default=1))
-    mean, variance = np.zeros(shape), np.zeros(shape)
-    for s, of_system in enumerate(laws):
-        for q in range(len(of_system)):
-            mean[s, q], variance[s, q] = case.priors.moments(s, q)
-    blind = ~np.isfinite(level.jump_variance)
+    mean, variance = law_moments(case.priors.laws, case.priors.anomaly)
     return Sizes(
         jump=level.jump,
-        variance=np.where(blind, level.spread**2, level.jump_variance),
+        variance=np.where(np.isfinite(level.jump_variance), level.jump_variance, level.spread**2),
         law_mean=mean,
         law_variance=variance,
         log_range=float(np.log(level.spread)),
@@ -190,7 +185,7 @@ def _refine_accepted(case: _Case, level: Level, accepted: IntArray) -> IntArray:
     reach = segments.reach_of(evidence.candidates)[accepted]
     moved = level.at.copy()
     moved[accepted] = segments.refine(evidence.sums, level.at[accepted], reach, level.slope, case.variance)
-    return moved if np.all(np.diff(moved) > 0) else level.at
+    return moved if (moved[1:] > moved[:-1]).all() else level.at
 
 
 def _log_unattributed(wheel: Wheel, slots: int) -> float:
@@ -223,7 +218,7 @@ def _result(
     accepted = np.flatnonzero(best.system[:, 0] != REJECTED)
     levels = estimate(evidence, index[accepted], prior=case.priors.slope)
     jump, std = candidates.jump.copy(), _contrast_std(candidates)
-    jump[accepted] = np.diff(levels.level)
+    jump[accepted] = levels.level[1:] - levels.level[:-1]
     std[accepted] = jump_std(evidence, levels)
     sure = _confidence(ranked, index)
     story = best.story.story()
@@ -231,9 +226,11 @@ def _result(
     direction = best.direction.copy()
     direction[alone, 0] = np.sign(jump[alone])
     # One entry for each candidate, and a second one where two systems jump at once, of which each has its own share.
-    place = np.flatnonzero(np.stack([np.ones_like(double), double], axis=1))
-    size, size_std = np.repeat(jump, 1 + double), np.repeat(std, 1 + double)
-    if double.any():
+    told = np.ones_like(best.system, dtype=np.bool_)
+    told[:, 1] = double
+    place = told.ravel().nonzero()[0]
+    size, size_std = jump[place // 2], std[place // 2]
+    if place.size > double.size:
         scatter = segments.level_scatter(case.variance)
         posterior = solve_flat(best.story, best.borders, best.moments, case.priors, case.variance, scatter)
         for entry in np.flatnonzero(double[place // 2]):
@@ -267,11 +264,16 @@ def _rivals(ranked: list[_Ranked], index: IntArray) -> tuple[Rival, ...]:
         Rival(
             story=best.story.story(),
             index=index[best.system[:, 0] != REJECTED],
-            log_laws=float(np.logaddexp.reduce([one.score for one in (best, *others)])) - best.log_evidence,
+            log_laws=_log_sum(best.score, [one.score for one in others]) - best.log_evidence,
             log_score=best.score,
         )
         for best, *others in alike.values()
     )
+
+
+def _log_sum(first: float, others: Sequence[float]) -> float:
+    """Return the logarithm of the sum of what these are logarithms of."""
+    return float(np.logaddexp.reduce([first, *others])) if others else first
 
 
 def _confidence(ranked: list[_Ranked], index: IntArray) -> FloatArray:

@@ -6,7 +6,7 @@ from typing import Final
 
 import numpy as np
 
-from rwa_monitor.diagnosis.changepoints import join, peaks_behind_gaps, select_candidates, suppress, variance_table
+from rwa_monitor.diagnosis.changepoints import in_turn, join, peaks_behind_gaps, select_candidates, suppress, variance_table
 from rwa_monitor.diagnosis.estimation import SlopePrior, default_exclusion, estimate_slope
 from rwa_monitor.diagnosis.noise import Tails, ar_coefficient
 from rwa_monitor.diagnosis.results import Candidates, Evidence
@@ -37,6 +37,7 @@ def choose(
     peaks = join(evidence.candidates, peaks_behind_gaps(evidence.sums))
     if len(peaks) == 0 or not known.any():
         return evidence.candidates
+    peaks = in_turn(peaks)
     table = variance_table(scales[known], variances[known])
     colour = ar_coefficient(evidence.noise)
     index = suppress(peaks)

@@ -27,6 +27,7 @@ LONGEST_HALF: Final = 1024  # slots on each side that a candidate is judged by: 
 TESTS_PER_SLOT: Final = 0.25
 LONG_GAP: Final = MAX_SCALE // 2  # slots without a used sample that leave no contrast enough samples on either side
 MOST_CANDIDATES: Final = 1000  # a window with more holds something else than jumps; the strongest are kept
+_LOG_USED: Final[FloatArray] = np.log(np.maximum(np.arange(MAX_SCALE + 1), 1))  # of 0 … MAX_SCALE used samples
 
 
 def threshold_for(false_alarms: float, tests: float) -> float:
@@ -36,8 +37,7 @@ def threshold_for(false_alarms: float, tests: float) -> float:
 
 def variance_table(scales: IntArray, variances: FloatArray) -> FloatArray:
     """Return v for a shorter half of 0 … MAX_SCALE used samples: the scales' variances, interpolated in log n."""
-    n = np.maximum(np.arange(MAX_SCALE + 1), 1)
-    return np.exp(np.interp(np.log(n), np.log(scales), np.log(variances)))
+    return np.exp(np.interp(_LOG_USED, np.log(scales), np.log(variances)))
 
 
 def join(first: Candidates, second: Candidates) -> Candidates:
@@ -48,6 +48,12 @@ def join(first: Candidates, second: Candidates) -> Candidates:
         statistic=np.concatenate([first.statistic, second.statistic]),
         jump=np.concatenate([first.jump, second.jump]),
     )
+
+
+def in_turn(peaks: Candidates) -> Candidates:
+    """Return the peaks in the order in which they are tried: narrow scales and large statistics first."""
+    order = np.lexsort((peaks.index, -peaks.statistic, peaks.scale))
+    return Candidates(peaks.index[order], peaks.scale[order], peaks.statistic[order], peaks.jump[order])
 
 
 def peaks_behind_gaps(sums: RunningSums) -> Candidates:
@@ -331,7 +337,7 @@ def select_candidates(
     Parameters
     ----------
     peaks
-        Peaks of all scales above their thresholds, in any order.
+        Peaks of all scales above their thresholds, see `in_turn`.
     sums
         Running sums of the window.
     slope
@@ -345,14 +351,13 @@ def select_candidates(
     correlation
         φ of AR(1) noise, see `ar_coefficient`; 0 where it is not like that.
     """
-    order = np.lexsort((peaks.index, -peaks.statistic, peaks.scale))
     room = min(len(peaks), MOST_CANDIDATES)
     index = np.empty(room, dtype=np.int64)
     scale = np.empty(room, dtype=np.int64)
     values = np.empty((room, 3))
     bar = Bar(variances, threshold, tails.largest_outlier)
     arrays, slots = sums.arrays, sums.slots
-    accepted, read = _accept(peaks.index[order], peaks.scale[order], slots, slope, arrays, bar, index, scale)
+    accepted, read = _accept(peaks.index, peaks.scale, slots, slope, arrays, bar, index, scale)
     count, more = _settle(accepted, slots, slope, correlation, arrays, bar, index, scale, values)
     sums.samples_read += int(read + more)
     return Candidates(
@@ -380,8 +385,7 @@ def _suppress(index: IntArray, scale: IntArray, taken: IntArray) -> int:
 
 
 def suppress(peaks: Candidates) -> IntArray:
-    """Return the slots of the peaks, narrow scales and large statistics first, with no kept one within ±w; sorted."""
-    order = np.lexsort((peaks.index, -peaks.statistic, peaks.scale))
+    """Return the slots of the peaks, taken `in_turn`, with no kept one within ±w; sorted."""
     taken = np.empty(len(peaks), dtype=np.int64)
-    count = _suppress(peaks.index[order], peaks.scale[order], taken)
+    count = _suppress(peaks.index, peaks.scale, taken)
     return np.sort(taken[:count])

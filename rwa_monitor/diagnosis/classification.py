@@ -21,12 +21,14 @@ from dataclasses import dataclass, replace
 from typing import Final, TypeGuard
 
 import numpy as np
+from numba import njit
 from scipy import special
 
 from rwa_monitor.diagnosis.features import Features, FeaturesOfStory, histogram
 from rwa_monitor.diagnosis.history import TELLING_STD, Coefficient, coefficient
 from rwa_monitor.diagnosis.likelihood import stray_probabilities, system_evidence
 from rwa_monitor.diagnosis.model import AnomalyModel, LinearSvm, Model
+from rwa_monitor.diagnosis.noise import sum_up
 from rwa_monitor.diagnosis.shift import Shift, integrate_shift
 from rwa_monitor.diagnosis.state import CarriedState, Tracked, probability_before
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
@@ -211,7 +213,7 @@ def classify(
     combinations = _all_combinations(len(names))
     told = features.by_story or (FeaturesOfStory(0.0, features, same_jumps=True),)
     weighed = [_log_likelihood(one.features, models, combinations, history) for one in told]
-    log_likelihood = np.stack([one.log_weight + found[0] for one, found in zip(told, weighed, strict=True)])
+    log_likelihood = np.array([one.log_weight + found[0] for one, found in zip(told, weighed, strict=True)])
     prior = _prior(combinations, models, names, model, carried, history)
     log_prior = np.log(prior)
     by_story = _softmax(log_prior + log_likelihood)
@@ -234,13 +236,13 @@ def classify(
         base = base and base.believed(shift.held_after(posterior, number))
 
     judged, to_carry = [], {}
-    for a, (name, learned) in enumerate(zip(names, models, strict=True)):
+    shares, shares_before = shares_of(combinations, posterior).tolist(), shares_of(combinations, prior).tolist()
+    for a, (name, learned, share, before) in enumerate(zip(names, models, shares, shares_before, strict=True)):
         if not _knows(learned):
             judged.append(_not_judged(name))
             continue
         # Shares that add up to one do so to the last digit only: 1 + 2e-16 would be refused as a probability.
-        probability = min(1.0, float(posterior[combinations[:, a]].sum()))
-        before = float(prior[combinations[:, a]].sum())
+        probability = min(1.0, share)
         telling, unlike = _quality(features, learned, a)
         leans = a == 1 and history.viscous is not None and history.viscous.leans(features.viscous_std)
         judged.append(
@@ -249,8 +251,9 @@ def classify(
         # A coefficient that the window hardly measures is drawn to the same side of doubt by each window like it.
         hardly = a < 2 and not telling and (a == 1 or shift is None)
         repeated = hardly or _says_the_same(features, a)
-        gained = 0.0 if repeated else new_share * (_logit(probability) - _logit(before))
-        to_carry[name] = float(special.expit(_logit(before) + gained))
+        log_odds = _logit(before)
+        gained = 0.0 if repeated else new_share * (_logit(probability) - log_odds)
+        to_carry[name] = float(special.expit(log_odds + gained))
     viscous = history.viscous.after(features.viscous, features.viscous_std) if history.viscous else None
     return Judgement(tuple(judged), features, to_carry, configurations, (base, viscous))
 
@@ -261,6 +264,15 @@ def _all_combinations(anomalies: int) -> BoolArray:
     combinations = np.array(list(itertools.product((False, True), repeat=anomalies)))
     combinations.setflags(write=False)
     return combinations
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def shares_of(combinations: BoolArray, weights: FloatArray) -> FloatArray:
+    """Return the sum of the weights (combinations,) of all combinations that hold each anomaly, (anomalies,)."""
+    shares = np.empty(combinations.shape[1])
+    for a in range(shares.size):
+        shares[a] = sum_up(weights[combinations[:, a]])
+    return shares
 
 
 def _softmax(scores: FloatArray) -> FloatArray:
@@ -419,8 +431,9 @@ def _quality(features: Features, model: AnomalyModel | None, a: int) -> tuple[bo
     else:
         found = features.systems[a - 2].active()
     stray, relative_std = stray_probabilities(model, *found)
-    telling = bool((relative_std < TELLING_STD).any())
-    return telling, stray.size > 0 and float(np.mean(stray)) > UNLIKE_SHARE
+    if stray.size == 0:
+        return False, False
+    return float(relative_std.min()) < TELLING_STD, float(stray.sum()) / stray.size > UNLIKE_SHARE
 
 
 def _logit(probability: float) -> float:

@@ -19,6 +19,7 @@ from scipy import special
 from rwa_monitor.diagnosis.candidates import choose
 from rwa_monitor.diagnosis.changepoints import (
     TESTS_PER_SLOT,
+    in_turn,
     suppress,
     threshold_for,
 )
@@ -420,7 +421,7 @@ class WindowAccumulator:
         if self.method == "paper" or variance == 0.0 or self._sums.count < CHUNK:
             return
         noise = NoiseEstimate(float(np.sqrt(variance)), np.full(1, variance), 1.0)
-        certain = suppress(self._peaks.above(CERTAIN_STATISTIC, self._variances))
+        certain = suppress(in_turn(self._peaks.above(CERTAIN_STATISTIC, self._variances)))
         slope, std = estimate_slope(self._sums, noise, certain, STEP // 4, self.slope_prior)
         if np.isfinite(std):
             self._slope = slope

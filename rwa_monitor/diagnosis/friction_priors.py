@@ -86,14 +86,6 @@ class Priors:
         choices = _choices(self.base, self.anomaly)
         return [tuple(part[i] for part, i in zip(parts, choice, strict=True)) for choice in choices]
 
-    def moments(self, s: int, q: int) -> tuple[float, float]:
-        """Return mean and variance of the friction of a sojourn over all cases of its system."""
-        law, cases = self.laws[s][q], self.anomaly[s]
-        total = sum(case.probability for case in cases)
-        first = sum(case.probability * (1 + case.mean) for case in cases) / total
-        second = sum(case.probability * ((1 + case.mean) ** 2 + case.std**2) for case in cases) / total
-        return law.mid * first, second * (law.mid**2 + law.scatter**2) - (law.mid * first) ** 2
-
 
 def priors_of(wheel: Wheel, carried: CarriedState | None, typical_level: float, typical_jump: float) -> Priors:
     """Gather what wheel and earlier windows tell.
@@ -200,3 +192,23 @@ def law_table(laws: tuple[tuple[FrictionLaw, ...], ...]) -> FloatArray:
     for s, of_system in enumerate(laws):
         table[s, : len(of_system)] = [(law.mid, law.scatter) for law in of_system]
     return table
+
+
+@lru_cache(maxsize=256)
+def law_moments(
+    laws: tuple[tuple[FrictionLaw, ...], ...], anomaly: tuple[tuple[Case, ...], ...]
+) -> tuple[FloatArray, FloatArray]:
+    """Return mean and variance of the friction of a sojourn over all cases of its system; padded.
+
+    float64 (systems, configurations) each.
+    """
+    shape = (len(laws), max((len(of_system) for of_system in laws), default=1))
+    mean, variance = np.zeros(shape), np.zeros(shape)
+    for s, (of_system, cases) in enumerate(zip(laws, anomaly, strict=True)):
+        total = sum(case.probability for case in cases)
+        first = sum(case.probability * (1 + case.mean) for case in cases) / total
+        second = sum(case.probability * ((1 + case.mean) ** 2 + case.std**2) for case in cases) / total
+        for q, law in enumerate(of_system):
+            mean[s, q] = law.mid * first
+            variance[s, q] = second * (law.mid**2 + law.scatter**2) - (law.mid * first) ** 2
+    return mean, variance

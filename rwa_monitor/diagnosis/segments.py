@@ -113,12 +113,15 @@ def measure_level(
     return Level(index, pairs, slope, information, spread, jump, jump_variance)
 
 
+@njit(cache=True, error_model="numpy", nogil=True)
 def nodes_of(accepted: IntArray, count: int) -> IntArray:
     """Return the nodes of the segments between the accepted of `count` candidates: these, and both ends of the window.
 
     int64 (accepted + 2,); candidate j is node j + 1.
     """
-    return np.concatenate(([0], accepted + 1, [count + 1]))
+    nodes = np.empty(accepted.size + 2, dtype=np.int64)
+    nodes[0], nodes[1:-1], nodes[-1] = 0, accepted + 1, count + 1
+    return nodes
 
 
 @njit(cache=True, error_model="numpy", nogil=True)

@@ -11,6 +11,7 @@ from scipy import signal, stats
 
 from rwa_monitor.diagnosis.changepoints import (
     contrast,
+    in_turn,
     peaks_behind_gaps,
     select_candidates,
     suppress,
@@ -147,7 +148,7 @@ def _peaks(index, scale, statistic):
 
 def test_suppression_takes_narrow_scales_first():
     peaks = _peaks([100, 103, 60, 300], [2, 4, 64, 64], [50, 80, 900, 40])
-    assert suppress(peaks).tolist() == [100, 300]
+    assert suppress(in_turn(peaks)).tolist() == [100, 300]
 
 
 def _window(z, used=None):
@@ -173,7 +174,7 @@ def _choose(sums, threshold=20.0, tails=NO_TAILS):
     scales = np.array([1, 2, 4, 8, 16, 32, 64, 128])
     peaks = _all_peaks(sums, scales, threshold)
     table = variance_table(scales, np.full(scales.size, SIGMA**2))
-    return select_candidates(peaks, sums, 0.0, table, threshold, tails)
+    return select_candidates(in_turn(peaks), sums, 0.0, table, threshold, tails)
 
 
 @pytest.mark.parametrize("sojourn", [1, 2, 3, 10, 200])
@@ -224,7 +225,7 @@ def test_in_coloured_noise_places_are_found_better_with_its_colour():
     peaks = Candidates(jumps + 3, np.full(jumps.size, 32), np.full(jumps.size, 100.0), np.ones(jumps.size))
     table = variance_table(np.array([1, 32]), np.array([0.5, 2.8]) * SIGMA**2)
     exact = [
-        np.isin(jumps, select_candidates(peaks, sums, 0.0, table, 20.0, NO_TAILS, correlation).index).sum()
+        np.isin(jumps, select_candidates(in_turn(peaks), sums, 0.0, table, 20.0, NO_TAILS, correlation).index).sum()
         for correlation in (0.0, phi)
     ]
     # 119 jumps; the white likelihood places about 75 % of them exactly, the right one about 90 %.
