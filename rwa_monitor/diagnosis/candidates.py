@@ -6,7 +6,14 @@ from typing import Final
 
 import numpy as np
 
-from rwa_monitor.diagnosis.changepoints import in_turn, join, peaks_behind_gaps, select_candidates, suppress, variance_table
+from rwa_monitor.diagnosis.changepoints import (
+    in_turn,
+    join,
+    peaks_behind_gaps,
+    select_candidates,
+    suppress,
+    variance_table,
+)
 from rwa_monitor.diagnosis.estimation import SlopePrior, default_exclusion, estimate_slope
 from rwa_monitor.diagnosis.noise import Tails, ar_coefficient
 from rwa_monitor.diagnosis.results import Candidates, Evidence

@@ -275,9 +275,7 @@ def condition(
     """
     precision, log_variance = np.empty_like(posterior), np.empty_like(mean)
     log_determinant = _invert(covariance, block, precision, log_variance)
-    return _condition(
-        levels, moments, mean, precision, log_determinant, variance, scatter, posterior_mean, posterior
-    )
+    return _condition(levels, moments, mean, precision, log_determinant, variance, scatter, posterior_mean, posterior)
 
 
 @njit(cache=True, error_model="numpy", nogil=True)

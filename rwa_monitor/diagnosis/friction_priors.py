@@ -143,26 +143,33 @@ def _system_of(
     """Return a system's anomaly and friction laws: learned, else the wheel's, else wide and in proportion to q."""
     known = carried.system(system.name) if carried else None
     memories = [known.friction[q] if known and q < len(known.friction) else None for q in range(system.configurations)]
-    learned = any(memory is not None and memory.count >= MIN_LEARNED for memory in memories)
+    laws = _stated_laws(system, 0.0 if system.friction else jump)
+    if not any(memory is not None and memory.count >= MIN_LEARNED for memory in memories):
+        return (ANOMALY_CASES if system.friction else (Case(1.0, 0.0, UNKNOWN_SPREAD),)), laws
+    changed = ANOMALY_CASES[1]
+    return (
+        Case(1.0 - CHANGE_PER_WINDOW, 0.0, LEARNED_SPREAD),
+        Case(CHANGE_PER_WINDOW, changed.mean, changed.std),
+    ), tuple(
+        stated
+        if memory is None or memory.count < MIN_LEARNED or (q == 0 and stated.fixed_at_zero)
+        else FrictionLaw(memory.mean, max(memory.std, 0.02 * abs(memory.mean)))
+        for q, (stated, memory) in enumerate(zip(laws, memories, strict=True))
+    )
+
+
+@lru_cache(maxsize=256)
+def _stated_laws(system: SwitchingSystem, jump: float) -> tuple[FrictionLaw, ...]:
+    """Return a system's friction laws as the wheel states them; where it does not, in proportion to q."""
+    if system.friction is None:
+        return FrictionLaw(0.0, 0.0), *(
+            FrictionLaw(q * jump, UNKNOWN_SPREAD * jump) for q in range(1, system.configurations)
+        )
     laws = []
-    for q, memory in enumerate(memories):
-        given = system.friction[q] if system.friction else None
-        if q == 0 and (given is None or given.low == given.high == 0.0):
-            laws.append(FrictionLaw(0.0, 0.0))
-        elif memory is not None and memory.count >= MIN_LEARNED:
-            laws.append(FrictionLaw(memory.mean, max(memory.std, 0.02 * abs(memory.mean))))
-        elif given is not None:
-            mid = 0.5 * (given.low + given.high)
-            laws.append(FrictionLaw(mid, max((given.high - given.low) / 12.0**0.5, 0.02 * abs(mid))))
-        else:
-            laws.append(FrictionLaw(q * jump, UNKNOWN_SPREAD * jump))
-    if learned:
-        changed = ANOMALY_CASES[1]
-        return (
-            Case(1.0 - CHANGE_PER_WINDOW, 0.0, LEARNED_SPREAD),
-            Case(CHANGE_PER_WINDOW, changed.mean, changed.std),
-        ), tuple(laws)
-    return (ANOMALY_CASES if system.friction else (Case(1.0, 0.0, UNKNOWN_SPREAD),)), tuple(laws)
+    for given in system.friction:
+        mid = 0.5 * (given.low + given.high)
+        laws.append(FrictionLaw(mid, max((given.high - given.low) / 12.0**0.5, 0.02 * abs(mid))))
+    return tuple(laws)
 
 
 def _choices(base: tuple[Case, ...], anomaly: tuple[tuple[Case, ...], ...]) -> list[tuple[int, ...]]:

@@ -95,12 +95,12 @@ class Levels(Strict):
         learned = (anomalous.low, anomalous.high, anomalous.soft) if anomalous else (np.nan,) * 3
         return np.array([nominal.low, nominal.high, nominal.soft, *learned, self.stray, self.reach])
 
-    @property
+    @cached_property
     def nominal_low(self) -> float:
         """Lower bound of nominal values: two standard deviations of the softness below the band."""
         return self.nominal.low - 2.0 * self.nominal.soft
 
-    @property
+    @cached_property
     def nominal_high(self) -> float:
         """Upper bound of nominal values."""
         return self.nominal.high + 2.0 * self.nominal.soft
@@ -174,7 +174,7 @@ class AnomalyModel(Strict):
         unknown = np.full(LEVEL_NUMBERS, np.nan)
         return np.stack([unknown if levels is None else levels.numbers for levels in self.levels])
 
-    @property
+    @cached_property
     def knows_friction(self) -> bool:
         """Whether any value was learned."""
         return any(levels is not None for levels in self.levels)

@@ -17,14 +17,16 @@ from functools import cached_property
 from typing import Annotated, Final, Self
 
 import numpy as np
+from numba import njit
 from pydantic import Field, ValidationError
 
 from rwa_monitor.diagnosis.canonical import Rounded, canonical_json, content_sha256
+from rwa_monitor.diagnosis.noise import sum_up
 from rwa_monitor.diagnosis.results import Assignment, Components
 from rwa_monitor.errors import InputError
 from rwa_monitor.physics.strict import Strict
 from rwa_monitor.physics.wheel import Wheel
-from rwa_monitor.samples import FloatArray
+from rwa_monitor.samples import FloatArray, IntArray
 
 STATE_VERSION: Final = 1
 MAX_STATE_BYTES: Final = 200_000  # a state of 8 systems with 16 configurations takes some 20 kB
@@ -276,10 +278,8 @@ def _next_system(
     configurations, starts = assignment.configurations[s], assignment.starts[s]
     remembered = before.friction if before and before.friction else (None,) * system.configurations
     friction = components.fss_friction[s]
-    memories = tuple(
-        _remember(remembered[q], friction[configurations == q] if learn else np.zeros(0))
-        for q in range(system.configurations)
-    )
+    seen = _add_up(configurations, friction, system.configurations, learn).tolist()
+    memories = tuple(_remember(remembered[q], *sums) for q, sums in enumerate(seen))
     hop = wheel.window.hop_slots
     if configurations.size == 0 or hop > wheel.window.samples:
         return SystemState(name=system.name, friction=memories)
@@ -292,16 +292,27 @@ def _next_system(
     return SystemState(name=system.name, configuration=int(configurations[current]), age=age, friction=memories)
 
 
-def _remember(before: FrictionMemory | None, values: FloatArray) -> FrictionMemory | None:
+@njit(cache=True, error_model="numpy", nogil=True)
+def _add_up(configuration: IntArray, friction: FloatArray, configurations: int, learn: bool) -> FloatArray:
+    """Return number of sojourns, sums of friction and of its squares, by configuration: float64 (configurations, 3)."""
+    sums = np.zeros((configurations, 3))
+    for q in range(configurations if learn else 0):
+        values = friction[(configuration == q) & np.isfinite(friction)]
+        sums[q, 0], sums[q, 1], sums[q, 2] = values.size, sum_up(values), sum_up(values * values)
+    return sums
+
+
+def _remember(
+    before: FrictionMemory | None, new_count: float, new_total: float, new_squares: float
+) -> FrictionMemory | None:
     """Forget a share of what was and add the new sojourns; sums of weights, values and squares."""
-    values = values[np.isfinite(values)]
-    if before is None and values.size == 0:
+    if before is None and new_count == 0.0:
         return None
     count = REMEMBERED * before.count if before else 0.0
     total = count * before.mean if before else 0.0
     squares = count * (before.std**2 + before.mean**2) if before else 0.0
-    count += float(values.size)
-    total += float(values.sum())
-    squares += float((values * values).sum())
+    count += new_count
+    total += new_total
+    squares += new_squares
     mean = total / count
     return FrictionMemory(count=count, mean=mean, std=math.sqrt(max(squares / count - mean**2, 0.0)))
