@@ -209,6 +209,7 @@ def _counted(verdicts: Iterable[str]) -> str:
 def _tell_the_truth(story: Story, view: DemoView, record: Path) -> None:
     """Print what happened, what the monitor said of it, and how to check the recording."""
     from rwa_monitor.cli.demo_story import ANOMALY, FACTOR, FAILING
+    from rwa_monitor.words import counted
 
     click.echo(
         f"\nWhat was true: the {ANOMALY} friction of {FAILING} grew to {FACTOR} times its nominal value"
@@ -222,7 +223,7 @@ def _tell_the_truth(story: Story, view: DemoView, record: Path) -> None:
     )
     for wheel, row in sorted(view.rows.items()):
         said = _counted(diagnosis.verdict for diagnosis in row.diagnoses) or "no window was full yet"
-        click.echo(f"  {wheel}  {len(row.diagnoses)} windows: {said}")
+        click.echo(f"  {wheel}  {counted(len(row.diagnoses), 'window')}: {said}")
         first = next((diagnosis for diagnosis in row.diagnoses if diagnosis.verdict == "anomalous"), None)
         if first is not None:
             click.echo(

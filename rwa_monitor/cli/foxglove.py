@@ -22,9 +22,10 @@ def command(ctx: click.Context, recordings: tuple[Path, ...], output: Path) -> N
     foxglove.Log. OUT.layout.json is the layout for it, and for the same wheels live (dashboard --foxglove).
     """
     from rwa_monitor.live.foxglove_file import write_foxglove
+    from rwa_monitor.words import counted
 
     written = write_foxglove(recordings, output)
     for problem in written.problems:
         say(problem)
-    say(f"{output}: {written.messages} messages; the layout for Foxglove is {written.layout}")
+    say(f"{output}: {counted(written.messages, 'message')}; the layout for Foxglove is {written.layout}")
     ctx.exit(UNREADABLE if written.problems else 0)

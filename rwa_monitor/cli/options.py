@@ -181,5 +181,7 @@ def warn_if_alone(bus: BusOptions) -> None:
         say("without -e, -l or -c the bus is this process alone; for example -l tcp/127.0.0.1:7447, and -e elsewhere")
     for endpoint in bus.listen:
         protocol, _, address = endpoint.partition("/")
+        if not address:  # no endpoint: it is refused when the bus is opened, and nobody is let in
+            continue
         if protocol not in _PROTECTED and not _LOOPBACK.match(address):
             say(f"{endpoint} lets in everybody who reaches it; docker/client.json5 shows how to join by mutual TLS")

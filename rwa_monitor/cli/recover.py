@@ -22,11 +22,12 @@ def command(ctx: click.Context, recording: Path, output: Path) -> None:
     are saved.
     """
     from rwa_monitor.live.recover import recover
+    from rwa_monitor.words import counted
 
     recovery = recover(recording, output)
     for line in recovery.lost:
         say(line)
     for line in recovery.spans:
         say(line)
-    say(f"{output}: {recovery.messages} messages saved")
+    say(f"{output}: {counted(recovery.messages, 'message')} saved")
     ctx.exit(UNREADABLE if recovery.lost else 0)

@@ -78,8 +78,9 @@ def _publish(paths: Path | tuple[Path, ...], speed: float, bus: BusOptions) -> N
     from rwa_monitor.cli.signals import stop_on_signals
     from rwa_monitor.live.bus import open_session
     from rwa_monitor.live.replay import replay_to_bus
+    from rwa_monitor.words import counted
 
     warn_if_alone(bus)
     with stop_on_signals() as stop, open_session(bus) as session:
         sent = replay_to_bus(paths, session, speed=speed, stop=stop)
-    say(f"{sent} messages published")
+    say(f"{counted(sent, 'message')} published")

@@ -9,12 +9,14 @@ connect = ["tls/router:7447"]
 speed = 300.0
 ```
 
-The same from the environment: `RWA_MONITOR_RUN_RECORD`, `RWA_MONITOR_SIMULATE_PUBLISH_SPEED`. The command line goes
-before the environment, the environment before the file, and the file before the default.
+The same from the environment: `RWA_MONITOR_RUN_RECORD`, `RWA_MONITOR_SIMULATE_PUBLISH_SPEED`. What may be given several
+times is a list in the file, and parted by spaces in the environment: `RWA_MONITOR_RUN_CONNECT="tls/a:7447 tls/b:7447"`.
+The command line goes before the environment, the environment before the file, and the file before the default.
 """
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, Final
@@ -112,8 +114,13 @@ def _of_tables(tables: dict[str, Any], group: click.Group, ctx: click.Context, s
 
 
 def _check(option: click.Option, value: Any, ctx: click.Context, source: str, place: str) -> None:
-    if isinstance(option.type, click.Path) and not isinstance(value, str):
-        raise InputError(source, f"{value!r} is no name of a file or folder", place)
+    if option.multiple and not isinstance(value, list):
+        written = f"{place.rpartition('.')[2]} = [{json.dumps(value, default=str)}]"
+        raise InputError(source, f"write a list: {written}", place)
+    if isinstance(option.type, click.Path):
+        for one in value if option.multiple else [value]:
+            if not isinstance(one, str):
+                raise InputError(source, f"{one!r} is no name of a file or folder", place)
     try:
         option.type_cast_value(ctx, value)
     except click.BadParameter as error:

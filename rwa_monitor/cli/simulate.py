@@ -92,6 +92,7 @@ def dataset(recipe: str, count: int, seed: int, output: Path, suffix: str) -> No
     from rwa_monitor.formats.table import table_writer
     from rwa_monitor.formats.truth import write_truth
     from rwa_monitor.physics.datasets import generate, label_columns, label_row
+    from rwa_monitor.words import counted
 
     windows = track(generate(recipe, count, seed), count, "simulating")
     rows: list[tuple[str, ...]] = []
@@ -107,7 +108,7 @@ def dataset(recipe: str, count: int, seed: int, output: Path, suffix: str) -> No
         _write_wheel_beside(window, table)
         rows.append(label_row(window, table.name))
     write_labels(header, rows, output / "labels.csv")
-    say(f"{len(rows)} windows in {output}, labels in {output / 'labels.csv'}")
+    say(f"{counted(len(rows), 'window')} in {output}, labels in {output / 'labels.csv'}")
 
 
 @command.command(short_help="Publish one recording on the bus.")

@@ -34,6 +34,7 @@ def command(labels_file: Path, wheel_file: Path, output: Path, scheduler: str | 
     from rwa_monitor.formats.labels import read_labels
     from rwa_monitor.formats.model_file import write_model
     from rwa_monitor.formats.wheel_file import read_wheel
+    from rwa_monitor.words import counted
 
     tell_of_compiling()
     wheel = read_wheel(wheel_file)
@@ -56,4 +57,4 @@ def command(labels_file: Path, wheel_file: Path, output: Path, scheduler: str | 
     again = shlex.join(["rwa-monitor", "train", names[0], "--wheel", names[1], "-o", names[2]])
     model = train(windows, wheel, source=labels_file.name, command=again)
     write_model(model, output)
-    say(f"{names[2]}: learned from {len(windows)} windows of {len(files)} files")
+    say(f"{names[2]}: learned from {counted(len(windows), 'window')} of {counted(len(files), 'file')}")

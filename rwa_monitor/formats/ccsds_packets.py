@@ -34,6 +34,7 @@ from rwa_monitor.formats.telemetry import (
 from rwa_monitor.formats.telemetry_map import PacketWheel, conversion, packet_wheels, time_conversion
 from rwa_monitor.samples import Samples
 from rwa_monitor.slots import MAX_TIME_NS
+from rwa_monitor.words import counted
 
 MAX_PACKET_FILE_BYTES: Final = 1_000_000_000
 HEADER_BYTES: Final = 6
@@ -364,9 +365,10 @@ def packet_notes(counts: PacketCounts) -> list[str]:
     if counts.unknown:
         apids = ", ".join(str(apid) for apid in sorted(counts.unknown_apids)[:8])
         more = ", …" if len(counts.unknown_apids) > 8 else ""
-        notes.append(f"{counts.unknown} packets of APIDs that the map does not name ({apids}{more})")
+        notes.append(f"{counted(counts.unknown, 'packet')} of APIDs that the map does not name ({apids}{more})")
     if counts.other:
-        notes.append(f"{counts.other} packets of a known APID without the parameters of the map")
+        notes.append(f"{counted(counts.other, 'packet')} of a known APID without the parameters of the map")
     if counts.gaps:
-        notes.append(f"the sequence count breaks {counts.gaps} times; {counts.missing} packets are missing")
+        missing = counted(counts.missing, "packet")
+        notes.append(f"the sequence count breaks {counted(counts.gaps, 'time')}; missing: {missing}")
     return notes

@@ -34,11 +34,14 @@ from rwa_monitor.formats.files import display_name, first_line, unreadable
 from rwa_monitor.formats.ros2_types import checked_definition
 from rwa_monitor.formats.telemetry import Decoding, SampleBatch, TelemetryFile, WheelTelemetry, disorder
 from rwa_monitor.formats.telemetry_map import SI_UNITS, TopicChannel, TopicWheel, conversion, topic_wheels
+from rwa_monitor.hints import did_you_mean
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, FloatArray, IntArray, Samples
 from rwa_monitor.slots import MAX_TIME_NS
+from rwa_monitor.words import counted
 
 MAX_RECORD_BYTES: Final = 64 * 2**20
 MAX_SKIPPED_BYTES: Final = 2**40  # of an attachment that is passed over
+MAX_JOINTS_TOLD: Final = 8  # of a topic, where the map names another
 MAX_CHUNK_BYTES: Final = 64 * 2**20  # unpacked; rosbag2 writes chunks of less than one
 MAX_WORK_BYTES: Final = 16 * 2**30  # to be unpacked of a file; a bag with pictures is large
 MAX_SCHEMAS_BYTES: Final = 64 * 2**20  # of all that are kept; a bag of hundreds of types has some
@@ -90,14 +93,16 @@ def read_bag(path: Path, decoding: Decoding) -> TelemetryFile:
         for entry in wheels
         if len(entry)
     ]
+    absent = list(dict.fromkeys(words for entry in wheels for words in entry.absent_joints()))
     if not telemetry:
-        because = f" ({bag.problems()[0]})" if bag.problems() else ""
+        why = [*bag.problems(), *absent]
+        because = f" ({why[0]})" if why else ""
         raise InputError(source, f"holds no sample of a wheel of the map{because}")
     unordered = [note for entry in telemetry for note in disorder(entry.batches[0].samples, str(entry.wheel))]
     return TelemetryFile(
         telemetry,
         problems=[f"{source}: {problem}" for problem in bag.problems()],
-        notes=[f"{source}: {note}" for note in unordered],
+        notes=[f"{source}: {note}" for note in (*absent, *unordered)],
     )
 
 
@@ -111,6 +116,7 @@ class _Series:
         self.spec = spec
         self.times = array("q")
         self.values = array("d")
+        self._others: dict[str, None] = {}  # joints that messages without this one hold, an ordered set
         self._factor, self._offset = conversion(channel, spec.unit or SI_UNITS[channel], source, place)
 
     def take(self, message: Any, logged: Message) -> None:
@@ -119,6 +125,8 @@ class _Series:
         if self.spec.joint is not None:
             names = list(_field(message, "name"))
             if self.spec.joint not in names:
+                if len(self._others) < MAX_JOINTS_TOLD:
+                    self._others.update(dict.fromkeys(map(str, names[:MAX_JOINTS_TOLD])))
                 return
             at = names.index(self.spec.joint)
         value = _field(message, self.spec.field)
@@ -131,6 +139,13 @@ class _Series:
             raise ValueError(f"a time of {time_ns / 1e9:.3g} s; the bus takes 0 to {MAX_TIME_NS / 1e9:.0e} s")
         self.times.append(time_ns)
         self.values.append(float(value) * self._factor + self._offset)
+
+    def absent_joint(self) -> str:
+        """Say which joints there are instead, where no message holds this one; "" otherwise."""
+        if self.times or not self._others:
+            return ""
+        hint = did_you_mean(str(self.spec.joint), self._others)
+        return f"{self.spec.topic} has no joint {self.spec.joint}; there are {', '.join(self._others)}{hint}"
 
     def _time_of(self, message: Any, logged: Message) -> int:
         if self.spec.time == "log":
@@ -156,6 +171,10 @@ class _Wheel:
     def __len__(self) -> int:
         """Count the samples."""
         return len(self.series["speed_rad_s"].times)
+
+    def absent_joints(self) -> list[str]:
+        """Say, once for each topic, which joints of the map the bag does not have."""
+        return list(dict.fromkeys(words for series in self.series.values() if (words := series.absent_joint())))
 
     def samples(self) -> Samples:
         """Return what is known of each channel when the speed is."""
@@ -231,9 +250,9 @@ class _Bag:
         """Say what could not be read."""
         found = list(self._lost)
         if self._undescribed:
-            found.append(f"{self._undescribed} messages are of topics whose description cannot be read")
+            found.append(f"{counted(self._undescribed, 'message')} of topics whose description cannot be read")
         if self._refused:
-            found.append(f"{self._refused} messages cannot be used, the first: {self._first_refused}")
+            found.append(f"{counted(self._refused, 'message')} cannot be used, the first: {self._first_refused}")
         return found
 
     def check_topics(self) -> None:

@@ -19,6 +19,7 @@ from rwa_monitor.formats.ccsds_example import packets_of
 from rwa_monitor.formats.ccsds_packets import PacketDecoder, SampleColumns, packet_notes, split_packets
 from rwa_monitor.live.publisher import SamplesSink
 from rwa_monitor.samples import Samples
+from rwa_monitor.words import counted
 
 MAX_DATAGRAM_BYTES: Final = 65_535  # what UDP's length field can say
 RECEIVE_BUFFER_BYTES: Final = 4 * 2**20  # asked for; the system may give less
@@ -139,7 +140,7 @@ class Bridge:
     def news(self) -> list[str]:
         """Say what was left out and what is missing so far."""
         counts = self._decoder.counts
-        bad = [f"{counts.bad} packets cannot be read, the first: {counts.first_bad}"] if counts.bad else []
+        bad = [f"{counted(counts.bad, 'packet')} cannot be read, the first: {counts.first_bad}"] if counts.bad else []
         return [*bad, *packet_notes(counts)]
 
 

@@ -24,6 +24,7 @@ from rwa_monitor.live.recorder import Recorder
 from rwa_monitor.live.run_options import RunOptions
 from rwa_monitor.live.searches import Searches
 from rwa_monitor.messages import Diagnosis, Health, Message, SamplesMessage, Status, key_of, split_key
+from rwa_monitor.messages.samples import misspelt
 from rwa_monitor.version import SOFTWARE
 from rwa_monitor.words import counted, time_text
 
@@ -267,6 +268,8 @@ class Monitor:
             return
         served.messages_rejected += 1
         text = ": ".join(part for part in (error.place, error.reason) if part)
+        if meant := misspelt(payload):
+            text = f"{text}; {meant}"
         if served.last_error != text:
             self.say(f"{spacecraft}/{wheel}: a message was refused: {text}")
         served.last_error = text

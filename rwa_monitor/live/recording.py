@@ -33,6 +33,7 @@ from mcap.writer import MCAP0_MAGIC
 
 from rwa_monitor.errors import InputError
 from rwa_monitor.formats.files import PIECE_BYTES, display_name, read_bytes, unreadable
+from rwa_monitor.words import counted
 
 MAX_CHUNK_BYTES: Final = 64 * 2**20  # uncompressed; ours have some 64 kB, or one message of at most 8 MB
 MAX_RECORD_BYTES: Final = 256 * 2**20  # an attached checkpoint of 8 open windows of 80,000 slots is some 30 MB
@@ -283,7 +284,7 @@ class _Walk:
             yield from found
         if self.lost_messages:
             self.recording.problems.append(
-                f"{self.lost_messages} messages of channels whose description cannot be read"
+                f"{counted(self.lost_messages, 'message')} of channels whose description cannot be read"
             )
 
     def _record_end(self, position: int) -> int | None:

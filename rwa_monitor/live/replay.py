@@ -21,6 +21,7 @@ from rwa_monitor.live.searches import jobs_of, search_message
 from rwa_monitor.live.wheel_set import WheelSet
 from rwa_monitor.messages import Diagnosis, Discrepancy, SamplesMessage
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND
+from rwa_monitor.words import counted
 
 MAX_LISTED: Final = 20  # fields in the short report
 
@@ -82,7 +83,7 @@ class Report:
         if not self.compared:
             result = "nothing could be compared"
         elif self.differences:
-            result = f"{len(self.differences)} differences"
+            result = counted(len(self.differences), "difference")
         else:
             result = "equal, byte for byte" if self.bytes_equal else "equal to 1e-9 relative, bytes differ"
         return f"{files}: {what} compared: {result}"
@@ -149,7 +150,7 @@ class _Chain:
 
         self._search_again(recording, setup.wheels)
         if not any(schema == Diagnosis.schema_name() for _, schema, _ in (*own, *inherited)):
-            self._note(recording, f"holds no closed window ({rebuilt.inputs} messages of samples)")
+            self._note(recording, f"holds no closed window ({counted(rebuilt.inputs, 'message')} of samples)")
         self.files.append(recording.path)
 
     def _search_again(self, recording: Recording, wheels: WheelSet) -> None:

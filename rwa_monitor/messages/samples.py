@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, ClassVar, Self
+from itertools import islice
+from typing import Annotated, Any, ClassVar, Final, Self
 
 import numpy as np
 from pydantic import Field, model_validator
+from pydantic_core import from_json
 
-from rwa_monitor.messages.base import MAX_SAMPLES, Count, Message, TimeNs, dump_json
+from rwa_monitor.hints import closest
+from rwa_monitor.messages.base import MAX_MESSAGE_BYTES, MAX_SAMPLES, Count, Message, TimeNs, dump_json
 from rwa_monitor.samples import CHANNELS, FloatArray, Samples
 
 # NaN and Infinity are no JSON, but some writers use them: they are read, and masked, like null.
 Readings = Annotated[list[float | None], Field(max_length=MAX_SAMPLES)]
+
+
+MAX_KEYS_TRIED: Final = 20  # of those that are not known, for what they may have meant
 
 
 class SamplesMessage(Message):
@@ -53,6 +59,28 @@ class SamplesMessage(Message):
             if (values := getattr(self, name)) is not None
         }
         return Samples(time_ns=np.array(self.time_ns, dtype=np.int64), **channels)
+
+
+def misspelt(payload: bytes) -> str:
+    """Return "friction_torque_nm: did you mean friction_torque_Nm?" of a message that cannot be used, or "".
+
+    Parameters
+    ----------
+    payload
+        As it came. A key that is not known is no fault by itself; where something is missing, it may be what was meant.
+    """
+    try:
+        content = from_json(payload[:MAX_MESSAGE_BYTES])
+    except ValueError:
+        return ""
+    if not isinstance(content, dict):
+        return ""
+    missing = [name for name in SamplesMessage.model_fields if name not in content]
+    for key in islice((key for key in content if key not in SamplesMessage.model_fields), MAX_KEYS_TRIED):
+        meant = closest(key, missing)
+        if meant is not None:
+            return f"{key}: did you mean {meant}?"
+    return ""
 
 
 def samples_json(samples: Samples, publisher: str, batch: int) -> bytes:

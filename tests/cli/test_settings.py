@@ -53,6 +53,8 @@ def test_the_command_line_goes_before_the_environment_before_the_file(
         ("[diagnoze]\n", "diagnoze: no command has this name; did you mean 'diagnose'?"),
         ("[run]\nrecrod = 'x'\n", "run.recrod: no option has this name; did you mean 'record'?"),
         ("[run]\nrecord-limit = 'much'\n", "run.record-limit: 'much' is not a valid number"),
+        ("[run]\nconnect = 'tcp/router:7447'\n", 'run.connect: write a list: connect = ["tcp/router:7447"]'),
+        ("[discrepancy]\nheld-out = [5]\n", "discrepancy.held-out: 5 is no name of a file or folder"),
         ("[run]\nrecord = 5\n", "run.record: 5 is no name of a file or folder"),
         ("[simulate.publish]\nspeed = -1.0\n", "simulate.publish.speed: -1.0 is not in the range"),
         ("run = 3\n", "run: is no table of options, such as [run]"),

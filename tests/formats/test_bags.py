@@ -144,6 +144,10 @@ BAD_MAPS = {
     "a text": (bags.SHORT_MAP.replace('"velocity"', '"name"'), "name is no number"),
     "a list": (bags.SHORT_MAP.replace(', joint = "wheel_1"', ""), "velocity is no number"),
     "no such joint": (bags.SHORT_MAP.replace('joint = "wheel_1"', 'joint = "w"'), "holds no sample of a wheel"),
+    "a joint misspelt": (
+        bags.SHORT_MAP.replace('joint = "wheel_1"', 'joint = "whel_1"'),
+        "/joint_states has no joint whel_1; there are wheel_1; did you mean 'wheel_1'?",
+    ),
     "unit of another quantity": (bags.SHORT_MAP.replace("joint =", 'unit = "V", joint ='), "is no unit of speed_rad_s"),
     "a private name": (bags.SHORT_MAP.replace('"velocity"', '"__class__"'), "field"),
     "a time that is none": (bags.SHORT_MAP.replace("joint =", 'time = "now", joint ='), "time"),

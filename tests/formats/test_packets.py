@@ -182,8 +182,8 @@ def test_what_is_bad_in_a_file_is_a_problem_and_what_is_unknown_a_note(tmp_path:
     assert len(found.problems) == 1
     assert "1 of 4 packets cannot be read, the first: packet 2: APID 416: " in found.problems[0]
     notes = " ".join(found.notes)
-    assert "1 packets of APIDs that the map does not name (7)" in notes
-    assert "the sequence count breaks 1 times; 1 packets are missing" in notes
+    assert "1 packet of APIDs that the map does not name (7)" in notes
+    assert "the sequence count breaks 1 time; missing: 1 packet" in notes
 
 
 def test_packets_that_come_late_or_again_are_told_and_put_in_order(tmp_path: Path) -> None:

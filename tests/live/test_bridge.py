@@ -104,7 +104,7 @@ def test_counts_are_json(bridge: Bridge) -> None:
     bridge.take(b"\x03\xe7" + made.packets(1)[0][2:], 0.0)
     counts = json.loads(json.dumps(bridge.counts()))
     assert counts["unknown_apids"] == [999]
-    assert bridge.news() == ["1 packets of APIDs that the map does not name (999)"]
+    assert bridge.news() == ["1 packet of APIDs that the map does not name (999)"]
 
 
 # ---- sockets ---------------------------------------------------------------------------------------------------------

@@ -25,6 +25,7 @@ from rwa_monitor.messages import (
     schema_files,
     split_key,
 )
+from rwa_monitor.messages.samples import misspelt
 from rwa_monitor.samples import Samples
 from rwa_monitor.slots import MAX_TIME_NS
 from tests.live.support import batch_diagnoses, run_core, said, telemetry, wheel
@@ -178,3 +179,19 @@ def test_the_gain_of_a_report_is_one_of_the_message_as_a_search_writes_it() -> N
     gain = dict.fromkeys(Gain.model_fields, 0) | {"diagnosis": None, "simulated": None}
     for names in ([], ["tuesday.csv"]):
         assert Gain.model_validate(gain | {"held_out": names}).held_out == names
+
+
+@pytest.mark.parametrize(
+    ("payload", "said"),
+    [
+        (b'{"speed_rad_s":[1.0],"friction_torque_nm":[1.0]}', "friction_torque_nm: did you mean friction_torque_Nm?"),
+        (b'{"time_ns":[1],"speed_rads":[1.0],"friction_torque_Nm":[1.0]}', "speed_rads: did you mean speed_rad_s?"),
+        (b'{"time_ns":[1],"colour":[1.0]}', ""),
+        (b'{"friction_torque_Nm":[1.0],"friction_torque_nm":[1.0]}', ""),  # the one that was meant is there
+        (b"[" * 100_000, ""),
+        (b"\xff", ""),
+        (b"[]", ""),
+    ],
+)  # fmt: skip
+def test_a_misspelt_key_is_answered_with_the_one_that_was_meant(payload: bytes, said: str) -> None:
+    assert misspelt(payload) == said

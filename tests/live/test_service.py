@@ -194,8 +194,10 @@ def test_a_wheel_that_cannot_be_served_is_told_in_its_status() -> None:
         with monitor(session, options()) as talk:
             publish({KEY: samples}, session, speed=math.inf, batch_samples=10, linger_s=0.0)
             wait_for(lambda: listener.status().get("messages_rejected") == 5, "five refusals")
-    assert "friction_torque_Nm is missing" in listener.status()["last_error"]
-    assert sum("friction_torque_Nm is missing" in line for line in talk) == 1  # once, not five times
+            session.put(KEY, b'{"time_ns":[1],"speed_rad_s":[1.0],"friction_torque_nm":[1.0]}')
+            wait_for(lambda: listener.status().get("messages_rejected") == 6, "one more")
+    assert "friction_torque_nm: did you mean friction_torque_Nm?" in listener.status()["last_error"]
+    assert sum("friction_torque_Nm is missing" in line for line in talk) == 2  # once, not five times; and the other
 
 
 def test_every_wheel_has_one_shard() -> None:

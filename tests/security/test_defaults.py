@@ -77,6 +77,7 @@ def test_the_dashboard_listens_on_loopback_only(tmp_path: Path) -> None:
         ("tls/0.0.0.0:7447", False),
         ("tcp/0.0.0.0:7447", True),
         ("udp/[::]:7447", True),
+        ("0.0.0.0:7447", False),  # refused
     ],
 )
 def test_an_endpoint_that_lets_everybody_in_is_warned_of(
