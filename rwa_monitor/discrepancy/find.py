@@ -11,6 +11,7 @@ import numpy as np
 
 from rwa_monitor.discrepancy.alignment import Delay
 from rwa_monitor.discrepancy.angle_drift import with_angle_drift
+from rwa_monitor.discrepancy.angle_lines import AngleLine, angle_line, ripple_with
 from rwa_monitor.discrepancy.base_fit import Problem, fit, make_problem, with_noise_of
 from rwa_monitor.discrepancy.cage import cage_bursts
 from rwa_monitor.discrepancy.delay_term import DelayTerm
@@ -52,6 +53,7 @@ from rwa_monitor.discrepancy.unexplained import judge_leftover, wandering, with_
 from rwa_monitor.discrepancy.untested import as_a_part, too_weak_to_show, untested_others
 from rwa_monitor.physics.effects.base import MeanEffect
 from rwa_monitor.physics.effects.catalogue import CATALOGUE, MEAN_EFFECTS
+from rwa_monitor.physics.effects.torque_ripple import TorqueRipple
 from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import Samples
 
@@ -123,6 +125,12 @@ def find_discrepancy(
     # What is left of a delay that is taken out is less than a part of a slot.
     missing = [effect for effect in candidates(wheel) if delay is None or effect is not DelayTerm]
     tried = [effect for effect in missing if _can_show(problem, effect)]
+    line = _angle_line(problem)
+    if line is not None and line.flips:
+        # No ripple is that, and other names feed on it.
+        problem = replace(prepare(line.taken_from(problem.records), wheel), each=each)
+    elif line is not None and not line.is_whole:
+        tried = [ripple_with(line.order) if effect is TorqueRipple else effect for effect in tried]
     searched: list[type[MeanEffect]] = [*tried, HeatOfMotion] if may_be_warm(problem) else tried
     problem, found, leftover, complete = _explain(problem, searched, progress, wheel)
     progress("noise and jumps")
@@ -146,6 +154,8 @@ def find_discrepancy(
         found = without_rounding(problem, found)
     if not {effect.name for effect in others} & {"tachometer_quantisation", "cage_instability"}:
         leftover = leftover or wanders
+    if line is not None and line.flips:
+        leftover = _with_line(line, leftover)
     progress("gain on held-out data")
     score = partial(held_out, problem) if aside is None else partial(on_other_recordings, problem, aside)
     scores = tuple(each(score, found.ladder))
@@ -177,6 +187,18 @@ def _with_simulated(search: Search) -> Search:
         return search
     gain = replace(gain, simulated=extend(search).simulated)
     return replace(search, result=replace(search.result, gain=gain))
+
+
+def _angle_line(problem: Problem) -> AngleLine | None:
+    """Return what repeats with the wheel's angle; None where nothing does, or no noise says what would be chance."""
+    return angle_line(problem, fit(problem, np.zeros((problem.size, 0)))) if problem.has_noise else None
+
+
+def _with_line(line: AngleLine, left: Unexplained | None) -> Unexplained:
+    told = line.unexplained()
+    if left is None:
+        return told
+    return Unexplained(f"{told.signature}; and {left.signature}", float(np.hypot(told.size_Nm, left.size_Nm)))
 
 
 def _can_show(problem: Problem, effect: type[MeanEffect]) -> bool:

@@ -17,6 +17,10 @@ BEYOND_DOUBT: Final = 2 * ACCEPT_GAIN  # an effect that gains so much needs no c
 # What would show the shape of something that no effect explains, by a word of its signature.
 SHAPE_SHOWN_BY: Final = (
     (
+        "wheel's angle",
+        "sample fast while the wheel turns slowly, at two speeds: does the order stay? Compare the bearing's geometry",
+    ),
+    (
         "periodic",
         "dwell at one speed for ten of its periods or more, then at half that speed: is it time or the angle?",
     ),

@@ -170,7 +170,8 @@ def _make_term(problem: Problem, effect: type[MeanEffect], shape: Mapping[str, f
     if columns is None and strong is not None:
         columns = _columns_with_level(effect, shape, strong)
     if columns is None:
-        channels = [record.undrifted if effect is TorqueRipple else record.channels for record in problem.records]
+        by_angle = issubclass(effect, TorqueRipple)
+        channels = [record.undrifted if by_angle else record.channels for record in problem.records]
         columns = _evaluate(problem, effect, shape, channels)
         if not depends_on_level(effect):
             problem.columns.put(key, columns)

@@ -119,7 +119,8 @@ def described(
             value, low, high = fitted[name]
             values[name] = ParameterValue.of(value, error, parameter.unit, low, high)
         elif parameter.choices:
-            note = f"one of {len(parameter.choices)} values tried"
+            tried = f"one of {len(parameter.choices)} values tried"
+            note = tried if term.shape[name] in parameter.choices else "read off the residual over the wheel's angle"
             values[name] = ParameterValue(float(term.shape[name]), None, parameter.unit, note)
         else:
             values[name] = _shape(float(term.shape[name]), error, parameter.unit, limits[name])

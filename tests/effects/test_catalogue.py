@@ -116,7 +116,7 @@ def test_bounds_are_respected(effect: type[Effect], data: st.DataObject) -> None
     parameter = data.draw(st.sampled_from(effect.parameters))
     value = data.draw(st.floats(allow_nan=True, allow_infinity=True))
     inside = math.isfinite(value) and parameter.low <= value <= parameter.high
-    if inside and (not parameter.choices or value in parameter.choices):
+    if inside and (not parameter.choices or parameter.between or value in parameter.choices):
         assert effect.typical(**{parameter.name: value}).values[parameter.name] == value
     else:
         with pytest.raises(InputError, match=parameter.name):

@@ -84,7 +84,9 @@ class Parameter:
         True for a strength: the torque is proportional to it and least squares gives it. False for a shape parameter,
         which the search profiles.
     choices
-        The allowed values of a discrete shape parameter, empty for a continuous one.
+        The values of a discrete shape parameter that a search tries, empty for a continuous one.
+    between
+        Whether other values between the bounds are allowed, too; else only the choices.
     default
         What an effect takes where the value is not given; None: it must be given.
     """
@@ -97,6 +99,7 @@ class Parameter:
     linear: bool = False
     choices: tuple[float, ...] = ()
     default: float | None = None
+    between: bool = False
 
 
 class Effect:
@@ -137,7 +140,7 @@ class Effect:
             parameter = known[name]
             if not (np.isfinite(value) and parameter.low <= value <= parameter.high):
                 raise InputError(f"effect {self.name}", f"{value} is outside [{parameter.low}, {parameter.high}]", name)
-            if parameter.choices and value not in parameter.choices:
+            if parameter.choices and not parameter.between and value not in parameter.choices:
                 raise InputError(f"effect {self.name}", f"{value} is none of {parameter.choices}", name)
         self.values: Mapping[str, float] = {name: float(values[name]) for name in known}
 

@@ -81,6 +81,8 @@ def _row(parameter: Parameter) -> str:
 def _range(parameter: Parameter) -> str:
     """Return the range of a parameter in words."""
     if parameter.choices:
+        if parameter.between:
+            return f"{parameter.low:g} … {parameter.high:g}"
         if len(parameter.choices) > 4:
             return f"{parameter.choices[0]:g}, {parameter.choices[1]:g} … {parameter.choices[-1]:g}"
         return " or ".join(f"{choice:g}" for choice in parameter.choices)

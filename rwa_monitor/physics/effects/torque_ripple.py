@@ -15,6 +15,9 @@ from rwa_monitor.samples import FloatArray
 MAX_HARMONIC: Final = 48  # [-] per turn of the wheel: six pulses per electrical turn, up to eight pole pairs
 
 
+LOWEST_ORDER: Final = 0.2  # [-] of what is no whole order: a cage turns at 0.35 to 0.65 of the wheel
+
+
 class TorqueRipple(MeanEffect):
     """A torque that is periodic in the wheel's angle: one harmonic and its double."""
 
@@ -29,11 +32,11 @@ class TorqueRipple(MeanEffect):
         "commutation gives 6 × pole pairs per turn, cogging whole multiples of the pole pairs. Bearings do not: the "
         "cage turns at ½ (1 − D_b cos α / D_p), about 0.4 of the speed where the inner ring turns, and what the balls "
         "do repeats with multiples of that and of their own spin, as a rule no whole orders of the wheel. Behind a "
-        "gear its stages add orders of their own. Only whole orders are searched here (up to 48); other ripple stays "
-        "in the noise. Sampled slowly, the ripple shows as beats at speeds where a multiple of the rotation meets the "
-        "sampling rate. The angle is an integral of the measured speed and loses its phase as the noise adds up: "
-        "after n slots of speed noise σ the phase has wandered by h·σ·Δt·√n rad, so fit in blocks where this is below "
-        "about one."
+        "gear its stages add orders of their own. Whole orders up to 48 are searched, and any other at which the "
+        "residual of one record has a line over the angle. Sampled slowly, the ripple shows as beats at speeds where "
+        "a multiple of the rotation meets the sampling rate. The angle is an integral of the measured speed and loses "
+        "its phase as the noise adds up: after n slots of speed noise σ the phase has wandered by h·σ·Δt·√n rad, so "
+        "fit in blocks where this is below about one."
     )
     signature = "Beats at certain speeds; the residual repeats when it is drawn against the angle."
     confused_with = ("speed_dependent_noise",)
@@ -51,7 +54,13 @@ class TorqueRipple(MeanEffect):
         Parameter("strength_double_cos_Nm", "N m", -np.inf, np.inf, 0.0, linear=True, default=0.0),
         Parameter("strength_double_sin_Nm", "N m", -np.inf, np.inf, 0.0, linear=True, default=0.0),
         Parameter(
-            "harmonic", "-", 1.0, float(MAX_HARMONIC), 6.0, choices=tuple(float(h) for h in range(1, MAX_HARMONIC + 1))
+            "harmonic",
+            "-",
+            LOWEST_ORDER,
+            float(MAX_HARMONIC),
+            6.0,
+            choices=tuple(float(h) for h in range(1, MAX_HARMONIC + 1)),
+            between=True,
         ),
     )
 

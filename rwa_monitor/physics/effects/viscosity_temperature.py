@@ -29,7 +29,9 @@ class ViscosityTemperature(MeanEffect):
         "viscous coefficient at 20 °C that scales with it. Drag is taken in proportion to the viscosity. Where a "
         "bearing's drag goes with (νn)^0.6 to (νn)^(2/3) (see `sublinear_viscous`) the B found here is 0.6 to 0.67 of "
         "the oil's: it is an apparent B, not the one of the oil's data sheet. Over a few kelvin only the product of "
-        "strength and B shows; over ten kelvin and more the curvature gives both."
+        "strength and B shows; over ten kelvin and more the curvature gives both, if the oil is exactly Arrhenius. "
+        "After Vogel's law B falls as the oil warms: what is found then holds over the temperatures of the record "
+        "alone, and strength and B are each off by more than their stated errors."
     )
     signature = "A slope that follows the bearing temperature, with its thermal lag."
     confused_with = ("lubricant_lag", "torque_constant_temperature", "run_in_drift")

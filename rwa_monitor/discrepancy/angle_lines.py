@@ -1,0 +1,194 @@
+"""What repeats with the angle of the wheel at any order, whole or not: a cage, balls that pass, a gear.
+
+The residual is laid on an even grid of the angle, where a line of any order is a line of its spectrum, as sharp as one
+over the turns of the record. A line in time, or in a motion that repeats, is none in the angle: it is held to show at
+low and at high speed alike.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+from scipy import fft, optimize
+from scipy.ndimage import median_filter
+
+from rwa_monitor.discrepancy.base_fit import Fit, Problem
+from rwa_monitor.discrepancy.record import Record
+from rwa_monitor.discrepancy.result import Unexplained
+from rwa_monitor.discrepancy.search import ACCEPT_GAIN
+from rwa_monitor.physics.effects.recursions import turned_angle
+from rwa_monitor.physics.effects.torque_ripple import LOWEST_ORDER, MAX_HARMONIC, TorqueRipple
+from rwa_monitor.samples import FloatArray
+
+CELLS_PER_PERIOD: Final = 4  # of the highest order: what falls between cells blurs it by a tenth
+MOST_CELLS: Final = 2**21  # of a record; where it turns more often, high orders are not looked for
+NEAR: Final = 401  # orders around a line that say what is there without it
+SURE: Final = 15.0  # nepers of the false-alarm probability, over all orders tried, in powers of the background
+SURE_HARMONIC: Final = 12.0  # the same for one order that is given
+MOST_HARMONICS: Final = 20  # of a line: a rub that lasts a twentieth of a turn has so many alike
+FEWEST_TURNS: Final = 50  # fewer tell no line from a trend
+SAME_SHARE: Final = 0.5  # of the whole amplitude that low and high speeds must each show, in phase
+PARAMETERS: Final = 5  # in units of log N, as those of a ripple
+RESOLVED: Final = 1.0  # over the turns of the record: nearer to a whole order is whole
+SHARP: Final = 0.05  # of an order: the most that one over the turns may be
+
+
+@dataclass(frozen=True, slots=True)
+class AngleLine:
+    """A torque that is periodic in the wheel's angle.
+
+    Attributes
+    ----------
+    order, order_std
+        Periods per turn of the wheel [-].
+    flips
+        Whether it follows the direction of rotation, as friction does.
+    is_whole
+        Whether the order is a whole number as far as the record resolves.
+    torques_Nm
+        Of each record, on its slots.
+    size_Nm
+        Root mean square [N m].
+    """
+
+    order: float
+    order_std: float
+    flips: bool
+    is_whole: bool
+    torques_Nm: tuple[FloatArray, ...]
+    size_Nm: float
+
+    def taken_from(self, records: Sequence[Record]) -> list[Record]:
+        """Return the records without it."""
+        return [
+            replace(record, friction_torque_Nm=record.friction_torque_Nm - torque)
+            for record, torque in zip(records, self.torques_Nm, strict=True)
+        ]
+
+    def unexplained(self) -> Unexplained:
+        """Return it as what no effect of the catalogue explains."""
+        digits = max(int(np.ceil(-np.log10(max(self.order_std, 1e-6)))), 2)
+        order = f"{self.order:.{digits}f} ± {self.order_std:.1g}"
+        why = "once a turn or a whole part of it" if self.is_whole else "no whole number: the cage, or balls that pass"
+        return Unexplained(
+            f"a drag that is periodic in the wheel's angle at order {order} of its turns ({why})",
+            self.size_Nm,
+        )
+
+
+def angle_line(problem: Problem, base: Fit) -> AngleLine | None:
+    """Return the line that the residual of the base model shows over the angle; None where there is none.
+
+    Looked for in the first record; of one speed, lines over the angle and over time are the same.
+    """
+    if problem.at_one_speed or len(problem.records) > 1:
+        return None
+    turns = [_turns(record) for record in problem.records]
+    at = turns[0][problem.slot]
+    whole = float(np.ptp(at))
+    if whole < FEWEST_TURNS or RESOLVED / whole > SHARP:
+        return None
+    found = [(*peak, flips) for flips in (False, True) if (peak := _peak(problem, base, at, whole, flips)) is not None]
+    if not found:
+        return None
+    _, order, flips = max(found)
+    values = base.residual if flips else base.residual * problem.sign
+    order = _refined(values, at, order, whole)
+    gain = 2.0 * abs(_sum(values, at, order)) ** 2 / (at.size * problem.noise.long_run_variance)
+    if gain < ACCEPT_GAIN + PARAMETERS * problem.log_size or not _at_all_speeds(problem, values, at, order):
+        return None
+    amplitude = 2.0 * np.abs(_sum(values, at, order)) / at.size
+    std = float(np.sqrt(2.0 / at.size) * np.std(values) / max(2 * np.pi * amplitude * float(np.std(at)), 1e-300))
+    is_whole = abs(order - round(order)) < max(RESOLVED / whole, 3.0 * std) and round(order) >= 1
+    return _line(problem, values, turns, (order, std), flips=flips, is_whole=is_whole)
+
+
+def ripple_with(order: float) -> type[TorqueRipple]:
+    """Return the effect `torque_ripple` as a candidate of the search that tries an order more."""
+    *strengths, harmonic = TorqueRipple.parameters
+    tried = (*strengths, replace(harmonic, choices=(*harmonic.choices, order)))
+    return type("TorqueRippleOfAnyOrder", (TorqueRipple,), {"parameters": tried})
+
+
+def _turns(record: Record) -> FloatArray:
+    """Return the angle of a record in turns, float64 (slots,)."""
+    channels = record.undrifted
+    usable = channels.good & np.isfinite(channels.speed_rad_s)
+    state = np.array([0.0, np.nan, 0.0])
+    return turned_angle(channels.speed_rad_s, usable, channels.sample_period_s, state) / (2.0 * np.pi)
+
+
+def _sum(values: FloatArray, at: FloatArray, order: float) -> complex:
+    return complex(np.sum(values * np.exp(-2j * np.pi * order * at)))
+
+
+def _peak(problem: Problem, base: Fit, at: FloatArray, whole: float, flips: bool) -> tuple[float, float] | None:
+    """Return how far the surest line is above what is around it, and the order of its fundamental; None if none is."""
+    values = base.residual if flips else base.residual * problem.sign
+    per_turn = min(CELLS_PER_PERIOD * MAX_HARMONIC, int(MOST_CELLS / whole))
+    highest = min(float(MAX_HARMONIC), per_turn / CELLS_PER_PERIOD)
+    size = fft.next_fast_len(int(2 * whole * per_turn), real=True)
+    cells = np.bincount(((at - at.min()) * per_turn).astype(np.int64), values, size)
+    power = np.abs(fft.rfft(cells)) ** 2
+    order = np.arange(power.size) * per_turn / size
+    tried = (order >= LOWEST_ORDER) & (order <= highest)
+    if np.count_nonzero(tried) < NEAR:
+        return None
+    # Of a few hundred orders around: what is smooth over the angle, as a law of speed that is missing, is no line.
+    around = median_filter(power, NEAR, mode="nearest")[tried] / np.log(2.0)
+    power, order = power[tried], order[tried]
+    above = power / np.maximum(around, np.finfo(np.float64).tiny)
+    best = int(np.argmax(above))
+    if above[best] < SURE + np.log(above.size):
+        return None
+    for parts in (4, 3, 2):  # the surest may be a harmonic
+        part = order[best] / parts
+        near = np.abs(order - part) <= 1.0 / whole
+        if part >= order[0] and near.any() and float(above[near].max()) > SURE_HARMONIC:
+            return float(above[best]), float(order[near][np.argmax(above[near])])
+    return float(above[best]), float(order[best])
+
+
+def _refined(values: FloatArray, at: FloatArray, order: float, whole: float) -> float:
+    """Return the order of most power within one resolved order."""
+    limits = (order - 0.5 / whole, order + 0.5 / whole)
+    found = optimize.minimize_scalar(lambda h: -abs(_sum(values, at, h)), bounds=limits, method="bounded")
+    return float(found.x)
+
+
+def _at_all_speeds(problem: Problem, values: FloatArray, at: FloatArray, order: float) -> bool:
+    """Say whether low and high speeds show a line of the same size and phase."""
+    slow = problem.speed <= np.median(problem.speed)
+    both = _sum(values, at, order) / at.size
+    parts = [_sum(values[part], at[part], order) / max(int(part.sum()), 1) for part in (slow, ~slow)]
+    return all((part * np.conj(both)).real >= SAME_SHARE * abs(both) ** 2 for part in parts)
+
+
+def _line(
+    problem: Problem,
+    values: FloatArray,
+    turns: Sequence[FloatArray],
+    order: tuple[float, float],
+    *,
+    flips: bool,
+    is_whole: bool,
+) -> AngleLine:
+    """Fit the harmonics that are sure, and lay them on the slots."""
+    variance = float(np.var(values))
+    at = turns[0][problem.slot]
+    kept = [
+        k
+        for k in range(1, MOST_HARMONICS + 1)
+        if k == 1 or abs(_sum(values, at, k * order[0])) ** 2 > SURE_HARMONIC * at.size * variance
+    ]
+    angle = np.outer(2.0 * np.pi * order[0] * at, kept)
+    strengths = np.linalg.lstsq(np.column_stack([np.cos(angle), np.sin(angle)]), values)[0]
+    angle = np.outer(2.0 * np.pi * order[0] * turns[0], kept)
+    torque = np.nan_to_num(np.column_stack([np.cos(angle), np.sin(angle)]) @ strengths)
+    if flips:
+        torque = torque * np.nan_to_num(problem.records[0].channels.direction)
+    size = float(np.sqrt(np.mean(torque[problem.slot] ** 2)))
+    return AngleLine(order[0], order[1], flips, is_whole, (torque,), size)

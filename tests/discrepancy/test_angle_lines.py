@@ -1,0 +1,74 @@
+"""What repeats with the wheel's angle is found at any order, and passes for nothing else."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from rwa_monitor.discrepancy.angle_lines import angle_line
+from rwa_monitor.discrepancy.base_fit import fit
+from rwa_monitor.discrepancy.extended import extend
+from rwa_monitor.discrepancy.find import find_discrepancy, prepare
+from rwa_monitor.discrepancy.next_flight import plan
+from rwa_monitor.discrepancy.record import make_record
+from rwa_monitor.physics.wheel import Wheel
+from rwa_monitor.samples import Samples
+from tests.discrepancy.simple import DRY_NM, NOISE_NM, PERIOD_S, VISCOUS, Array
+
+COUNT = 6000
+WHEEL = Wheel(name="slow", sample_period_s=PERIOD_S)
+
+
+def slow(rng: np.random.Generator) -> Array:
+    """Return a wheel that turns slowly in both directions, at no speed that repeats [rad/s]."""
+    time = np.arange(COUNT) * PERIOD_S
+    return 10.0 * np.sin(2 * np.pi * time / 331.0 + rng.uniform(0, 6)) + 4.0 * np.sin(2 * np.pi * time / 97.0)
+
+
+def record(speed: Array, order: float, rub_Nm: float, ripple_Nm: float, rng: np.random.Generator) -> Samples:
+    """Return friction with a rub once in a period of the angle, and a ripple."""
+    angle = np.concatenate([[0.0], np.cumsum(0.5 * (speed[1:] + speed[:-1]) * PERIOD_S)])
+    part = np.mod(order * angle / (2 * np.pi), 1.0)
+    friction = np.sign(speed) * (DRY_NM + rub_Nm * np.exp(-0.5 * ((part - 0.5) / 0.08) ** 2)) + VISCOUS * speed
+    friction += ripple_Nm * np.cos(2 * np.pi * part) + rng.normal(0.0, NOISE_NM, COUNT)
+    time_ns = (np.arange(COUNT) * round(PERIOD_S * 1e9)).astype(np.int64)
+    return Samples(time_ns=time_ns, speed_rad_s=speed + rng.normal(0, 2e-4, COUNT), friction_torque_Nm=friction)
+
+
+@pytest.mark.parametrize(("seed", "order"), [(53030, 0.393), (53031, 3.07), (53032, 1.0)])
+def test_a_rub_by_the_angle_is_told_with_its_order_and_feeds_no_other_name(seed: int, order: float) -> None:
+    rng = np.random.default_rng(seed)
+    found = find_discrepancy([("rub", record(slow(rng), order, 4e-4, 0.0, rng))], WHEEL)
+    assert not found.result.effects
+    assert found.result.unexplained is not None
+    words = found.result.unexplained.signature
+    assert "periodic in the wheel's angle" in words
+    assert abs(float(words.split("at order ")[1].split(" ±")[0]) - order) < 1e-3
+    assert ("no whole number" in words) is (order != round(order))
+    assert any("wheel's angle" in line for line in plan(found).advice)
+
+
+@pytest.mark.parametrize(("seed", "order"), [(53033, 0.393), (53034, 30.67)])
+def test_a_ripple_of_no_whole_order_is_named_with_its_order(seed: int, order: float) -> None:
+    rng = np.random.default_rng(seed)
+    found = find_discrepancy([("ripple", record(slow(rng), order, 0.0, 1e-4, rng))], WHEEL)
+    (ripple,) = found.result.effects
+    assert ripple.name == "torque_ripple"
+    assert abs(ripple.parameters["harmonic"].value - order) < 1e-2
+    extended = Wheel.from_toml(extend(found).to_toml(), "extended")
+    assert extended.effect[0].parameters["harmonic"] == pytest.approx(order, abs=1e-2)
+    gain = found.result.gain
+    assert gain is not None
+    assert gain.simulated is not None
+    assert gain.simulated.rmse_extended_Nm < 1.05 * NOISE_NM < 0.7 * gain.simulated.rmse_base_Nm
+
+
+@pytest.mark.parametrize("seed", range(53035, 53041))
+def test_noise_and_a_line_in_time_are_none_over_the_angle(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    samples = record(slow(rng), 1.0, 0.0, 0.0, rng)
+    hum = 2e-4 * np.cos(2 * np.pi * 0.31 * samples.time_ns * 1e-9) * (seed % 2)
+    assert samples.friction_torque_Nm is not None
+    samples = Samples(samples.time_ns, samples.speed_rad_s, samples.friction_torque_Nm + hum)
+    problem = prepare([make_record(samples, WHEEL, "hum")], WHEEL)
+    assert angle_line(problem, fit(problem, np.zeros((problem.size, 0)))) is None
