@@ -173,7 +173,8 @@ def find_discrepancy(
         scores = (held_out(base, at_base), *scores)
     aside_names = tuple(name for name, _ in held_out_recordings)
     gain = replace(_gain(problem, at_base, found.ladder[-1], scores), held_out=aside_names)
-    not_shown = [effect for effect in missing if effect not in tried]
+    names = {effect.name for effect in tried}
+    not_shown = [effect for effect in missing if effect.name not in names]
     listed = _listed(found, mean, dict(_untested(problem, found, tried, wheel)), not_shown)
     result = DiscrepancyResult(verdict, effects, leftover, listed, gain)
     delay_s = -named.slots * wheel.sample_period_s if named is not None else None

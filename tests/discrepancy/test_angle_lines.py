@@ -54,6 +54,7 @@ def test_a_ripple_of_no_whole_order_is_named_with_its_order(seed: int, order: fl
     found = find_discrepancy([("ripple", record(slow(rng), order, 0.0, 1e-4, rng))], WHEEL)
     (ripple,) = found.result.effects
     assert ripple.name == "torque_ripple"
+    assert "torque_ripple" not in dict(found.result.untested)
     assert abs(ripple.parameters["harmonic"].value - order) < 1e-2
     extended = Wheel.from_toml(extend(found).to_toml(), "extended")
     assert extended.effect[0].parameters["harmonic"] == pytest.approx(order, abs=1e-2)
