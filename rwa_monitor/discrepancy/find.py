@@ -125,37 +125,28 @@ def find_discrepancy(
     # What is left of a delay that is taken out is less than a part of a slot.
     missing = [effect for effect in candidates(wheel) if delay is None or effect is not DelayTerm]
     tried = [effect for effect in missing if _can_show(problem, effect)]
-    line = _angle_line(problem)
-    if line is not None and line.flips:
-        # No ripple is that, and other names feed on it.
-        problem = replace(prepare(line.taken_from(problem.records), wheel), each=each)
-    elif line is not None and not line.is_whole:
-        tried = [ripple_with(line.order) if effect is TorqueRipple else effect for effect in tried]
-    searched: list[type[MeanEffect]] = [*tried, HeatOfMotion] if may_be_warm(problem) else tried
-    problem, found, leftover, complete = _explain(problem, searched, progress, wheel)
+    problem, tried, line = _by_angle(problem, tried, wheel)
+    problem, found, leftover, complete = _explain(problem, tried, progress, wheel)
     progress("noise and jumps")
     cage = cage_bursts(problem, complete) if problem.has_noise else None
     if cage is not None:
         # Bursts pass for jumps, and for laws of speed: what is said of anything else is said without them.
         problem = replace(prepare(cage.quiet(problem.records), wheel), each=each)
-        problem, found, leftover, complete = _explain(problem, searched, progress, wheel)
-    in_band = cage.in_band if cage is not None else ()
+        problem, found, leftover, complete = _explain(problem, tried, progress, wheel)
     others: list[FoundEffect] = []
     wanders = None
     if problem.has_noise:
-        others += noise_effects(problem, complete, explained=leftover is None, in_band=in_band)
+        others += noise_effects(problem, complete, explained=leftover is None, in_band=cage.in_band if cage else ())
         wanders = wandering(problem, complete)
     if leftover is None and wanders is None:
         others += switching_effects(problem, complete, wheel)
-    if cage is not None:
-        others.append(cage.effect)
+    others += [cage.effect] if cage is not None else []
     if any(effect.name == "tachometer_quantisation" for effect in others):
         leftover = None  # rounding errors follow the acceleration: they are named already
         found = without_rounding(problem, found)
     if not {effect.name for effect in others} & {"tachometer_quantisation", "cage_instability"}:
         leftover = leftover or wanders
-    if line is not None and line.flips:
-        leftover = _with_line(line, leftover)
+    leftover = _with_line(line, leftover)
     progress("gain on held-out data")
     score = partial(held_out, problem) if aside is None else partial(on_other_recordings, problem, aside)
     scores = tuple(each(score, found.ladder))
@@ -171,10 +162,9 @@ def find_discrepancy(
         base = prepare(_records(recordings, wheel), wheel)
         at_base = Model((), fit(base, np.zeros((base.size, 0))))
         scores = (held_out(base, at_base), *scores)
-    aside_names = tuple(name for name, _ in held_out_recordings)
-    gain = replace(_gain(problem, at_base, found.ladder[-1], scores), held_out=aside_names)
-    names = {effect.name for effect in tried}
-    not_shown = [effect for effect in missing if effect.name not in names]
+    names = tuple(name for name, _ in held_out_recordings)
+    gain = replace(_gain(problem, at_base, found.ladder[-1], scores), held_out=names)
+    not_shown = [effect for effect in missing if effect.name not in {one.name for one in tried}]
     listed = _listed(found, mean, dict(_untested(problem, found, tried, wheel)), not_shown)
     result = DiscrepancyResult(verdict, effects, leftover, listed, gain)
     delay_s = -named.slots * wheel.sample_period_s if named is not None else None
@@ -190,12 +180,31 @@ def _with_simulated(search: Search) -> Search:
     return replace(search, result=replace(search.result, gain=gain))
 
 
-def _angle_line(problem: Problem) -> AngleLine | None:
-    """Return what repeats with the wheel's angle; None where nothing does, or no noise says what would be chance."""
-    return angle_line(problem, fit(problem, np.zeros((problem.size, 0)))) if problem.has_noise else None
+def _by_angle(
+    problem: Problem, candidates: list[type[MeanEffect]], wheel: Wheel
+) -> tuple[Problem, list[type[MeanEffect]], AngleLine | None]:
+    """Take out what repeats with the wheel's angle as no ripple does, or let a ripple have the order that it shows.
+
+    Other names would feed on it. Without noise nothing says what would be chance.
+
+    Returns
+    -------
+    problem, candidates, line
+        The line only where it was taken out of the problem.
+    """
+    line = angle_line(problem, fit(problem, np.zeros((problem.size, 0)))) if problem.has_noise else None
+    if line is None or (line.is_whole and not line.flips):
+        return problem, candidates, None
+    if line.flips:
+        return replace(prepare(line.taken_from(problem.records), wheel), each=problem.each), candidates, line
+    of_any_order = ripple_with(line.order)
+    return problem, [of_any_order if effect is TorqueRipple else effect for effect in candidates], None
 
 
-def _with_line(line: AngleLine, left: Unexplained | None) -> Unexplained:
+def _with_line(line: AngleLine | None, left: Unexplained | None) -> Unexplained | None:
+    """Tell a line that was taken out before what is left without it."""
+    if line is None:
+        return left
     told = line.unexplained()
     if left is None:
         return told
@@ -237,6 +246,7 @@ def _explain(
     problem: Problem, candidates: Sequence[type[MeanEffect]], progress: Progress, wheel: Wheel
 ) -> tuple[Problem, SearchResult, Unexplained | None, Model]:
     """Search for mean effects, and judge what they leave: see `judge_leftover`; the noise is that of the best model."""
+    candidates = [*candidates, HeatOfMotion] if may_be_warm(problem) else candidates
     grown = grow(problem, candidates, holds_out, progress)
     sloped = _with_slope_jumps(problem, grown, candidates, progress)
     best = sloped or grown.ladder[-1]
