@@ -185,6 +185,7 @@ def _reference() -> str:
         "### Duration laws\n",
         *(_law(law) for law in _members(durations.DurationLaw)),
         "",
+        *_whole_wheel(),
         "## Scenario\n",
         *_settings(scenario.Scenario, "[scenario]"),
     ]
@@ -300,6 +301,50 @@ def _rows(model: type[BaseModel]) -> Table:
         (f"`{name}`", _type(field.annotation), _default(field), words.get(name, ""))
         for name, field in model.model_fields.items()
     ]
+
+
+# A wheel file with every kind of duration law; telemetry of one sample a second.
+WHOLE_WHEEL = """\
+[wheel]
+name = "rw1"
+sample_period_s = 1.0
+inertia_kg_m2 = 0.0117
+torque_constant_Nm_A = 0.032
+
+[nominal]
+dry_torque_Nm = 1.2e-3
+viscous_Nm_s_rad = 4.0e-6
+nominal_speed_rad_s = 300.0
+
+[window]
+samples = 20000                  # 5.6 h to the first verdict
+hop = 20000
+
+[[fss]]                          # two configurations: rests for 1.4 to 2.8 h, then visits for some minutes
+name = "fss_1"
+durations = [
+  { law = "uniform", low = 5000, high = 10000 },
+  { law = "geometric", mean = 300.0 },
+]
+friction = [ { low = 0.0, high = 0.0 }, { low = 0.3, high = 0.6 } ]   # of the nominal dry torque; optional: learned
+
+[[fss]]                          # three configurations: from the middle one it goes up in two of three cases
+name = "fss_2"
+durations = [
+  { law = "weibull", shape = 1.5, scale = 6000.0 },
+  { law = "lognormal", mu = 8.5, sigma = 0.4 },
+  { law = "histogram", edges = [1, 2000, 8000], weights = [1.0, 3.0] },
+]
+friction = [ { low = 0.0, high = 0.0 }, { low = 0.4, high = 0.6 }, { low = 0.8, high = 1.2 } ]
+up = [1.0, 0.67, 0.0]
+"""
+
+
+def _whole_wheel() -> Iterator[str]:
+    wheel.Wheel.from_toml(WHOLE_WHEEL, "the example of a wheel file")  # an example that cannot be read helps nobody
+    yield "### A whole wheel file\n"
+    yield "Durations count samples (slots); friction is in units of the nominal dry torque.\n"
+    yield f"```toml\n{WHOLE_WHEEL}```\n"
 
 
 def _law(law: type[BaseModel]) -> str:

@@ -9,7 +9,7 @@ if TYPE_CHECKING:
 
 from typing import Final
 
-from rwa_monitor.hints import did_you_mean, keys_at
+from rwa_monitor.hints import alternatives_at, did_you_mean, keys_at
 
 MAX_PART: Final = 500  # characters of what an error says of its place, and of its reason
 
@@ -64,6 +64,8 @@ class InputError(RwaMonitorError):
             known = keys_at(model.model_json_schema(), first["loc"][:-1])
             hint = did_you_mean(str(first["loc"][-1]), known) or (f"; there are {', '.join(known)}" if known else "")
             first["msg"] = f"no key has this name{hint}"
+        if first["type"] in {"union_tag_not_found", "union_tag_invalid"} and model is not None:
+            first["msg"] = f"wants one of {'; '.join(alternatives_at(model.model_json_schema(), first['loc']))}"
         return cls(source, f"{what}{first['msg']}", ".".join(str(part) for part in first["loc"]) or place)
 
     def __reduce__(self) -> tuple[type[InputError], tuple[str, str, str]]:

@@ -46,10 +46,37 @@ def keys_at(schema: dict[str, Any], place: Sequence[str | int]) -> list[str]:
     place
         Keys and positions from the top, as pydantic's errors give them: of a union, the name of the alternative too.
     """
+    return list(_at(schema, place).get("properties", ()))
+
+
+def alternatives_at(schema: dict[str, Any], place: Sequence[str | int]) -> list[str]:
+    """Return what a JSON Schema takes where one key tells which alternative is meant, as they are written in TOML.
+
+    Parameters
+    ----------
+    schema, place
+        As for `keys_at`.
+
+    Returns
+    -------
+    list of str
+        Such as `{ law = "uniform", low = …, high = … }`; none where there is no such choice.
+    """
+    told = _at(schema, place).get("discriminator", {})
+    found = []
+    for name, reference in told.get("mapping", {}).items():
+        others = [key for key in _resolved(schema, {"$ref": reference})["properties"] if key != told["propertyName"]]
+        keys = "".join(f", {key} = …" for key in others)
+        found.append(f'{{ {told["propertyName"]} = "{name}"{keys} }}')
+    return found
+
+
+def _at(schema: dict[str, Any], place: Sequence[str | int]) -> dict[str, Any]:
+    """Return what a schema says of a place, {} where it is not found."""
     here = schema
     for part in place:
         here = _step(_resolved(schema, here), part)
-    return list(_resolved(schema, here).get("properties", ()))
+    return _resolved(schema, here)
 
 
 def _step(here: dict[str, Any], part: str | int) -> dict[str, Any]:

@@ -12,7 +12,6 @@ import click
 from rwa_monitor.cli.first_use import tell_of_compiling
 from rwa_monitor.cli.options import FILE, Real, bus_options, method_option, model_option, warn_if_alone, wheel_option
 from rwa_monitor.cli.talk import say
-from rwa_monitor.cli.wheel_words import first_verdict
 
 if TYPE_CHECKING:
     from rwa_monitor.diagnosis.results import Method
@@ -93,8 +92,6 @@ def command(
     for (spacecraft, name), own in own_wheels.items():
         for note in own.missing():
             say(f"{spacecraft}/{name}: {note}")
-    if wait := first_verdict([wheel, *own_wheels.values()]):
-        say(wait)
     warn_if_alone(bus)
     if record is None:
         say("nothing is recorded; give --record DIR to be able to replay")

@@ -18,9 +18,25 @@ import pyarrow.compute as pc
 import pyarrow.csv as pa_csv
 
 from rwa_monitor.errors import InputError
-from rwa_monitor.formats.columns import MAX_ROWS, SampleTable, check_rows, check_time, lay_out
+from rwa_monitor.formats.columns import (
+    MAX_ROWS,
+    REQUIRED_CHANNELS,
+    TIME_COLUMNS,
+    SampleTable,
+    check_rows,
+    lay_out,
+    table_of,
+)
 from rwa_monitor.formats.files import atomic_write, decode_utf8, display_name, first_line, read_bytes
-from rwa_monitor.formats.foreign import encoding_hint, fields_hint, header_hint, kind_of, number_hint, separator_hint
+from rwa_monitor.formats.foreign import (
+    encoding_hint,
+    fields_hint,
+    header_hint,
+    kind_of,
+    number_hint,
+    oddities,
+    separator_hint,
+)
 from rwa_monitor.samples import FloatArray, IntArray, Samples
 
 MAX_CSV_BYTES: Final = 2_000_000_000
@@ -54,15 +70,32 @@ def read_csv(path: Path) -> SampleTable:
     if foreign := kind_of(content):
         raise InputError(source, foreign)
     decode_utf8(content, path)
+    try:
+        return _table(content, source)
+    except InputError as error:
+        if others := _others(content, error.reason):
+            raise InputError(source, f"{error.reason}; {others}", error.place) from error
+        raise
+
+
+def _others(content: bytes, reason: str) -> str:
+    """Say what else a table would be refused for, after the first reason; "" for nothing."""
+    head = content[:MAX_HEADER_BYTES].decode(errors="replace")
+    wanted = (" or ".join(reversed(TIME_COLUMNS)), *REQUIRED_CHANNELS)
+    others = [phrase for word, phrase in oddities(head, wanted) if word not in reason]
+    return f"it also has {', '.join(others)}: docs/formats.md has one recipe for all that" if others else ""
+
+
+def _table(content: bytes, source: str) -> SampleTable:
+    """Return what a text says as a table."""
     names, rows = _header_and_rows(content, source)
     layout = lay_out(names, source)
     columns = _texts(rows, len(names), [*layout.time.values(), *layout.channels.values()], source)
     ((time_name, time_at),) = layout.time.items()
     check_rows(len(columns[time_at]), source)
     time_ns = _nanoseconds(columns[time_at], time_name, source)
-    check_time(time_ns, time_name, source, FIRST_DATA_ROW)
     channels = {name: _numbers(columns[at], name, source) for name, at in layout.channels.items()}
-    return SampleTable(Samples(time_ns=time_ns, **channels), layout.ignored)
+    return table_of(Samples(time_ns=time_ns, **channels), layout, source, FIRST_DATA_ROW)
 
 
 def write_csv(samples: Samples, path: Path) -> None:

@@ -25,6 +25,7 @@ _NAMES: Final = {";": "semicolons", "\t": "tabs", "|": "bars"}
 _COMMA_NUMBER: Final = re.compile(r"\s*[+-]?\d+,\d+([eE][+-]?\d+)?\s*")
 _WHOLE: Final = re.compile(r"\s*[+-]?\d*([eE][+-]?\d+)?\s*")  # of a number that was cut at its decimal comma
 _DATE: Final = re.compile(r"\s*\d{4}-\d\d?-\d\d?([T ].*)?|\s*\d\d?[./]\d\d?[./]\d{2,4}.*")
+_COMMENT: Final = ("#", "%", "//")
 _NO_TEXT: Final = re.compile(rb"[\x00-\x08\x0e-\x1a]")  # control characters that no text holds
 
 COMMAS: Final = "write numbers with a decimal point, not a comma"
@@ -72,13 +73,47 @@ def separator_hint(header: str, first_rows: str) -> str:
 
 def header_hint(names: Sequence[str]) -> str:
     """Return what is odd about the first row, where it names nothing: a comment, or numbers already; "" where not."""
-    if names and names[0].startswith(("#", "%", "//")):
+    if names and names[0].startswith(_COMMENT):
         return "row 1 is a comment: remove it, the first row must name the columns"
     if names and all(_is_number(name) for name in names):
         return "row 1 holds numbers: the first row must name the columns"
     if names and names[0].startswith(("{", "[")):
         return "this looks like JSON: a table is CSV or Parquet"
     return ""
+
+
+def oddities(head: str, wanted: Sequence[str]) -> list[tuple[str, str]]:
+    """Return all that keeps a text from being a table, as its first rows tell, for who wants to convert it only once.
+
+    Parameters
+    ----------
+    head
+        Its first rows.
+    wanted
+        Columns that it must have; "a or b" for one of two.
+
+    Returns
+    -------
+    list of (word, phrase)
+        A word that stands in the reason of a refusal for just this, and what is odd.
+    """
+    rows = head.splitlines()
+    comments = next((k for k, row in enumerate(rows) if not row.lstrip().startswith(_COMMENT)), len(rows))
+    found = [("comment", f"{comments} {'row' if comments == 1 else 'rows'} of comments")] if comments else []
+    header, *values = rows[comments:] or [""]
+    separator = "," if "," in header else max(_NAMES, key=header.count)
+    if separator in header and separator != ",":
+        found.append(("separated", f"{_NAMES[separator]} between the columns"))
+    names = [name.strip().strip('"') for name in header.split(separator)]
+    missing = [one for one in wanted if not any(known in names for known in one.split(" or "))]
+    if missing:
+        found.append(("is missing", f"no column {', no '.join(missing)}"))
+    fields = [field.strip('"') for row in values for field in row.split(separator)]
+    if any(_DATE.fullmatch(field) for field in fields):
+        found.append(("a date", "dates instead of seconds"))
+    if separator != "," and any(_COMMA_NUMBER.fullmatch(field) for field in fields):
+        found.append(("decimal commas", "decimal commas"))
+    return found
 
 
 def fields_hint(row: str, expected: int) -> str:

@@ -15,7 +15,7 @@ import pyarrow.compute as pc
 import pyarrow.parquet as pq
 
 from rwa_monitor.errors import InputError
-from rwa_monitor.formats.columns import SampleTable, check_rows, check_time, lay_out
+from rwa_monitor.formats.columns import SampleTable, check_rows, lay_out, table_of
 from rwa_monitor.formats.files import atomic_write, display_name, first_line, unreadable
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, FloatArray, IntArray, Samples
 
@@ -60,9 +60,8 @@ def read_parquet(path: Path) -> SampleTable:
             raise unreadable(path, error) from error
         raise InputError(source, f"is no readable Parquet file: {first_line(error)}") from error
     time_ns = _nanoseconds(table[time_name], time_name, source)
-    check_time(time_ns, time_name, source, FIRST_ROW)
     channels = {name: _numbers(table[name]) for name in layout.channels}
-    return SampleTable(Samples(time_ns=time_ns, **channels), layout.ignored)
+    return table_of(Samples(time_ns=time_ns, **channels), layout, source, FIRST_ROW)
 
 
 def _check_footer(file: Any, columns: Sequence[str], source: str) -> None:

@@ -28,6 +28,7 @@ from rwa_monitor.live.recorder import FolderLock, Recorder, last_recording
 from rwa_monitor.live.run_options import RunOptions
 from rwa_monitor.live.supervisor import Supervisor
 from rwa_monitor.live.warm_up import prepare
+from rwa_monitor.live.wheel_words import first_verdict
 
 STOP_WAIT_S: Final = 0.5  # for the process that compiles to end, when we are stopped meanwhile
 
@@ -101,6 +102,9 @@ def run(
         bus.offer_health()
         doing = f"monitoring {options.wheels}" + (f", recording in {options.record}" if options.record else "")
         say(doing)
+        wait = first_verdict([options.wheel, *options.own_wheels.values()])
+        if wait and options.tell_verdicts:
+            say(wait)
         supervisor.ready(doing)
         news = BusNews(BusWatch(session, endpoints(options.bus)), say)
         while not stop.is_set():

@@ -51,6 +51,12 @@ CASES: dict[str, tuple[str, bytes | None, str, str]] = {
         "diagnose {good} --wheel {file}",
         "w.toml: nominal.dry_torque: no key has this name; did you mean 'dry_torque_Nm'?",
     ),
+    "duration without a law": (
+        "w.toml",
+        b"[wheel]\nname='a'\nsample_period_s=0.1\n[[fss]]\nname='f'\ndurations=[{uniform={low=1,high=4}}]\n",
+        "diagnose {good} --wheel {file}",
+        'w.toml: fss.0.durations.0: wants one of { law = "geometric", mean = … }; { law = "histogram"',
+    ),
     "wheel table misspelt": (
         "w.toml",
         b"[wheel]\nname='a'\nsample_period_s=0.1\n[nominals]\n",

@@ -205,8 +205,14 @@ REFUSED = {
     "equal times": (
         HEAD + "0,1,2\n0.5,1,2\n0.5,1,2\n",
         "row 4, column time_s",
-        "(0.5 s after 0.5 s); sort the rows by time",
+        "(0.5 s after 0.5 s); 1 row repeats the one before it exactly",
     ),
+    "rows twice": (
+        HEAD + "0,1,2\n0,1,2\n0.1,1,\n0.1,1,\n0.2,1,2\n",
+        "row 3, column time_s",
+        "2 rows repeat the ones before them exactly: leave repeated rows out (of a CSV: uniq FILE > NEW)",
+    ),
+    "rows of one time that contradict": (HEAD + "0,1,2\n0,1,3\n", "row 3, column time_s", "; sort the rows by time"),
     "equal to the nanosecond": (HEAD + "0.1,1,2\n0.1000000001,1,2\n", "row 3, column time_s", "does not increase"),
     "time goes back": (HEAD + "1,1,2\n-0.25,1,2\n", "row 3, column time_s", "(-0.25 s after 1 s)"),
     "a clock of centuries": (HEAD + "-8e9,1,2\n8e9,1,2\n", "time_s", "73 years"),
@@ -229,6 +235,15 @@ def test_a_bad_csv_is_refused_with_place_and_reason(
     assert (caught.value.source, caught.value.place) == (str(path), place)
     assert reason in caught.value.reason
     assert "\n" not in str(caught.value)
+
+
+def test_all_that_keeps_an_export_from_being_a_table_is_said_at_once(tmp_path: Path) -> None:
+    export = "# TM export\nTime;RW_SPEED\n2026-09-01T00:00:00.000Z;20,5\n2026-09-01T00:00:00.125Z;20,5\n"
+    with pytest.raises(InputError) as caught:
+        read_table(csv_file(tmp_path, export))
+    assert "row 1 is a comment" in caught.value.reason
+    others = "semicolons between the columns, dates instead of seconds, decimal commas: docs/formats.md has one recipe"
+    assert f"; it also has {others}" in caught.value.reason
 
 
 PARQUET_REFUSED = {

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
-if TYPE_CHECKING:
-    from rwa_monitor.physics.wheel import Wheel
+from rwa_monitor.physics.wheel import Wheel
 
 SECONDS_PER_HOUR: Final = 3600.0
 SOON_H: Final = 1.0  # whoever starts a monitor waits so long without being told to
