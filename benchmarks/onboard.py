@@ -140,7 +140,8 @@ def measure(seconds: float) -> Measured:
         sizes = {path.name: _size_MB(path) for path in packages.iterdir() if not path.name.startswith(("pip", "setup"))}
         help_s = min(_seconds([str(environment / "bin/rwa-monitor"), "--help"]) for _ in range(5))
         cache = folder / "cache"
-        warm_up = [str(environment / "bin/python"), "-m", "rwa_monitor.live.warm_up"]
+        # -P: the installed package, and not that of the working folder.
+        warm_up = [str(environment / "bin/python"), "-P", "-m", "rwa_monitor.live.warm_up"]
         first_start_s = _seconds(warm_up, NUMBA_CACHE_DIR=str(cache))
         start_s = _seconds(warm_up, NUMBA_CACHE_DIR=str(cache))
         first_resident = _resident_after_compiling(environment, folder)
