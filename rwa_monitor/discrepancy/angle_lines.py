@@ -32,6 +32,7 @@ MOST_HARMONICS: Final = 20  # of a line: a rub that lasts a twentieth of a turn 
 FEWEST_TURNS: Final = 50  # fewer tell no line from a trend
 SAME_SHARE: Final = 0.5  # of the whole amplitude that low and high speeds must each show, in phase
 PARAMETERS: Final = 5  # in units of log N, as those of a ripple
+CLEARLY: Final = 1.1  # times the power: a tenth of the record in the other direction makes half as much again
 RESOLVED: Final = 1.0  # over the turns of the record: nearer to a whole order is whole
 SHARP: Final = 0.05  # of an order: the most that one over the turns may be
 
@@ -91,10 +92,13 @@ def angle_line(problem: Problem, base: Fit) -> AngleLine | None:
     whole = float(np.ptp(at))
     if whole < FEWEST_TURNS or RESOLVED / whole > SHARP:
         return None
-    found = [(*peak, flips) for flips in (False, True) if (peak := _peak(problem, base, at, whole, flips)) is not None]
-    if not found:
+    ripple, drag = (_peak(problem, base, at, whole, flips) for flips in (False, True))
+    # In one direction the two are the same: a ripple then, which has a name.
+    flips = drag is not None and (ripple is None or drag[0] > CLEARLY * ripple[0])
+    peak = drag if flips else ripple
+    if peak is None:
         return None
-    _, order, flips = max(found)
+    order = peak[1]
     values = base.residual if flips else base.residual * problem.sign
     order = _refined(values, at, order, whole)
     gain = 2.0 * abs(_sum(values, at, order)) ** 2 / (at.size * problem.noise.long_run_variance)

@@ -73,3 +73,10 @@ def test_noise_and_a_line_in_time_are_none_over_the_angle(seed: int) -> None:
     samples = Samples(samples.time_ns, samples.speed_rad_s, samples.friction_torque_Nm + hum)
     problem = prepare([make_record(samples, WHEEL, "hum")], WHEEL)
     assert angle_line(problem, fit(problem, np.zeros((problem.size, 0)))) is None
+
+
+def test_in_one_direction_a_line_of_whole_order_is_left_to_the_ripple() -> None:
+    rng = np.random.default_rng(53041)
+    found = find_discrepancy([("ripple", record(18.0 + slow(rng), 3.0, 0.0, 1e-4, rng))], WHEEL)
+    assert [effect.name for effect in found.result.effects] == ["torque_ripple"]
+    assert found.result.unexplained is None
