@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from threading import Event
 from typing import TYPE_CHECKING, Final
@@ -14,34 +15,47 @@ import click
 from rwa_monitor import __version__
 from rwa_monitor.cli.exit_codes import FAILED
 from rwa_monitor.cli.first_use import tell_of_compiling
-from rwa_monitor.cli.options import bus_options, model_option, wheel_option
-from rwa_monitor.errors import RwaMonitorError
+from rwa_monitor.cli.options import FILE, bus_options, model_option, wheel_option
+from rwa_monitor.errors import InputError, RwaMonitorError
 
 if TYPE_CHECKING:
     from rwa_monitor.live.bus import BusOptions
+    from rwa_monitor.live.rebuild import Setup
+    from rwa_monitor.live.wheel_set import WheelKey
 
 MIN_PYTHON = (3, 11)
-CONNECT_S = 3.0  # how long a router or peer has to answer
 
 
 @dataclass(frozen=True, slots=True)
 class Check:
-    """One thing to look at: `look` returns what it found, or raises what is wrong."""
+    """One thing to look at: `look` returns what it found, or raises what is wrong; not where what it `needs` failed."""
 
     name: str
     look: Callable[[], str]
+    needs: tuple[str, ...] = ()
 
 
 @click.command(name="doctor", short_help="Check installation, configuration and bus connection.")
 @wheel_option
 @model_option
+@click.option("--wheel-folder", type=FILE, metavar="DIR", help="Wheel files of single wheels, as for `run`.")
+@click.option("--record", type=FILE, metavar="DIR", help="The folder in which `run` shall record.")
 @bus_options
 @click.pass_context
-def command(ctx: click.Context, wheel_file: Path | None, model_file: Path | None, bus: BusOptions) -> None:
-    """Check this installation, a wheel and model, and, with -e or -l, the bus connection.
+def command(
+    ctx: click.Context,
+    wheel_file: Path | None,
+    model_file: Path | None,
+    wheel_folder: Path | None,
+    record: Path | None,
+    bus: BusOptions,
+) -> None:
+    """Check this installation, wheels and model, the folder for recordings, and, with -e or -l, the bus.
 
-    One line for each check on stdout. Exit code 1 if one failed.
+    Give it the options of `run`. One line for each check on stdout. Exit code 1 if one failed.
     """
+    from rwa_monitor.cli.doctor_live import look_at_bus, look_at_recordings, look_at_wheel_folder
+
     checks = [
         Check("python", _python),
         Check("packages", _packages),
@@ -49,23 +63,54 @@ def command(ctx: click.Context, wheel_file: Path | None, model_file: Path | None
         Check("kernels", _kernels),
         Check("settings", lambda: _settings(ctx)),
         Check("wheel", lambda: _wheel(wheel_file)),
-        Check("model", lambda: _model(model_file, wheel_file)),
+        Check("model", lambda: _model(model_file, wheel_file), ("wheel",)),
     ]
+    setting: tuple[str, ...] = ("wheel", "model")
+    if wheel_folder is not None:
+        checks.append(Check("wheels", lambda: look_at_wheel_folder(wheel_folder)))
+        setting = (*setting, "wheels")
+    if record is not None:
+        setup = partial(_setup, wheel_file, model_file, wheel_folder)
+        checks.append(Check("record", lambda: look_at_recordings(record, setup()), setting))
     if bus.connect or bus.listen or bus.config:
-        checks.append(Check("bus", lambda: _bus(bus)))
-    failed = 0
+        checks.append(Check("bus", lambda: look_at_bus(bus, _own_wheels(wheel_folder))))
+    failed: list[str] = []
     for check in checks:
+        if lacking := [name for name in check.needs if name in failed]:
+            click.echo(f"–       {check.name}: not checked before {' and '.join(lacking)}")
+            continue
         try:
             found = f"ok      {check.name}: {check.look()}"
         except RwaMonitorError as error:
             found = f"FAILED  {check.name}: {' '.join(str(error).split())}"
-            failed += 1
+            failed.append(check.name)
         # Whatever is wrong with an installation, the other checks shall still be done and this one named.
         except Exception as error:  # noqa: BLE001
             found = f"FAILED  {check.name}: {type(error).__name__}: {' '.join(str(error).split())}"
-            failed += 1
+            failed.append(check.name)
         click.echo(found)
     ctx.exit(FAILED if failed else 0)
+
+
+def _own_wheels(wheel_folder: Path | None) -> set[WheelKey]:
+    """Return the wheels that have a file in a folder; none where it cannot be used, which another check says."""
+    from rwa_monitor.formats.wheel_file import read_wheel_folder
+
+    try:
+        return set(read_wheel_folder(wheel_folder)) if wheel_folder else set()
+    except InputError:
+        return set()
+
+
+def _setup(wheel_file: Path | None, model_file: Path | None, wheel_folder: Path | None) -> Setup:
+    """Return what a monitor with these options would diagnose with."""
+    from rwa_monitor.formats.model_file import read_model
+    from rwa_monitor.formats.wheel_file import read_wheel, read_wheel_folder
+    from rwa_monitor.live.rebuild import Setup
+    from rwa_monitor.live.wheel_set import WheelSet
+
+    own_wheels = read_wheel_folder(wheel_folder) if wheel_folder else {}
+    return Setup(WheelSet(read_wheel(wheel_file), own_wheels), read_model(model_file), "joint")
 
 
 def _python() -> str:
@@ -186,13 +231,17 @@ def _settings(ctx: click.Context) -> str:
 def _wheel(wheel_file: Path | None) -> str:
     """Check that the wheel file can be used, and say what it lacks."""
     from rwa_monitor.formats.wheel_file import read_wheel
+    from rwa_monitor.live.wheel_words import first_verdict
+    from rwa_monitor.words import counted
 
     wheel = read_wheel(wheel_file)
     notes = wheel.missing()
+    told = f"{wheel.name}, {counted(len(wheel.fss), 'switching system')}"
+    wait = first_verdict([wheel])
+    told = f"{told}; {wait}" if wait else told
     if not notes:
-        return f"{wheel.name}, {len(wheel.fss)} switching systems; complete"
-    lacks = f"{wheel.name}, {len(wheel.fss)} switching systems; it lacks what rwa-monitor identify learns, or you know"
-    return f"{lacks}: {'; '.join(notes)}"
+        return f"{told}; complete"
+    return f"{told}; it lacks what rwa-monitor identify learns, or you know: {'; '.join(notes)}"
 
 
 def _model(model_file: Path | None, wheel_file: Path | None) -> str:
@@ -215,23 +264,3 @@ def _model(model_file: Path | None, wheel_file: Path | None) -> str:
     if unknown:
         told += f"; nothing says what this wheel's healthy {', '.join(unknown)} is: not judged, rwa-monitor identify"
     return told
-
-
-def _bus(bus: BusOptions) -> str:
-    """Check that the bus can be reached as the options say."""
-    import time
-
-    from rwa_monitor.live.bus import endpoints, open_session
-    from rwa_monitor.live.bus_watch import BusWatch
-
-    with open_session(bus) as session:
-        watch = BusWatch(session, endpoints(bus))
-        patient_until_s = time.monotonic() + CONNECT_S
-        while watch.trouble() and time.monotonic() < patient_until_s:
-            Event().wait(0.1)
-        if watch.trouble():
-            raise RwaMonitorError(
-                f"nothing answers at {', '.join(bus.connect) or bus.config}; is a router or peer there?"
-            )
-        routers, peers = list(session.info.routers_zid()), list(session.info.peers_zid())
-        return f"open, with {len(routers)} routers and {len(peers)} peers connected"
