@@ -33,13 +33,14 @@ FEWEST_TURNS: Final = 50  # fewer tell no line from a trend
 SAME_SHARE: Final = 0.5  # of the whole amplitude that low and high speeds must each show, in phase
 PARAMETERS: Final = 5  # in units of log N, as those of a ripple
 CLEARLY: Final = 1.1  # times the power: a tenth of the record in the other direction makes half as much again
+WHOLE_WITHIN: Final = 0.01  # of an order: as near to a whole one it is left to the ripple
 RESOLVED: Final = 1.0  # over the turns of the record: nearer to a whole order is whole
 SHARP: Final = 0.05  # of an order: the most that one over the turns may be
 
 
 @dataclass(frozen=True, slots=True)
 class AngleLine:
-    """A torque that is periodic in the wheel's angle.
+    """A torque that is periodic in the wheel's angle, at an order that is no whole number.
 
     Attributes
     ----------
@@ -47,8 +48,6 @@ class AngleLine:
         Periods per turn of the wheel [-].
     flips
         Whether it follows the direction of rotation, as friction does.
-    is_whole
-        Whether the order is a whole number as far as the record resolves.
     torques_Nm
         Of each record, on its slots.
     size_Nm
@@ -58,7 +57,6 @@ class AngleLine:
     order: float
     order_std: float
     flips: bool
-    is_whole: bool
     torques_Nm: tuple[FloatArray, ...]
     size_Nm: float
 
@@ -73,7 +71,7 @@ class AngleLine:
         """Return it as what no effect of the catalogue explains."""
         digits = max(int(np.ceil(-np.log10(max(self.order_std, 1e-6)))), 2)
         order = f"{self.order:.{digits}f} ± {self.order_std:.1g}"
-        why = "once a turn or a whole part of it" if self.is_whole else "no whole number: the cage, or balls that pass"
+        why = "no whole number: the cage, or balls that pass"
         return Unexplained(
             f"a drag that is periodic in the wheel's angle at order {order} of its turns ({why})",
             self.size_Nm,
@@ -106,8 +104,10 @@ def angle_line(problem: Problem, base: Fit) -> AngleLine | None:
         return None
     amplitude = 2.0 * np.abs(_sum(values, at, order)) / at.size
     std = float(np.sqrt(2.0 / at.size) * np.std(values) / max(2 * np.pi * amplitude * float(np.std(at)), 1e-300))
-    is_whole = abs(order - round(order)) < max(RESOLVED / whole, 3.0 * std) and round(order) >= 1
-    return _line(problem, values, turns, (order, std), flips=flips, is_whole=is_whole)
+    # Changes of direction make sidebands of a ripple of whole order, which follow the direction.
+    if round(order) >= 1 and abs(order - round(order)) < max(RESOLVED / whole, WHOLE_WITHIN):
+        return None
+    return _line(problem, values, turns, (order, std), flips=flips)
 
 
 def ripple_with(order: float) -> type[TorqueRipple]:
@@ -178,7 +178,6 @@ def _line(
     order: tuple[float, float],
     *,
     flips: bool,
-    is_whole: bool,
 ) -> AngleLine:
     """Fit the harmonics that are sure, and lay them on the slots."""
     variance = float(np.var(values))
@@ -195,4 +194,4 @@ def _line(
     if flips:
         torque = torque * np.nan_to_num(problem.records[0].channels.direction)
     size = float(np.sqrt(np.mean(torque[problem.slot] ** 2)))
-    return AngleLine(order[0], order[1], flips, is_whole, (torque,), size)
+    return AngleLine(order[0], order[1], flips, (torque,), size)

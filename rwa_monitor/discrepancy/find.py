@@ -193,7 +193,7 @@ def _by_angle(
         The line only where it was taken out of the problem.
     """
     line = angle_line(problem, fit(problem, np.zeros((problem.size, 0)))) if problem.has_noise else None
-    if line is None or (line.is_whole and not line.flips):
+    if line is None:
         return problem, candidates, None
     if line.flips:
         return replace(prepare(line.taken_from(problem.records), wheel), each=problem.each), candidates, line
