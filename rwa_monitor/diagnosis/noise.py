@@ -496,6 +496,5 @@ def ar_coefficient(noise: NoiseEstimate) -> float:
     if noise.autocovariance.size < 3 or not noise.autocovariance[0] > 0.0:
         return 0.0
     variance, first, second = noise.autocovariance[:3].tolist()
-    first, second = first / variance, second / variance
-    like_ar = first > _LEAST_COLOUR and abs(second - first**2) < _AR_TOLERANCE
-    return first if like_ar else 0.0
+    phi = first / variance
+    return phi if phi > _LEAST_COLOUR and abs(second / variance - phi**2) < _AR_TOLERANCE else 0.0

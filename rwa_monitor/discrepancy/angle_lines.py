@@ -13,7 +13,6 @@ from typing import Final
 
 import numpy as np
 from scipy import fft, optimize
-from scipy.ndimage import median_filter
 
 from rwa_monitor.discrepancy.base_fit import Fit, Problem
 from rwa_monitor.discrepancy.record import Record
@@ -25,7 +24,7 @@ from rwa_monitor.samples import FloatArray
 
 CELLS_PER_PERIOD: Final = 4  # of the highest order: what falls between cells blurs it by a tenth
 MOST_CELLS: Final = 2**21  # of a record; where it turns more often, high orders are not looked for
-NEAR: Final = 401  # orders around a line that say what is there without it
+NEAR: Final = 401  # orders around a line, in a block, that say what is there without it
 SURE: Final = 15.0  # nepers of the false-alarm probability, over all orders tried, in powers of the background
 SURE_HARMONIC: Final = 12.0  # the same for one order that is given
 MOST_HARMONICS: Final = 20  # of a line: a rub that lasts a twentieth of a turn has so many alike
@@ -141,10 +140,8 @@ def _peak(problem: Problem, base: Fit, at: FloatArray, whole: float, flips: bool
     tried = (order >= LOWEST_ORDER) & (order <= highest)
     if np.count_nonzero(tried) < NEAR:
         return None
-    # Of a few hundred orders around: what is smooth over the angle, as a law of speed that is missing, is no line.
-    around = median_filter(power, NEAR, mode="nearest")[tried] / np.log(2.0)
     power, order = power[tried], order[tried]
-    above = power / np.maximum(around, np.finfo(np.float64).tiny)
+    above = power / np.maximum(_background(power), np.finfo(np.float64).tiny)
     best = int(np.argmax(above))
     if above[best] < SURE + np.log(above.size):
         return None
@@ -154,6 +151,17 @@ def _peak(problem: Problem, base: Fit, at: FloatArray, whole: float, flips: bool
         if part >= order[0] and near.any() and float(above[near].max()) > SURE_HARMONIC:
             return float(above[best]), float(order[near][np.argmax(above[near])])
     return float(above[best]), float(order[best])
+
+
+def _background(power: FloatArray) -> FloatArray:
+    """Return what the power around each order would be on average without lines, from medians of blocks of orders.
+
+    What is smooth over the angle, as a law of speed that is missing, is no line.
+    """
+    blocks = power[: power.size - power.size % NEAR].reshape(-1, NEAR)
+    middle = (np.arange(len(blocks)) + 0.5) * NEAR
+    # The median of an exponential law is log 2 of its mean.
+    return np.asarray(np.interp(np.arange(power.size), middle, np.median(blocks, axis=1) / np.log(2.0)))
 
 
 def _refined(values: FloatArray, at: FloatArray, order: float, whole: float) -> float:

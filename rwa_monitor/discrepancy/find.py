@@ -20,11 +20,12 @@ from rwa_monitor.discrepancy.gain import HeldOut, held_out, holds_out, on_other_
 from rwa_monitor.discrepancy.heat import may_be_warm, told_as_unexplained
 from rwa_monitor.discrepancy.heat_term import HeatOfMotion
 from rwa_monitor.discrepancy.jump_terms import JUMP_TERMS
-from rwa_monitor.discrepancy.lattice import drawn_again, without_steps
+from rwa_monitor.discrepancy.known_effects import known_delay, records_of
+from rwa_monitor.discrepancy.lattice import drawn_again
 from rwa_monitor.discrepancy.mapper import Mapper, in_turn
 from rwa_monitor.discrepancy.noise_effects import noise_effects
 from rwa_monitor.discrepancy.nulls import built_in_nulls
-from rwa_monitor.discrepancy.record import Record, delay_of, make_record, without_known_effects
+from rwa_monitor.discrepancy.record import Record, delay_of
 from rwa_monitor.discrepancy.result import (
     INDISTINGUISHABLE,
     DiscrepancyResult,
@@ -118,9 +119,9 @@ def find_discrepancy(
         If a recording cannot be used: no friction, too few samples in motion, wrong units.
     """
     known = any(block.name == DelayTerm.name for block in wheel.effect)
-    delay = _known_delay(wheel) if known else delay_of(recordings, wheel)
-    problem = replace(prepare(_records(recordings, wheel, delay), wheel), each=each)
-    aside = prepare(_records(held_out_recordings, wheel, delay), wheel) if held_out_recordings else None
+    delay = known_delay(wheel) if known else delay_of(recordings, wheel)
+    problem = replace(prepare(records_of(recordings, wheel, delay), wheel), each=each)
+    aside = prepare(records_of(held_out_recordings, wheel, delay), wheel) if held_out_recordings else None
     named = delay if delay is not None and delay.slots and not known else None
     # What is left of a delay that is taken out is less than a part of a slot.
     missing = [effect for effect in candidates(wheel) if delay is None or effect is not DelayTerm]
@@ -159,7 +160,7 @@ def find_discrepancy(
         verdict = "untestable"
     at_base = found.ladder[0]
     if named is not None:  # the base model knows of none: it is judged on what is measured
-        base = prepare(_records(recordings, wheel), wheel)
+        base = prepare(records_of(recordings, wheel), wheel)
         at_base = Model((), fit(base, np.zeros((base.size, 0))))
         scores = (held_out(base, at_base), *scores)
     names = tuple(name for name, _ in held_out_recordings)
@@ -288,20 +289,6 @@ def _with_slope_jumps(
         return [*with_free_curves(problem, model), *extensions(problem, model, heat, progress)]
 
     return with_slope_jumps(problem, grown.ladder[-1], grown.ladder[0], rivals)
-
-
-def _known_delay(wheel: Wheel) -> Delay | None:
-    """Return the delay of the current that the wheel's file tells, in whole slots; None where it is within a slot."""
-    seconds = sum(block.parameters["strength_s"] for block in wheel.effect if block.name == DelayTerm.name)
-    slots = -round(seconds / wheel.sample_period_s)
-    return Delay(slots, 0.0, 0.0, 0.0) if slots else None
-
-
-def _records(recordings: Sequence[tuple[str, Samples]], wheel: Wheel, delay: Delay | None = None) -> list[Record]:
-    if delay is not None:  # taken out of the torque itself: to first order it would be taken out a second time
-        wheel = wheel.model_copy(update={"effect": tuple(b for b in wheel.effect if b.name != DelayTerm.name)})
-    records = [make_record(samples, wheel, name, delay) for name, samples in recordings]
-    return without_steps([without_known_effects(record, wheel) for record in records], wheel)
 
 
 def prepare(records: Sequence[Record], wheel: Wheel) -> Problem:

@@ -25,9 +25,10 @@ from rwa_monitor.discrepancy.identification_doubts import (
     unnamed_jumps,
     with_temperature,
 )
+from rwa_monitor.discrepancy.known_effects import without_known_effects
 from rwa_monitor.discrepancy.negative_friction import at_one_speed, motion_in_friction, why_negative
 from rwa_monitor.discrepancy.parting import Visit, part
-from rwa_monitor.discrepancy.record import left_out_in_words, make_record, without_known_effects
+from rwa_monitor.discrepancy.record import left_out_in_words, make_record
 from rwa_monitor.discrepancy.unit_check import Shown, slope_in_question
 from rwa_monitor.errors import InputError
 from rwa_monitor.physics.wheel import FrictionRange, Noise, Nominal, SwitchingSystem, Wheel, Window

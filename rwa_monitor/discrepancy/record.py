@@ -26,8 +26,6 @@ from rwa_monitor.discrepancy.unit_check import check_inertia, shown_inertia
 from rwa_monitor.errors import InputError
 from rwa_monitor.physics import torque_balance
 from rwa_monitor.physics.effects.base import Channels
-from rwa_monitor.physics.effects.catalogue import mean_effects
-from rwa_monitor.physics.effects.removal import effect_torque
 from rwa_monitor.physics.speed import wheel_angle
 from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray, Samples
@@ -152,11 +150,7 @@ def make_record(samples: Samples, wheel: Wheel, source: str, delay: alignment.De
     slot = _slots_of(samples, wheel, source)
     count = int(slot[-1]) + 1
     motion = _motion(samples, wheel, slot)
-    if motion.torque_Nm is not None and wheel.inertia_kg_m2 is not None:
-        shown = shown_inertia(motion.speed_rad_s, motion.torque_Nm, wheel.sample_period_s)
-        if shown is not None:
-            of_torque = "motor_current_A" if samples.motor_torque_Nm is None else "motor_torque_Nm"
-            check_inertia(shown, wheel.inertia_kg_m2, source, of_torque)
+    _check_inertia(samples, motion, wheel, source)
     if delay is not None:
         motion = alignment.aligned(motion, wheel, delay.slots, delay.part)
     speed, torque, friction = motion.speed_rad_s, motion.torque_Nm, motion.friction_Nm
@@ -215,14 +209,14 @@ def make_record(samples: Samples, wheel: Wheel, source: str, delay: alignment.De
     )
 
 
-def without_known_effects(record: Record, wheel: Wheel) -> Record:
-    """Subtract the torque of the effects that the wheel already has."""
-    effects = mean_effects(wheel)
-    if not effects:
-        return record
-    viscous = wheel.nominal.viscous_Nm_s_rad if wheel.nominal else 0.0
-    torque, _ = effect_torque(effects, record.channels, record.friction_torque_Nm, viscous, [None] * len(effects))
-    return replace(record, friction_torque_Nm=record.friction_torque_Nm - np.nan_to_num(torque))
+def _check_inertia(samples: Samples, motion: alignment.Motion, wheel: Wheel, source: str) -> None:
+    """Ask about units where speed and torque show another inertia than the wheel's."""
+    if motion.torque_Nm is None or wheel.inertia_kg_m2 is None:
+        return
+    shown = shown_inertia(motion.speed_rad_s, motion.torque_Nm, wheel.sample_period_s)
+    if shown is not None:
+        of_torque = "motor_current_A" if samples.motor_torque_Nm is None else "motor_torque_Nm"
+        check_inertia(shown, wheel.inertia_kg_m2, source, of_torque)
 
 
 def left_out_in_words(records: Sequence[Record]) -> str:

@@ -17,12 +17,10 @@ import struct
 import zlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from errno import EIO
 from hashlib import sha256
-from io import SEEK_END, BytesIO, FileIO
-from operator import index
+from io import SEEK_END, BytesIO
 from pathlib import Path
-from typing import Any, Final, NamedTuple, Protocol, SupportsIndex, overload
+from typing import Any, Final, NamedTuple
 
 import zstandard
 from mcap.data_stream import ReadDataStream
@@ -32,7 +30,8 @@ from mcap.records import Message as McapMessage
 from mcap.writer import MCAP0_MAGIC
 
 from rwa_monitor.errors import InputError
-from rwa_monitor.formats.files import PIECE_BYTES, display_name, read_bytes, unreadable
+from rwa_monitor.formats.files import display_name, read_bytes, unreadable
+from rwa_monitor.live.file_bytes import Content, FileBytes
 from rwa_monitor.words import counted
 
 MAX_CHUNK_BYTES: Final = 64 * 2**20  # uncompressed; ours have some 64 kB, or one message of at most 8 MB
@@ -183,7 +182,7 @@ class PassingRecording:
                 if size > MAX_FLEET_FILE_BYTES:
                     reason = f"is larger than the limit of {MAX_FLEET_FILE_BYTES:,} bytes"
                     raise InputError(display_name(path), reason)
-                walk = _Walk(self.recording, _FileBytes(file, size), MAX_PASSING_WORK_SHARE)
+                walk = _Walk(self.recording, FileBytes(file, size), MAX_PASSING_WORK_SHARE)
                 for part in walk.parts():
                     self.share = walk.position / size
                     yield part
@@ -191,74 +190,10 @@ class PassingRecording:
             raise unreadable(path, error) from error
 
 
-class _Bytes(Protocol):
-    """What the walk needs of a file's content; `bytes` and `_FileBytes` are such."""
-
-    def __len__(self) -> int: ...
-
-    @overload
-    def __getitem__(self, key: SupportsIndex, /) -> int: ...
-
-    @overload
-    def __getitem__(self, key: slice, /) -> bytes: ...
-
-    def find(self, sub: bytes, start: int, /) -> int: ...
-
-
-class _FileBytes:
-    """The content of a file as if it were in memory, of which only a piece is."""
-
-    def __init__(self, file: FileIO, size: int) -> None:
-        self._file = file
-        self._size = size
-        self._begin = 0
-        self._piece = b""
-
-    def __len__(self) -> int:
-        return self._size
-
-    @overload
-    def __getitem__(self, key: SupportsIndex, /) -> int: ...
-
-    @overload
-    def __getitem__(self, key: slice, /) -> bytes: ...
-
-    def __getitem__(self, key: SupportsIndex | slice, /) -> int | bytes:
-        if not isinstance(key, slice):
-            return self._between(index(key), index(key) + 1)[0]
-        start, stop, _ = key.indices(self._size)
-        return self._between(start, max(start, stop))
-
-    def find(self, sub: bytes, start: int, /) -> int:
-        """Return where some bytes are found first from `start` on, -1 where they are not."""
-        while start + len(sub) <= self._size:
-            stop = min(start + PIECE_BYTES, self._size)
-            if (found := self._between(start, stop).find(sub)) >= 0:
-                return start + found
-            start = stop - len(sub) + 1  # what is looked for may lie across the border
-        return -1
-
-    def _between(self, start: int, stop: int) -> bytes:
-        if not self._begin <= start <= stop <= self._begin + len(self._piece):
-            self._file.seek(start)
-            self._begin, self._piece = start, self._read(max(stop - start, min(PIECE_BYTES, self._size - start)))
-        return self._piece[start - self._begin : stop - self._begin]
-
-    def _read(self, count: int) -> bytes:
-        pieces = []
-        while count > 0:
-            piece = self._file.read(count)
-            if not piece:
-                raise OSError(EIO, "it became shorter while it was read")
-            pieces.append(piece)
-            count -= len(piece)
-        return pieces[0] if len(pieces) == 1 else b"".join(pieces)
-
-
 class _Walk:
     """Goes over the records of a file and passes on what is whole."""
 
-    def __init__(self, recording: Recording, data: _Bytes, work_share: int) -> None:
+    def __init__(self, recording: Recording, data: Content, work_share: int) -> None:
         if data[: len(MCAP0_MAGIC)] != MCAP0_MAGIC:
             raise InputError(str(recording.path), "is no MCAP file")
         self.recording = recording

@@ -16,6 +16,7 @@ from mcap.reader import make_reader
 
 from rwa_monitor.cli.main import main as program
 from rwa_monitor.errors import InputError
+from rwa_monitor.live import file_bytes
 from rwa_monitor.live import recording as recording_module
 from rwa_monitor.live.recorder import FolderLock, Predecessor, Recorder, RecordingWriter
 from rwa_monitor.live.recording import (
@@ -143,7 +144,7 @@ def passed(path: Path) -> Recording:
 def test_read_piece_by_piece_a_recording_is_the_same_also_cut_and_damaged(
     whole: tuple[Path, list[bytes]], piece_bytes: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(recording_module, "PIECE_BYTES", piece_bytes)
+    monkeypatch.setattr(file_bytes, "PIECE_BYTES", piece_bytes)
     path, _ = whole
     data = path.read_bytes()
     assert passed(path) == read_recording(path)
