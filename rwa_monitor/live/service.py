@@ -85,8 +85,7 @@ def run(
         past = Past()
         if options.record is not None:
             if last_recording(options.record) is not None:  # the cores are rebuilt with what is being compiled
-                while compiling.is_alive() and not stop.is_set():
-                    compiling.join(IDLE_WAIT_S)
+                _wait_for(compiling, stop)
             past = read_past(options.record, setup, stop, say, starting)
             if stop.is_set():
                 return
@@ -100,10 +99,8 @@ def run(
         del past  # what was published again needs no place for as long as the monitor runs
         bus.subscribe(options.wheels)
         bus.offer_health()
-        doing = f"monitoring {options.wheels}" + (f", recording in {options.record}" if options.record else "")
-        say(doing)
-        wait = first_verdict([options.wheel, *options.own_wheels.values()])
-        if wait and options.tell_verdicts:
+        say(doing := f"monitoring {options.wheels}" + (f", recording in {options.record}" if options.record else ""))
+        if options.tell_verdicts and (wait := first_verdict([options.wheel, *options.own_wheels.values()])):
             say(wait)
         supervisor.ready(doing)
         news = BusNews(BusWatch(session, endpoints(options.bus)), say)
@@ -116,6 +113,12 @@ def run(
             else:
                 monitor.step()
         supervisor.stopping()
+
+
+def _wait_for(thread: Thread, stop: Event) -> None:
+    """Wait until a thread has ended, or `stop` is set."""
+    while thread.is_alive() and not stop.is_set():
+        thread.join(IDLE_WAIT_S)
 
 
 def _recorder(options: RunOptions, folder: Path, past: Past, clock: Clock) -> Recorder:
