@@ -143,7 +143,7 @@ def _search(recordings: WheelRecordings, aside: WheelRecordings, wheel: Wheel, w
     from rwa_monitor.cli.progress import status_line
     from rwa_monitor.discrepancy.extended import viscous_in_question
     from rwa_monitor.discrepancy.find import find_discrepancy
-    from rwa_monitor.discrepancy.record import unusual
+    from rwa_monitor.discrepancy.plausible import unusual
     from rwa_monitor.discrepancy.saturation import end_stops_in_words
     from rwa_monitor.threads import on_threads
 

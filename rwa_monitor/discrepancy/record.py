@@ -19,6 +19,7 @@ import numpy as np
 from scipy.ndimage import binary_dilation, correlate1d, maximum_filter
 
 from rwa_monitor.discrepancy import alignment
+from rwa_monitor.discrepancy.plausible import check_plausible
 from rwa_monitor.discrepancy.reversals import averages_over_reversals
 from rwa_monitor.discrepancy.saturation import without_end_stops
 from rwa_monitor.discrepancy.steps import RMS_OF_ROUNDING, Steps, source_of_friction, steps_of
@@ -47,10 +48,6 @@ CORNER_EDGE: Final = 2  # slots on each side of a step of torque in which its pu
 # torque, is too often taken for one to mask more than it, or to leave the bends around it [slots].
 WIDE_HALF: Final = 8
 CORNER_WINDOWS: Final = 3  # derivative windows in which the speed must bend as a step of torque bends it
-WRONG_UNIT_FACTOR: Final = (
-    100.0  # of nominal friction: mN m read as N m are a thousand; no bearing gets there and turns
-)
-UNUSUAL_FACTOR: Final = 5.0  # of nominal friction: a wheel that has gone bad, or another wheel
 SMOOTHING_REACH: Final = 6  # slots beyond the hole, on each side, from which motion is estimated
 
 
@@ -164,21 +161,7 @@ def make_record(samples: Samples, wheel: Wheel, source: str, delay: alignment.De
     noise, step = _speed_noise_and_step(speed)
     rest = _at_rest(speed, noise, step, wheel.window.dead_band_rad_s)
     direction = np.sign(speed)
-    channels = Channels(
-        time_s=np.arange(count, dtype=np.float64) * wheel.sample_period_s,
-        speed_rad_s=speed,
-        direction=direction,
-        acceleration_rad_s2=_from_neighbours(speed, hole, SMOOTHING_REACH, order=1) / wheel.sample_period_s,
-        angle_rad=wheel_angle(_hold(speed), wheel.sample_period_s),
-        motor_torque_Nm=None if torque is None else _from_neighbours(torque, 0, SMOOTHING_REACH, order=0),
-        bearing_temperature_degC=_smooth_temperature(_on_grid(samples.bearing_temperature_degC, slot)),
-        dry_level_Nm=None,
-        sample_period_s=wheel.sample_period_s,
-        good=np.isfinite(speed) & np.isfinite(friction),
-        motor_torque_rate_Nm_s=(
-            None if torque is None else _from_neighbours(torque, 0, SMOOTHING_REACH, order=1) / wheel.sample_period_s
-        ),
-    )
+    channels = _channels(samples, motion, friction, slot, wheel, hole)
     good = channels.good
     moving = good & ~rest & (direction != 0)
     averaged = averages_over_reversals(speed, np.where(moving, direction * friction, np.nan))
@@ -206,6 +189,28 @@ def make_record(samples: Samples, wheel: Wheel, source: str, delay: alignment.De
             int(np.count_nonzero(used)),
         ),
         steps=motion.steps,
+    )
+
+
+def _channels(
+    samples: Samples, motion: alignment.Motion, friction: FloatArray, slot: IntArray, wheel: Wheel, hole: int
+) -> Channels:
+    """Return the motion as effects see it, from neighbours `hole` slots away."""
+    speed, torque = motion.speed_rad_s, motion.torque_Nm
+    return Channels(
+        time_s=np.arange(speed.size, dtype=np.float64) * wheel.sample_period_s,
+        speed_rad_s=speed,
+        direction=np.sign(speed),
+        acceleration_rad_s2=_from_neighbours(speed, hole, SMOOTHING_REACH, order=1) / wheel.sample_period_s,
+        angle_rad=wheel_angle(_hold(speed), wheel.sample_period_s),
+        motor_torque_Nm=None if torque is None else _from_neighbours(torque, 0, SMOOTHING_REACH, order=0),
+        bearing_temperature_degC=_smooth_temperature(_on_grid(samples.bearing_temperature_degC, slot)),
+        dry_level_Nm=None,
+        sample_period_s=wheel.sample_period_s,
+        good=np.isfinite(speed) & np.isfinite(friction),
+        motor_torque_rate_Nm_s=(
+            None if torque is None else _from_neighbours(torque, 0, SMOOTHING_REACH, order=1) / wheel.sample_period_s
+        ),
     )
 
 
@@ -296,71 +301,6 @@ def _accelerating_torque(torque: FloatArray, friction: FloatArray, channels: Cha
     if wheel.inertia_kg_m2 is None:
         return _from_neighbours(torque - friction, 0, SMOOTHING_REACH, order=0)
     return wheel.inertia_kg_m2 * channels.acceleration_rad_s2
-
-
-def check_plausible(samples: Samples, wheel: Wheel, source: str) -> None:
-    """Refuse tables in wrong units: values beyond the wheel's limits, or a voltage that contradicts the speed."""
-    if len(samples) == 0:
-        raise InputError(source, "holds no samples")
-    limits = wheel.limits
-    for name, limit in (("speed_rad_s", limits.max_speed_rad_s), ("motor_current_A", limits.max_current_A)):
-        values = getattr(samples, name)
-        if values is None or limit is None or not np.isfinite(values).any():
-            continue
-        largest = float(np.nanmax(np.abs(values)))
-        if largest > limit:
-            raise InputError(source, f"reaches {largest:.6g}, the wheel's limit is {limit:.6g}; wrong unit?", name)
-    ratio = friction_over_nominal(samples, wheel)
-    if ratio is not None and not 1 / WRONG_UNIT_FACTOR < ratio < WRONG_UNIT_FACTOR:
-        raise InputError(
-            source,
-            f"is {ratio:.3g} times the wheel's nominal friction on the median; wrong unit?",
-            "friction_torque_Nm",
-        )
-    known = (wheel.winding_resistance_ohm, wheel.back_emf_constant_V_s_rad)
-    voltage, current = samples.motor_voltage_V, samples.motor_current_A
-    if voltage is not None and current is not None and None not in known:
-        resistance, back_emf = float(known[0] or 0), float(known[1] or 0)
-        expected = resistance * current + back_emf * samples.speed_rad_s
-        both = np.isfinite(expected) & np.isfinite(voltage)
-        scale = float(np.sqrt(np.mean(expected[both] ** 2))) if both.any() else 0.0
-        # Half of the signal: a sensor may be off by per cents, a unit is off by factors.
-        if scale > 0 and float(np.sqrt(np.mean((voltage - expected)[both] ** 2))) > 0.5 * scale:
-            raise InputError(
-                source,
-                "contradicts R·I + K_E·ω of the wheel file by more than half; is a unit or a constant wrong?",
-                "motor_voltage_V",
-            )
-
-
-def friction_over_nominal(samples: Samples, wheel: Wheel) -> float | None:
-    """Return the median of friction as measured over nominal friction at that speed [-]; None where one is not known.
-
-    Samples near rest, at a tenth of the median speed or less, do not count: there friction has no sign.
-    """
-    if wheel.nominal is None or samples.friction_torque_Nm is None:
-        return None
-    speed = np.abs(samples.speed_rad_s)
-    known = np.isfinite(speed) & np.isfinite(samples.friction_torque_Nm)
-    if not known.any():
-        return None
-    moving = known & (speed > 0.1 * float(np.median(speed[known])))
-    if not moving.any():
-        return None
-    nominal = wheel.nominal.dry_torque_Nm + wheel.nominal.viscous_Nm_s_rad * speed[moving]
-    return float(np.median(np.abs(samples.friction_torque_Nm[moving]) / nominal))
-
-
-def unusual(samples: Samples, wheel: Wheel) -> str | None:
-    """Say in words what is unusual about a table that is not refused; None where nothing is."""
-    ratio = friction_over_nominal(samples, wheel)
-    if (
-        ratio is None
-        or 1 / UNUSUAL_FACTOR < ratio < UNUSUAL_FACTOR
-        or not 1 / WRONG_UNIT_FACTOR < ratio < WRONG_UNIT_FACTOR
-    ):
-        return None
-    return f"friction is {ratio:.2g} times the wheel's nominal friction on the median; is it the right wheel file?"
 
 
 def _from_neighbours(values: FloatArray, hole: int, reach: int, order: int) -> FloatArray:
