@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import json
+import re
 import socket
 import struct
 import sys
+from collections import deque
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -31,41 +33,65 @@ MESSAGE_DATA = 1  # opcode of what the server sends for a subscription, before i
 DATA_HEAD = struct.Struct("<BIQ")
 
 
+class FoxgloveClient:
+    """A client of Foxglove's protocol, on an open connection."""
+
+    def __init__(self, connection: ClientConnection) -> None:
+        self.connection = connection
+        self._unread: deque[str | bytes] = deque()
+
+    def channels_of(self, *topics: str) -> dict[str, dict[str, Any]]:
+        """Wait until topics are advertised."""
+        found: dict[str, dict[str, Any]] = {}
+        while not found.keys() >= set(topics):
+            content = self.connection.recv(timeout=WAIT_S)
+            if isinstance(content, str) and (told := json.loads(content))["op"] == "advertise":
+                found |= {channel["topic"]: channel for channel in told["channels"]}
+        return found
+
+    def subscribe(self, *channels: dict[str, Any]) -> None:
+        """Subscribe to channels, in this order, and wait until the server has taken it.
+
+        foxglove-sdk 0.30 tells of a channel before it takes subscriptions to it (`advertise_channels` in its
+        connected_client.rs), so who answers at once may be refused. It says nothing of a subscription that it took,
+        but warns of the second one to a channel: each is asked for until that warning comes.
+        """
+        for number, channel in enumerate(channels):
+            wanted = json.dumps({"op": "subscribe", "subscriptions": [{"id": number, "channelId": channel["id"]}]})
+            self.connection.send(wanted)
+            said = ""
+            while "already subscribed" not in said:
+                self.connection.send(wanted)
+                said = self._status_of(channel["id"])
+
+    def heard(self, number: int, time_ns: int) -> dict[str, Any]:
+        """Return the content of the message of a subscription that has a time."""
+        while True:
+            content = self._unread.popleft() if self._unread else self.connection.recv(timeout=WAIT_S)
+            if isinstance(content, bytes) and content[0] == MESSAGE_DATA:
+                _, *which = DATA_HEAD.unpack_from(content)
+                if which == [number, time_ns]:
+                    told: dict[str, Any] = json.loads(content[DATA_HEAD.size :])
+                    return told
+
+    def _status_of(self, channel_id: int) -> str:
+        """Return what the server next says of a subscription to a channel; what else comes is kept for later."""
+        while True:
+            content = self.connection.recv(timeout=WAIT_S)
+            told = json.loads(content) if isinstance(content, str) else {}
+            if told.get("op") == "status" and re.search(rf"channel(?: ID)?: {channel_id}\b", told["message"]):
+                return str(told["message"])
+            self._unread.append(content)
+
+
 @contextmanager
-def foxglove_client(session: zenoh.Session, folder: Path) -> Iterator[ClientConnection]:
+def foxglove_client(session: zenoh.Session, folder: Path) -> Iterator[FoxgloveClient]:
     """Connect to a dashboard that serves Foxglove."""
     lines: list[str] = []
     with serve(DashboardOptions(0, folder, foxglove=0), session, lines.append):
         (address,) = [line.split()[-1] for line in lines if line.startswith("Foxglove connects to ws://127.0.0.1:")]
-        with connect(address, subprotocols=[Subprotocol("foxglove.sdk.v1")], open_timeout=WAIT_S) as client:
-            yield client
-
-
-def channels_of(client: ClientConnection, *topics: str) -> dict[str, dict[str, Any]]:
-    """Wait until topics are advertised."""
-    found: dict[str, dict[str, Any]] = {}
-    while not found.keys() >= set(topics):
-        content = client.recv(timeout=WAIT_S)
-        if isinstance(content, str) and (told := json.loads(content))["op"] == "advertise":
-            found |= {channel["topic"]: channel for channel in told["channels"]}
-    return found
-
-
-def subscribe(client: ClientConnection, *channels: dict[str, Any]) -> None:
-    """Subscribe to channels, in this order."""
-    wanted = [{"id": number, "channelId": channel["id"]} for number, channel in enumerate(channels)]
-    client.send(json.dumps({"op": "subscribe", "subscriptions": wanted}))
-
-
-def heard(client: ClientConnection, number: int, time_ns: int) -> dict[str, Any]:
-    """Return the content of the message of a subscription that has a time."""
-    while True:
-        content = client.recv(timeout=WAIT_S)
-        if isinstance(content, bytes) and content[0] == MESSAGE_DATA:
-            _, *which = DATA_HEAD.unpack_from(content)
-            if which == [number, time_ns]:
-                told: dict[str, Any] = json.loads(content[DATA_HEAD.size :])
-                return told
+        with connect(address, subprotocols=[Subprotocol("foxglove.sdk.v1")], open_timeout=WAIT_S) as connection:
+            yield FoxgloveClient(connection)
 
 
 def test_a_client_gets_the_latest_diagnosis_and_then_each_new_one_with_its_schema(
@@ -74,18 +100,17 @@ def test_a_client_gets_the_latest_diagnosis_and_then_each_new_one_with_its_schem
     key = "rwa/sat/wheel_1"
     with foxglove_client(session, tmp_path) as client:
         send_windows(session, "wheel_1", failing=False, windows=1)
-        channels = channels_of(client, f"{key}/diagnosis", f"{key}/log")
+        channels = client.channels_of(f"{key}/diagnosis", f"{key}/log")
         channel = channels[f"{key}/diagnosis"]
         assert (channel["encoding"], channel["schemaName"]) == ("json", "rwa.Diagnosis")
         assert json.loads(channel["schema"]) == schemas()["rwa.Diagnosis"]
         assert channels[f"{key}/log"]["schemaName"] == LOG_SCHEMA
-        # The log first: once the diagnosis is heard, both are subscribed to.
-        subscribe(client, channels[f"{key}/log"], channel)
+        client.subscribe(channels[f"{key}/log"], channel)
         first, second = diagnosis(0, wheel="wheel_1"), diagnosis(1, severity=1.0, wheel="wheel_1")
-        assert heard(client, 1, first.window_end_ns) == json.loads(first.to_json())
+        assert client.heard(1, first.window_end_ns) == json.loads(first.to_json())
         session.put(f"{key}/diagnosis", second.to_json())
-        assert heard(client, 1, second.window_end_ns) == json.loads(second.to_json())
-        line = heard(client, 0, second.window_end_ns)
+        assert client.heard(1, second.window_end_ns) == json.loads(second.to_json())
+        line = client.heard(0, second.window_end_ns)
         assert (line["level"], line["message"], line["name"]) == (4, second.reason, "sat/wheel_1")
         assert line["timestamp"]["sec"] == second.window_end_ns // NANOSECONDS_PER_SECOND
 
@@ -94,12 +119,12 @@ def test_an_alarm_is_a_line_of_the_log(session: zenoh.Session, tmp_path: Path) -
     key = "rwa/sat/wheel_1"
     with foxglove_client(session, tmp_path) as client:
         send_windows(session, "wheel_1", failing=False, windows=1)
-        channels = channels_of(client, f"{key}/diagnosis", f"{key}/log")
-        subscribe(client, channels[f"{key}/log"], channels[f"{key}/diagnosis"])
-        heard(client, 1, diagnosis(0, wheel="wheel_1").window_end_ns)
+        channels = client.channels_of(f"{key}/diagnosis", f"{key}/log")
+        client.subscribe(channels[f"{key}/log"], channels[f"{key}/diagnosis"])
+        client.heard(1, diagnosis(0, wheel="wheel_1").window_end_ns)
         send_windows(session, "wheel_1", failing=True)
         last_ns = diagnosis(2, severity=1.0, wheel="wheel_1").window_end_ns
-        while not (line := heard(client, 0, last_ns))["message"].startswith("Alarm "):
+        while not (line := client.heard(0, last_ns))["message"].startswith("Alarm "):
             assert line["message"]  # of the diagnosis, which comes before
         assert line["message"].endswith(": warning, active.")
         assert line["level"] == LogLevel.WARNING
@@ -110,17 +135,17 @@ def test_what_is_no_message_of_ours_stops_nothing(session: zenoh.Session, tmp_pa
         session.put("rwa/sat/wheel_1/diagnosis", b"{")
         session.put("rwa/sat/wheel_1/unknown", b"{}")
         send_windows(session, "wheel_1", failing=False, windows=1)
-        found = channels_of(client, "rwa/sat/wheel_1/diagnosis")
+        found = client.channels_of("rwa/sat/wheel_1/diagnosis")
     assert "rwa/sat/wheel_1/unknown" not in found
 
 
 def test_it_is_on_loopback_only_and_takes_nothing(session: zenoh.Session, tmp_path: Path) -> None:
     with foxglove_client(session, tmp_path) as client:
-        told = json.loads(client.recv(timeout=WAIT_S))
+        told = json.loads(client.connection.recv(timeout=WAIT_S))
         assert (told["op"], told["capabilities"]) == ("serverInfo", [])
         # Another address of this machine: whoever listens on all addresses listens there too.
         with pytest.raises(ConnectionRefusedError):
-            socket.create_connection(("127.0.0.2", client.remote_address[1]), timeout=WAIT_S)
+            socket.create_connection(("127.0.0.2", client.connection.remote_address[1]), timeout=WAIT_S)
 
 
 def test_a_port_that_is_taken_is_said(session: zenoh.Session, tmp_path: Path) -> None:
