@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from base64 import b64encode
 from dataclasses import replace
 
 import hypothesis.strategies as st
@@ -144,6 +145,31 @@ def test_a_checkpoint_of_before_windows_kept_their_samples_is_understood() -> No
     assert len(slots.values["speed_rad_s"]) > len(now.slots.values["speed_rad_s"])
     resumed = WheelCore.resume(Checkpoint.from_json(before.to_json(), "test"), of_wheel, model(), method="joint")
     assert messages(resumed, parts[1:]) == messages(core, parts[1:])
+
+
+def test_a_checkpoint_of_before_samples_were_written_as_bytes_is_understood_and_a_damaged_one_refused() -> None:
+    of_wheel, samples = case("given")
+    parts = list(pieces(samples, [1_500]))
+    core = WheelCore(of_wheel, model())
+    run_core(core, parts[:1])
+    content = json.loads(core.checkpoint().to_json())
+    (window,) = content["windows"]["gathered"]
+    (gathered,) = core.checkpoint().windows.gathered or ()
+    assert np.isnan(gathered.x).any()  # null, in such a file
+    listed = {
+        name: [None if np.isnan(value) else value for value in getattr(gathered, name).tolist()] for name in ("x", "z")
+    }
+
+    def read(samples: dict[str, object]) -> Checkpoint:
+        windows = content["windows"] | {"gathered": [window | samples]}
+        return Checkpoint.from_json(json.dumps(content | {"version": 1, "windows": windows}).encode(), "test")
+
+    resumed = WheelCore.resume(read(listed), of_wheel, model(), method="joint")
+    assert messages(resumed, parts[1:]) == messages(core, parts[1:])
+    endless = b64encode(np.array([np.inf]).tobytes()).decode()
+    for damaged in (window["x"][:-1], "AAAA", endless, "0.5", [0.1, "?"], [[0.1]], [10**400], {}, None):
+        with pytest.raises(InputError, match=r"gathered.*x"):
+            read({"x": damaged})
 
 
 def test_a_checkpoint_keeps_the_messages_that_wait() -> None:
