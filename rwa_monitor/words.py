@@ -1,7 +1,8 @@
-"""How times and counts are told to a person."""
+"""How times, counts and lists are told to a person."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
@@ -36,3 +37,20 @@ def counted(count: int, what: str) -> str:
     ('1 window', '12500 samples')
     """
     return f"{count} {what}{'' if count == 1 else 's'}"
+
+
+def is_or_are(count: int) -> str:
+    """Return the verb that goes with `counted`."""
+    return "is" if count == 1 else "are"
+
+
+def first_few(names: Sequence[str], most: int) -> str:
+    """Return a list of names in one line, with the number of those beyond the first `most`.
+
+    Examples
+    --------
+    >>> first_few(["rw1", "rw2", "rw3"], 2), first_few(["rw1", "rw2"], 2)
+    ('rw1, rw2 and 1 more', 'rw1, rw2')
+    """
+    more = f" and {len(names) - most} more" if len(names) > most else ""
+    return f"{', '.join(names[:most])}{more}"

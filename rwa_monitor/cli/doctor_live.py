@@ -5,8 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
+from rwa_monitor.cli.options import BYTES_PER_GB
 from rwa_monitor.errors import InputError, RwaMonitorError
-from rwa_monitor.words import counted
+from rwa_monitor.words import counted, first_few
 
 if TYPE_CHECKING:
     import zenoh
@@ -17,7 +18,6 @@ if TYPE_CHECKING:
 
 CONNECT_S: Final = 3.0  # how long a router or peer has to answer
 LISTEN_S: Final = 2.0  # how long the bus is listened to: a monitor speaks every second
-BYTES_PER_GB: Final = 1e9
 NAMED: Final = 8  # wheels that a line names, of many
 
 
@@ -27,9 +27,9 @@ def look_at_wheel_folder(folder: Path) -> str:
 
     wheels = read_wheel_folder(folder)
     lacking = [f"{_name(key)}: {note}" for key, wheel in wheels.items() for note in wheel.missing()]
-    told = f"{counted(len(wheels), 'wheel')} ({_listed([_name(key) for key in wheels])})"
+    told = f"{counted(len(wheels), 'wheel')} ({first_few([_name(key) for key in wheels], NAMED)})"
     if loose := sorted(file.name for file in folder.glob("*.toml")):
-        told += f"; no wheel's: {_listed(loose)}, the place is SPACECRAFT/WHEEL.toml"
+        told += f"; no wheel's: {first_few(loose, NAMED)}, the place is SPACECRAFT/WHEEL.toml"
     return f"{told}; {'; '.join(lacking[:NAMED]) or 'complete'}"
 
 
@@ -74,7 +74,7 @@ def _stale(last: Path, setup: Setup) -> str:
         return f", which cannot be used ({error.place or error.reason}): the one before it is taken"
     keys = {split_key(one.topic)[:2] for one in recording.messages if one.schema == SamplesMessage.schema_name()}
     other = sorted(_name(key) for key in keys if before.identity_of(*key) != setup.identity_of(*key))
-    return f", made with another wheel file, model or method of {_listed(other)}: begun anew" if other else ""
+    return f", made with another wheel file, model or method of {first_few(other, NAMED)}: begun anew" if other else ""
 
 
 def look_at_bus(bus: BusOptions, own_wheels: set[WheelKey]) -> str:
@@ -107,7 +107,7 @@ def look_at_bus(bus: BusOptions, own_wheels: set[WheelKey]) -> str:
     told = f"open, with {counted(routers, 'router')} and {counted(peers, 'peer')} connected; in {LISTEN_S:.0f} s heard"
     told += f" telemetry of {_told(sending)}, monitors of {_told(monitored)}"
     unused = sorted(_name(key) for key in own_wheels - sending - monitored)
-    return f"{told}; wheel files of wheels that were not heard: {_listed(unused)}" if unused else told
+    return f"{told}; wheel files of wheels that were not heard: {first_few(unused, NAMED)}" if unused else told
 
 
 def _heard(session: zenoh.Session) -> tuple[set[WheelKey], set[WheelKey]]:
@@ -133,15 +133,11 @@ def _heard(session: zenoh.Session) -> tuple[set[WheelKey], set[WheelKey]]:
 
 
 def _told(wheels: set[WheelKey]) -> str:
-    return f"{counted(len(wheels), 'wheel')} ({_listed(sorted(map(_name, wheels)))})" if wheels else "no wheel"
+    return f"{counted(len(wheels), 'wheel')} ({first_few(sorted(map(_name, wheels)), NAMED)})" if wheels else "no wheel"
 
 
 def _name(key: WheelKey) -> str:
     return "/".join(key)
-
-
-def _listed(names: list[str]) -> str:
-    return ", ".join(names[:NAMED]) + (f" and {len(names) - NAMED} more" if len(names) > NAMED else "")
 
 
 def _free(count: int) -> str:

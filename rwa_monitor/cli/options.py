@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 _LOOPBACK: Final = re.compile(r"127\.|localhost:|\[::1\]")
 _PROTECTED: Final = ("tls", "quic", "unixsock-stream", "unixpipe")
 
+BYTES_PER_GB: Final = 1e9
+
 Decorated = TypeVar("Decorated", bound=Callable[..., Any])
 
 # Whether a file exists and can be used is said by whoever reads it, with the reason; click only makes it a Path.

@@ -10,7 +10,16 @@ from typing import TYPE_CHECKING
 import click
 
 from rwa_monitor.cli.first_use import tell_of_compiling
-from rwa_monitor.cli.options import FILE, Real, bus_options, method_option, model_option, warn_if_alone, wheel_option
+from rwa_monitor.cli.options import (
+    BYTES_PER_GB,
+    FILE,
+    Real,
+    bus_options,
+    method_option,
+    model_option,
+    warn_if_alone,
+    wheel_option,
+)
 from rwa_monitor.cli.talk import say
 
 if TYPE_CHECKING:
@@ -102,7 +111,7 @@ def command(
         model=read_model(model_file),
         method=method,
         record=record,
-        max_record_bytes=None if record_limit is None else int(record_limit * 1e9),
+        max_record_bytes=None if record_limit is None else int(record_limit * BYTES_PER_GB),
         bus=bus,
         shard=shard,
     )

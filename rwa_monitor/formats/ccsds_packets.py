@@ -29,11 +29,11 @@ from rwa_monitor.formats.telemetry import (
     SampleBatch,
     TelemetryFile,
     WheelTelemetry,
+    check_time,
     disorder,
 )
 from rwa_monitor.formats.telemetry_map import PacketWheel, conversion, packet_wheels, time_conversion
 from rwa_monitor.samples import Samples
-from rwa_monitor.slots import MAX_TIME_NS
 from rwa_monitor.words import counted
 
 MAX_PACKET_FILE_BYTES: Final = 1_000_000_000
@@ -223,8 +223,7 @@ def _sample(parameters: Mapping[str, Any], number: int, wheel: _Wheel) -> Packet
     if any(name not in parameters for name in wanted):
         return None
     time_ns = round(sum((Fraction(parameters[name]) * unit for name, unit in wheel.time), Fraction()))
-    if not 0 <= time_ns <= MAX_TIME_NS:
-        raise ValueError(f"a time of {time_ns / 1e9:.3g} s; the bus takes 0 to {MAX_TIME_NS / 1e9:.0e} s")
+    check_time(time_ns)
     return PacketSample(number, time_ns, tuple(_value(parameters, channel) for channel in wheel.channels))
 
 

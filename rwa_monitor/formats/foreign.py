@@ -10,6 +10,8 @@ import re
 from collections.abc import Sequence
 from typing import Final
 
+from rwa_monitor.words import counted
+
 # First bytes of what people give for a table, what it is, and what to do.
 _SIGNATURES: Final[Sequence[tuple[bytes, str]]] = (
     (b"PK\x03\x04", "is a spreadsheet or another ZIP archive: save the sheet as CSV, or unpack the archive"),
@@ -99,7 +101,7 @@ def oddities(head: str, wanted: Sequence[str]) -> list[tuple[str, str]]:
     """
     rows = head.splitlines()
     comments = next((k for k, row in enumerate(rows) if not row.lstrip().startswith(_COMMENT)), len(rows))
-    found = [("comment", f"{comments} {'row' if comments == 1 else 'rows'} of comments")] if comments else []
+    found = [("comment", f"{counted(comments, 'row')} of comments")] if comments else []
     header, *values = rows[comments:] or [""]
     separator = "," if "," in header else max(_NAMES, key=header.count)
     if separator in header and separator != ",":

@@ -32,16 +32,14 @@ from rwa_monitor.errors import InputError, RwaMonitorError
 from rwa_monitor.formats.columns import MAX_ROWS
 from rwa_monitor.formats.files import display_name, first_line, unreadable
 from rwa_monitor.formats.ros2_types import checked_definition
-from rwa_monitor.formats.telemetry import Decoding, SampleBatch, TelemetryFile, WheelTelemetry, disorder
+from rwa_monitor.formats.telemetry import Decoding, SampleBatch, TelemetryFile, WheelTelemetry, check_time, disorder
 from rwa_monitor.formats.telemetry_map import SI_UNITS, TopicChannel, TopicWheel, conversion, topic_wheels
 from rwa_monitor.hints import did_you_mean
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, FloatArray, IntArray, Samples
-from rwa_monitor.slots import MAX_TIME_NS
 from rwa_monitor.words import counted
 
 MAX_RECORD_BYTES: Final = 64 * 2**20
 MAX_SKIPPED_BYTES: Final = 2**40  # of an attachment that is passed over
-MAX_JOINTS_TOLD: Final = 8  # of a topic, where the map names another
 MAX_CHUNK_BYTES: Final = 64 * 2**20  # unpacked; rosbag2 writes chunks of less than one
 MAX_WORK_BYTES: Final = 16 * 2**30  # to be unpacked of a file; a bag with pictures is large
 MAX_SCHEMAS_BYTES: Final = 64 * 2**20  # of all that are kept; a bag of hundreds of types has some
@@ -49,6 +47,7 @@ MAX_RECORDS: Final = 100_000_000  # of a bag; 28 hours of a thousand messages a 
 MAX_CHANNELS: Final = 1_000  # of the topics of the map
 MAX_NAME: Final = 200  # characters of another topic's name that are kept, to be told
 MAX_MESSAGE_BYTES: Final = 2**18  # of a topic of the map; the state of a thousand joints has some 50 kB
+MAX_JOINTS_TOLD: Final = 8  # of a topic, where the map names another
 
 # What the decoder raises where a message is not as its schema says; it checks little itself.
 _DECODER_ERRORS: Final = (
@@ -135,8 +134,7 @@ class _Series:
         if not isinstance(value, (int, float)):
             raise TypeError(f"{self.spec.field} is no number")
         time_ns = self._time_of(message, logged)
-        if not 0 <= time_ns <= MAX_TIME_NS:
-            raise ValueError(f"a time of {time_ns / 1e9:.3g} s; the bus takes 0 to {MAX_TIME_NS / 1e9:.0e} s")
+        check_time(time_ns)
         self.times.append(time_ns)
         self.values.append(float(value) * self._factor + self._offset)
 

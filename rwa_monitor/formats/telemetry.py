@@ -19,7 +19,8 @@ from rwa_monitor.diagnosis.model import Model
 from rwa_monitor.errors import InputError
 from rwa_monitor.formats.files import display_name, read_checked_text
 from rwa_monitor.physics.wheel import Wheel
-from rwa_monitor.samples import Samples, concatenate
+from rwa_monitor.samples import NANOSECONDS_PER_SECOND, Samples, concatenate
+from rwa_monitor.slots import MAX_TIME_NS
 
 MAX_MAP_BYTES: Final = 1_000_000
 MAX_XTCE_BYTES: Final = 4_000_000  # the telemetry of a whole satellite has some thousand parameters
@@ -144,6 +145,13 @@ def joined(telemetry: WheelTelemetry) -> Samples:
     if (np.diff(samples.time_ns) > 0).all():
         return samples
     return samples[np.unique(samples.time_ns, return_index=True)[1]]
+
+
+def check_time(time_ns: int) -> None:
+    """Raise ValueError, in words for a count of what cannot be used, where the bus takes no such time."""
+    if not 0 <= time_ns <= MAX_TIME_NS:
+        latest_s = MAX_TIME_NS / NANOSECONDS_PER_SECOND
+        raise ValueError(f"a time of {time_ns / NANOSECONDS_PER_SECOND:.3g} s; the bus takes 0 to {latest_s:.0e} s")
 
 
 def disorder(samples: Samples, wheel: str) -> list[str]:

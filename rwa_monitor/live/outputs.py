@@ -30,7 +30,7 @@ from rwa_monitor.messages import (
 )
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND
 from rwa_monitor.version import SOFTWARE
-from rwa_monitor.words import counted, time_text
+from rwa_monitor.words import counted, is_or_are, time_text
 
 CARRIED_KIND: Final = "carried"
 CARRIED_SCHEMA: Final = "rwa.Carried"
@@ -158,6 +158,6 @@ def trouble_in(event: Event) -> str | None:
     if isinstance(event, PublisherChanged):
         return f"publisher {event.after!r} took over from {event.before!r}, which had gone silent"
     if isinstance(event, MessagesMissed):
-        are = "is" if event.count == 1 else "are"
-        return f"{counted(event.count, 'message')} of {event.publisher!r} {are} missing, from batch {event.first} on"
+        missing = f"{is_or_are(event.count)} missing, from batch {event.first} on"
+        return f"{counted(event.count, 'message')} of {event.publisher!r} {missing}"
     return None

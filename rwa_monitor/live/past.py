@@ -16,7 +16,7 @@ from rwa_monitor.live.outputs import Output
 from rwa_monitor.live.recorder import Predecessor, predecessor_of
 from rwa_monitor.live.recording import RECORDING_SUFFIX, PassingRecording, RecordedMessage, Recording
 from rwa_monitor.messages import Diagnosis
-from rwa_monitor.words import counted
+from rwa_monitor.words import counted, first_few
 
 # How far back diagnoses are published again at a start: an outage may have begun before several crashes.
 REPEATED_FILES: Final = 16
@@ -86,7 +86,8 @@ def read_past(
             say(f"{path}: {problem}")
         past.cores = _same(rebuilt.cores, recorded_setup, setup)
         if anew := sorted(f"{spacecraft}/{wheel}" for spacecraft, wheel in rebuilt.cores.keys() - past.cores.keys()):
-            say(f"{path} was made with another wheel file, model or method of {_listed(anew)}: begun anew")
+            wheels = first_few(anew, MAX_LISTED)
+            say(f"{path} was made with another wheel file, model or method of {wheels}: begun anew")
         past.unrecorded = _unrecorded(recording, rebuilt.outputs)
         past.diagnoses = [*_earlier_diagnoses(paths[place + 1 :]), *_diagnoses(recording)]
         say(f"going on from {path}: {counted(len(past.cores), 'wheel')}, {counted(rebuilt.inputs, 'message')}")
@@ -116,11 +117,6 @@ def _same(
 ) -> dict[tuple[str, str], WheelCore]:
     """Return the cores whose diagnoses depend on nothing that has changed."""
     return {key: core for key, core in cores.items() if before.identity_of(*key) == now.identity_of(*key)}
-
-
-def _listed(names: Sequence[str]) -> str:
-    more = f" and {len(names) - MAX_LISTED} more" if len(names) > MAX_LISTED else ""
-    return f"{', '.join(names[:MAX_LISTED])}{more}"
 
 
 def _unrecorded(recording: Recording, outputs: list[Output]) -> list[Output]:

@@ -16,7 +16,7 @@ from rwa_monitor.live.recorder import CHUNK_BYTES, PROFILE
 from rwa_monitor.live.recording import CHANNELS_ATTACHMENT, MAX_FLEET_FILE_BYTES, Recording, read_recording
 from rwa_monitor.messages import KEY_PREFIX, MESSAGES, SamplesMessage, dump_json
 from rwa_monitor.version import SOFTWARE
-from rwa_monitor.words import counted, time_text
+from rwa_monitor.words import counted, is_or_are, time_text
 
 RECOVERED_ATTACHMENT: Final = "recovered.json"
 
@@ -82,18 +82,14 @@ def _spans(recording: Recording) -> Iterator[str]:
         wheel = topic.removeprefix(f"{KEY_PREFIX}/").removesuffix(f"/{SamplesMessage.kind}")
         parts = [f"{wheel}: samples of {time_text(messages[0][1])} to {time_text(messages[-1][2])} are saved"]
         if first := messages[0][0]:
-            parts.append(f"{counted(first, 'message')} before that {_are(first)} lost")
+            parts.append(f"{counted(first, 'message')} before that {is_or_are(first)} lost")
         for (number, _, end_ns), (next_number, begin_ns, _) in pairwise(messages):
             if missing := next_number - number - 1:
                 between = f"between {time_text(end_ns)} and {time_text(begin_ns)}"
-                parts.append(f"{counted(missing, 'message')} {between} {_are(missing)} lost")
+                parts.append(f"{counted(missing, 'message')} {between} {is_or_are(missing)} lost")
         if not recording.finished:
             parts.append("what came later is lost")
         yield "; ".join(parts)
-
-
-def _are(count: int) -> str:
-    return "is" if count == 1 else "are"
 
 
 def _write(recording: Recording, lost: list[str], writer: Writer) -> None:

@@ -79,7 +79,7 @@ class Report:
 
     def _summary(self) -> str:
         what = ", ".join(f"{count} {name}" for name, count in sorted(self.compared.items())) or "nothing"
-        files = f"{len(self.files)} file{'' if len(self.files) == 1 else 's'}"
+        files = counted(len(self.files), "file")
         if not self.compared:
             result = "nothing could be compared"
         elif self.differences:
