@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
+
+from rwa_monitor.hints import alternatives_at, did_you_mean, keys_at
 
 if TYPE_CHECKING:
     from pydantic import BaseModel, ValidationError
-
-from typing import Final
-
-from rwa_monitor.hints import alternatives_at, did_you_mean, keys_at
 
 MAX_PART: Final = 500  # characters of what an error says of its place, and of its reason
 

@@ -21,7 +21,7 @@ from rwa_monitor.live.trends import CoefficientTrend, WindowFriction, wheel_tren
 from rwa_monitor.messages import Diagnosis
 from rwa_monitor.physics.torque_balance import mended_friction, torque_constant_of
 from rwa_monitor.physics.wheel import Wheel, built_in_wheel
-from rwa_monitor.samples import NANOSECONDS_PER_SECOND, SECONDS_PER_HOUR, FloatArray, Samples
+from rwa_monitor.samples import NANOSECONDS_PER_SECOND, SECONDS_PER_HOUR, FloatArray, IntArray, Samples
 
 __all__ = ["discrepancy", "ladder", "trend", "window"]
 
@@ -93,7 +93,7 @@ def _friction(samples: Samples, wheel: Wheel) -> FloatArray:
     return mended_friction(samples.speed_rad_s, motor_torque_Nm, wheel)
 
 
-def _minutes(time_ns: np.ndarray[tuple[int], np.dtype[np.int64]], diagnosis: Diagnosis) -> FloatArray:
+def _minutes(time_ns: IntArray, diagnosis: Diagnosis) -> FloatArray:
     return (time_ns - diagnosis.window_start_ns) / (NANOSECONDS_PER_SECOND * SECONDS_PER_MINUTE)
 
 

@@ -177,8 +177,8 @@ def _tell_findings(story: Story, view: DemoView, record: Path) -> None:
         folder = record / "discrepancy" / found.spacecraft / wheel
         if wheel == story.hiding and (folder / "extended_wheel.toml").exists():
             before, after = view.rows[wheel].diagnoses, _diagnose_again(story, folder / "extended_wheel.toml")
-            click.echo(f"  its windows as they were diagnosed: {_counted(d.verdict for d in before)}")
-            click.echo(f"  and once more, with the model extended: {_counted(after[: len(before)])}")
+            click.echo(f"  its windows as they were diagnosed: {_verdict_counts(d.verdict for d in before)}")
+            click.echo(f"  and once more, with the model extended: {_verdict_counts(after[: len(before)])}")
         click.echo(f"  report: {folder / 'report.html'}\n  extended model: {folder / 'extended_wheel.toml'}")
     if story.hiding not in found_in:
         row = view.rows.get(story.hiding)
@@ -202,7 +202,7 @@ def _diagnose_again(story: Story, extended: Path) -> list[str]:
     return [window.diagnosis.verdict for window in windows if not window.partial]
 
 
-def _counted(verdicts: Iterable[str]) -> str:
+def _verdict_counts(verdicts: Iterable[str]) -> str:
     return ", ".join(f"{count} {verdict}" for verdict, count in Counter(verdicts).items())
 
 
@@ -222,7 +222,7 @@ def _tell_the_truth(story: Story, view: DemoView, record: Path) -> None:
         " standard deviations of the noise beyond what dry and viscous friction can take up."
     )
     for wheel, row in sorted(view.rows.items()):
-        said = _counted(diagnosis.verdict for diagnosis in row.diagnoses) or "no window was full yet"
+        said = _verdict_counts(diagnosis.verdict for diagnosis in row.diagnoses) or "no window was full yet"
         click.echo(f"  {wheel}  {counted(len(row.diagnoses), 'window')}: {said}")
         first = next((diagnosis for diagnosis in row.diagnoses if diagnosis.verdict == "anomalous"), None)
         if first is not None:

@@ -112,7 +112,8 @@ def command(
     if each:
         if wanted.asked_for:
             raise click.UsageError(
-                "--each gives short reports; words of one wheel (--out, --bootstrap, --held-out …) is not in them"
+                "--each gives a short report for each file; --out, --bootstrap, --held-out, --no-diagnosis and --plan"
+                " are for the report on one wheel"
             )
         ctx.exit(_each(files, wheel_file, as_json, decoding, fleet))
     if fleet.asked_for:

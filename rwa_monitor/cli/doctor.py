@@ -65,13 +65,13 @@ def command(
         Check("wheel", lambda: _wheel(wheel_file)),
         Check("model", lambda: _model(model_file, wheel_file), ("wheel",)),
     ]
-    setting: tuple[str, ...] = ("wheel", "model")
+    loaded: tuple[str, ...] = ("wheel", "model")
     if wheel_folder is not None:
         checks.append(Check("wheels", lambda: look_at_wheel_folder(wheel_folder)))
-        setting = (*setting, "wheels")
+        loaded = (*loaded, "wheels")
     if record is not None:
         setup = partial(_setup, wheel_file, model_file, wheel_folder)
-        checks.append(Check("record", lambda: look_at_recordings(record, setup()), setting))
+        checks.append(Check("record", lambda: look_at_recordings(record, setup()), loaded))
     if bus.connect or bus.listen or bus.config:
         checks.append(Check("bus", lambda: look_at_bus(bus, _own_wheels(wheel_folder))))
     failed: list[str] = []

@@ -146,6 +146,7 @@ class Fleet:
         wheel.latest[Diagnosis.kind] = received
         wheel.diagnosis = window
         wheel.provisional.clear()
+        # The picture spans this window and as much before it.
         wheel.trace.keep_from(2 * window.window_start_ns - window.window_end_ns)
         curve = wheel.open_window.evidence(window, wheel.constants)
         before = wheel.open_window.count

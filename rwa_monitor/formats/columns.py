@@ -78,74 +78,6 @@ def lay_out(names: Sequence[str], source: str) -> Layout:
     return Layout({time[0]: names.index(time[0])}, channels, ignored)
 
 
-def check_rows(rows: int, source: str) -> None:
-    """Raise InputError unless a table has at least one row and at most `MAX_ROWS`."""
-    if rows == 0:
-        raise InputError(source, "has no rows")
-    if rows > MAX_ROWS:
-        raise InputError(source, f"has {rows:,} rows; the limit is {MAX_ROWS:,}: split it, and use --carry")
-
-
-def table_of(samples: Samples, layout: Layout, source: str, first_row: int) -> SampleTable:
-    """Return a table once its time is checked.
-
-    Parameters
-    ----------
-    samples
-        All rows, at least one.
-    layout, source
-        Of the table.
-    first_row
-        The row that the first sample stands in, as a person counts.
-
-    Raises
-    ------
-    InputError
-        If time does not strictly increase, or its span is too long.
-    """
-    _check_time(samples, next(iter(layout.time)), source, first_row)
-    return SampleTable(samples, layout.ignored)
-
-
-def _repeats(samples: Samples) -> BoolArray:
-    """Return which samples say the same as the one before them, bool (n,); a value that is missing in both is alike."""
-    alike = np.zeros(len(samples), dtype=np.bool_)
-    alike[1:] = samples.time_ns[1:] == samples.time_ns[:-1]
-    at = np.flatnonzero(alike)
-    for _, values in samples.channels():
-        here, before = values[at], values[at - 1]
-        at = at[(here == before) | (np.isnan(here) & np.isnan(before))]
-    alike[:] = False
-    alike[at] = True
-    return alike
-
-
-def _check_time(samples: Samples, column: str, source: str, first_row: int) -> None:
-    """Raise InputError, naming the row, unless time strictly increases over a span that slots can count."""
-    time_ns = samples.time_ns
-    late = time_ns[1:] <= time_ns[:-1]
-    if late.any():
-        at = int(np.argmax(late)) + 1
-        before, here = (_as_written(int(time_ns[i]), column) for i in (at - 1, at))
-        raise InputError(
-            source,
-            f"time does not increase ({here} after {before}); {_in_order(_repeats(samples), at)}",
-            f"row {first_row + at}, column {column}",
-        )
-    span_ns = int(time_ns[-1]) - int(time_ns[0])  # Python's integers: the difference may exceed int64
-    if span_ns >= MAX_SPAN_NS:
-        raise InputError(source, f"covers {span_ns / NANOSECONDS_PER_SECOND:.3g} s, more than 73 years", column)
-
-
-def _in_order(repeats: BoolArray, at: int) -> str:
-    """Say what brings rows into order, of which one is not after the one before."""
-    if repeats[at]:
-        count = int(np.count_nonzero(repeats))
-        rows = "1 row repeats the one before it" if count == 1 else f"{count} rows repeat the ones before them"
-        return f"{rows} exactly: leave repeated rows out (of a CSV: uniq FILE > NEW)"
-    return "sort the rows by time and leave repeated ones out"
-
-
 def _missing_columns(names: Sequence[str], missing: list[str]) -> str:
     """Say what is missing, and what the table probably is instead."""
     reason = "is missing"
@@ -179,6 +111,52 @@ def unknown_columns(names: Sequence[str]) -> str:
     return ", ".join(shown)
 
 
+def check_rows(rows: int, source: str) -> None:
+    """Raise InputError unless a table has at least one row and at most `MAX_ROWS`."""
+    if rows == 0:
+        raise InputError(source, "has no rows")
+    if rows > MAX_ROWS:
+        raise InputError(source, f"has {rows:,} rows; the limit is {MAX_ROWS:,}: split it, and use --carry")
+
+
+def table_of(samples: Samples, layout: Layout, source: str, first_row: int) -> SampleTable:
+    """Return a table once its time is checked.
+
+    Parameters
+    ----------
+    samples
+        All rows, at least one.
+    layout, source
+        Of the table.
+    first_row
+        The row that the first sample stands in, as a person counts.
+
+    Raises
+    ------
+    InputError
+        If time does not strictly increase, or its span is too long.
+    """
+    _check_time(samples, next(iter(layout.time)), source, first_row)
+    return SampleTable(samples, layout.ignored)
+
+
+def _check_time(samples: Samples, column: str, source: str, first_row: int) -> None:
+    """Raise InputError, naming the row, unless time strictly increases over a span that slots can count."""
+    time_ns = samples.time_ns
+    late = time_ns[1:] <= time_ns[:-1]
+    if late.any():
+        at = int(np.argmax(late)) + 1
+        before, here = (_as_written(int(time_ns[i]), column) for i in (at - 1, at))
+        raise InputError(
+            source,
+            f"time does not increase ({here} after {before}); {_ordering_advice(_repeats(samples), at)}",
+            f"row {first_row + at}, column {column}",
+        )
+    span_ns = int(time_ns[-1]) - int(time_ns[0])  # Python's integers: the difference may exceed int64
+    if span_ns >= MAX_SPAN_NS:
+        raise InputError(source, f"covers {span_ns / NANOSECONDS_PER_SECOND:.3g} s, more than 73 years", column)
+
+
 def _as_written(time_ns: int, column: str) -> str:
     """Write a time in the unit of its column, exactly."""
     if column == "time_ns":
@@ -186,3 +164,23 @@ def _as_written(time_ns: int, column: str) -> str:
     whole, rest = divmod(abs(time_ns), NANOSECONDS_PER_SECOND)
     digits = f"{rest:09d}".rstrip("0")
     return f"{'-' if time_ns < 0 else ''}{whole}{'.' if digits else ''}{digits} s"
+
+
+def _repeats(samples: Samples) -> BoolArray:
+    """Return which samples say the same as the one before them, bool (n,); a value that is missing in both is alike."""
+    at = np.flatnonzero(samples.time_ns[1:] == samples.time_ns[:-1]) + 1
+    for _, values in samples.channels():
+        here, before = values[at], values[at - 1]
+        at = at[(here == before) | (np.isnan(here) & np.isnan(before))]
+    alike = np.zeros(len(samples), dtype=np.bool_)
+    alike[at] = True
+    return alike
+
+
+def _ordering_advice(repeats: BoolArray, at: int) -> str:
+    """Say what brings rows into order, of which one is not after the one before."""
+    if repeats[at]:
+        count = int(np.count_nonzero(repeats))
+        rows = "1 row repeats the one before it" if count == 1 else f"{count} rows repeat the ones before them"
+        return f"{rows} exactly: leave repeated rows out (of a CSV: uniq FILE > NEW)"
+    return "sort the rows by time and leave repeated ones out"

@@ -23,7 +23,7 @@ from rwa_monitor.live.ring_buffer import RingBuffer
 from rwa_monitor.live.screen import MEMORY, Channel, Screen
 from rwa_monitor.live.sequencer import Batch
 from rwa_monitor.messages import ClockNs, Count, SamplesMessage, Slot, samples_json
-from rwa_monitor.samples import FloatArray
+from rwa_monitor.samples import BoolArray, FloatArray
 
 CHECKPOINT_VERSION: Final = 2
 OLDEST_VERSION: Final = 1  # wrote the samples of open windows as lists of numbers
@@ -76,7 +76,8 @@ class GridState(_Part):
 class SlotsState(_Part):
     """The slots [begin, end) of the ring buffer that are still needed, and the values of the last of them.
 
-    Null in `values` stands for NaN. Files of before the windows kept their own samples hold the values of all slots.
+    Null in `values` stands for NaN. Files of older releases, whose windows did
+    not keep their own samples, hold the values of all slots.
     """
 
     begin: Slot
@@ -225,7 +226,7 @@ class GatheredState(_Part):
 class WindowsState(_Part):
     """Where the windows stand: first slots of the open ones, of the next one, and what has been worked off.
 
-    `gathered` holds the samples of the open windows; None in files of before it was kept, whose slots hold them.
+    `gathered` holds the samples of the open windows; None in files of older releases, whose slots hold them.
     """
 
     done: Slot
@@ -278,7 +279,7 @@ def _with_nan(values: list[float | None]) -> FloatArray:
     return np.array(values, dtype=np.float64)
 
 
-def _run_lengths(flags: np.ndarray[tuple[int], np.dtype[np.bool_]]) -> list[int]:
+def _run_lengths(flags: BoolArray) -> list[int]:
     """Return the lengths of alternating runs of False and True, beginning with False (perhaps of length 0)."""
     if flags.size == 0:
         return []

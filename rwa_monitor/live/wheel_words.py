@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from typing import Final
 
 from rwa_monitor.physics.wheel import Wheel
+from rwa_monitor.samples import SECONDS_PER_HOUR
 
-SECONDS_PER_HOUR: Final = 3600.0
 SOON_H: Final = 1.0  # whoever starts a monitor waits so long without being told to
 
 

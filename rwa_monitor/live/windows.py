@@ -299,7 +299,7 @@ class Windows:
         slots.restore(self.ring)
         if screen is not None:
             screen.restore(self.screen)
-        else:  # of a version that did not screen: it begins now
+        else:  # of an older release, which did not screen
             self.screen.done = windows.done
         self.friction.angle_rad = effects.angle_rad
         self.friction.last_speed_rad_s = effects.last_speed_rad_s

@@ -13,11 +13,10 @@ from rwa_monitor.hints import closest
 from rwa_monitor.messages.base import MAX_MESSAGE_BYTES, MAX_SAMPLES, Count, Message, TimeNs, dump_json
 from rwa_monitor.samples import CHANNELS, FloatArray, Samples
 
+MAX_KEYS_TRIED: Final = 20  # of those that are not known, for what they may have meant
+
 # NaN and Infinity are no JSON, but some writers use them: they are read, and masked, like null.
 Readings = Annotated[list[float | None], Field(max_length=MAX_SAMPLES)]
-
-
-MAX_KEYS_TRIED: Final = 20  # of those that are not known, for what they may have meant
 
 
 class SamplesMessage(Message):

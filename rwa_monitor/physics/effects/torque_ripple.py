@@ -13,8 +13,6 @@ from rwa_monitor.physics.effects.recursions import turned_angle
 from rwa_monitor.samples import FloatArray
 
 MAX_HARMONIC: Final = 48  # [-] per turn of the wheel: six pulses per electrical turn, up to eight pole pairs
-
-
 LOWEST_ORDER: Final = 0.2  # [-] of what is no whole order: a cage turns at 0.35 to 0.65 of the wheel
 
 

@@ -37,7 +37,7 @@ export function alarmsView(store) {
     return h("section", { class: "card", "aria-label": `Alarm ${alarm.name} of ${alarm.wheel}` },
       h("h2", { class: group === 0 ? "" : "soft" }, sign, ` ${alarm.spacecraft} / ${alarm.wheel} · ${alarm.name}`),
       h("p", {}, alarm.reason),
-      open ? today(alarm, latestOf(alarm)) : null,
+      open ? latestFigures(alarm, latestOf(alarm)) : null,
       open ? h("p", { class: "advice" }, h("strong", {}, "To do: "), alarm.advice) : null,
       h("p", { class: "soft" }, `Worst so far: ${alarm.peak}. Raised with the window to ${wheelTime(alarm.raised_ns)}. ${phase(alarm)}${shelved(alarm, store.now) ? ` Shelved by ${lastOf(alarm, "shelved").person} until ${utc(alarm.shelved_until_wall_ns)}, or until it gets worse.` : ""}`),
       h("a", { href: `#/wheel/${alarm.spacecraft}/${alarm.wheel}` }, "Show the wheel"),
@@ -65,7 +65,7 @@ export function alarmsView(store) {
 }
 
 /** What the latest window says of the alarm's part: the reason above keeps the figures of the window that raised it. */
-function today(alarm, latest) {
+function latestFigures(alarm, latest) {
   const part = latest?.anomalies[alarm.name];
   if (!part) return null;
   const severity = part.severity === null ? "" : `, severity ${number(part.severity)}${part.severity_std === null ? "" : ` ± ${number(part.severity_std)}`}`;

@@ -1,4 +1,4 @@
-const EPOCH_NS = 631152e12; // before 1990 a clock does not count from 1970, so that it tells no UTC
+const FIRST_UTC_NS = 631152e12; // before 1990 a clock does not count from 1970, so that it tells no UTC
 const PREFIX = { "N m": [1e3, "mN m"], "N m s/rad": [1e6, "µN m s/rad"] };
 
 /** Factor and name of the unit in which a quantity is shown. */
@@ -18,7 +18,7 @@ export function number(value) {
 /** A count with what is counted, in the singular or plural. */
 export const counted = (count, what) => `${count} ${what}${count === 1 ? "" : "s"}`;
 
-export const tellsUtc = (ns) => ns > EPOCH_NS;
+export const tellsUtc = (ns) => ns > FIRST_UTC_NS;
 
 export function utc(ns) {
   return new Date(ns / 1e6).toISOString().replace("T", " ").slice(0, 19) + " UTC";
