@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import signal
-import socket
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -25,6 +24,7 @@ from tests.dashboard.support import COMPILE_S, ask, expect, new_page, reporting,
 from tests.dashboard.test_recordings import RECORDING
 from tests.dashboard.test_telemetry import with_friction
 from tests.history.support import diagnosis
+from tests.live.support import free_port
 
 pytestmark = [pytest.mark.browser, pytest.mark.processes]
 
@@ -45,12 +45,6 @@ with zenoh.open(config):
     print("listening", flush=True)
     sys.stdin.read()
 """
-
-
-def free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 @contextmanager

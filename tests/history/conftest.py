@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import shutil
-import socket
 import subprocess
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -14,6 +13,8 @@ from typing import Any
 from uuid import uuid4
 
 import pytest
+
+from tests.live.support import free_port
 
 PATIENCE_S = 60
 
@@ -32,9 +33,7 @@ def server(bin_folder: Path) -> Iterator[str]:
     if os.geteuid() == 0:  # PostgreSQL refuses to run as root
         as_user = {"user": "postgres", "group": "postgres", "extra_groups": []}
         shutil.chown(folder, "postgres", "postgres")
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
+    port = free_port()
     data, log = str(folder / "data"), (folder / "log").open("wb")
     run: dict[str, Any] = {"timeout": PATIENCE_S, "cwd": folder, "stdout": log, "stderr": log, **as_user}
     options = f"-c listen_addresses=127.0.0.1 -c unix_socket_directories={folder} -c fsync=off -p {port}"

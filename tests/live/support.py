@@ -91,8 +91,17 @@ def batch_diagnoses(samples: Samples, of_wheel: Wheel, whole: bool = True) -> li
     return diagnoses(said(events if whole else [*events, *core.finish()]))
 
 
+_RESERVED: list[socket.socket] = []
+
+
 def free_port() -> int:
-    """Ask the system for a free port on loopback."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
+    """Return a port of loopback that stays free until this process ends, for whoever listens on it by its number.
+
+    A socket is bound to it and never listens: the system gives the port to nobody else who asks for any, and lets
+    those listen who set SO_REUSEADDR, as all servers do that may start again on the port they had.
+    """
+    held = socket.socket()
+    held.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    held.bind(("127.0.0.1", 0))
+    _RESERVED.append(held)
+    return int(held.getsockname()[1])

@@ -24,7 +24,7 @@ from rwa_monitor.physics.telemetry import simulate
 from rwa_monitor.physics.wheel import built_in_wheel
 from rwa_monitor.samples import CHANNELS, Samples, concatenate
 from tests.formats import packets as made
-from tests.live.processes import Listener, command, process, wait_for
+from tests.live.processes import PATIENCE_S, Listener, command, process, wait_for
 from tests.live.support import free_port
 
 KEYS = {f"rwa/sat/wheel_{number}/samples": CHANNELS for number in (1, 2)}
@@ -133,15 +133,15 @@ def test_an_address_that_is_taken_or_is_none_is_told() -> None:
 @pytest.fixture
 def running(bridge: Bridge) -> Iterator[UdpAddress]:
     """Run the bridge in a thread on a real socket."""
-    address, stop, said = free_udp(), Event(), list[str]()
-    with listening(address) as receiver:
+    stop, said = Event(), list[str]()
+    with listening(UdpAddress("127.0.0.1", 0)) as receiver:
         thread = Thread(target=run_bridge, args=(bridge, receiver, stop, said.append))
         thread.start()
         try:
-            yield address
+            yield UdpAddress(*receiver.getsockname())
         finally:
             stop.set()
-            thread.join(10)
+            thread.join(PATIENCE_S)
             assert not thread.is_alive()
 
 

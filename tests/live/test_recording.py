@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import subprocess
 import sys
 import textwrap
@@ -108,8 +107,11 @@ def test_bit_flips_never_give_false_messages(whole: tuple[Path, list[bytes]]) ->
     data = path.read_bytes()
     rng = np.random.default_rng(8)
     places = {payload: number for number, payload in enumerate(payloads)}
+    # Random bytes do not get smaller: most payloads stand in the file as they are.
+    starts = [data.find(payload) for payload in payloads]
+    in_payload = {start + place for start in starts if start >= 0 for place in range(len(payloads[0]))}
     damaged = path.with_name("damaged.mcap")
-    losses = 0
+    noticed = 0
     for _ in range(400):
         broken = bytearray(data)
         position = int(rng.integers(8, len(data)))
@@ -122,10 +124,10 @@ def test_bit_flips_never_give_false_messages(whole: tuple[Path, list[bytes]]) ->
         assert len(numbers) >= len(payloads) - 40  # one flip costs one chunk at most
         if len(numbers) < len(payloads) or not recording.attachments:
             assert recording.problems
-            losses += 1
-    # A flip in a payload, which is not packed, is noticed; four standard deviations below what that gives.
-    share = sum(map(len, payloads)) / len(data)
-    assert losses > 400 * share - 4.0 * math.sqrt(400 * share * (1.0 - share))
+        if position in in_payload:
+            assert len(numbers) < len(payloads)
+            noticed += 1
+    assert noticed > 100
 
 
 def passed(path: Path) -> Recording:
