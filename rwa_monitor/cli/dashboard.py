@@ -2,19 +2,47 @@
 
 from __future__ import annotations
 
+import functools
 import os
 import sys
 import webbrowser
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from rwa_monitor.cli.options import FILE, Real, Whole, bus_options, warn_if_alone
+from rwa_monitor.cli.options import FILE, Decorated, Real, Whole, bus_options, not_nan, warn_if_alone
 from rwa_monitor.cli.talk import say
 
 if TYPE_CHECKING:
     from rwa_monitor.live.bus import BusOptions
+
+
+@dataclass(frozen=True, slots=True)
+class AlarmOptions:
+    """Who is told of alarms, and from which silence on a monitor is one [s]."""
+
+    webhook: str | None
+    silence_s: float | None
+
+
+def alarm_options(command: Decorated) -> Decorated:
+    """Add the options of alarms to a command; it gets them as `alarms`, `AlarmOptions`."""
+
+    @click.option("--webhook", metavar="URL", help="Each change of an alarm is posted there, as JSON.")
+    @click.option(
+        "--silence",
+        type=Real(min=0),
+        callback=not_nan,
+        metavar="S",
+        help="A monitor that is not heard for so many seconds is an alarm; 0 for none.  [default: 30]",
+    )
+    @functools.wraps(command)
+    def with_alarms(webhook: str | None, silence: float | None, **rest: Any) -> Any:
+        return command(alarms=AlarmOptions(webhook, silence), **rest)
+
+    return with_alarms  # type: ignore[return-value]
 
 
 @click.command(name="dashboard", short_help="The health page on live and recorded diagnoses.")
@@ -43,7 +71,7 @@ if TYPE_CHECKING:
     help="Days to keep diagnoses (D), each window's estimates (F), each day's worst ones (E), closed alarms (A).  "
     "[default: 180 365 3650 3650]",
 )
-@click.option("--webhook", metavar="URL", help="Each change of an alarm is posted there, as JSON.")
+@alarm_options
 @click.option(
     "--foxglove",
     type=Whole(0, 65535),
@@ -69,7 +97,7 @@ def command(
     record: Path,
     history: str | None,
     keep: tuple[float, float, float, float] | None,
-    webhook: str | None,
+    alarms: AlarmOptions,
     foxglove: int | None,
     token: str | None,
     wheel: Path | None,
@@ -85,6 +113,7 @@ def command(
     except ImportError as error:
         raise click.ClickException(f"{error.name} is missing: pip install 'rwa-monitor[dashboard]'") from error
     from rwa_monitor.cli.signals import stop_on_signals
+    from rwa_monitor.dashboard.monitor_watch import SILENT_S
     from rwa_monitor.errors import InputError
     from rwa_monitor.formats.wheel_file import read_wheel
     from rwa_monitor.history.imports import import_recordings
@@ -105,7 +134,8 @@ def command(
         connect=endpoints(bus),
         history=history,
         retention=retention,
-        webhook=webhook,
+        webhook=alarms.webhook,
+        silent_s=SILENT_S if alarms.silence_s is None else alarms.silence_s,
         foxglove=foxglove,
     )
     if record.is_dir() and any(record.glob("*.mcap")):

@@ -138,7 +138,9 @@ def _serve_page(
         return False
     from rwa_monitor.cli.dashboard import show_page
 
-    running = page.enter_context(serve(DashboardOptions(port, record, wheel=story.wheel), session, say))
+    # The demo's end is no monitor's death: who looks at its recording later must not be told of one.
+    options = DashboardOptions(port, record, wheel=story.wheel, silent_s=0.0)
+    running = page.enter_context(serve(options, session, say))
     show_page(running.address_with_token, no_browser=no_browser)
     return True
 

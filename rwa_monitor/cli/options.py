@@ -41,10 +41,10 @@ class Real(click.FloatRange):
     name = "number"
 
 
-def not_nan(ctx: click.Context, param: click.Parameter, value: float) -> float:
+def not_nan(ctx: click.Context, param: click.Parameter, value: float | None) -> float | None:
     """Refuse NaN, which lies in no range and outside of none; a callback for options with a number."""
     del ctx, param
-    if math.isnan(value):
+    if value is not None and math.isnan(value):
         raise click.BadParameter("nan is no number here")
     return value
 

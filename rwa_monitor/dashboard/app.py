@@ -29,10 +29,9 @@ from starlette.types import ASGIApp, Receive, Scope, Send
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from rwa_monitor.dashboard.aside import Aside
-from rwa_monitor.dashboard.feed import Client, Hub, frame, pulse
+from rwa_monitor.dashboard.feed import Client, frame, pulse
 from rwa_monitor.dashboard.fleet import Fleet, Received
-from rwa_monitor.dashboard.herald import Herald
-from rwa_monitor.dashboard.listener import alarm_entry, aside_entry
+from rwa_monitor.dashboard.listener import aside_entry
 from rwa_monitor.dashboard.metrics import CONTENT_TYPE, metrics
 from rwa_monitor.dashboard.openapi import (
     MAX_ESTIMATES,
@@ -44,7 +43,7 @@ from rwa_monitor.dashboard.openapi import (
 )
 from rwa_monitor.dashboard.recordings import list_recordings, replay_json
 from rwa_monitor.dashboard.trends import trends
-from rwa_monitor.dashboard.webhook import Webhook
+from rwa_monitor.dashboard.voices import Voices, alarm_entry
 from rwa_monitor.errors import InputError
 from rwa_monitor.history.database import HistoryError
 from rwa_monitor.history.records import AlarmRecord, WheelLine
@@ -67,17 +66,12 @@ HEADERS: Final = {
 
 @dataclass(frozen=True, slots=True)
 class Sources:
-    """What the application shows: fleet, history, what is put aside, feed, folder of recordings or None.
-
-    And its voices, and its token.
-    """
+    """What the application shows: fleet, history, what is put aside, folder of recordings or None; voices and token."""
 
     fleet: Fleet
     history: History
     aside: Aside
-    hub: Hub
-    herald: Herald
-    webhook: Webhook
+    voices: Voices
     recordings: Path | None
     token: str
 
@@ -89,7 +83,7 @@ def create_app(sources: Sources) -> Starlette:
     @asynccontextmanager
     async def lifespan(app: Starlette) -> AsyncIterator[None]:
         del app
-        feeding = asyncio.create_task(sources.hub.run())
+        feeding = asyncio.create_task(sources.voices.hub.run())
         yield
         feeding.cancel()
 
@@ -228,7 +222,7 @@ class Api:
             return aside.put(*name, who.name, who.note)
 
         line = await run_in_threadpool(change)
-        self.sources.hub.post(aside_entry(line))
+        self.sources.voices.hub.post(aside_entry(line))
         return _json(line.to_json())
 
     def _check_quiet(self, spacecraft: str, wheel: str) -> None:
@@ -281,12 +275,8 @@ class Api:
         """Change an alarm, and tell pages and bus of it."""
 
         def change() -> AlarmRecord:
-            history, alarm = self.sources.history, work()
-            self.sources.hub.post(alarm_entry(alarm))
-            self.sources.webhook.tell(alarm)
-            latest = history.windows(alarm.spacecraft, alarm.wheel, 1)
-            if latest:
-                self.sources.herald.tell(latest[0], history.open_alarms(alarm.spacecraft, alarm.wheel))
+            alarm = work()
+            self.sources.voices.announce(alarm, self.sources.history)
             return alarm
 
         alarm = await run_in_threadpool(change)
@@ -297,7 +287,7 @@ class Api:
         del request
         sources = self.sources
         alarms, aside = sources.history.alarms(closed=0), sources.aside.names()
-        text = metrics(sources.fleet, alarms, len(sources.hub.clients), aside)
+        text = metrics(sources.fleet, alarms, len(sources.voices.hub.clients), aside)
         return Response(text, media_type=CONTENT_TYPE)
 
     def recordings(self, request: Request) -> Response:
@@ -313,12 +303,12 @@ class Api:
         """Serve one page until it leaves."""
         await socket.accept()
         client = Client()
-        self.sources.hub.clients.add(client)
+        self.sources.voices.hub.clients.add(client)
         try:
             await socket.send_text(await self._first.get())
             await _until_first(_send(socket, client), _listen(socket, client))
         finally:
-            self.sources.hub.clients.discard(client)
+            self.sources.voices.hub.clients.discard(client)
 
 
 class Shared:

@@ -18,15 +18,14 @@ import zenoh
 from rwa_monitor.dashboard.aside import Aside
 from rwa_monitor.dashboard.bus_thread import BusThread
 from rwa_monitor.dashboard.course import REMEMBERED
-from rwa_monitor.dashboard.feed import Hub
 from rwa_monitor.dashboard.fleet import Fleet, Received, Wheel
-from rwa_monitor.dashboard.herald import Herald
+from rwa_monitor.dashboard.monitor_watch import SILENT_S, MonitorWatch
 from rwa_monitor.dashboard.telemetry import Evidence
 from rwa_monitor.dashboard.trace import thinned_json
-from rwa_monitor.dashboard.webhook import Webhook
+from rwa_monitor.dashboard.voices import Voices
 from rwa_monitor.errors import InputError
 from rwa_monitor.history.database import HistoryError
-from rwa_monitor.history.records import AlarmRecord, WheelLine
+from rwa_monitor.history.records import WheelLine
 from rwa_monitor.history.store import History
 from rwa_monitor.live.bus_watch import BusWatch
 from rwa_monitor.messages import (
@@ -58,12 +57,19 @@ class Listener:
         An open Zenoh session; it is left open.
     key_expression
         What to listen to.
-    fleet, history, aside, hub, herald, webhook
+    fleet, history, aside, voices
         Where it goes.
     say
         Takes lines of talk.
     connect
         Endpoints that the session was told to connect to.
+    silent_s
+        Silence from which a wheel's monitor is an alarm [s]; 0 for none.
+
+    Raises
+    ------
+    HistoryError
+        If the history cannot be read.
     """
 
     def __init__(
@@ -73,20 +79,20 @@ class Listener:
         fleet: Fleet,
         history: History,
         aside: Aside,
-        hub: Hub,
-        herald: Herald,
-        webhook: Webhook,
+        voices: Voices,
         say: Callable[[str], None],
         connect: Sequence[str] = (),
+        silent_s: float = SILENT_S,
     ) -> None:
-        self.fleet, self.history, self.aside, self.hub = fleet, history, aside, hub
-        self.herald, self.webhook = herald, webhook
+        self.fleet, self.history, self.aside = fleet, history, aside
+        self.voices, self.hub = voices, voices.hub
         self.say = say
         self.refused = 0
         self._waiting: deque[Diagnosis | Discrepancy | WheelLine] = deque(maxlen=MAX_WAITING)
         self._retry_due_s = 0.0
         self._check_due_s = self._prune_due_s = 0.0
         self._watch = BusWatch(session, connect)
+        self._monitors = MonitorWatch(silent_s, history.monitors())
         self._bus = BusThread(session, key_expression, self._receive, self._tend, name="dashboard listener")
 
     def __enter__(self) -> Self:
@@ -104,16 +110,33 @@ class Listener:
     def _tend(self) -> None:
         """Do what is due by the clock: try what could not be stored again, look after database and bus."""
         now_s = time.monotonic()
+        check_is_due = now_s >= self._check_due_s
+        if check_is_due:
+            self._check_due_s = now_s + CHECK_PERIOD_S
+            trouble = self._watch.trouble()
+            self.hub.note("bus", trouble)
+            if now_s >= self._retry_due_s:  # before what may take long: here all that has come so far has been heard
+                self._hear_monitors(trouble)
         if self._waiting and now_s >= self._retry_due_s:
             self._store()
-        if now_s >= self._check_due_s:
-            self._check_due_s = now_s + CHECK_PERIOD_S
-            self.hub.note("bus", self._watch.trouble())
-            if not self._waiting and self._use_history(self.history.check):
-                self._use_history(self._hear_others)
+        if check_is_due and not self._waiting and self._use_history(self.history.check):
+            self._use_history(self._hear_others)
         if now_s >= self._prune_due_s:
             self._prune_due_s = now_s + PRUNE_PERIOD_S
             self._use_history(self.history.prune)
+
+    def _hear_monitors(self, trouble: str) -> None:
+        """Write down which monitors are heard and which not any more, and tell of the alarms that it makes."""
+        news = self._monitors.news(self.aside.names(), trouble)
+
+        def write() -> None:
+            changed = self.history.hear_monitors(news)
+            self._monitors.written(news)
+            for alarm in changed:
+                self.voices.announce(alarm, self.history)
+
+        if news:
+            self._use_history(write)
 
     def _hear_others(self) -> None:
         """Show what other dashboards on the same history did on the list of wheels."""
@@ -152,8 +175,10 @@ class Listener:
             return
         if isinstance(message, Diagnosis):
             self._bring_back(spacecraft, wheel, message.window_end_ns)
-        elif isinstance(message, Status) and _got_samples(known.status, message):
-            self._bring_back(spacecraft, wheel)
+        elif isinstance(message, Status):
+            self._monitors.hear(spacecraft, wheel, message.last_sample_ns)
+            if _got_samples(known.status, message):
+                self._bring_back(spacecraft, wheel)
         shown, curve = self.fleet.take(
             known, message, Received(key, message.model_dump_json().encode(), time.time_ns())
         )
@@ -219,21 +244,15 @@ class Listener:
                 self.history.add_discrepancy(message)
             self._waiting.popleft()
         for alarm in changed:
-            self.hub.post(alarm_entry(alarm))
-            self.webhook.tell(alarm)
+            self.voices.show(alarm)
         latest = {(one.spacecraft, one.wheel): one for one in diagnoses}
         for name in {(alarm.spacecraft, alarm.wheel) for alarm in changed}:
-            self.herald.tell(latest[name], self.history.open_alarms(*name))
+            self.voices.herald.tell(latest[name], self.history.open_alarms(*name))
 
 
 def _got_samples(before: Status | None, now: Status) -> bool:
     """Tell whether a monitor got samples since its status before; its first one does not tell how old they are."""
     return before is not None and now.last_sample_ns not in {None, before.last_sample_ns}
-
-
-def alarm_entry(alarm: AlarmRecord) -> Received:
-    """Return an alarm as an entry of the feed."""
-    return Received(f"rwa/{alarm.spacecraft}/{alarm.wheel}/alarm", alarm.to_json(), time.time_ns())
 
 
 def aside_entry(line: WheelLine) -> Received:

@@ -21,7 +21,9 @@ from rwa_monitor.dashboard.feed import Hub
 from rwa_monitor.dashboard.fleet import Fleet
 from rwa_monitor.dashboard.herald import Herald
 from rwa_monitor.dashboard.listener import Listener
+from rwa_monitor.dashboard.monitor_watch import SILENT_S
 from rwa_monitor.dashboard.recordings import latest_wheels
+from rwa_monitor.dashboard.voices import Voices
 from rwa_monitor.dashboard.webhook import Webhook
 from rwa_monitor.errors import RwaMonitorError
 from rwa_monitor.history.retention import Retention
@@ -62,6 +64,8 @@ class DashboardOptions:
         How long the history keeps what; None: as `Retention` has it.
     webhook
         URL that each change of an alarm is posted to; None: none is.
+    silent_s
+        Silence from which a wheel's monitor is an alarm [s]; 0 for none.
     foxglove
         Port on loopback that Foxglove connects to, 0 for any that is free; None: none.
     token
@@ -77,6 +81,7 @@ class DashboardOptions:
     history: str | None = None
     retention: Retention | None = None
     webhook: str | None = None
+    silent_s: float = SILENT_S
     foxglove: int | None = None
 
     @property
@@ -112,7 +117,8 @@ def serve(options: DashboardOptions, session: zenoh.Session, say: Callable[[str]
         fleet, hub = Fleet(WheelSet(options.wheel) if options.wheel else latest_wheels(options.record)), Hub()
         listening = stack.enter_context(_socket(options.port))
         herald, webhook = stack.enter_context(Herald(session)), stack.enter_context(Webhook(options.webhook, hub))
-        app = create_app(Sources(fleet, history, aside, hub, herald, webhook, options.record, token))
+        voices = Voices(hub, webhook, herald)
+        app = create_app(Sources(fleet, history, aside, voices, options.record, token))
         config = uvicorn.Config(
             app,
             log_level="error",
@@ -132,7 +138,17 @@ def serve(options: DashboardOptions, session: zenoh.Session, say: Callable[[str]
         if not server.started:
             raise RwaMonitorError("the dashboard's server did not start")
         stack.enter_context(
-            Listener(session, options.listen_to, fleet, history, aside, hub, herald, webhook, say, options.connect)
+            Listener(
+                session,
+                options.listen_to,
+                fleet,
+                history,
+                aside,
+                voices,
+                say,
+                options.connect,
+                options.silent_s,
+            )
         )
         if options.foxglove is not None:
             say(f"Foxglove connects to {stack.enter_context(_foxglove(session, options)).address}")

@@ -4,6 +4,7 @@ One possible anomaly of one wheel has one alarm. Each decided window gives it a 
 warning, distress, critical. The alarm's level is the highest that at least k of the last n windows reach, so that one
 bad window does not shout. It clears only when it is normal again *and* acknowledged; an alarm that climbs above what
 was acknowledged wants to be acknowledged again (ISA-18.2). Time is the windows' own, except that of a person's deed.
+The silence of a wheel's monitor goes through the same machine, a word of it in the place of a window.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from typing import Final
 from rwa_monitor.messages import Anomaly, Diagnosis
 
 MODEL_ALARM: Final = "model"  # the alarm that the friction model does not fit the wheel
+MONITOR_ALARM: Final = "monitor"  # the alarm that nobody watches the wheel: its monitor is not heard
 
 
 class Level(IntEnum):
@@ -54,11 +56,18 @@ ADVICE_MODEL: Final = (
     "The friction model does not fit: read the discrepancy report below the wheel, or run rwa-monitor discrepancy."
     " While friction grows, do not extend the wheel file: a drift can be the fault itself."
 )
+ADVICE_MONITOR: Final = (
+    "Nothing of this wheel is diagnosed until its monitor is back: look whether rwa-monitor run still runs there, what"
+    " it said last, and whether it reaches the bus (rwa-monitor doctor -e …). Started again with the same --record it"
+    " goes on where it was, with all that publishers still hold; after that samples are lost."
+)
 
 
 def advice(name: str, level: Level) -> str:
     """Return what to do about an alarm."""
-    return ADVICE_MODEL if name == MODEL_ALARM and level > Level.NORMAL else ADVICE[level]
+    if level > Level.NORMAL and name in {MODEL_ALARM, MONITOR_ALARM}:
+        return ADVICE_MODEL if name == MODEL_ALARM else ADVICE_MONITOR
+    return ADVICE[level]
 
 
 class Phase(StrEnum):
@@ -122,6 +131,9 @@ class Policy:
             severity -= anomaly.severity_std or 0.0
         steps = ((self.critical, Level.CRITICAL), (self.distress, Level.DISTRESS), (self.warning, Level.WARNING))
         return next((level for bound, level in steps if severity >= bound), Level.WATCH)
+
+
+MONITOR_POLICY: Final = Policy(k=1, n=1)  # how long the silence must be is for whoever listens to decide
 
 
 @dataclass(frozen=True, slots=True)

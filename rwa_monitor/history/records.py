@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Annotated, Literal
 
 from pydantic import Field
@@ -46,6 +47,29 @@ class AlarmRecord(Message):
     closed_ns: int | None
     shelved_until_wall_ns: int | None
     trail: list[AlarmLine]
+
+
+@dataclass(frozen=True, slots=True)
+class MonitorWord:
+    """Whether the monitor of a wheel is heard.
+
+    Attributes
+    ----------
+    spacecraft, wheel
+        The wheel's.
+    silent
+        True where it has not been heard for too long.
+    time_ns
+        The latest time known of the wheel [ns, the wheel's clock]; None where none is.
+    reason
+        In one sentence, since when; "" where it is heard.
+    """
+
+    spacecraft: str
+    wheel: str
+    silent: bool
+    time_ns: int | None = None
+    reason: str = ""
 
 
 class WheelLine(Message):

@@ -17,6 +17,8 @@ from sqlalchemy.orm import Session
 from rwa_monitor.errors import InputError
 from rwa_monitor.history.alarms import (
     MODEL_ALARM,
+    MONITOR_ALARM,
+    MONITOR_POLICY,
     Alarm,
     AlarmEvent,
     EventKind,
@@ -30,7 +32,7 @@ from rwa_monitor.history.alarms import (
     observe,
 )
 from rwa_monitor.history.database import Database
-from rwa_monitor.history.records import AlarmLine, AlarmRecord, EstimateRecord
+from rwa_monitor.history.records import AlarmLine, AlarmRecord, EstimateRecord, MonitorWord
 from rwa_monitor.history.retention import Retention, oldest_ns, prune
 from rwa_monitor.history.signature import signed
 from rwa_monitor.history.tables import (
@@ -115,9 +117,7 @@ class History:
         with self._database.session() as session:
             for diagnosis in diagnoses:
                 self._add(session, diagnosis)
-            session.flush()
-            rows = [session.get_one(AlarmRow, alarm_id) for alarm_id in sorted(session.info.get(CHANGED, ()))]
-            return _records(session, rows)
+            return _changed(session)
 
     def add_all(self, diagnoses: list[Diagnosis]) -> int:
         """Take in several windows in one transaction; returns how many were new. Raises HistoryError as `add`."""
@@ -142,9 +142,28 @@ class History:
         for estimate in _estimates(diagnosis):
             session.merge(EstimateRow(**place, **estimate))
         for name, observation in observe(diagnosis, self.policy).items():
-            self._observe(session, diagnosis, name, observation)
+            key = (diagnosis.spacecraft, diagnosis.wheel, name)
+            self._observe(session, key, observation, _reason(diagnosis, name))
         session.flush()
         return True
+
+    def hear_monitors(self, words: Iterable[MonitorWord]) -> list[AlarmRecord]:
+        """Note of which wheels the monitor is heard, and of which not any more; returns the alarms that this changed.
+
+        From its first word on a monitor is expected, by every dashboard on this history, until its wheel is put aside.
+
+        Raises
+        ------
+        HistoryError
+            If the database cannot be written; nothing is noted then.
+        """
+        with self._database.session() as session:
+            for word in words:
+                state = _state_of(session, (word.spacecraft, word.wheel, MONITOR_ALARM))
+                time_ns = max(state.last_window_ns, 0) if word.time_ns is None else word.time_ns
+                observation = Observation(Level.WARNING if word.silent else Level.NORMAL, time_ns)
+                self._advance(session, state, observation, MONITOR_POLICY, word.reason)
+            return _changed(session)
 
     def _is_past_keeping(self, session: Session, diagnosis: Diagnosis) -> bool:
         """Tell whether a window is older than the policy keeps any: of an old recording that is imported again."""
@@ -171,55 +190,34 @@ class History:
             )
             return True
 
-    def _observe(self, session: Session, diagnosis: Diagnosis, name: str, observation: Observation) -> None:
+    def _observe(self, session: Session, key: tuple[str, str, str], observation: Observation, reason: str) -> None:
         """Run one alarm over one window; a window older than the last one taken in changes no alarm."""
-        key = (diagnosis.spacecraft, diagnosis.wheel, name)
-        state = session.get(AlarmStateRow, key)
-        if state is None:
-            if observation.level == Level.NORMAL:
-                return  # an alarm that never had cause to be needs no row
-            state = AlarmStateRow(
-                spacecraft=key[0], wheel=key[1], name=name, recent="", last_window_ns=-1, alarm_id=None
-            )
-            session.add(state)
-        if observation.time_ns <= state.last_window_ns:
-            return
+        if observation.level == Level.NORMAL and session.get(AlarmStateRow, key) is None:
+            return  # an alarm that never had cause to be needs no row
+        state = _state_of(session, key)
+        if observation.time_ns > state.last_window_ns:
+            self._advance(session, state, observation, self.policy, reason)
+
+    def _advance(
+        self, session: Session, state: AlarmStateRow, observation: Observation, policy: Policy, reason: str
+    ) -> None:
+        """Take an observation into an alarm, and write down what it means."""
         row = session.get(AlarmRow, state.alarm_id) if state.alarm_id is not None else None
-        after, events = advance(_alarm(state, row), observation, self.policy)
+        after, events = advance(_alarm(state, row), observation, policy)
         state.recent = "".join(str(int(level)) for level in after.recent)
         state.last_window_ns = observation.time_ns
         for happened in events:
             if happened.kind == EventKind.RAISED:
-                row = self._raise(session, state, diagnosis, happened)
+                row = _raise(session, state, happened, reason)
             assert row is not None  # every other event is of an alarm that was raised
             if happened.kind in {EventKind.ESCALATED, EventKind.RELAPSED}:
-                row.reason = _reason(diagnosis, name)
+                row.reason = reason
                 if row.shelved_until_wall_ns is not None:
                     row.shelved_until_wall_ns = None
                     self._tell(session, row, AlarmEvent(EventKind.UNSHELVED, happened.level, happened.time_ns))
             self._tell(session, row, happened)
         if row is not None:
             _write(row, state, after, observation.time_ns)
-
-    def _raise(self, session: Session, state: AlarmStateRow, diagnosis: Diagnosis, happened: AlarmEvent) -> AlarmRow:
-        row = AlarmRow(
-            spacecraft=state.spacecraft,
-            wheel=state.wheel,
-            name=state.name,
-            phase=Phase.ACTIVE.value,
-            level=happened.level,
-            peak=happened.level,
-            acknowledged_level=0,
-            reason=_reason(diagnosis, state.name),
-            raised_ns=happened.time_ns,
-            changed_ns=happened.time_ns,
-            closed_ns=None,
-            shelved_until_wall_ns=None,
-        )
-        session.add(row)
-        session.flush()
-        state.alarm_id = row.id
-        return row
 
     def _tell(self, session: Session, row: AlarmRow, happened: AlarmEvent, person: str = "", note: str = "") -> None:
         session.info.setdefault(CHANGED, set()).add(row.id)
@@ -351,6 +349,15 @@ class History:
             row = session.get(DiscrepancyRow, (spacecraft, wheel))
             return None if row is None else row.message.encode()
 
+    def monitors(self) -> dict[tuple[str, str], bool]:
+        """Return spacecraft and name of wheels whose monitor was ever heard; True where it is known to be silent."""
+        states = select(AlarmStateRow.spacecraft, AlarmStateRow.wheel, AlarmRow.level).outerjoin(
+            AlarmRow, AlarmRow.id == AlarmStateRow.alarm_id
+        )
+        with self._database.session() as session:
+            found = session.execute(states.where(AlarmStateRow.name == MONITOR_ALARM)).all()
+            return {(spacecraft, wheel): bool(level) for spacecraft, wheel, level in found}
+
     def open_alarms(self, spacecraft: str, wheel: str) -> list[AlarmRecord]:
         """Return the open alarms of one wheel."""
         wanted = select(AlarmRow).filter_by(spacecraft=spacecraft, wheel=wheel, closed_ns=None).order_by(AlarmRow.id)
@@ -363,6 +370,40 @@ class History:
         ended = select(AlarmRow).where(AlarmRow.closed_ns.is_not(None)).order_by(AlarmRow.id.desc()).limit(closed)
         with self._database.session() as session:
             return _records(session, [row for query in (open_ones, ended) for row in session.scalars(query)])
+
+
+def _state_of(session: Session, key: tuple[str, str, str]) -> AlarmStateRow:
+    """Return the state of an alarm by spacecraft, wheel and name; a new one where there is none."""
+    state = session.get(AlarmStateRow, key)
+    if state is None:
+        spacecraft, wheel, name = key
+        state = AlarmStateRow(
+            spacecraft=spacecraft, wheel=wheel, name=name, recent="", last_window_ns=-1, alarm_id=None
+        )
+        session.add(state)
+    return state
+
+
+def _raise(session: Session, state: AlarmStateRow, happened: AlarmEvent, reason: str) -> AlarmRow:
+    """Open the row of an alarm that rises."""
+    row = AlarmRow(
+        spacecraft=state.spacecraft,
+        wheel=state.wheel,
+        name=state.name,
+        phase=Phase.ACTIVE.value,
+        level=happened.level,
+        peak=happened.level,
+        acknowledged_level=0,
+        reason=reason,
+        raised_ns=happened.time_ns,
+        changed_ns=happened.time_ns,
+        closed_ns=None,
+        shelved_until_wall_ns=None,
+    )
+    session.add(row)
+    session.flush()
+    state.alarm_id = row.id
+    return row
 
 
 def _alarm(state: AlarmStateRow, row: AlarmRow | None) -> Alarm:
@@ -392,6 +433,12 @@ def _write(row: AlarmRow, state: AlarmStateRow, alarm: Alarm, time_ns: int) -> N
     row.peak = int(alarm.peak)
     row.acknowledged_level = int(alarm.acknowledged_level)
     row.changed_ns = alarm.changed_ns or row.changed_ns
+
+
+def _changed(session: Session) -> list[AlarmRecord]:
+    """Return the alarms that a session has changed."""
+    session.flush()
+    return _records(session, [session.get_one(AlarmRow, alarm) for alarm in sorted(session.info.get(CHANGED, ()))])
 
 
 def _records(session: Session, rows: Sequence[AlarmRow]) -> list[AlarmRecord]:

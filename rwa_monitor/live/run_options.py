@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from rwa_monitor.diagnosis.model import Model
 from rwa_monitor.diagnosis.results import Method
@@ -14,6 +14,8 @@ from rwa_monitor.live.rebuild import Setup
 from rwa_monitor.live.recorder import MAX_FILE_BYTES
 from rwa_monitor.live.wheel_set import WheelKey, WheelSet
 from rwa_monitor.physics.wheel import Wheel, built_in_wheel
+
+STATUS_PERIOD_S: Final = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +60,7 @@ class RunOptions:
     max_record_bytes: int | None = None
     bus: BusOptions = field(default_factory=BusOptions)
     shard: tuple[int, int] = (1, 1)
-    status_period_s: float = 1.0
+    status_period_s: float = STATUS_PERIOD_S
     tell_verdicts: bool = True
 
     def setup(self) -> Setup:

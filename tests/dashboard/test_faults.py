@@ -17,6 +17,7 @@ import zenoh
 
 from rwa_monitor.dashboard import telemetry
 from rwa_monitor.dashboard.server import HISTORY_NAME, DashboardOptions, serve
+from rwa_monitor.history.alarms import MONITOR_ALARM
 from rwa_monitor.history.store import History
 from rwa_monitor.live.bus import BusOptions, open_session
 from rwa_monitor.messages import samples_json
@@ -79,13 +80,16 @@ def acknowledge(page: Any, name: str = "Ann") -> None:
     page.get_by_role("button", name="Acknowledge").click()
 
 
-def test_a_monitor_that_is_killed_leaves_stale_wheels_until_it_is_back(chromium: Any, tmp_path: Path) -> None:
+def test_a_monitor_that_is_killed_leaves_stale_wheels_and_an_alarm_until_it_is_back(
+    chromium: Any, tmp_path: Path
+) -> None:
     port = free_port()
     bus = BusOptions(listen=(f"tcp/127.0.0.1:{port}",))
-    with open_session(bus) as session, serve(DashboardOptions(0, tmp_path), session) as running:
-        page, complaints = new_page(chromium)
-        page.goto(running.address)
-        batch = samples_json(with_friction(40), "satellite", 0)
+    options = DashboardOptions(free_port(), tmp_path, token="right", silent_s=8.0)
+    batch = samples_json(with_friction(40), "satellite", 0)
+    page, complaints = new_page(chromium)
+    with ExitStack() as stack:
+        session = stack.enter_context(open_session(bus))
 
         def send_until_heard() -> None:
             # The monitor is there some seconds after its start; who sends without a history is not heard before.
@@ -95,18 +99,40 @@ def test_a_monitor_that_is_killed_leaves_stale_wheels_until_it_is_back(chromium:
 
             wait_until(heard, "the monitor", COMPILE_S)
 
-        with monitor(port) as process:
-            send_until_heard()
-            page.locator(".wheel").click()
-            expect(page.get_by_text("✓ reporting")).to_be_visible()
-            process.send_signal(signal.SIGKILL)
-            expect(page.locator(".stale-note")).to_contain_text("stale: monitor heard")
-            expect(page.get_by_text("✓ reporting")).to_have_count(0)
+        def monitor_alarm(address: str) -> dict[str, Any] | None:
+            found = [alarm for alarm in ask(address, "api/alarms")[1] if alarm["name"] == MONITOR_ALARM]
+            return found[0] if found else None
+
+        with serve(options, session) as running:
+            page.goto(running.address_with_token)
+            with monitor(port) as process:
+                send_until_heard()
+                page.locator(".wheel").click()
+                expect(page.get_by_text("✓ reporting")).to_be_visible()
+                assert monitor_alarm(running.address) is None
+                process.send_signal(signal.SIGKILL)
+                expect(page.locator(".stale-note")).to_contain_text("stale: monitor heard")
+                expect(page.get_by_text("✓ reporting")).to_have_count(0)
             page.goto(f"{running.address}#/")
             expect(page.locator(".wheel")).to_contain_text("◌ stale")
-        with monitor(port):
-            send_until_heard()
-            expect(page.locator(".wheel")).not_to_contain_text("stale")
+            expect(page.locator(".wheel")).to_contain_text("◐ warning")
+            page.get_by_role("link", name="Alarms (1)").click()
+            expect(page.get_by_text("The monitor has not been heard since")).to_be_visible()
+            expect(page.get_by_text("look whether rwa-monitor run still runs")).to_be_visible()
+            acknowledge(page)
+            expect(page.get_by_text("Acknowledged by Ann")).to_be_visible()
+        with serve(options, session) as running:  # what was raised outlives the dashboard
+            alarm = monitor_alarm(running.address)
+            assert alarm is not None
+            assert (alarm["phase"], alarm["closed_ns"]) == ("acknowledged", None)
+            page.goto(f"{running.address}#/")
+            with monitor(port):
+                send_until_heard()
+                expect(page.locator(".wheel")).not_to_contain_text("stale")
+                expect(page.locator(".wheel")).not_to_contain_text("warning")
+                wait_until(lambda: (monitor_alarm(running.address) or {})["closed_ns"], "the end of the alarm")
+                page.get_by_role("link", name="Alarms").click()
+                expect(page.get_by_text("✓ cleared")).to_be_visible()
         assert complaints == []
         page.close()
 

@@ -22,7 +22,7 @@ from rwa_monitor.dashboard.server import DashboardOptions, serve
 from rwa_monitor.errors import RwaMonitorError
 from rwa_monitor.formats.foxglove import LOG_SCHEMA, LogLevel, schemas
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND
-from tests.dashboard.support import WAIT_S, send_windows
+from tests.dashboard.support import WAIT_S, send_windows, status
 from tests.history.support import diagnosis
 
 pytest.importorskip("foxglove", reason="foxglove-sdk is not installed: pip install 'rwa-monitor[foxglove]'")
@@ -85,10 +85,10 @@ class FoxgloveClient:
 
 
 @contextmanager
-def foxglove_client(session: zenoh.Session, folder: Path) -> Iterator[FoxgloveClient]:
+def foxglove_client(session: zenoh.Session, folder: Path, **options: Any) -> Iterator[FoxgloveClient]:
     """Connect to a dashboard that serves Foxglove."""
     lines: list[str] = []
-    with serve(DashboardOptions(0, folder, foxglove=0), session, lines.append):
+    with serve(DashboardOptions(0, folder, foxglove=0, **options), session, lines.append):
         (address,) = [line.split()[-1] for line in lines if line.startswith("Foxglove connects to ws://127.0.0.1:")]
         with connect(address, subprotocols=[Subprotocol("foxglove.sdk.v1")], open_timeout=WAIT_S) as connection:
             yield FoxgloveClient(connection)
@@ -128,6 +128,17 @@ def test_an_alarm_is_a_line_of_the_log(session: zenoh.Session, tmp_path: Path) -
             assert line["message"]  # of the diagnosis, which comes before
         assert line["message"].endswith(": warning, active.")
         assert line["level"] == LogLevel.WARNING
+
+
+def test_a_monitor_that_is_not_heard_is_a_line_of_the_log(session: zenoh.Session, tmp_path: Path) -> None:
+    with foxglove_client(session, tmp_path, silent_s=1.0) as client:
+        send_windows(session, "wheel_1", failing=False, windows=1)
+        log = client.channels_of("rwa/sat/wheel_1/log")["rwa/sat/wheel_1/log"]
+        client.subscribe(log)
+        session.put("rwa/sat/wheel_1/status", status("wheel_1"))
+        while not (line := client.heard(0, diagnosis(0).window_end_ns))["message"].startswith("Alarm "):
+            assert line["message"]  # of the diagnosis
+        assert (line["message"], line["level"]) == ("Alarm monitor: warning, active.", LogLevel.WARNING)
 
 
 def test_what_is_no_message_of_ours_stops_nothing(session: zenoh.Session, tmp_path: Path) -> None:

@@ -5,6 +5,8 @@ import { signature } from "./signature.js";
 import { last } from "./store.js";
 
 const HOURS = [1, 8, 24, 168];
+const MONITOR = "monitor"; // the alarm of a monitor that is not heard: one process that died is one card
+const TOGETHER_NS = 10e9;
 
 /** Whether somebody has set an alarm aside, for now. */
 export const shelved = (alarm, now) => alarm.closed_ns === null && (alarm.shelved_until_wall_ns ?? 0) / 1e6 > now;
@@ -18,11 +20,12 @@ export function alarmsView(store) {
     const group = (alarm) => (alarm.closed_ns !== null ? 2 : shelved(alarm, store.now) || aside(alarm) ? 1 : 0);
     const all = [...store.alarms.values()].map((alarm) => ({ alarm, group: group(alarm) }));
     all.sort((a, b) => a.group - b.group || LEVELS.indexOf(b.alarm.level) - LEVELS.indexOf(a.alarm.level) || b.alarm.id - a.alarm.id);
+    const cards = gathered(all);
     const now = JSON.stringify([all, all.map(({ alarm }) => latestOf(alarm)?.window_end_ns), store.connected]);
     if (now === drawn) return;
     if (drawn && list.contains(document.activeElement) && document.activeElement.tagName === "INPUT") return; // somebody is writing
     drawn = now;
-    list.replaceChildren(...all.map(({ alarm, group }) => card(alarm, group)));
+    list.replaceChildren(...cards.map(({ alarms, group }) => card(alarms, group)));
     if (!all.length) list.replaceChildren(h("p", { class: "empty" }, store.connected ? "No alarm so far." : "Loading…"));
   }
 
@@ -31,24 +34,27 @@ export function alarmsView(store) {
 
   const aside = (alarm) => store.isAside(`${alarm.spacecraft}/${alarm.wheel}`);
 
-  function card(alarm, group) {
+  function card(alarms, group) {
+    const [alarm] = alarms;
     const open = group < 2;
     const sign = !open ? ["✓ cleared"] : [group === 1 ? `‖ ${aside(alarm) ? "wheel put aside" : "shelved"} ` : null, badge(alarm.level)];
-    return h("section", { class: "card", "aria-label": `Alarm ${alarm.name} of ${alarm.wheel}` },
-      h("h2", { class: group === 0 ? "" : "soft" }, sign, ` ${alarm.spacecraft} / ${alarm.wheel} · ${alarm.name}`),
+    const several = alarms.length > 1;
+    return h("section", { class: "card", "aria-label": `Alarm ${alarm.name} of ${several ? `${alarms.length} wheels` : alarm.wheel}` },
+      h("h2", { class: group === 0 ? "" : "soft" }, sign, ` ${several ? `${alarms.length} wheels` : `${alarm.spacecraft} / ${alarm.wheel}`} · ${alarm.name}`),
       h("p", {}, alarm.reason),
       open ? latestFigures(alarm, latestOf(alarm)) : null,
       open ? h("p", { class: "advice" }, h("strong", {}, "To do: "), alarm.advice) : null,
-      h("p", { class: "soft" }, `Worst so far: ${alarm.peak}. Raised with the window to ${wheelTime(alarm.raised_ns)}. ${phase(alarm)}${shelved(alarm, store.now) ? ` Shelved by ${lastOf(alarm, "shelved").person} until ${utc(alarm.shelved_until_wall_ns)}, or until it gets worse.` : ""}`),
-      h("a", { href: `#/wheel/${alarm.spacecraft}/${alarm.wheel}` }, "Show the wheel"),
-      open ? form(alarm) : null,
-      h("details", {}, h("summary", {}, `Audit trail (${alarm.trail.length})`), h("ul", {}, alarm.trail.map((line) => h("li", {}, `${utc(line.wall_ns)}: ${line.event}, ${line.level}${line.person ? ` by ${line.person}` : ""}${line.note ? `: “${line.note}”` : ""}`)))));
+      h("p", { class: "soft" }, `Worst so far: ${alarm.peak}. ${raised(alarm)} ${phase(alarm)}${shelved(alarm, store.now) ? ` Shelved by ${lastOf(alarm, "shelved").person} until ${utc(alarm.shelved_until_wall_ns)}, or until it gets worse.` : ""}`),
+      several ? h("p", {}, "Wheels: ", alarms.flatMap((one) => [h("a", { href: `#/wheel/${one.spacecraft}/${one.wheel}` }, `${one.spacecraft} / ${one.wheel}`), " "])) : h("a", { href: `#/wheel/${alarm.spacecraft}/${alarm.wheel}` }, "Show the wheel"),
+      open ? form(alarms) : null,
+      h("details", {}, h("summary", {}, `Audit trail (${several ? `of each; that of ${alarm.wheel}: ` : ""}${alarm.trail.length})`), h("ul", {}, alarm.trail.map((line) => h("li", {}, `${utc(line.wall_ns)}: ${line.event}, ${line.level}${line.person ? ` by ${line.person}` : ""}${line.note ? `: “${line.note}”` : ""}`)))));
   }
 
-  function form(alarm) {
+  function form(alarms) {
+    const [alarm] = alarms;
     const who = signature();
     const hours = h("select", { "aria-label": "Shelve for" }, HOURS.map((n) => h("option", { value: n }, n < 48 ? `${n} h` : `${n / 24} d`)));
-    const change = (what, done, extra) => who.post(`/api/alarms/${alarm.id}/${what}`, extra, done, (content) => {
+    const change = (what, done, extra) => who.post(alarms.map((one) => `/api/alarms/${one.id}/${what}`), extra, done, (content) => {
       store.alarms.set(content.id, content);
       store.worst = null;
       refresh();
@@ -63,6 +69,21 @@ export function alarmsView(store) {
   refresh();
   return { element: h("div", {}, h("h1", {}, "Alarms"), list), refresh };
 }
+
+/** Cards in the order of the alarms: open alarms of monitors that came together and stand alike make one. */
+function gathered(all) {
+  const cards = [];
+  for (const { alarm, group } of all) {
+    const like = (card) => card.group === group && card.alarms[0].name === MONITOR && card.alarms[0].phase === alarm.phase && Math.abs(card.alarms[0].trail[0].wall_ns - alarm.trail[0].wall_ns) < TOGETHER_NS;
+    const card = alarm.name === MONITOR && group < 2 ? cards.find(like) : undefined;
+    if (card) card.alarms.push(alarm);
+    else cards.push({ alarms: [alarm], group });
+  }
+  return cards;
+}
+
+/** When an alarm rose: that of a monitor by the clock of the machine that did not hear it. */
+const raised = (alarm) => (alarm.name === MONITOR ? `Raised at ${utc(alarm.trail[0].wall_ns)}.` : `Raised with the window to ${wheelTime(alarm.raised_ns)}.`);
 
 /** What the latest window says of the alarm's part: the reason above keeps the figures of the window that raised it. */
 function latestFigures(alarm, latest) {

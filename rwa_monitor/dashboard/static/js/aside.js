@@ -42,7 +42,7 @@ export function asideCard(store, wheel) {
 
   function change() {
     const aside = !store.isAside(wheel.name);
-    who.post(`/api/wheels/${wheel.name}/aside`, { aside }, aside ? "put aside" : "brought back", (line) => {
+    who.post([`/api/wheels/${wheel.name}/aside`], { aside }, aside ? "put aside" : "brought back", (line) => {
       store.deeds.set(wheel.name, line);
       refresh(store.state(wheel));
     });

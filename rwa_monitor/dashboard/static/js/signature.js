@@ -9,17 +9,20 @@ export function signature() {
   const secret = h("input", { name: "token", type: "password", autocomplete: "off", placeholder: "token", "aria-label": "Token", hidden: true });
   const problem = h("span", { role: "alert", class: "anomalous" });
 
-  /** Post a change, `done` in a word; gives `then` what the server answers. */
-  async function post(path, content, done, then) {
+  /** Post a change to each of some paths, `done` in a word; gives `then` what the server answers. */
+  async function post(paths, content, done, then) {
     if (!name.reportValidity()) return;
     try {
       if (!secret.hidden) setToken(secret.value);
-      const answer = await ask(path, { method: "POST", headers: { Authorization: `Bearer ${token()}`, "Content-Type": "application/json" }, body: JSON.stringify({ name: name.value, note: note.value, ...content }) });
-      problem.textContent = "";
-      note.value = ""; // it was of this deed
-      name.blur();
-      note.blur();
-      then(answer);
+      const body = JSON.stringify({ name: name.value, note: note.value, ...content });
+      for (const path of paths) {
+        const answer = await ask(path, { method: "POST", headers: { Authorization: `Bearer ${token()}`, "Content-Type": "application/json" }, body });
+        problem.textContent = "";
+        note.value = ""; // it was of this deed
+        name.blur();
+        note.blur();
+        then(answer);
+      }
     } catch (error) {
       if (error.status === 401) secret.hidden = false; // whoever has it can write it here
       problem.textContent = `Not ${done}: ${error.message}`;

@@ -1,0 +1,131 @@
+"""A monitor that is not heard any more is an alarm: who is expected to speak, how long is too long, and when it ends.
+
+`test_faults.py` kills a real monitor, `tests/history` takes the alarm through its states; here statuses are sent as
+monitors send them.
+"""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+import zenoh
+
+from rwa_monitor.dashboard.monitor_watch import MonitorWatch
+from rwa_monitor.dashboard.server import HISTORY_NAME, DashboardOptions, serve
+from rwa_monitor.history.alarms import MONITOR_ALARM
+from rwa_monitor.history.records import MonitorWord
+from rwa_monitor.history.store import History
+from tests.dashboard.support import ask, expect, new_page, reporting, send_windows, serious, wait_until
+from tests.history.support import START_NS
+
+HEARD = MonitorWord("sat", "wheel_1", silent=False, time_ns=START_NS)
+
+
+class Clock:
+    def __init__(self) -> None:
+        self.s = 1000.0
+
+    def __call__(self) -> float:
+        return self.s
+
+
+def watch(expected: dict[tuple[str, str], bool]) -> tuple[MonitorWatch, Clock]:
+    clock = Clock()
+    return MonitorWatch(30.0, expected, clock, lambda: START_NS + int(clock.s * 1e9)), clock
+
+
+def test_silence_is_news_once_and_so_is_a_word() -> None:
+    monitors, clock = watch({})
+    monitors.hear("sat", "wheel_1", START_NS)
+    assert monitors.news((), "") == [HEARD]
+    assert monitors.news((), "") == [HEARD], "until it is written"
+    monitors.written([HEARD])
+    clock.s += 30.0
+    assert monitors.news((), "") == []
+    clock.s += 0.5
+    (silent,) = monitors.news((), "The bus is gone.")
+    assert silent.silent
+    assert "not been heard since 2026-11-18T" in silent.reason
+    assert silent.reason.endswith(": 30 s and longer. The bus is gone.")
+    monitors.written([silent])
+    assert monitors.news((), "") == []
+    monitors.hear("sat", "wheel_1", None)
+    assert monitors.news((), "") == [HEARD]
+
+
+def test_a_dashboard_that_was_started_later_counts_from_its_start_and_knows_what_is_written() -> None:
+    monitors, clock = watch({("sat", "wheel_1"): False, ("sat", "wheel_2"): True})
+    assert monitors.news((), "") == []
+    clock.s += 31.0
+    (silent,) = monitors.news((), "")
+    assert (silent.wheel, silent.time_ns) == ("wheel_1", None)
+    assert "since this dashboard was started, at 2026-11-18T" in silent.reason
+
+
+def test_nobody_waits_for_a_wheel_that_is_put_aside_nor_where_no_alarm_is_wanted() -> None:
+    monitors, clock = watch({("sat", "wheel_1"): False})
+    clock.s += 31.0
+    assert monitors.news({("sat", "wheel_1")}, "") == []
+    assert monitors.news((), "")
+    monitors = MonitorWatch(0.0, {("sat", "wheel_1"): False}, clock)
+    clock.s += 31.0
+    monitors.hear("sat", "wheel_2", None)
+    assert monitors.news((), "") == []
+
+
+@pytest.mark.processes
+def test_a_monitor_that_died_while_no_dashboard_was_there_is_told_and_a_later_word_ends_it(
+    session: zenoh.Session, tmp_path: Path
+) -> None:
+    def alarms(address: str) -> list[dict[str, Any]]:
+        found = ask(address, "api/alarms")[1]
+        return [alarm for alarm in found if alarm["name"] == MONITOR_ALARM]
+
+    with (
+        serve(DashboardOptions(0, tmp_path), session),
+        reporting(session, "wheel_1", last_sample_ns=START_NS),
+        History(tmp_path / HISTORY_NAME) as history,
+    ):
+        wait_until(history.monitors, "the monitor that is heard")
+    options = DashboardOptions(0, tmp_path, token="right", silent_s=1.5)
+    with serve(options, session) as running:
+        (alarm,) = wait_until(lambda: alarms(running.address), "the alarm")
+        assert (alarm["phase"], alarm["raised_ns"]) == ("active", START_NS)
+        assert "since this dashboard was started" in alarm["reason"]
+        body, headers = json.dumps({"name": "Ann"}).encode(), {"Authorization": "Bearer right"}
+        assert ask(running.address, f"api/alarms/{alarm['id']}/acknowledge", headers=headers, body=body)[0] == 200
+        with reporting(session, "wheel_1", last_sample_ns=START_NS):
+            wait_until(lambda: alarms(running.address)[0]["closed_ns"] == START_NS, "the end of the alarm")
+
+
+@pytest.mark.browser
+@pytest.mark.processes
+def test_wheels_of_one_monitor_are_one_card_that_is_acknowledged_once(
+    chromium: Any, session: zenoh.Session, tmp_path: Path
+) -> None:
+    wheels = ("wheel_1", "wheel_2", "wheel_3")
+    with serve(DashboardOptions(0, tmp_path, token="right", silent_s=1.5), session) as running:
+        page, complaints = new_page(chromium)
+        page.goto(f"{running.address_with_token}")
+        with reporting(session, *wheels):
+            for wheel in wheels:
+                send_windows(session, wheel, failing=False)
+            expect(page.get_by_text("3 of 3 wheels reporting")).to_be_visible()
+        expect(page.locator(".wheel .alarm", has_text="◐ warning")).to_have_count(3)
+        page.get_by_role("link", name="Alarms").click()
+        card = page.get_by_role("region", name="Alarm monitor of 3 wheels")
+        expect(card).to_contain_text("◐ warning 3 wheels · monitor")
+        expect(card.get_by_role("link")).to_have_count(3)
+        assert serious(page) == []
+        card.get_by_label("Your name").fill("Ann")
+        card.get_by_role("button", name="Acknowledge").click()
+        expect(card).to_contain_text("Acknowledged by Ann")
+        expect(page.get_by_role("region", name="Alarm monitor")).to_have_count(1)
+        assert {alarm["phase"] for alarm in ask(running.address, "api/alarms")[1]} == {"acknowledged"}
+        with reporting(session, *wheels):
+            expect(page.get_by_text("✓ cleared")).to_have_count(3)
+        assert complaints == []
+        page.close()
