@@ -30,7 +30,7 @@ HARD_SEVERITIES: Final = {**MILD_SEVERITIES, "fss_3": 1.6}
 PAPER_SEVERITIES: Final = {"dry": 2.2, "viscous": 1.12, "fss_1": 1.8, "fss_2": 2.2}
 
 # Healthy wheels differ from their wheel file's historical averages: preload and lubricant fill vary from unit to unit,
-# and a degree of temperature changes viscous friction by some per cent (effects.md: −2…−8 %/K). A wheel's averages are
+# and a degree of temperature changes viscous friction by some per cent (−2…−8 %/K). A wheel's averages are
 # its own, so only what drifts since they were taken is left: 3 % of dry and 2 % of viscous friction (standard
 # deviations, a working assumption), cut at three of them so that no healthy wheel looks anomalous by a freak draw.
 BASE_DRY_STD: Final = 0.03

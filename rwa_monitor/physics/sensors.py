@@ -27,7 +27,7 @@ TEMPERATURE_NOISE_K: Final = 0.02  # K, thermistor with averaging
 
 ROTOR_TIME_CONSTANT_S: Final = 1200.0  # s, bearing against housing: tens of minutes for a wheel of a few kilograms
 DISSIPATION_K_W: Final = 2.0  # K/W, bearing above the housing per watt of friction
-ORBITAL_SWING_K: Final = (1.0, 5.0)  # K, peak to peak over an orbit (effects.md)
+ORBITAL_SWING_K: Final = (1.0, 5.0)  # K, peak to peak over an orbit; a working assumption
 
 NoNegative = Annotated[float, Field(ge=0)]
 

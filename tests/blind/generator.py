@@ -23,7 +23,7 @@ from tests.blind.formulas import Array, Shape
 from tests.effects import literature
 
 SAMPLES = 20_000
-RELATIVE_NOISE = 0.024  # of the nominal dry torque (errata, figures of the paper)
+RELATIVE_NOISE = 0.024  # of the nominal dry torque, as the paper's errors show it
 MOTION_PERIOD_S = 0.125  # of the wheel for which motions are drawn; other scales run through them faster or slower
 DURATION_SCALE = 0.25  # of the built-in wheel's laws, so that 20,000 samples hold some 14 jumps
 DURATION_SCALE_SWITCHING = 0.1  # where the jumps themselves are the question

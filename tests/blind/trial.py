@@ -27,7 +27,7 @@ from rwa_monitor.physics.effects.switching_base import Jumps, SwitchingEffect, S
 from tests.blind.equivalence import accepted
 from tests.blind.generator import NOISE_EFFECTS, SWITCHING_EFFECTS, Case, Hidden, generate, orthogonal
 
-ACCEPTANCE = 25.0  # effects.md, "How to find them", 5
+ACCEPTANCE = 25.0  # of the criterion, what the search asks for (docs/theory.md, "Discrepancy search", 4)
 TWICE_ACCEPTANCE = 2 * ACCEPTANCE
 SEARCHED = {**MEAN_EFFECTS, **{term.name: term for term in (DelayTerm, *JUMP_TERMS)}}
 

@@ -138,7 +138,7 @@ def test_an_empty_table_is_refused() -> None:
 
 
 def test_motion_channels_share_no_noise_with_the_friction_of_their_slot() -> None:
-    # Trap of effects.md: with raw dω/dt a false inertia error of 1.6 % shows at |t| = 36. The correlation of pure
+    # With raw dω/dt a false inertia error of 1.6 % shows at |t| = 36. The correlation of pure
     # noise in friction and in the prepared acceleration must be that of independent samples.
     rng = np.random.default_rng(1)
     assert WHEEL.inertia_kg_m2 is not None
