@@ -160,7 +160,7 @@ scale: $(VENV)/.installed-dev ## satellites by the thousand, worked out from doc
 
 .PHONY: soak
 soak: $(VENV)/.installed-dev ## ten minutes at 100,000 samples a second; writes docs/soak.md (SOAK_ARGS="--seconds 60")
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python benchmarks/soak.py -o docs/soak.md $(SOAK_ARGS)
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.soak -o docs/soak.md $(SOAK_ARGS)
 
 .PHONY: fleet
 fleet: $(VENV)/.installed-dev ## diagnosis of many recordings on 1, 2 and 4 workers; writes docs/fleet.md

@@ -13,7 +13,6 @@ import argparse
 import asyncio
 import json
 import os
-import socket
 import subprocess
 import sys
 import time
@@ -29,6 +28,7 @@ import numpy as np
 import psutil
 import websockets
 
+from rwa_monitor.evaluation.speed.live import free_endpoint
 from rwa_monitor.live.bus import BusOptions, open_session
 from rwa_monitor.messages import Status
 from tests.history.support import diagnosis
@@ -233,9 +233,7 @@ def program(*command: str) -> Iterator[subprocess.Popen[str]]:
 
 def measure(wheels: int, clients: int, seconds: float, diagnoses_per_s: float, rate: float = 1.0) -> Figures:
     """Run everything once."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        endpoint = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+    endpoint = free_endpoint()
     with (
         TemporaryDirectory() as folder,
         program(

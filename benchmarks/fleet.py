@@ -19,6 +19,7 @@ import numpy as np
 import psutil
 from distributed import Client, LocalCluster
 
+from benchmarks.output import add_output_option, put_out
 from rwa_monitor.fleet.cluster import cores, each
 from rwa_monitor.fleet.tasks import Diagnose
 from rwa_monitor.formats.parquet_table import write_parquet
@@ -35,17 +36,13 @@ def main() -> None:
     parser.add_argument("--recordings", type=int, default=200)
     parser.add_argument("--repeats", type=int, default=3)
     parser.add_argument("--workers", type=int, nargs="+", default=WORKERS, help="1 and others")
-    parser.add_argument("-o", "--output", type=Path, help="page to write; printed otherwise")
+    add_output_option(parser)
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         files = [_recording(Path(folder), seed) for seed in range(options.recordings)]
         measured = {workers: _measure(files, workers, options.repeats) for workers in options.workers}
         few = _measure(files[: options.recordings // 4], 1, 1)
-    page = _page(measured, few, options.recordings)
-    if options.output:
-        options.output.write_text(page, encoding="utf-8")
-    else:
-        print(page)
+    put_out(_page(measured, few, options.recordings), options.output)
 
 
 def _recording(folder: Path, seed: int) -> Path:

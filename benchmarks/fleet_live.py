@@ -11,18 +11,18 @@ import argparse
 import json
 import os
 import signal
-import socket
 import subprocess
 import sys
 import tempfile
 import time
 from dataclasses import dataclass, field
-from pathlib import Path
 
 import numpy as np
 import psutil
 import zenoh
 
+from benchmarks.output import add_output_option, put_out
+from rwa_monitor.evaluation.speed.live import free_endpoint
 from rwa_monitor.live.bus import BusOptions, open_session
 from rwa_monitor.live.publisher import SamplesPublisher
 from rwa_monitor.physics.scenario import Scenario
@@ -58,9 +58,7 @@ class Measured:
 def measure(wheels: int, seconds: float) -> Measured:
     """Serve wheels for some seconds after settling."""
     cores = sorted(os.sched_getaffinity(0))
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        endpoint = f"tcp/127.0.0.1:{free.getsockname()[1]}"
+    endpoint = free_endpoint()
     with tempfile.TemporaryDirectory() as folder, open_session(BusOptions(listen=(endpoint,))) as session:
         command = [sys.executable, "-m", "rwa_monitor", "run", "-e", endpoint, "--record", f"{folder}/recordings"]
         monitor = subprocess.Popen(["taskset", "-c", str(cores[0]), *command], stderr=subprocess.DEVNULL)
@@ -138,17 +136,13 @@ def page(found: list[Measured]) -> str:
 
 
 def main() -> None:
-    """Measure, and print the table."""
+    """Measure, and put out the page."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--wheels", type=int, nargs="+", default=[100, 1000])
     parser.add_argument("--seconds", type=float, default=60.0)
-    parser.add_argument("-o", "--output", type=Path, help="file for the table; printed otherwise")
+    add_output_option(parser)
     options = parser.parse_args()
-    text = page([measure(wheels, options.seconds) for wheels in options.wheels])
-    if options.output:
-        options.output.write_text(text, encoding="utf-8")
-    else:
-        print(text)
+    put_out(page([measure(wheels, options.seconds) for wheels in options.wheels]), options.output)
 
 
 if __name__ == "__main__":

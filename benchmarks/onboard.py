@@ -13,7 +13,6 @@ import os
 import resource
 import shutil
 import signal
-import socket
 import subprocess
 import sys
 import tempfile
@@ -24,8 +23,9 @@ from threading import Event
 
 import numpy as np
 
+from benchmarks.output import add_output_option, put_out
 from rwa_monitor.evaluation.report import table
-from rwa_monitor.evaluation.speed.live import samples_of
+from rwa_monitor.evaluation.speed.live import free_endpoint, samples_of
 from rwa_monitor.evaluation.speed.machine import describe_machine
 from rwa_monitor.evaluation.speed.windows import window_of
 from rwa_monitor.live.bus import BusOptions, open_session
@@ -62,9 +62,7 @@ class Service:
     """`rwa-monitor run` of the fresh environment, pinned to one core and limited."""
 
     def __init__(self, environment: Path, folder: Path, limit_MB: int, cache: Path) -> None:
-        with socket.socket() as probe:
-            probe.bind(("127.0.0.1", 0))
-            self.endpoint = f"tcp/127.0.0.1:{probe.getsockname()[1]}"
+        self.endpoint = free_endpoint()
         command = [str(environment / "bin/rwa-monitor"), "run", "-l", self.endpoint, "--record", str(folder)]
         if shutil.which("taskset"):
             command = ["taskset", "-c", str(max(os.sched_getaffinity(0))), *command]
@@ -292,14 +290,11 @@ to load them. Matplotlib, PyArrow and scikit-learn serve pictures, Parquet and t
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seconds", type=float, default=60.0, help="how long at 8 Hz")
-    parser.add_argument("-o", "--output", type=Path)
+    add_output_option(parser)
     parser.add_argument("--json", type=Path)
     arguments = parser.parse_args()
     measured = measure(arguments.seconds)
-    text = page(measured, arguments.seconds)
-    print(text)
-    if arguments.output:
-        arguments.output.write_text(text)
+    put_out(page(measured, arguments.seconds), arguments.output)
     if arguments.json:
         arguments.json.write_text(json.dumps(asdict(measured), indent=1) + "\n")
     return 0

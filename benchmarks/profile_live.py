@@ -18,6 +18,7 @@ from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
+from benchmarks.output import add_output_option, put_out
 from rwa_monitor.diagnosis.evidence import WindowAccumulator
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.evaluation.report import table
@@ -163,7 +164,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--windows", type=int, default=3, help="windows of 80,000 samples")
     parser.add_argument("--seed", type=int, default=8_129)
-    parser.add_argument("-o", "--output", type=Path)
+    add_output_option(parser)
     arguments = parser.parse_args()
     labelled = window_of(next(iter(generate("paper", 1, arguments.seed))))
     window = Window(
@@ -178,10 +179,7 @@ def main() -> int:
     messages = [samples_json(samples_of(window, n * BATCH, BATCH), "profile", n) for n in range(count)]
     run(messages[: window.speed_rad_s.size // BATCH + 1])  # compiles, and fills the caches
     seconds = stages(messages)
-    text = page(seconds, count, functions(messages, 20), arguments)
-    print(text)
-    if arguments.output:
-        arguments.output.write_text(text)
+    put_out(page(seconds, count, functions(messages, 20), arguments), arguments.output)
     return 0
 
 

@@ -12,7 +12,6 @@ import argparse
 import json
 import os
 import signal
-import socket
 import subprocess
 import sys
 import tempfile
@@ -28,8 +27,10 @@ from typing import Final
 import numpy as np
 import zenoh
 
+from benchmarks.output import add_output_option, put_out
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.evaluation.report import table
+from rwa_monitor.evaluation.speed.live import free_endpoint
 from rwa_monitor.evaluation.speed.machine import describe_machine
 from rwa_monitor.live.bus import BusOptions, open_session
 from rwa_monitor.live.core import diagnose_samples
@@ -170,9 +171,7 @@ def expected_windows() -> list[Diagnosis]:
 
 def measure(wheels: int, folder: Path) -> tuple[list[Start], int, int]:
     """Return the starts, the windows that were expected of all wheels, and those that came as expected."""
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        endpoint = f"tcp/127.0.0.1:{free.getsockname()[1]}"
+    endpoint = free_endpoint()
     context = get_context("spawn")
     orders, fleets_end = context.Pipe()
     fleet = context.Process(target=fleet_process, args=(endpoint, wheels, fleets_end), daemon=True)
@@ -279,17 +278,14 @@ at each start: they pass through the inbox, and are in memory while a gap before
 
 
 def main() -> None:
-    """Measure, and print or write what came out."""
+    """Measure, and put out the page."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--wheels", type=int, default=400)
-    parser.add_argument("-o", "--output", type=Path, help="page to write; printed otherwise")
+    add_output_option(parser)
     options = parser.parse_args()
     with tempfile.TemporaryDirectory(prefix="rwa-restart-") as folder:
         text = page(options.wheels, *measure(options.wheels, Path(folder)))
-    if options.output:
-        options.output.write_text(text, encoding="utf-8")
-    else:
-        print(text)
+    put_out(text, options.output)
 
 
 if __name__ == "__main__":

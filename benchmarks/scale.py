@@ -11,6 +11,7 @@ import math
 from dataclasses import dataclass
 from pathlib import Path
 
+from benchmarks.output import add_output_option, put_out
 from rwa_monitor.evaluation.report import table
 from rwa_monitor.evaluation.speed.live import BATCH
 from rwa_monitor.evaluation.speed.report import SpeedReport
@@ -175,13 +176,11 @@ def _bytes(count: float) -> str:
 
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("-o", "--output", type=Path)
+    add_output_option(parser)
     parser.add_argument("--speed", type=Path, default=DOCS / "speed.json", help="results of the speed benchmark")
     arguments = parser.parse_args()
     text = page(SpeedReport.from_json(json.loads(arguments.speed.read_text())), Assumptions())
-    print(text)
-    if arguments.output:
-        arguments.output.write_text(text)
+    put_out(text, arguments.output)
     return 0
 
 

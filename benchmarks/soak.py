@@ -26,6 +26,8 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.output import add_output_option, put_out
+from rwa_monitor.evaluation.speed.live import free_endpoint
 from rwa_monitor.live.bus import INBOX_BYTES, OUTPUT_HISTORY, BusOptions, open_session
 from rwa_monitor.live.publisher import SamplesPublisher
 from rwa_monitor.physics.scenario import Scenario
@@ -135,7 +137,7 @@ def main() -> int:
     parser.add_argument("--rate", type=float, default=100_000.0, help="samples per second, all wheels together")
     parser.add_argument("--wheels", type=int, default=50)
     parser.add_argument("--beside", default="nothing else", help="what else ran on the machine, for the report")
-    parser.add_argument("-o", "--output", type=Path)
+    add_output_option(parser)
     arguments = parser.parse_args()
     cases = [
         Case(arguments.wheels, arguments.rate, arguments.seconds, SLOTS),
@@ -145,16 +147,13 @@ def main() -> int:
     for case in cases:
         with tempfile.TemporaryDirectory(prefix="rwa-soak-") as folder:
             columns.append(_figures(case, *_soak(case, Path(folder))))
-    text = _report(cases[0], columns, arguments.beside)
-    print(text)
-    if arguments.output:
-        arguments.output.write_text(text)
+    put_out(_report(cases[0], columns, arguments.beside), arguments.output)
     return 0
 
 
 def _soak(case: Case, folder: Path) -> tuple[list[Reading], int]:
     """Return the readings while a monitor got samples and until it had taken them all, and its exit code."""
-    endpoint = f"tcp/127.0.0.1:{_free_port()}"
+    endpoint = free_endpoint()
     (folder / "wheel.toml").write_text(case.wheel.to_toml())
     command = [sys.executable, "-m", "rwa_monitor", "run", "-l", endpoint, "--record", str(folder / "recordings")]
     command += ["--record-limit", "1", "--wheel", str(folder / "wheel.toml")]
@@ -290,14 +289,6 @@ second of it is the age of the status. On {os.cpu_count()} processors, beside it
 `tests/live/test_memory.py` counts what Python allocates: nothing is kept of windows that were closed and of files that
 were ended, and a new file takes the memory of one checkpoint however many wheels there are.
 """
-
-
-def _free_port() -> int:
-    import socket
-
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
 
 
 if __name__ == "__main__":

@@ -160,7 +160,7 @@ Pipe = Callable[[str, Path, int], PipeRate]
 
 def _through(window: Window, messages: int, pipe: Pipe) -> PipeRate:
     """Send messages from a process of its own into a pipe in this one, over TCP."""
-    endpoint = f"tcp/127.0.0.1:{_free_port()}"
+    endpoint = free_endpoint()
     sender = get_context("spawn").Process(
         target=_send, args=(endpoint, samples_of(window, 0, messages * BATCH)), daemon=True
     )
@@ -250,10 +250,11 @@ def _silent(text: str) -> None:
     del text
 
 
-def _free_port() -> int:
+def free_endpoint() -> str:
+    """Return a Zenoh endpoint on loopback that nobody listens on at this moment."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
-        return int(probe.getsockname()[1])
+        return f"tcp/127.0.0.1:{probe.getsockname()[1]}"
 
 
 # ---- memory ----------------------------------------------------------------------------------------------------------
