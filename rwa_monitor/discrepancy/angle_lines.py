@@ -19,16 +19,17 @@ from rwa_monitor.discrepancy.record import Record
 from rwa_monitor.discrepancy.result import Unexplained
 from rwa_monitor.discrepancy.search import ACCEPT_GAIN
 from rwa_monitor.physics.effects.recursions import turned_angle
-from rwa_monitor.physics.effects.torque_ripple import LOWEST_ORDER, MAX_HARMONIC, TorqueRipple
+from rwa_monitor.physics.effects.torque_ripple import LOWEST_ORDER, MANY_TURNS, MAX_HARMONIC, TorqueRipple
 from rwa_monitor.samples import FloatArray
 
 CELLS_PER_PERIOD: Final = 4  # of the highest order: what falls between cells blurs it by a tenth
 MOST_CELLS: Final = 2**21  # of a record; where it turns more often, high orders are not looked for
 NEAR: Final = 401  # orders around a line, in a block, that say what is there without it
+FEWEST_BLOCKS: Final = 4  # of orders, where a record has few
 SURE: Final = 15.0  # nepers of the false-alarm probability, over all orders tried, in powers of the background
 SURE_HARMONIC: Final = 12.0  # the same for one order that is given
 MOST_HARMONICS: Final = 20  # of a line: a rub that lasts a twentieth of a turn has so many alike
-FEWEST_TURNS: Final = 50  # fewer tell no line from a trend
+FEWEST_WAVES: Final = 3.0  # within the range of the angle: fewer tell no line from a trend
 SAME_SHARE: Final = 0.5  # of the whole amplitude that low and high speeds must each show, in phase
 PARAMETERS: Final = 5  # in units of log N, as those of a ripple
 CLEARLY: Final = 1.1  # times the power: a tenth of the record in the other direction makes half as much again
@@ -87,7 +88,7 @@ def angle_line(problem: Problem, base: Fit) -> AngleLine | None:
     turns = [_turns(record) for record in problem.records]
     at = turns[0][problem.slot]
     whole = float(np.ptp(at))
-    if whole < FEWEST_TURNS or RESOLVED / whole > SHARP:
+    if whole < MANY_TURNS or RESOLVED / whole > SHARP:
         return None
     ripple, drag = (_peak(problem, base, at, whole, flips) for flips in (False, True))
     # In one direction the two are the same: a ripple then, which has a name.
@@ -107,6 +108,27 @@ def angle_line(problem: Problem, base: Fit) -> AngleLine | None:
     if round(order) >= 1 and abs(order - round(order)) < max(RESOLVED / whole, WHOLE_WITHIN):
         return None
     return _line(problem, values, turns, (order, std), flips=flips)
+
+
+def order_to_try(problem: Problem, base: Fit) -> float | None:
+    """Return the order of the strongest line over the angle in a record of few turns; None where they are many or none.
+
+    There lines are broad, and what else is missing lies beneath them: none is sure by itself, but the search may judge
+    a ripple of that order as it judges those of whole orders.
+    """
+    if problem.at_one_speed or len(problem.records) > 1:
+        return None
+    at = _turns(problem.records[0])[problem.slot]
+    whole = float(np.ptp(at))
+    if not 0.0 < whole < MANY_TURNS:
+        return None
+    power, order = _spectrum(at, base.residual * problem.sign, whole)
+    tried = (order >= max(LOWEST_ORDER, FEWEST_WAVES / whole)) & (order <= MAX_HARMONIC)
+    if np.count_nonzero(tried) < FEWEST_BLOCKS:
+        return None
+    power, order = power[tried], order[tried]
+    best = int(np.argmax(power / _background(power)))
+    return float(order[best])
 
 
 def ripple_with(order: float) -> type[TorqueRipple]:
@@ -130,18 +152,12 @@ def _sum(values: FloatArray, at: FloatArray, order: float) -> complex:
 
 def _peak(problem: Problem, base: Fit, at: FloatArray, whole: float, flips: bool) -> tuple[float, float] | None:
     """Return how far the surest line is above what is around it, and the order of its fundamental; None if none is."""
-    values = base.residual if flips else base.residual * problem.sign
-    per_turn = min(CELLS_PER_PERIOD * MAX_HARMONIC, int(MOST_CELLS / whole))
-    highest = min(float(MAX_HARMONIC), per_turn / CELLS_PER_PERIOD)
-    size = fft.next_fast_len(int(2 * whole * per_turn), real=True)
-    cells = np.bincount(((at - at.min()) * per_turn).astype(np.int64), values, size)
-    power = np.abs(fft.rfft(cells)) ** 2
-    order = np.arange(power.size) * per_turn / size
-    tried = (order >= LOWEST_ORDER) & (order <= highest)
+    power, order = _spectrum(at, base.residual if flips else base.residual * problem.sign, whole)
+    tried = order >= LOWEST_ORDER
     if np.count_nonzero(tried) < NEAR:
         return None
     power, order = power[tried], order[tried]
-    above = power / np.maximum(_background(power), np.finfo(np.float64).tiny)
+    above = power / _background(power)
     best = int(np.argmax(above))
     if above[best] < SURE + np.log(above.size):
         return None
@@ -153,15 +169,28 @@ def _peak(problem: Problem, base: Fit, at: FloatArray, whole: float, flips: bool
     return float(above[best]), float(order[best])
 
 
+def _spectrum(at: FloatArray, values: FloatArray, whole: float) -> tuple[FloatArray, FloatArray]:
+    """Return the power over the angle, and its orders, two for each that the range of the angle resolves."""
+    per_turn = min(CELLS_PER_PERIOD * MAX_HARMONIC, int(MOST_CELLS / whole))
+    size = fft.next_fast_len(int(2 * whole * per_turn), real=True)
+    cells = np.bincount(((at - at.min()) * per_turn).astype(np.int64), values, size)
+    power = np.abs(fft.rfft(cells)) ** 2
+    order = np.arange(power.size) * per_turn / size
+    tried = order <= min(float(MAX_HARMONIC), per_turn / CELLS_PER_PERIOD)
+    return power[tried], order[tried]
+
+
 def _background(power: FloatArray) -> FloatArray:
     """Return what the power around each order would be on average without lines, from medians of blocks of orders.
 
     What is smooth over the angle, as a law of speed that is missing, is no line.
     """
-    blocks = power[: power.size - power.size % NEAR].reshape(-1, NEAR)
-    middle = (np.arange(len(blocks)) + 0.5) * NEAR
+    near = min(NEAR, power.size // FEWEST_BLOCKS)
+    blocks = power[: power.size - power.size % near].reshape(-1, near)
+    middle = (np.arange(len(blocks)) + 0.5) * near
     # The median of an exponential law is log 2 of its mean.
-    return np.asarray(np.interp(np.arange(power.size), middle, np.median(blocks, axis=1) / np.log(2.0)))
+    around = np.interp(np.arange(power.size), middle, np.median(blocks, axis=1) / np.log(2.0))
+    return np.asarray(np.maximum(around, np.finfo(np.float64).tiny))
 
 
 def _refined(values: FloatArray, at: FloatArray, order: float, whole: float) -> float:

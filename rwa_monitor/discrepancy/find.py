@@ -11,7 +11,7 @@ import numpy as np
 
 from rwa_monitor.discrepancy.alignment import Delay
 from rwa_monitor.discrepancy.angle_drift import with_angle_drift
-from rwa_monitor.discrepancy.angle_lines import AngleLine, angle_line, ripple_with
+from rwa_monitor.discrepancy.angle_lines import AngleLine, angle_line, order_to_try, ripple_with
 from rwa_monitor.discrepancy.base_fit import Problem, fit, make_problem, with_noise_of
 from rwa_monitor.discrepancy.cage import cage_bursts
 from rwa_monitor.discrepancy.delay_term import DelayTerm
@@ -25,6 +25,7 @@ from rwa_monitor.discrepancy.lattice import drawn_again
 from rwa_monitor.discrepancy.mapper import Mapper, in_turn
 from rwa_monitor.discrepancy.noise_effects import noise_effects
 from rwa_monitor.discrepancy.nulls import built_in_nulls
+from rwa_monitor.discrepancy.other_orders import with_other_orders
 from rwa_monitor.discrepancy.record import Record, delay_of
 from rwa_monitor.discrepancy.result import (
     INDISTINGUISHABLE,
@@ -49,7 +50,7 @@ from rwa_monitor.discrepancy.search import (
 )
 from rwa_monitor.discrepancy.slope_jumps import SlopeJumps, shared_strength, with_slope_jumps
 from rwa_monitor.discrepancy.switching_effects import switching_effects
-from rwa_monitor.discrepancy.uncertainty import described, spread
+from rwa_monitor.discrepancy.uncertainty import ORDER, described, spread
 from rwa_monitor.discrepancy.unexplained import judge_leftover, wandering, with_free_curves
 from rwa_monitor.discrepancy.untested import as_a_part, too_weak_to_show, untested_others
 from rwa_monitor.physics.effects.base import MeanEffect
@@ -193,12 +194,16 @@ def _by_angle(
     problem, candidates, line
         The line only where it was taken out of the problem.
     """
-    line = angle_line(problem, fit(problem, np.zeros((problem.size, 0)))) if problem.has_noise else None
-    if line is None:
+    if not problem.has_noise:
         return problem, candidates, None
-    if line.flips:
+    base = fit(problem, np.zeros((problem.size, 0)))
+    line = angle_line(problem, base)
+    if line is not None and line.flips:
         return replace(prepare(line.taken_from(problem.records), wheel), each=problem.each), candidates, line
-    of_any_order = ripple_with(line.order)
+    order = line.order if line is not None else order_to_try(problem, base)
+    if order is None:
+        return problem, candidates, None
+    of_any_order = ripple_with(order)
     return problem, [of_any_order if effect is TorqueRipple else effect for effect in candidates], None
 
 
@@ -314,6 +319,8 @@ def _describe(problem: Problem, model: Model, found: Found) -> FoundEffect:
     else:
         std = spread(problem, model).terms[index]
         parameters = described(problem, term, model.strengths(index), std, CATALOGUE[found.name].parameters)
+    if found.name == TorqueRipple.name:
+        parameters[ORDER] = with_other_orders(problem, model, index, parameters[ORDER])
     if found.name == WARMING and not problem.at_one_speed:
         parameters = _as_a_part_of(float(model.fit.coefficients[0]), parameters)
     return FoundEffect(

@@ -270,7 +270,7 @@ def extensions(
     best = sorted(screened.values(), key=lambda model: model.fit.criterion)[:MAX_REFITS]
     most = min(most, current.fit.criterion + SCREEN_MARGIN)
     worth = [model for model in best if model.fit.criterion < most]
-    settled = problem.each(lambda model: refit(problem, model.terms, [model.fit.jumps]), worth)
+    settled = problem.each(lambda model: _plainer(problem, refit(problem, model.terms, [model.fit.jumps])), worth)
     return sorted(_with_best_choices(problem, settled), key=lambda model: model.fit.criterion)
 
 
@@ -361,6 +361,17 @@ def refit(problem: Problem, terms: Sequence[Term], starts: Sequence[IntArray]) -
         if (abs(improvement) if follows else improvement) < WORTH_REFINING:
             break
     return best
+
+
+def _plainer(problem: Problem, model: Model) -> Model:
+    """Give the last term the shape that says as much with a part of it, where that is as good."""
+    *chosen, last = model.terms
+    shape = last.effect.plainer_shape(last.shape)
+    if shape is None:
+        return model
+    term = make_term(problem, last.effect, {**last.shape, **shape}, model.fit.level)
+    plainer = refit(problem, (*chosen, term), [model.fit.jumps])
+    return plainer if plainer.fit.criterion < model.fit.criterion + EQUIVALENT_WITHIN else model
 
 
 def _with_best_choices(problem: Problem, models: Sequence[Model]) -> list[Model]:

@@ -175,9 +175,10 @@ def _make_term(problem: Problem, effect: type[MeanEffect], shape: Mapping[str, f
         columns = _evaluate(problem, effect, shape, channels)
         if not depends_on_level(effect):
             problem.columns.put(key, columns)
-    return Term(
-        effect, dict(shape), columns, np.array([p.low for p in strengths]), np.array([p.high for p in strengths])
-    )
+    low, high = (np.array([getattr(p, end) for p in strengths]) for end in ("low", "high"))
+    between = sum(shape[p.name] not in p.choices for p in effect.shape_parameters() if p.between)
+    price = len(effect.parameters) + between if between else None  # a choice is what physics expects, or one of few
+    return Term(effect, dict(shape), columns, low, high, price=price)
 
 
 def _evaluate(
@@ -433,12 +434,28 @@ def shape_limits(problem: Problem, effect: type[MeanEffect]) -> dict[str, tuple[
     return bounds
 
 
+def reach_between(problem: Problem, effect: type[MeanEffect]) -> dict[str, float]:
+    """Return how far a discrete shape parameter is moved off a choice: what all records show, the least of it."""
+    per_record = [effect.reach_between(record.channels) for record in problem.records]
+    names = set.intersection(*(set(one) for one in per_record))
+    return {name: min(one[name] for one in per_record) for name in names}
+
+
 def _axes(problem: Problem, effect: type[MeanEffect], around: Term | None) -> list[_Axis]:
     bounds = shape_limits(problem, effect)
-    return [_axis(parameter, *bounds[parameter.name], around) for parameter in effect.shape_parameters()]
+    reach = reach_between(problem, effect) if around is not None else {}
+    return [
+        _axis(parameter, *bounds[parameter.name], around, reach.get(parameter.name, 0.0))
+        for parameter in effect.shape_parameters()
+    ]
 
 
-def _axis(parameter: Parameter, low: float, high: float, around: Term | None) -> _Axis:
+def _axis(parameter: Parameter, low: float, high: float, around: Term | None, reach: float) -> _Axis:
+    if around is not None and reach > 0.0:
+        centre = around.shape[parameter.name]
+        points = (max(centre - reach, low), centre, min(centre + reach, high))
+        whole = [choice for choice in parameter.choices if points[0] < choice < points[2]]
+        return _Axis(parameter.name, tuple(sorted({*points, *whole})), True, False)
     if parameter.choices:
         keep = around is not None and len(parameter.choices) > FEW_CHOICES
         choices = (around.shape[parameter.name],) if around is not None and keep else parameter.choices

@@ -22,9 +22,11 @@ from rwa_monitor.discrepancy.search import Model
 from rwa_monitor.discrepancy.terms import LOG_SPACING_FROM, Term, make_background, make_term, shape_limits
 from rwa_monitor.physics.effects.base import Parameter
 from rwa_monitor.physics.effects.speed_dead_zone import SpeedDeadZone
+from rwa_monitor.physics.effects.torque_ripple import TorqueRipple, angle_range_turns
 from rwa_monitor.samples import FloatArray
 
 DEAD_ZONE: Final = "dead_zone_rad_s"
+ORDER: Final = "harmonic"
 STEP: Final = 1e-3  # of a shape parameter's range, for the derivative
 WIDTH: Final = 2.0  # standard deviations each way: 95 %
 STRETCHES: Final = 20  # of the samples: what a stretch leaves is taken to know little of what the next but one leaves
@@ -58,16 +60,22 @@ def spread(problem: Problem, model: Model) -> Spread:
             columns.append(term.columns[:, j])
             owners.append((index, parameter.name))
         strengths = model.strengths(index)
-        for parameter in _continuous(term):
-            slope = _derivative(problem, model, term, parameter, strengths)
+        for name, limits in _free(problem, term).items():
+            slope = _derivative(problem, model, term, name, strengths, limits)
             if slope is not None:
                 columns.append(slope)
-                owners.append((index, parameter.name))
+                owners.append((index, name))
     std = _standard_deviations(problem, model, np.column_stack(columns))
     known = dict(zip(owners, std.tolist(), strict=True))
     for index, term in enumerate(model.terms):
         if term.effect is SpeedDeadZone:
             known[index, DEAD_ZONE] = _half_width_of_zone(problem, model, index)
+        if issubclass(term.effect, TorqueRipple) and (index, ORDER) not in known:
+            slope = _derivative(problem, model, term, ORDER, model.strengths(index), _order_limits(problem, term))
+            if slope is not None:
+                known[index, ORDER] = float(
+                    _standard_deviations(problem, model, np.column_stack([*columns, slope]))[-1]
+                )
     return Spread(
         known[-1, ""],
         tuple(
@@ -119,9 +127,9 @@ def described(
             value, low, high = fitted[name]
             values[name] = ParameterValue.of(value, error, parameter.unit, low, high)
         elif parameter.choices:
-            tried = f"one of {len(parameter.choices)} values tried"
-            note = tried if term.shape[name] in parameter.choices else "read off the residual over the wheel's angle"
-            values[name] = ParameterValue(float(term.shape[name]), None, parameter.unit, note)
+            known = error if np.isfinite(error) else None
+            note = "" if known is not None else f"one of {len(parameter.choices)} values tried"
+            values[name] = ParameterValue(float(term.shape[name]), known, parameter.unit, note)
         else:
             values[name] = _shape(float(term.shape[name]), error, parameter.unit, limits[name])
     return values
@@ -145,8 +153,19 @@ def _shape(value: float, std: float, unit: str, limits: tuple[float, float]) -> 
     return replace(known, note=f"{known.note or 'not determined'}: {as_well}".replace("determined: ", "determined, "))
 
 
-def _continuous(term: Term) -> tuple[Parameter, ...]:
-    return tuple(parameter for parameter in term.effect.shape_parameters() if not parameter.choices)
+def _free(problem: Problem, term: Term) -> dict[str, tuple[float, float]]:
+    """Return the range of each shape parameter that was fitted; a whole order of a ripple is taken to be exact."""
+    limits = shape_limits(problem, term.effect)
+    free = {p.name: limits[p.name] for p in term.effect.shape_parameters() if not p.choices}
+    if issubclass(term.effect, TorqueRipple) and not float(term.shape[ORDER]).is_integer():
+        free[ORDER] = _order_limits(problem, term)
+    return free
+
+
+def _order_limits(problem: Problem, term: Term) -> tuple[float, float]:
+    """Return the orders that look alike over the angles of the longest record."""
+    turns = max(angle_range_turns(record.undrifted) for record in problem.records)
+    return term.shape[ORDER] - 0.5 / turns, term.shape[ORDER] + 0.5 / turns
 
 
 def _is_logarithmic(low: float, high: float) -> bool:
@@ -154,18 +173,17 @@ def _is_logarithmic(low: float, high: float) -> bool:
 
 
 def _derivative(
-    problem: Problem, model: Model, term: Term, parameter: Parameter, strengths: FloatArray
+    problem: Problem, model: Model, term: Term, name: str, strengths: FloatArray, limits: tuple[float, float]
 ) -> FloatArray | None:
     """Return the derivative of a term's s·torque by a shape parameter; None where the record leaves it no range."""
-    low, high = shape_limits(problem, term.effect)[parameter.name]
+    low, high = limits
     if not low < high:
         return None
-    value = float(term.shape[parameter.name])
+    value = float(term.shape[name])
     step = STEP * (value if _is_logarithmic(low, high) else high - low)
     ends = max(value - step, low), min(value + step, high)
     torque = [
-        make_term(problem, term.effect, {**term.shape, parameter.name: end}, model.fit.level).columns @ strengths
-        for end in ends
+        make_term(problem, term.effect, {**term.shape, name: end}, model.fit.level).columns @ strengths for end in ends
     ]
     return np.asarray((torque[1] - torque[0]) / (ends[1] - ends[0]), dtype=np.float64)
 

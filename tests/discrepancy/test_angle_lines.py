@@ -80,3 +80,49 @@ def test_in_one_direction_a_line_of_whole_order_is_left_to_the_ripple() -> None:
     found = find_discrepancy([("ripple", record(18.0 + slow(rng), 3.0, 0.0, 1e-4, rng))], WHEEL)
     assert [effect.name for effect in found.result.effects] == ["torque_ripple"]
     assert found.result.unexplained is None
+
+
+def to_and_fro(turns: float, rng: np.random.Generator) -> Array:
+    """Return a wheel whose angle stays within so many turns [rad/s]."""
+    time = np.arange(COUNT) * PERIOD_S
+    speed = np.cos(2 * np.pi * time / 113.0 + rng.uniform(0, 6))
+    speed += 0.5 * np.cos(2 * np.pi * time / 41.3 + rng.uniform(0, 6))
+    return speed * turns * 2 * np.pi / np.ptp(np.cumsum(speed) * PERIOD_S)
+
+
+@pytest.mark.parametrize(
+    ("seed", "turns", "order", "ripple_Nm"),
+    [(50110, 1.5, 30.67, 1e-4), (50111, 1.5, 31.0, 1e-4), (50112, 10.0, 12.43, 5e-5), (50113, 0.5, 6.0, 2e-5)],
+)
+def test_a_few_turns_tell_an_order_as_well_as_they_can(seed: int, turns: float, order: float, ripple_Nm: float) -> None:
+    rng = np.random.default_rng(seed)
+    found = find_discrepancy([("ripple", record(to_and_fro(turns, rng), order, 0.0, ripple_Nm, rng))], WHEEL)
+    (ripple,) = found.result.effects
+    assert ripple.name == "torque_ripple"
+    told = ripple.parameters["harmonic"]
+    assert told.std is not None
+    assert told.std < 0.1 / turns
+    assert abs(told.value - order) < 4.0 * told.std
+    assert (told.value == order) is order.is_integer()  # a whole order stays where nothing speaks against it
+    gain = found.result.gain
+    assert gain is not None
+    assert gain.rmse_extended_Nm < 1.03 * NOISE_NM
+
+
+def test_orders_that_look_alike_over_the_angles_travelled_are_told_together() -> None:
+    rng = np.random.default_rng(50114)
+    speed = to_and_fro(0.06, rng)
+    speed[COUNT // 2 : COUNT // 2 + 80] += 2 * np.pi / (80 * PERIOD_S)  # a turn further, and on as before
+    found = find_discrepancy([("ripple", record(speed, 20.0, 0.0, 1.5e-5, rng))], WHEEL)
+    (ripple,) = found.result.effects
+    told = ripple.parameters["harmonic"]
+    assert told.std is None
+    assert "20" in told.note
+    assert "fit about as well over 1.1 turns" in told.note
+
+
+@pytest.mark.parametrize("seed", [50115, 50116])
+def test_a_few_turns_without_a_ripple_show_none(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    found = find_discrepancy([("plain", record(to_and_fro(3.0, rng), 1.0, 0.0, 0.0, rng))], WHEEL)
+    assert found.result.verdict == "adequate"

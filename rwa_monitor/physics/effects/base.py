@@ -214,6 +214,21 @@ class MeanEffect(Effect, ABC):
         del channels
         return {parameter.name: (parameter.low, parameter.high) for parameter in cls.shape_parameters()}
 
+    @classmethod
+    def reach_between(cls, channels: Channels) -> dict[str, float]:
+        """Return by how much a discrete shape parameter may be off a choice before this record shows it; by name.
+
+        A search moves such a parameter so far between its choices. Default: none is moved.
+        """
+        del channels
+        return {}
+
+    @classmethod
+    def plainer_shape(cls, shape: Mapping[str, float]) -> dict[str, float] | None:
+        """Return the shape that says the same where only a part of this one is there; None where there is no such."""
+        del shape
+        return None
+
     def torque(self, channels: Channels, memory: Memory = None) -> tuple[FloatArray, Memory]:
         """Return the torque of the effect [N m], float64 (n,), and the memory after the last slot."""
         shape = {parameter.name: self.values[parameter.name] for parameter in self.shape_parameters()}

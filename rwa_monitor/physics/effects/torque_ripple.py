@@ -14,6 +14,7 @@ from rwa_monitor.samples import FloatArray
 
 MAX_HARMONIC: Final = 48  # [-] per turn of the wheel: six pulses per electrical turn, up to eight pole pairs
 LOWEST_ORDER: Final = 0.2  # [-] of what is no whole order: a cage turns at 0.35 to 0.65 of the wheel
+MANY_TURNS: Final = 50.0  # range of the angle in turns from which on an order that is no whole number is a line beside
 
 
 class TorqueRipple(MeanEffect):
@@ -31,10 +32,11 @@ class TorqueRipple(MeanEffect):
         "cage turns at ½ (1 − D_b cos α / D_p), about 0.4 of the speed where the inner ring turns, and what the balls "
         "do repeats with multiples of that and of their own spin, as a rule no whole orders of the wheel. Behind a "
         "gear its stages add orders of their own. Whole orders up to 48 are searched, and any other at which the "
-        "residual of one record has a line over the angle. Sampled slowly, the ripple shows as beats at speeds where "
-        "a multiple of the rotation meets the sampling rate. The angle is an integral of the measured speed and loses "
-        "its phase as the noise adds up: after n slots of speed noise σ the phase has wandered by h·σ·Δt·√n rad, so "
-        "fit in blocks where this is below about one."
+        "residual of one record has a line over the angle. Over n turns orders nearer than 1/n look alike: in a "
+        "record of fewer than 50 the order is fitted, and what fits as well is told. Sampled slowly, the ripple shows "
+        "as beats at speeds where a multiple of the rotation meets the sampling rate. The angle is an integral of the "
+        "measured speed and loses its phase as the noise adds up: after n slots of speed noise σ the phase has "
+        "wandered by h·σ·Δt·√n rad, so fit in blocks where this is below about one."
     )
     signature = "Beats at certain speeds; the residual repeats when it is drawn against the angle."
     confused_with = ("speed_dependent_noise",)
@@ -76,6 +78,26 @@ class TorqueRipple(MeanEffect):
         usable = channels.good & np.isfinite(channels.speed_rad_s)
         phase = shape["harmonic"] * turned_angle(channels.speed_rad_s, usable, channels.sample_period_s, state)
         return stack(np.cos(phase), np.sin(phase), np.cos(2.0 * phase), np.sin(2.0 * phase)), state
+
+    @classmethod
+    def reach_between(cls, channels: Channels) -> dict[str, float]:
+        """Half an order over the range of the angle in turns: the width of a line; none where the turns are many."""
+        turns = angle_range_turns(channels)
+        return {"harmonic": 0.5 / turns} if 0.0 < turns < MANY_TURNS else {}
+
+    @classmethod
+    def plainer_shape(cls, shape: Mapping[str, float]) -> dict[str, float] | None:
+        """Twice the order: where only the double of an order is there, that is the order."""
+        double = 2.0 * shape["harmonic"]
+        return {"harmonic": double} if double <= MAX_HARMONIC else None
+
+
+def angle_range_turns(channels: Channels) -> float:
+    """Return between how many turns the wheel's angle lies; orders nearer than one over that look alike."""
+    usable = channels.good & np.isfinite(channels.speed_rad_s)
+    state = np.array([0.0, np.nan, 0.0])
+    angle = turned_angle(channels.speed_rad_s, usable, channels.sample_period_s, state)[usable]
+    return float(np.ptp(angle)) / (2.0 * np.pi) if angle.size else 0.0
 
 
 def coherent_slots(harmonic: float, speed_noise_rad_s: float, sample_period_s: float) -> int:

@@ -1,0 +1,65 @@
+"""Orders that a record of few turns cannot tell from the order of a ripple that was found.
+
+Over an angle of a few turns, or one that is travelled to and fro, a line has neighbours that fit nearly as well. An
+order is only a name where it has none; else all that fit are told.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+
+from rwa_monitor.discrepancy.base_fit import Problem
+from rwa_monitor.discrepancy.result import ParameterValue
+from rwa_monitor.discrepancy.search import EQUIVALENT_WITHIN, Model
+from rwa_monitor.discrepancy.terms import make_background, make_term, reach_between, shape_limits
+from rwa_monitor.discrepancy.uncertainty import ORDER
+from rwa_monitor.physics.effects.torque_ripple import MAX_HARMONIC, TorqueRipple, angle_range_turns
+from rwa_monitor.samples import FloatArray
+
+WIDTHS: Final = 4.0  # of a line, each way, that are looked at closely
+PER_WIDTH: Final = 4  # orders
+
+
+def with_other_orders(problem: Problem, model: Model, index: int, order: ParameterValue) -> ParameterValue:
+    """Add the orders that fit about as well, where there are any: then the order is not determined.
+
+    Parameters
+    ----------
+    problem, model, index
+        The data, the model, and which of its terms the ripple is.
+    order
+        As it was fitted.
+    """
+    reach = reach_between(problem, TorqueRipple).get(ORDER)
+    if reach is None:
+        return order  # so many turns tell an order from its neighbours
+    low, high = shape_limits(problem, TorqueRipple)[ORDER]
+    near = order.value + reach * np.arange(-WIDTHS, WIDTHS + 0.5 / PER_WIDTH, 1.0 / PER_WIDTH)
+    tried = np.unique(np.concatenate([near, np.arange(1.0, MAX_HARMONIC + 1.0)]))
+    tried = tried[(tried >= low) & (tried <= high)]
+    others = tuple(term for i, term in enumerate(model.terms) if i != index)
+    background = make_background(problem, others, model.fit.jumps)
+
+    def deviance(at: float) -> float:
+        term = make_term(problem, TorqueRipple, {ORDER: at}, None)
+        return background.criterion_with(term) - term.parameters * problem.log_size
+
+    most = deviance(order.value) + EQUIVALENT_WITHIN
+    fitting = tried[[deviance(float(at)) < most for at in tried]]
+    far = np.abs(fitting - order.value) > reach
+    far &= np.abs(2.0 * fitting - order.value) > reach  # a half says the same by its double
+    if not far.any():
+        return order
+    turns = max(angle_range_turns(record.undrifted) for record in problem.records)
+    fitting = np.union1d(fitting[far], order.value)
+    note = f"not determined: {_in_words(fitting, reach)} fit about as well over {turns:.2g} turns"
+    return replace(order, std=None, note=note)
+
+
+def _in_words(orders: FloatArray, reach: float) -> str:
+    """Return ranges of orders, those nearer than a line's width joined."""
+    parts = np.split(orders, np.flatnonzero(np.diff(orders) > reach) + 1)
+    return ", ".join(f"{part[0]:.3g}" if part.size == 1 else f"{part[0]:.3g} to {part[-1]:.3g}" for part in parts)
