@@ -69,7 +69,7 @@ OFFSET: Final = """\
   errors would be {low:.1f} to {high:.1f} times smaller, and offsets of two standard errors would pass for seven (joints
   1, 4 and 6). And an offset may stand in for what that law lacks. The next table adds `torque_bias` to the basic law
   and to the law that was found, levels and jumps found afresh each time: beside the effects found it gains less than
-  the {accept:.0f} that are asked for. On joint 4 nothing is left of it; on joint 1 one jump of the level within
+  the {accept:.0f} that are asked for: neither named nor excluded. On joint 1 one jump of the level within
   the first second takes its place (0.26 N m would remain without a jump), so that an offset is not excluded there."""
 COLOUR: Final = """\
 - **Coloured noise.** Where the last column of the second table is large, a slow wave and noise look alike. The search
@@ -209,7 +209,8 @@ def second_half(samples: Samples, wheel: Wheel) -> SecondHalf:
     """Search the first half of a record and predict the second with what was found."""
     half = len(samples) // 2
     search = find_discrepancy([("first half", samples[slice(0, half)])], wheel)
-    problem = prepare([make_record(samples[slice(half, len(samples))], wheel, "second half")], wheel)
+    problem = prepare([make_record(samples, wheel, "whole")], wheel)  # what remembers goes on: the angle, a lag
+    second = problem.slot >= half
 
     def rmse(model: Model) -> float:
         level = np.full(problem.size, float(np.mean(model.fit.level)))
@@ -217,7 +218,7 @@ def second_half(samples: Samples, wheel: Wheel) -> SecondHalf:
         for index, term in enumerate(model.terms):
             columns = make_term(problem, term.effect, term.shape, level).columns
             predicted += columns @ model.strengths(index)
-        return _rms(problem.z - predicted)
+        return _rms((problem.z - predicted)[second])
 
     return SecondHalf(search.extended.names, rmse(search.base), rmse(search.extended))
 
