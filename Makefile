@@ -84,6 +84,8 @@ layers: $(VENV)/.installed-dev ## import-linter: the rooms stay pure, the arrows
 pytest: export OPENBLAS_NUM_THREADS = 1
 pytest: export OMP_NUM_THREADS = 1
 pytest: $(VENV)/.installed-dev ## only the tests (PYTEST_ARGS="-k word")
+	@# Once, and not in each worker and process of the tests at the same time.
+	$(BIN)/python -m rwa_monitor.live.warm_up
 	$(BIN)/python -m pytest -n $(CORES) --timeout $(TEST_TIMEOUT) $(PYTEST_ARGS)
 
 .PHONY: format

@@ -34,7 +34,7 @@ DEFAULT_DURATION_S: Final = 90.0
 MAX_DURATION_S: Final = 3600.0  # an hour simulates half a month of four wheels; it is all made before it begins
 DEFAULT_SEED: Final = 1
 BATCH_SAMPLES: Final = 256
-SEARCH_PATIENCE_S: Final = 120.0  # on a busy machine: how long a search that has begun may still take at the end
+SEARCH_PATIENCE_S: Final = 600.0  # how long a search that has begun may still take at the end: others go before it
 STOP_HEARD_S: Final = 0.2  # how late a stop signal may be heard while kernels are compiled
 
 

@@ -276,7 +276,7 @@ class Api:
 
         def change() -> AlarmRecord:
             alarm = work()
-            self.sources.voices.announce(alarm, self.sources.history)
+            self.sources.voices.announce(alarm)
             return alarm
 
         alarm = await run_in_threadpool(change)

@@ -16,15 +16,25 @@ from typing import Any, Self
 import zenoh
 
 from rwa_monitor.history.records import AlarmRecord
-from rwa_monitor.messages import Diagnosis, Health, HealthAlarm, health_message, key_of
+from rwa_monitor.history.store import History
+from rwa_monitor.messages import Health, HealthAlarm, health_message, key_of
 
 
 class Herald:
-    """The dashboard's voice on the bus; use it with `with`. It may be called from any thread."""
+    """The dashboard's voice on the bus; use it with `with`. It may be called from any thread.
 
-    def __init__(self, session: zenoh.Session) -> None:
+    Parameters
+    ----------
+    session
+        An open Zenoh session; it is left open.
+    history
+        What is known of windows and alarms.
+    """
+
+    def __init__(self, session: zenoh.Session, history: History) -> None:
         self._session = session
-        self._lock = Lock()
+        self._history = history
+        self._telling = Lock()
         self._latest: dict[str, tuple[bytes, Any]] = {}
         self._queryable: Any = session.declare_queryable("rwa/**/health", self._answer)
 
@@ -35,11 +45,21 @@ class Herald:
         with suppress(zenoh.ZError):  # the session may have been closed under us
             self._queryable.undeclare()
 
-    def tell(self, diagnosis: Diagnosis, alarms: Iterable[AlarmRecord]) -> None:
-        """Publish the health of a wheel: its latest diagnosis, and all its alarms that are not closed."""
-        health = health_message(diagnosis).model_copy(update={"alarm_states": states(alarms)})
-        key, payload = key_of(Health, diagnosis.spacecraft, diagnosis.wheel), health.to_json()
-        with self._lock:
+    def tell(self, spacecraft: str, wheel: str) -> None:
+        """Publish the health of a wheel: its latest diagnosis, and all its alarms that are not closed.
+
+        Raises
+        ------
+        HistoryError
+            If the history cannot be read.
+        """
+        with self._telling:  # else what was read before a change could be told after it
+            latest = self._history.windows(spacecraft, wheel, 1)
+            if not latest:
+                return
+            alarms = states(self._history.open_alarms(spacecraft, wheel))
+            health = health_message(latest[0]).model_copy(update={"alarm_states": alarms})
+            key, payload = key_of(Health, spacecraft, wheel), health.to_json()
             timestamp = self._session.new_timestamp()
             self._latest[key] = payload, timestamp
             with suppress(zenoh.ZError):  # nobody is there to hear it; who asks later is answered
@@ -47,9 +67,7 @@ class Herald:
 
     def _answer(self, query: zenoh.Query) -> None:
         """Called in Zenoh's threads."""
-        with self._lock:
-            latest = dict(self._latest)
-        for key, (payload, timestamp) in latest.items():
+        for key, (payload, timestamp) in dict(self._latest).items():  # a copy: others tell meanwhile
             if query.key_expr.intersects(zenoh.KeyExpr(key)):
                 query.reply(key, payload, encoding=Health.encoding(), timestamp=timestamp)
         query.drop()  # type: ignore[no-untyped-call]

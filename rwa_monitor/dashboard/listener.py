@@ -133,7 +133,7 @@ class Listener:
             changed = self.history.hear_monitors(news)
             self._monitors.written(news)
             for alarm in changed:
-                self.voices.announce(alarm, self.history)
+                self.voices.announce(alarm)
 
         if news:
             self._use_history(write)
@@ -245,9 +245,8 @@ class Listener:
             self._waiting.popleft()
         for alarm in changed:
             self.voices.show(alarm)
-        latest = {(one.spacecraft, one.wheel): one for one in diagnoses}
-        for name in {(alarm.spacecraft, alarm.wheel) for alarm in changed}:
-            self.voices.herald.tell(latest[name], self.history.open_alarms(*name))
+        for name in dict.fromkeys((alarm.spacecraft, alarm.wheel) for alarm in changed):
+            self.voices.herald.tell(*name)
 
 
 def _got_samples(before: Status | None, now: Status) -> bool:

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 HOST: Final = "127.0.0.1"
 DEFAULT_PORT: Final = 8750
 HISTORY_NAME: Final = "history.sqlite3"
-START_S: Final = 10.0
+START_S: Final = 60.0  # on a busy machine; when it cannot start at all, its thread ends at once
 SHUTDOWN_S: Final = 2
 
 
@@ -116,8 +116,8 @@ def serve(options: DashboardOptions, session: zenoh.Session, say: Callable[[str]
         aside = Aside(history.wheel_list)
         fleet, hub = Fleet(WheelSet(options.wheel) if options.wheel else latest_wheels(options.record)), Hub()
         listening = stack.enter_context(_socket(options.port))
-        herald, webhook = stack.enter_context(Herald(session)), stack.enter_context(Webhook(options.webhook, hub))
-        voices = Voices(hub, webhook, herald)
+        herald = stack.enter_context(Herald(session, history))
+        voices = Voices(hub, stack.enter_context(Webhook(options.webhook, hub)), herald)
         app = create_app(Sources(fleet, history, aside, voices, options.record, token))
         config = uvicorn.Config(
             app,

@@ -10,7 +10,6 @@ from rwa_monitor.dashboard.fleet import Received
 from rwa_monitor.dashboard.herald import Herald
 from rwa_monitor.dashboard.webhook import Webhook
 from rwa_monitor.history.records import AlarmRecord
-from rwa_monitor.history.store import History
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,7 +20,7 @@ class Voices:
     webhook: Webhook
     herald: Herald
 
-    def announce(self, alarm: AlarmRecord, history: History) -> None:
+    def announce(self, alarm: AlarmRecord) -> None:
         """Tell of a change of an alarm; on the bus in the health of its wheel, if that has a window.
 
         Raises
@@ -30,9 +29,7 @@ class Voices:
             If the history cannot be read; pages and webhook are told then.
         """
         self.show(alarm)
-        latest = history.windows(alarm.spacecraft, alarm.wheel, 1)
-        if latest:
-            self.herald.tell(latest[0], history.open_alarms(alarm.spacecraft, alarm.wheel))
+        self.herald.tell(alarm.spacecraft, alarm.wheel)
 
     def show(self, alarm: AlarmRecord) -> None:
         """Tell pages and webhook of a change of an alarm."""

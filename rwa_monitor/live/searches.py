@@ -32,6 +32,7 @@ from rwa_monitor.samples import concatenate
 PATIENCE: Final = 2  # windows in a row whose model does not fit, before a search
 NICENESS: Final = 10  # of the child process: it takes what diagnosis leaves
 MAX_KEPT_BYTES: Final = 64_000_000  # of messages kept for searches, all wheels together
+END_S: Final = 1.0  # for a process to end that was killed or has closed its pipe
 MAX_WAITING: Final = 16  # searches that wait for the one that runs; a fleet gone wrong needs an engineer, not a queue
 
 
@@ -177,17 +178,17 @@ class Searches:
             self._start_next()
             return []
         assert self._connection is not None
-        if self._connection.poll():
-            try:
-                answer: SearchAnswer | None = self._connection.recv()
-            except EOFError:
-                answer = None
-            self._end_process()
-            return [] if answer is None else self._outputs(answer)
-        if not self._process.is_alive():
+        if not self._connection.poll():  # true also when the process has ended, whatever it has sent before
+            return []
+        try:
+            answer: SearchAnswer = self._connection.recv()
+        except (EOFError, OSError):  # it ended before its answer, or within it
+            self._process.join(END_S)
             self.say(f"a discrepancy search ended without an answer (exit code {self._process.exitcode})")
             self._end_process()
-        return []
+            return []
+        self._end_process()
+        return self._outputs(answer)
 
     def close(self) -> None:
         """Stop the search that runs; nothing of it is lost that a replay could not find again."""
@@ -206,7 +207,7 @@ class Searches:
 
     def _end_process(self) -> None:
         if self._process is not None:
-            self._process.join(1.0)
+            self._process.join(END_S)
             self._process = None
         if self._connection is not None:
             self._connection.close()

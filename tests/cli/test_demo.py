@@ -21,12 +21,13 @@ DURATION_S = 48
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(1200)  # where all cores are busy, the search takes what others leave (demo.SEARCH_PATIENCE_S)
 @pytest.mark.processes
 def test_the_demo_finds_the_failing_wheel_and_the_hidden_effect_and_its_recording_replays(tmp_path: Path) -> None:
     record = tmp_path / "recordings"
     demo = subprocess.run(
         [*PROGRAM, "demo", "--no-browser", "--duration", str(DURATION_S), "--record", str(record)],
-        capture_output=True, text=True, timeout=10 * DURATION_S, check=False, cwd=tmp_path,
+        capture_output=True, text=True, timeout=1000, check=False, cwd=tmp_path,
     )  # fmt: skip
     assert demo.returncode == 0, demo.stderr
     assert "Traceback" not in demo.stderr

@@ -125,7 +125,9 @@ def test_nobody_is_alarmed_by_the_metrics_of_a_wheel_that_is_put_aside(session: 
 
     with serve_past(tmp_path, session) as running:
         send_windows(session, "wheel_2", failing=True, windows=3)
-        wait_until(lambda: 'wheel="wheel_2"' in text(), "the wheel")
+        windows = "api/wheels/sat/wheel_2/windows"
+        wait_until(lambda: len(ask(running.address, windows)[1]) == 3, "its windows")  # the last would bring it back
+        assert 'wheel="wheel_2"' in text()
         body = b'{"name":"Ann"}'
         assert ask(running.address, "api/alarms/1/acknowledge", headers=RIGHT, body=body)[0] == 200
         assert 'rwa_alarms{level="warning",phase="acknowledged"} 1.0' in text()

@@ -257,9 +257,9 @@ def test_two_hundred_candidates_with_three_systems(capsys):
     spread = np.unique(np.concatenate([made.evidence.candidates.index, rng.integers(1, 80_000, size=180)]))[:200]
     few = assign(made.evidence, THREE)
     evidence = evidence_of(made.x, made.z, candidates_at(made.x, made.z, spread, STD, 1.0), STD)
-    begin = time.perf_counter()
+    begin = time.process_time()
     assignment, _ = assign(evidence, THREE)
-    took = time.perf_counter() - begin
+    took = time.process_time() - begin
     with capsys.disabled():
         print(
             f"\n  {len(spread)} candidates, 3 systems: {took:.2f} s, pruned: {assignment.pruned}",
@@ -267,4 +267,4 @@ def test_two_hundred_candidates_with_three_systems(capsys):
         )
     good, _ = matched(accepted(assignment), accepted(few[0]))
     assert good >= 0.9 * len(accepted(few[0]))
-    assert took < 5.0  # a second is the aim; a busy machine gets five
+    assert took < 5.0  # of the processor; a second is the aim, a slow machine gets five

@@ -270,9 +270,9 @@ def test_a_wheel_of_another_size():
 
 def test_eighty_thousand_samples_are_quick():
     run(duration_s=10_000.0)  # compiled kernels and caches
-    start = time.perf_counter()
+    start = time.process_time()
     run(1, duration_s=10_000.0)
-    assert time.perf_counter() - start < 5 * 0.2
+    assert time.process_time() - start < 5 * 0.2
 
 
 def test_extra_system_adds_jumps_of_its_own():

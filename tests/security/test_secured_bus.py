@@ -11,8 +11,9 @@ import signal
 import stat
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
@@ -67,9 +68,16 @@ def secured(own: Path, scratch: Path) -> Iterator[Bus]:
                 )
                 for session, key in ((monitor, "rwa/*/*/samples"), (dashboard, "rwa/*/*/*"))
             ]
+            settled(monitor, SAMPLES)
+            settled(dashboard, SAMPLES)
             yield bus
             for subscriber in subscribers:
                 subscriber.undeclare()
+
+
+def settled(session: zenoh.Session, key: str) -> None:
+    """Wait until the router has taken what a session has declared: it answers a question only after that."""
+    assert not list(session.get(f"{key}/@adv/nobody"))
 
 
 def send(session: zenoh.Session, key: str, payload: bytes) -> None:
@@ -134,6 +142,7 @@ def test_the_monitor_cannot_publish_samples(issued_by_us: Path, tmp_path: Path) 
         bus = Bus(port, issued_by_us, tmp_path)
         with bus.join("dashboard") as dashboard:
             subscriber = dashboard.declare_subscriber("rwa/*/*/*", bus.hear)
+            settled(dashboard, SAMPLES)
             with bus.join("monitor") as monitor, bus.join("simulated.wheel_1") as right:
                 send(monitor, SAMPLES, b"sent")
                 send(right, SAMPLES, b"last")
@@ -199,10 +208,19 @@ def test_strangers_get_no_connection(issued_by_us: Path, tmp_path: Path) -> None
     assert set(bus.heard) == {(SAMPLES, b"last")}
 
 
+def short_lived_session(stack: ExitStack, bus: Bus, own: Path) -> tuple[zenoh.Session, datetime]:
+    """Join with a certificate that soon ends; returns its end. Where joining takes long, the certificate lives long."""
+    asked = time.monotonic()
+    bus.join("simulated.wheel_1").close()  # type: ignore[no-untyped-call]
+    life = timedelta(seconds=3.0 + 10.0 * (time.monotonic() - asked))
+    end = datetime.now(UTC) + life
+    short = issued(own / "authority", bus.scratch / "short", "simulated.wheel_1", not_after=end)
+    return stack.enter_context(open_session(leaf(short, bus.port, bus.scratch))), end
+
+
 def test_a_connection_ends_when_its_certificate_does(issued_by_us: Path, tmp_path: Path) -> None:
-    end = datetime.now(UTC) + timedelta(seconds=4)
-    short = issued(issued_by_us / "authority", tmp_path / "short", "simulated.wheel_1", not_after=end)
-    with secured(issued_by_us, tmp_path) as bus, open_session(leaf(short, bus.port, tmp_path)) as session:
+    with secured(issued_by_us, tmp_path) as bus, ExitStack() as short_lived:
+        session, end = short_lived_session(short_lived, bus, issued_by_us)
         session.put(SAMPLES, b"in time", congestion_control=zenoh.CongestionControl.BLOCK)
         wait_for(lambda: len(bus.heard) >= 2, "what was sent in time")
         wait_for(lambda: not list(session.info.routers_zid()), "the end of the connection")
