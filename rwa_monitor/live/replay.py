@@ -13,6 +13,7 @@ from typing import Any, Final
 
 import zenoh
 
+from rwa_monitor.errors import InputError
 from rwa_monitor.live import rebuild
 from rwa_monitor.live.compare import Comparable, Comparison, compare
 from rwa_monitor.live.publisher import LINGER_S, ReliablePublisher
@@ -21,7 +22,7 @@ from rwa_monitor.live.searches import jobs_of, search_message
 from rwa_monitor.live.wheel_set import WheelSet
 from rwa_monitor.messages import Diagnosis, Discrepancy, SamplesMessage
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND
-from rwa_monitor.words import counted
+from rwa_monitor.words import counted, time_text
 
 MAX_LISTED: Final = 20  # fields in the short report
 
@@ -89,7 +90,9 @@ class Report:
         return f"{files}: {what} compared: {result}"
 
 
-def replay(recordings: Path | Sequence[Path], on_message: Callable[[int], None] | None = None) -> Report:
+def replay(
+    recordings: Path | Sequence[Path], on_message: Callable[[int], None] | None = None, from_ns: int | None = None
+) -> Report:
     """Re-run the core on a recording (a file, a folder as a chain, or several files) and compare with what it holds.
 
     Exit codes on the command line: with --verify 1 unless `report.equal`; with --exact also unless
@@ -101,13 +104,15 @@ def replay(recordings: Path | Sequence[Path], on_message: Callable[[int], None] 
         A file, a folder whose recordings form a chain, or several files in order.
     on_message
         Called with the number of messages gone through in the running file, for progress.
+    from_ns
+        Messages of the report that are older, on the wheel's clock [ns], are left out of it; all are compared.
 
     Raises
     ------
     InputError
         If a path is no recording, or its attachments cannot be used.
     """
-    chain = _Chain()
+    chain = _Chain(from_ns)
     for path in recordings_of(recordings):
         chain.add(read_recording(path, MAX_FLEET_FILE_BYTES), on_message)
     return chain.report()
@@ -115,8 +120,9 @@ def replay(recordings: Path | Sequence[Path], on_message: Callable[[int], None] 
 
 @dataclass(slots=True)
 class _Chain:
-    """Runs recordings one after the other and gathers what they say."""
+    """Runs recordings one after the other and gathers what they say, from a time on."""
 
+    from_ns: int | None = None
     files: list[Path] = field(default_factory=list)
     comparison: Comparison = field(default_factory=Comparison)
     unreadable: list[str] = field(default_factory=list)
@@ -134,7 +140,11 @@ class _Chain:
         self.unreadable += [f"{recording.path}: {problem}" for problem in recording.problems]
         rebuilt = rebuild.start(recording, setup)
         rebuild.run_inputs(recording, setup, rebuilt, on_message=on_message)
-        self.messages += [(output.key, output.payload) for output in rebuilt.outputs if output.message is not None]
+        self.messages += [
+            (output.key, output.payload)
+            for output in rebuilt.outputs
+            if output.message is not None and (self.from_ns is None or output.time_ns >= self.from_ns)
+        ]
 
         inherited, own = _split(recording, rebuild.inherited_counts(settings))
         replayed: list[Comparable] = [(output.key, output.schema, output.payload) for output in rebuilt.outputs]
@@ -223,7 +233,12 @@ def _split(recording: Recording, inherited: dict[str, int]) -> tuple[list[Compar
 
 
 def replay_to_bus(
-    recordings: Path | Sequence[Path], session: zenoh.Session, *, speed: float = 1.0, stop: Event | None = None
+    recordings: Path | Sequence[Path],
+    session: zenoh.Session,
+    *,
+    speed: float = 1.0,
+    from_ns: int | None = None,
+    stop: Event | None = None,
 ) -> int:
     """Publish a recording's inputs on the bus again, as they came, in the pace of their time.
 
@@ -235,6 +250,8 @@ def replay_to_bus(
         An open Zenoh session.
     speed
         Times faster than real time; `math.inf` for as fast as the bus takes it.
+    from_ns
+        Messages that end earlier, on the wheel's clock [ns], are left out.
     stop
         Ends it early when set.
 
@@ -242,6 +259,11 @@ def replay_to_bus(
     -------
     int
         Messages published.
+
+    Raises
+    ------
+    InputError
+        If a path is no recording, or nothing in them is of `from_ns` or later.
     """
     stop = Event() if stop is None else stop
     publishers: dict[str, ReliablePublisher] = {}
@@ -249,7 +271,7 @@ def replay_to_bus(
     first_ns: int | None = None
     begin_s = time.monotonic()
     try:
-        for time_ns, topic, payload in _inputs(recordings):
+        for time_ns, topic, payload in _inputs(recordings, from_ns):
             first_ns = time_ns if first_ns is None else first_ns
             due_s = begin_s + (time_ns - first_ns) / NANOSECONDS_PER_SECOND / speed
             if stop.wait(0.0 if math.isinf(speed) else max(0.0, due_s - time.monotonic())):
@@ -265,8 +287,15 @@ def replay_to_bus(
     return sent
 
 
-def _inputs(recordings: Path | Sequence[Path]) -> Iterator[tuple[int, str, bytes]]:
+def _inputs(recordings: Path | Sequence[Path], from_ns: int | None) -> Iterator[tuple[int, str, bytes]]:
+    last_ns: int | None = None
+    found = False
     for path in recordings_of(recordings):
         for message in read_recording(path, MAX_FLEET_FILE_BYTES).messages:
             if message.schema == SamplesMessage.schema_name():
-                yield message.log_time, message.topic, message.data
+                last_ns = message.log_time if last_ns is None else max(last_ns, message.log_time)
+                if from_ns is None or message.log_time >= from_ns:
+                    found = True
+                    yield message.log_time, message.topic, message.data
+    if from_ns is not None and last_ns is not None and not found:
+        raise InputError(time_text(from_ns), f"the recordings hold nothing so late: they end at {time_text(last_ns)}")

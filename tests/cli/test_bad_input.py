@@ -125,6 +125,8 @@ CASES: dict[str, tuple[str, bytes | None, str, str]] = {
         "simulate publish -e 127.0.0.1:1",
         "--connect: '127.0.0.1:1' is no endpoint",
     ),
+    "a time that is none": ("x.mcap", b"", "replay {file} --from noon", "'noon' is no time such as 2026-09-17T03:00Z"),
+    "a part is not verified": ("x.mcap", b"", "replay {file} --from 5 --verify", "--exact compare all of a recording"),
     "kept out of order": ("x", b"", "dashboard --keep 10 5 1 1", "must be positive and in this order"),
     "labels without header": ("l.csv", b"a,b\n", "train {file} --wheel {wheel} -o m.json", "row 1: the header must"),
     "labels name no file": (

@@ -124,7 +124,11 @@ def replay_and_seek(page: Any) -> None:
     page.get_by_role("button", name="Play").click()
     wait_until(lambda: clock.inner_text() != begin, "the replay to go on")
     page.get_by_role("button", name="Pause").click()
-    page.get_by_label("Position").fill("1000")
+    page.get_by_role("button", name="Go", exact=True).click()  # to the beginning, which stands in the field
+    expect(page.get_by_text("The first window is being filled.")).to_be_visible()
+    page.get_by_role("combobox", name="Speed").select_option("as fast as it goes")
+    page.get_by_role("button", name="Play").click()
+    expect(page.get_by_role("button", name="Play")).to_be_visible()  # it has come to the end
     expect(page.locator("tbody tr").first).to_contain_text("dry")
 
 
@@ -133,6 +137,14 @@ def test_a_recording_is_played_stepped_and_sought(chromium: Any, session: zenoh.
     with failing_fleet(session, tmp_path) as running:
         page, complaints = new_page(chromium)
         page.goto(f"{running.address}#/recordings")
+        page.get_by_label("Go to").fill("1e6")
+        page.get_by_role("button", name="Go", exact=True).click()
+        expect(page.get_by_text("No recording covers spacecraft clock 1000000.0 s.")).to_be_visible()
+        page.get_by_label("Go to").fill("100.5")
+        page.get_by_role("button", name="Go", exact=True).click()
+        expect(page.get_by_role("heading", name=f"Replay of {RECORDING.name}")).to_be_visible()
+        expect(page.get_by_text("spacecraft clock 100.5 s, UTC unknown").first).to_be_visible()
+        page.keyboard.press("r")
         page.get_by_role("link", name=RECORDING.name).click()
         replay_and_seek(page)
         assert complaints == []

@@ -14,7 +14,7 @@ from rwa_monitor.errors import InputError
 from rwa_monitor.live import references
 from rwa_monitor.live.recording import RecordedMessage, Recording, read_recording, recordings_of
 from rwa_monitor.live.recover import recover
-from rwa_monitor.live.replay import replay
+from rwa_monitor.live.replay import Report, replay
 from rwa_monitor.messages import Diagnosis
 
 REPLAY = Path(__file__).parents[2] / "replay"
@@ -28,6 +28,18 @@ def test_a_reference_gives_again_what_it_holds(name: str) -> None:
     assert report.unreadable == ()
     assert report.compared["rwa.Diagnosis"] >= 3
     assert report.compared["rwa.Changepoints"] >= 10
+
+
+def test_from_a_time_on_the_same_is_told_and_all_is_compared() -> None:
+    def window_ends(report: Report) -> list[int]:
+        return [json.loads(message)["window_end_ns"] for topic, message in report.messages if "/diagnosis" in topic]
+
+    whole = replay(REPLAY / "nominal")
+    half = len(window_ends(whole)) // 2
+    late = replay(REPLAY / "nominal", from_ns=window_ends(whole)[half])
+    assert late.compared == whole.compared
+    assert set(late.messages) < set(whole.messages)
+    assert window_ends(late) == window_ends(whole)[half:]
 
 
 @pytest.mark.parametrize("name", BY_NAME)

@@ -232,6 +232,10 @@ def test_a_recording_is_published_again_as_it_was(tmp_path: Path) -> None:
         with monitor(session, options(record=tmp_path / "two")):
             assert replay_to_bus(tmp_path / "one", session, speed=math.inf) == math.ceil(len(samples) / 256)
             wait_for(lambda: len(listener.kind("diagnosis")) >= 2, "both windows again")
+        last_ns = int(samples.time_ns[-1])
+        assert replay_to_bus(tmp_path / "one", session, speed=math.inf, from_ns=last_ns) == 1
+        with pytest.raises(InputError, match="the recordings hold nothing so late: they end at"):
+            replay_to_bus(tmp_path / "one", session, speed=math.inf, from_ns=last_ns + 1)
     assert listener.kind("diagnosis") == before
 
 
