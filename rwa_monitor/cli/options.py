@@ -41,21 +41,6 @@ class Real(click.FloatRange):
     name = "number"
 
 
-class Moment(click.ParamType[int]):
-    """A time on the wheels' clock [ns], given as ISO 8601 in UTC or in seconds."""
-
-    name = "time"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> int:
-        """Return the time."""
-        from rwa_monitor.words import time_of
-
-        try:
-            return value if isinstance(value, int) else time_of(value)
-        except ValueError:
-            self.fail(f"{value!r} is no time such as 2026-09-17T03:00Z, or 1234.5 on a clock in seconds", param, ctx)
-
-
 def not_nan(ctx: click.Context, param: click.Parameter, value: float | None) -> float | None:
     """Refuse NaN, which lies in no range and outside of none; a callback for options with a number."""
     del ctx, param

@@ -10,7 +10,8 @@ import click
 
 from rwa_monitor.cli.exit_codes import FAILED, UNREADABLE
 from rwa_monitor.cli.first_use import tell_of_compiling
-from rwa_monitor.cli.options import FILE, Moment, bus_options, speed_option, warn_if_alone
+from rwa_monitor.cli.moment import Moment
+from rwa_monitor.cli.options import FILE, bus_options, speed_option, warn_if_alone
 from rwa_monitor.cli.progress import counting
 from rwa_monitor.cli.talk import say
 
