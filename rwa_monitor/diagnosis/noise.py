@@ -261,33 +261,35 @@ def block_differences(
         Outputs: float64 (B, LAGS), sum of (e_{k+l} - e_k)²/2 and number of pairs of used samples.
     """
     length = BLOCK + LAGS
-    e = np.zeros(length)
-    good = np.zeros(length)
-    total = np.zeros(LAGS)
+    good, u, v, e = np.empty(length), np.empty(length), np.empty(length), np.empty(length)
+    total = np.empty(LAGS)
     for b in range(first, last):
-        start = b * hop
+        there = slice(b * hop, b * hop + length)
+        speed, friction, counted = x[there], z[there], used[there]
+        for i in range(length):  # without branches: several slots at once
+            good[i] = counted[i]
+            u[i] = (speed[i] - speed[0]) * good[i]
+            v[i] = (friction[i] - friction[0]) * good[i]
         n, sx, sz, sxx, sxz = 0.0, 0.0, 0.0, 0.0, 0.0
-        x_centre, z_centre = x[start], z[start]
         for i in range(length):
-            good[i] = 1.0 if used[start + i] else 0.0
-            u = (x[start + i] - x_centre) * good[i]
-            v = (z[start + i] - z_centre) * good[i]
             n += good[i]
-            sx += u
-            sz += v
-            sxx += u * u
-            sxz += u * v
+            sx += u[i]
+            sz += v[i]
+            sxx += u[i] * u[i]
+            sxz += u[i] * v[i]
         share = 1.0 / max(n, 1.0)
         own = (sxz - sx * sz * share + weight * slope) / (max(sxx - sx * sx * share, 0.0) + weight)
         for i in range(length):
-            e[i] = good[i] * ((z[start + i] - z_centre) - own * (x[start + i] - x_centre))
+            e[i] = v[i] - own * u[i]
         # Lags in the inner loop: neighbouring sums, which the compiler can advance together.
-        if n == length:  # the same as below, where nothing is masked
+        if n == length:  # the same as below, where nothing is masked; four slots in a row for each sum in memory
             total[:] = 0.0
-            for i in range(BLOCK):
+            for i in range(0, BLOCK, 4):
+                e0, e1, e2, e3 = e[i], e[i + 1], e[i + 2], e[i + 3]
                 for lag in range(LAGS):
-                    difference = e[i + 1 + lag] - e[i]
-                    total[lag] += difference * difference
+                    k = i + 1 + lag
+                    d0, d1, d2, d3 = e[k] - e0, e[k + 1] - e1, e[k + 2] - e2, e[k + 3] - e3
+                    total[lag] = (((total[lag] + d0 * d0) + d1 * d1) + d2 * d2) + d3 * d3
             sums[b] = 0.5 * total  # exact
             pairs[b] = BLOCK
             continue

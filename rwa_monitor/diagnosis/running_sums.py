@@ -97,26 +97,24 @@ def extend_checkpoints(arrays: SumArrays, running: FloatArray, start: int, stop:
     start, stop
         Slots to add.
     """
-    checkpoints, x, z, used = arrays.checkpoints, arrays.x, arrays.z, arrays.used
+    x, z, used = arrays.x[start:stop], arrays.z[start:stop], arrays.used[start:stop]
     x_centre, z_centre = arrays.centre[0], arrays.centre[1]
     n, sx, sz, sxx, sxz, szz = running[0], running[1], running[2], running[3], running[4], running[5]
-    for k in range(start, stop):
-        if k % STRIDE == 0:
-            row = checkpoints[k // STRIDE]
-            row[0], row[1], row[2], row[3], row[4], row[5] = n, sx, sz, sxx, sxz, szz
-        if used[k]:
-            u = x[k] - x_centre
-            v = z[k] - z_centre
+    for j in range(x.size):
+        if used[j]:
+            u = x[j] - x_centre
+            v = z[j] - z_centre
             n += 1.0
             sx += u
             sz += v
             sxx += u * u
             sxz += u * v
             szz += v * v
+        before = start + j + 1  # slots that the sums hold now
+        if before % STRIDE == 0:
+            row = arrays.checkpoints[before // STRIDE]
+            row[0], row[1], row[2], row[3], row[4], row[5] = n, sx, sz, sxx, sxz, szz
     running[0], running[1], running[2], running[3], running[4], running[5] = n, sx, sz, sxx, sxz, szz
-    if stop % STRIDE == 0:
-        row = checkpoints[stop // STRIDE]
-        row[0], row[1], row[2], row[3], row[4], row[5] = n, sx, sz, sxx, sxz, szz
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True, inline="always")

@@ -165,9 +165,9 @@ def evaluate(
 @numba.njit(cache=True, error_model="numpy", nogil=True)
 def _count_bins(histogram: IntArray, bits: IntArray, first: int, count: int, stride: int) -> None:
     """Count the statistics of the slots first … first + count - 1 that are multiples of `stride`."""
-    skip = (-first) % stride
-    for j in range(skip, count, stride):
-        pattern = bits[j]
+    counted = bits[(-first) % stride : count : stride]
+    for j in range(counted.size):
+        pattern = counted[j]
         if pattern >= 0:  # the sign bit marks what was not evaluated
             place = (pattern >> _BIN_SHIFT) - _FIRST_BIN
             histogram[min(max(place, 0), BINS - 1)] += 1
