@@ -36,6 +36,8 @@ def test_a_wheel_that_is_put_aside_on_one_leaves_the_list_of_the_other(new_datab
         connect(first.address.replace("http", "ws") + "api/feed") as feed_of_first,
         connect(second.address.replace("http", "ws") + "api/feed") as feed_of_second,
     ):
+        for feed in (feed_of_first, feed_of_second):
+            feed.recv(timeout=WAIT_S)  # what is so far; what changes from now on is told once
         assert put_aside(first, "wheel_1")[0] == 200
         assert next_deed(feed_of_second) == "put_aside"
         assert put_aside(second, "wheel_1", aside=False)[0] == 200
