@@ -26,6 +26,12 @@ _ACTION_MODEL_TOO = (
 )
 CHECK_TELEMETRY: Final = "Check the telemetry link and the sensors before the wheel."
 BELOW_NOMINAL: Final = ": below nominal, so check units, sign or the wheel file"
+ANOTHER_WHEEL: Final = "it is so from the first window on, so is this wheel file of this wheel?"
+_ANOTHER_WHEEL_ACTION = (
+    "Before acting, see that the wheel file is this wheel's own, learned from it by rwa-monitor identify (run"
+    " --wheel-folder takes one for each wheel): a file of another wheel looks like this, and so does a wheel that ailed"
+    " before it was monitored."
+)
 WORTH_NAMING = 0.1  # probability from which another anomaly is named beside the one diagnosed
 _NEVER_RESTED = (
     "A switching system never rested in this window, so base dry friction and its own were told apart by learned"
@@ -141,6 +147,7 @@ def explain(
     windows_before: int,
     adequacy: Adequacy,
     remedy: str = "",
+    another_wheel: bool = False,
 ) -> str:
     """Return two or three plain sentences an operator can act on.
 
@@ -156,6 +163,8 @@ def explain(
         Whether the friction model fits.
     remedy
         What helps an inconclusive verdict where waiting does not; "" where it does.
+    another_wheel
+        Whether the wheel file may be another wheel's.
     """
     worst = max((a for a in anomalies if a.active), key=lambda anomaly: anomaly.severity or 0.0, default=None)
     if verdict == "anomalous" and worst is not None:
@@ -171,6 +180,8 @@ def explain(
         suspect = f", {adequacy.suspected_effect} is suspected" if adequacy.suspected_effect else ""
         qualification = f"The friction model lacks something this wheel has: {adequacy.finding}{suspect}."
         action = f"{action} {_ACTION_MODEL_TOO}" if verdict == "anomalous" else _ACTION_MODEL
+    if another_wheel:
+        action = f"{_ANOTHER_WHEEL_ACTION} {action}" if verdict == "anomalous" else _ANOTHER_WHEEL_ACTION
     return " ".join(sentence for sentence in (reason, qualification, action) if sentence)
 
 

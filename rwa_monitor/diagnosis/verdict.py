@@ -13,6 +13,12 @@ from rwa_monitor.diagnosis.classification import Judged
 from rwa_monitor.diagnosis.window_diagnosis import AnomalyDiagnosis, Verdict
 
 MIN_COVERAGE: Final = 0.5  # share of the slots that must be used; below, the window says little about what it missed
+FIRST_WINDOWS: Final = 2  # an alarm begins in the second one at the earliest
+# Learned anomalies have 1.2 to 2.2 times the nominal bound. What lies beyond from the first window on, or in so many
+# parts at once, is more often a wheel file of another wheel.
+FAR: Final = 3.0  # times the upper nominal bound, or a third of the lower one
+MANY_PARTS: Final = 3
+CLEAR_STDS: Final = 5.0  # beyond the nominal range, of the estimate itself
 MIN_SHARE: Final = 0.1  # of a whole window's samples: with fewer, at the end of a file, it is called nominal by no rule
 
 
@@ -30,12 +36,15 @@ class Shown:
         Whether friction jumps and the wheel file names no switching system.
     mean_speed_rad_s
         Mean |ω| of the used samples [rad/s].
+    before
+        Base dry and viscous friction as earlier windows show them, in their units; NaN where none does.
     """
 
     unmoved: tuple[bool, ...]
     deviations: tuple[float, ...]
     unnamed_jumps: bool
     mean_speed_rad_s: float
+    before: tuple[float, float]
 
 
 def verdict_of(
@@ -106,6 +115,25 @@ def verdict_of(
     return "nominal", explanation.reason_nominal(anomalies, leaning, lacking)
 
 
+def from_another_wheel(case: Case, verdict: Verdict, anomalies: Sequence[AnomalyDiagnosis], shown: Shown) -> bool:
+    """Return whether friction is so far from the wheel file, from the first window on, that the file may be another's.
+
+    It changes no judgement: a wheel that was monitored too late looks like this, too.
+    """
+    dry, viscous = anomalies[:2]
+    if verdict == "nominal" or case.carried.windows >= FIRST_WINDOWS or _nothing_to_judge(case):
+        return False
+    if _exchanged(dry, viscous, shown.mean_speed_rad_s) or any(map(_within, anomalies, shown.before)):
+        return False  # what was nominal in the window before has come since then: the file fitted once
+    clear = [
+        one
+        for one, std in zip(anomalies, shown.deviations, strict=True)
+        if (one.active or _below(one)) and not _rested(one) and _outside(one, CLEAR_STDS * std, adequate=True)
+    ]
+    both = dry in clear and viscous in clear
+    return both or len(clear) >= MANY_PARTS or any(_far(one) for one in clear if one in {dry, viscous})
+
+
 def covered(case: Case) -> bool:
     """Return whether enough of the window's slots hold a usable sample for it to be judged."""
     return case.evidence.used >= MIN_COVERAGE * case.evidence.slots
@@ -169,6 +197,18 @@ def _exchanged(dry: AnomalyDiagnosis, viscous: AnomalyDiagnosis, speed_rad_s: fl
 
 def _below(anomaly: AnomalyDiagnosis) -> bool:
     return anomaly.estimate is not None and anomaly.nominal_low is not None and anomaly.estimate < anomaly.nominal_low
+
+
+def _within(anomaly: AnomalyDiagnosis, value: float) -> bool:
+    """Return whether a value, NaN for none, lies in an anomaly's nominal range while its estimate does not."""
+    if anomaly.nominal_low is None or anomaly.nominal_high is None:
+        return False
+    return _outside(anomaly, 0.0, adequate=True) and anomaly.nominal_low <= value <= anomaly.nominal_high
+
+
+def _far(anomaly: AnomalyDiagnosis) -> bool:
+    estimate, low, high = anomaly.estimate or 0.0, anomaly.nominal_low or 0.0, anomaly.nominal_high or 0.0
+    return estimate > FAR * high or estimate < low / FAR
 
 
 def _outside(anomaly: AnomalyDiagnosis, std: float, *, adequate: bool) -> bool:

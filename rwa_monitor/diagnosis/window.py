@@ -42,7 +42,7 @@ from rwa_monitor.diagnosis.results import (
     Method,
 )
 from rwa_monitor.diagnosis.state import CarriedState, Tracked, follow, next_state
-from rwa_monitor.diagnosis.verdict import Shown, covered, remedy_of, verdict_of
+from rwa_monitor.diagnosis.verdict import Shown, covered, from_another_wheel, remedy_of, verdict_of
 from rwa_monitor.diagnosis.window_diagnosis import (
     DRY_UNIT,
     VISCOUS_UNIT,
@@ -205,6 +205,7 @@ def _shown(case: Case, features: Features, assignment: Assignment) -> Shown:
         features.viscous_std * (nominal if nominal > 0 else viscous_unit(wheel)),
         *(system.highest()[2] * wheel.torque_unit_Nm for system in features.systems),
     )
+    base, slope = case.carried.base_dry, case.carried.viscous
     whole = case.evidence.sums.between(np.zeros(1, dtype=np.int64), np.array([case.evidence.slots]))
     return Shown(
         # The paper's method judges each system by itself, whatever it did.
@@ -216,6 +217,10 @@ def _shown(case: Case, features: Features, assignment: Assignment) -> Shown:
         deviations=tuple(std if math.isfinite(std) else 0.0 for std in deviations),
         unnamed_jumps=not wheel.fss and bool((assignment.system != REJECTED).any()),
         mean_speed_rad_s=float(whole.x[0] / whole.n[0]) * wheel.speed_unit_rad_s,
+        before=(
+            base.mean * wheel.torque_unit_Nm if base else math.nan,
+            slope.mean * viscous_unit(wheel) if slope else math.nan,
+        ),
     )
 
 
@@ -234,6 +239,9 @@ def _diagnosis(
     )
     shown = _shown(case, features, stages.assignment)
     verdict, reason = verdict_of(case, judgement.anomalies, anomalies, fits, shown)
+    another_wheel = from_another_wheel(case, verdict, anomalies, shown)
+    if another_wheel:
+        reason = f"{reason.removesuffix('.')}; {explanation.ANOTHER_WHEEL}"
     return WindowDiagnosis(
         verdict=verdict,
         reason=reason,
@@ -265,6 +273,7 @@ def _diagnosis(
             windows_before=case.carried.windows if case.method == "joint" else 0,
             adequacy=fits,
             remedy=remedy_of(case, anomalies, shown, adequate=fits.adequate) if verdict == "inconclusive" else "",
+            another_wheel=another_wheel,
         ),
         features=stages.features,
         **case.provenance(),
