@@ -49,7 +49,7 @@ def prepare(setup: Setup, stop: threading.Event) -> None:
         with event.install_listener(COMPILING, _Refusal()):
             warm_up(setup)
     except _NotCompiledError:
-        _compile_in_child(setup, stop)
+        compile_in_child(setup, stop)
         if not stop.is_set():
             # All is on the disk now. If not (no process may be started, or it had too little memory), it is compiled
             # here after all.
@@ -75,8 +75,8 @@ class _Refusal(event.Listener):
         """Nothing was compiled."""
 
 
-def _compile_in_child(setup: Setup, stop: threading.Event) -> None:
-    """Warm up in a process of its own, which leaves the kernels on the disk."""
+def compile_in_child(setup: Setup, stop: threading.Event) -> None:
+    """Warm up in a process of its own, which leaves the kernels on the disk; ended early where `stop` is set."""
     text = json.dumps(
         {
             "wheel": setup.wheels.common.to_toml(),

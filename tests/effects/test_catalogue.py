@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from rwa_monitor.errors import InputError
 from rwa_monitor.physics.effects.base import Effect, MeanEffect, Parameter
 from rwa_monitor.physics.effects.catalogue import CATALOGUE, MEAN_EFFECTS, build, mean_effects, register, to_block
-from rwa_monitor.physics.effects.describe import _range, describe, index
+from rwa_monitor.physics.effects.describe import describe, index, range_in_words
 from rwa_monitor.physics.effects.noise_base import NoiseEffect
 from rwa_monitor.physics.effects.switching_base import SwitchingEffect
 from rwa_monitor.physics.wheel import EffectBlock, Wheel, built_in_wheel
@@ -166,10 +166,10 @@ def test_the_index_lists_every_effect_once() -> None:
 
 
 def test_the_page_words_every_kind_of_range() -> None:
-    assert _range(Parameter("a", "-", -np.inf, np.inf, 0.0)) == "any"
-    assert _range(Parameter("a", "-", 0.0, np.inf, 0.0)) == "≥ 0"
-    assert _range(Parameter("a", "-", -np.inf, 2.0, 0.0)) == "≤ 2"
-    assert _range(Parameter("a", "-", 0.5, 2.0, 1.0)) == "0.5 … 2"
+    assert range_in_words(Parameter("a", "-", -np.inf, np.inf, 0.0)) == "any"
+    assert range_in_words(Parameter("a", "-", 0.0, np.inf, 0.0)) == "≥ 0"
+    assert range_in_words(Parameter("a", "-", -np.inf, 2.0, 0.0)) == "≤ 2"
+    assert range_in_words(Parameter("a", "-", 0.5, 2.0, 1.0)) == "0.5 … 2"
 
 
 def test_an_unknown_effect_is_refused_with_the_names_there_are() -> None:

@@ -9,7 +9,7 @@ from threading import Event
 import psutil
 
 from rwa_monitor.live.run_options import RunOptions
-from rwa_monitor.live.warm_up import _compile_in_child
+from rwa_monitor.live.warm_up import compile_in_child
 
 CODE = """
 import numpy as np
@@ -92,5 +92,5 @@ def test_the_compiler_is_kept_out_of_one_thread_for_as_long_as_is_asked() -> Non
 def test_the_process_that_compiles_ends_when_nobody_waits_for_it() -> None:
     stop = Event()
     stop.set()
-    _compile_in_child(RunOptions().setup(), stop)
+    compile_in_child(RunOptions().setup(), stop)
     assert not [child for child in psutil.Process().children() if "rwa_monitor.live.warm_up" in child.cmdline()]

@@ -75,10 +75,10 @@ def _row(parameter: Parameter) -> str:
     typical = f"{parameter.typical:g}"
     if parameter.default is not None:
         typical += f" (default {parameter.default:g})"
-    return f"| `{parameter.name}` | {parameter.unit} | {kind} | {_range(parameter)} | {typical} |"
+    return f"| `{parameter.name}` | {parameter.unit} | {kind} | {range_in_words(parameter)} | {typical} |"
 
 
-def _range(parameter: Parameter) -> str:
+def range_in_words(parameter: Parameter) -> str:
     """Return the range of a parameter in words."""
     if parameter.choices:
         if parameter.between:
