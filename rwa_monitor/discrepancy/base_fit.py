@@ -17,13 +17,14 @@ from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
+from numba import njit
 
-from rwa_monitor.discrepancy.caches import ColumnCache, JumpCache
+from rwa_monitor.discrepancy.caches import ColumnCache, JumpCache, RecentCache
 from rwa_monitor.discrepancy.mapper import Mapper, in_turn
 from rwa_monitor.discrepancy.moments import Moments
 from rwa_monitor.discrepancy.noise import Noise, clip_outliers, estimate_noise
 from rwa_monitor.discrepancy.record import Record, speed_noise_taps
-from rwa_monitor.discrepancy.segmentation import segment
+from rwa_monitor.discrepancy.segmentation import segment, segment_sums
 from rwa_monitor.errors import InputError
 from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
@@ -91,6 +92,7 @@ class Problem:
     nominal_viscous: float | None
     columns: ColumnCache = field(default_factory=ColumnCache)
     jumps: JumpCache = field(default_factory=JumpCache)
+    recent: RecentCache = field(default_factory=RecentCache)
     derivative_taps: FloatArray = field(default_factory=lambda: np.ones(1))
     each: Mapper = in_turn
     lowest_viscous: float = -np.inf
@@ -132,7 +134,9 @@ class Problem:
 
     def gather(self, per_record: Sequence[FloatArray]) -> FloatArray:
         """Join arrays over the slots of each record at the used slots."""
-        return np.concatenate([values[r.used] for values, r in zip(per_record, self.records, strict=True)])
+        borders = zip(per_record, self.starts[:-1], self.starts[1:], strict=True)
+        used = [np.take(values, self.slot[begin:end], axis=0) for values, begin, end in borders]
+        return used[0] if len(used) == 1 else np.concatenate(used)
 
     def spread(self, joined: FloatArray) -> list[FloatArray]:
         """Put joined values back on each record's slots, holding the last known one in between."""
@@ -267,6 +271,7 @@ def fit(
     high = np.concatenate([[np.inf], np.full(columns.shape[1], np.inf) if bounds is None else bounds[1]])
     penalty = JUMP_PENALTY * problem.log_size * problem.noise.long_run_variance
     moments = Moments.of(design, problem.z)
+    sums = _sums_of_records(problem, moments)
     best: tuple[float, FloatArray, IntArray] | None = None
     starts: Sequence[IntArray | None] = start or [None]
     for first in starts:
@@ -280,7 +285,7 @@ def fit(
             key = name, expensive * penalty, coefficients.tobytes()
             known = problem.jumps.get(problem.z, key)
             if known is None:
-                known = _segment_records(problem, problem.z - design @ coefficients, expensive * penalty)
+                known = _segment_left(sums, coefficients, expensive * penalty)
                 problem.jumps.put(problem.z, key, known)
             jumps = known
             equations = moments.within(segment_starts(problem, jumps))
@@ -370,19 +375,43 @@ def robust_coefficients(problem: Problem, design: FloatArray, low: FloatArray, h
     """Return start coefficients from differences over a long lag, in which jumps are outliers (Tukey's loss)."""
     lag = long_lag(problem)
     same = same_record(problem, lag)
-    rise = (design[lag:] - design[:-lag])[same]
-    z = (problem.z[lag:] - problem.z[:-lag])[same]
+    rise, z = design[lag:] - design[:-lag], problem.z[lag:] - problem.z[:-lag]
+    if not same.all():
+        rise, z = rise[same], z[same]
     if z.size < 10:
         return least_squares(problem, design, np.zeros(0, dtype=np.int64), low, high)
     weight = np.ones(z.size)
     coefficients = np.zeros(design.shape[1])
     for _ in range(12):
-        weighted = rise * weight[:, None]
-        coefficients = solve_bounded(problem, rise.T @ weighted, weighted.T @ z, low, high)
+        coefficients = solve_bounded(problem, *weighted_moments(rise, z, weight), low, high)
         residual = z - rise @ coefficients
         scale = max(float(np.median(np.abs(residual))) / 0.6745, 1e-300)
-        weight = np.maximum(1.0 - (residual / (TUKEY * scale)) ** 2, 0.0) ** 2
+        weight_by_size(residual, TUKEY * scale, weight)
     return coefficients
+
+
+@njit(cache=True, nogil=True)
+def weighted_moments(columns: FloatArray, z: FloatArray, weight: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the weighted Gram matrix, float64 (p, p), of columns, (n, p), and their weighted moments with z, (p,)."""
+    width = columns.shape[1]
+    gram, moment = np.zeros((width, width)), np.zeros(width)
+    for k in range(z.size):
+        for i in range(width):
+            weighted = weight[k] * columns[k, i]
+            moment[i] += weighted * z[k]
+            for j in range(i + 1):
+                gram[i, j] += weighted * columns[k, j]
+    for i in range(width):
+        for j in range(i):
+            gram[j, i] = gram[i, j]
+    return gram, moment
+
+
+@njit(cache=True, nogil=True)
+def weight_by_size(residual: FloatArray, reach: float, weight: FloatArray) -> None:
+    """Write Tukey's weights of residuals, float64 (n,), which are zero from `reach` on."""
+    for k in range(residual.size):
+        weight[k] = max(1.0 - (residual[k] / reach) ** 2, 0.0) ** 2
 
 
 def sharp_jumps(problem: Problem, fitted: Fit, reach: int = 48, threshold: float = 30.0) -> IntArray:
@@ -458,6 +487,19 @@ def _segment_records(problem: Problem, values: FloatArray, penalty: float) -> In
         for begin, end in zip(problem.starts[:-1], problem.starts[1:], strict=True)
         if end > begin
     ]
+    return np.concatenate(found).astype(np.int64)
+
+
+def _sums_of_records(problem: Problem, moments: Moments) -> list[tuple[int, FloatArray]]:
+    """Return, for each record, its first joined index and the running sums there of columns and data."""
+    borders = zip(problem.starts[:-1], problem.starts[1:], strict=True)
+    return [(int(a), np.ascontiguousarray(moments.running[:, a : b + 1])) for a, b in borders if b > a]
+
+
+def _segment_left(sums: Sequence[tuple[int, FloatArray]], coefficients: FloatArray, penalty: float) -> IntArray:
+    """Segment what a model leaves of each record, given their running sums; joined indices."""
+    factors = np.append(-coefficients, 1.0)
+    found = [segment_sums(of_one, factors, penalty) + begin for begin, of_one in sums]
     return np.concatenate(found).astype(np.int64)
 
 

@@ -1,14 +1,17 @@
-"""What a search has worked out before and meets again, as far as there is room: columns of effects, places of jumps."""
+"""What a search has worked out before and meets again, as far as there is room: columns, places of jumps, levels."""
 
 from __future__ import annotations
 
-from collections.abc import Hashable
-from typing import Final
+from collections.abc import Callable, Hashable
+from typing import Any, Final, TypeVar
 
 from rwa_monitor.samples import FloatArray, IntArray
 
 CACHE_BYTES: Final = 400_000_000
 JUMP_CACHE_BYTES: Final = 50_000_000
+RECENT: Final = 8  # values that are kept: those of the models that are extended just now
+
+Value = TypeVar("Value")
 
 
 class ColumnCache:
@@ -47,3 +50,21 @@ class JumpCache:
         if self._bytes + jumps.nbytes <= JUMP_CACHE_BYTES:
             self._jumps[id(z), key] = z, jumps
             self._bytes += jumps.nbytes
+
+
+class RecentCache:
+    """The values asked for last, by all that decides them: many effects follow the same level."""
+
+    def __init__(self) -> None:
+        # Replaced as a whole: of two threads that add at once one may be forgotten, no more.
+        self._values: tuple[tuple[tuple[object, ...], Hashable, Any], ...] = ()
+
+    def get(self, objects: tuple[object, ...], key: Hashable, make: Callable[[], Value]) -> Value:
+        """Return what `make` returned for these very objects, which are held, and this key, or what it returns now."""
+        for known, of_known, kept in self._values:
+            if of_known == key and all(one is other for one, other in zip(known, objects, strict=True)):
+                same: Value = kept
+                return same
+        value = make()
+        self._values = (*self._values, (objects, key, value))[-RECENT:]
+        return value

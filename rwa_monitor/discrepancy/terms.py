@@ -159,7 +159,11 @@ def _strong(problem: Problem, effect: type[MeanEffect], level: FloatArray | None
 
     Only strong jumps count: many weak ones may follow another effect, and the column would then follow it as well.
     """
-    return _Strong(problem, strong_level(problem, level)) if depends_on_level(effect) and level is not None else None
+    if level is None or not depends_on_level(effect):
+        return None
+    decides = level, problem.z, problem.records
+    price = problem.noise.long_run_variance
+    return problem.recent.get(decides, price, lambda: _Strong(problem, strong_level(problem, level)))
 
 
 def _make_term(problem: Problem, effect: type[MeanEffect], shape: Mapping[str, float], strong: _Strong | None) -> Term:
@@ -185,8 +189,8 @@ def _evaluate(
     problem: Problem, effect: type[MeanEffect], shape: Mapping[str, float], channels: Sequence[Channels]
 ) -> FloatArray:
     """Evaluate the columns on the channels of each record, joined and multiplied by s, float64 (n, p)."""
-    records = zip(channels, problem.records, strict=True)
-    columns = np.concatenate([effect.columns(of_one, shape)[0][record.used] for of_one, record in records])
+    per_record = [effect.columns(of_one, shape)[0] for of_one in channels]
+    columns = problem.gather(per_record)
     _multiply_known(columns, problem.sign)
     return columns
 
@@ -263,8 +267,12 @@ class Background:
     zz: float
     level: FloatArray  # (n,), dry level with this jump set [N m]
 
-    def criterion_with(self, term: Term) -> float:
-        """Return RSS/σ² + penalties with the term added, jumps kept (an upper bound of the full criterion)."""
+    def criterion_with(self, term: Term, squares: FloatArray | None = None) -> float:
+        """Return RSS/σ² + penalties with the term added, jumps kept (an upper bound of the full criterion).
+
+        `squares` are the products of the term's columns, float64 (p, p), where they are known.
+        """
+        squares = term.columns.T @ term.columns if squares is None else squares
         sums = np.add.reduceat(term.columns, self.first, axis=0)
         lengths = np.diff(np.append(self.first, term.columns.shape[0]))[:, None]
         cross = self.design.T @ term.columns  # the design is without levels: what the column holds of them adds nothing
@@ -274,7 +282,7 @@ class Background:
         gram[:cut, :cut] = self.gram
         gram[:cut, cut:] = cross
         gram[cut:, :cut] = cross.T
-        gram[cut:, cut:] = term.columns.T @ term.columns - sums.T @ (sums / lengths)
+        gram[cut:, cut:] = squares - sums.T @ (sums / lengths)
         moment = np.concatenate([self.moment, term.columns.T @ self.z])
         solution = solve_bounded(
             self.problem,
@@ -404,7 +412,8 @@ def profile(
         if values not in cache:
             shape = {axis.name: value for axis, value in zip(axes, values, strict=True)}
             term = _make_term(problem, effect, shape, strong)
-            cache[values] = term, min(background.criterion_with(term) for background in backgrounds)
+            squares = term.columns.T @ term.columns
+            cache[values] = term, min(background.criterion_with(term, squares) for background in backgrounds)
         return cache[values]
 
     grid = list(itertools.product(*(axis.points for axis in axes)))
