@@ -106,6 +106,8 @@ def look_at_bus(bus: BusOptions, own_wheels: set[WheelKey]) -> str:
         return f"open, but nobody has connected in {LISTEN_S:.0f} s"
     told = f"open, with {counted(routers, 'router')} and {counted(peers, 'peer')} connected; in {LISTEN_S:.0f} s heard"
     told += f" telemetry of {_told(sending)}, monitors of {_told(monitored)}"
+    if unserved := sorted(_name(key) for key in sending - monitored):
+        told += f"; nobody monitors {first_few(unserved, NAMED)}"
     unused = sorted(_name(key) for key in own_wheels - sending - monitored)
     return f"{told}; wheel files of wheels that were not heard: {first_few(unused, NAMED)}" if unused else told
 

@@ -212,6 +212,7 @@ class Listener:
             self.refused += 1
             return
         self._bring_back(spacecraft, wheel)
+        self._monitors.expect(spacecraft, wheel)
         watched, wall_ns = self.hub.watched(f"{spacecraft}/{wheel}"), time.time_ns()
         picked = self.fleet.take_samples(known, samples, wall_ns, watched=watched)
         if len(picked) and watched:

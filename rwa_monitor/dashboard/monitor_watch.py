@@ -1,8 +1,9 @@
 """Which wheels have a monitor that speaks: one that does not any more is an alarm of its own.
 
 A monitor speaks of each of its wheels once a second. It is expected from its first word on, also by a dashboard that is
-started after it died: the history keeps for which wheels one was ever heard. Silence is counted on a clock that nobody
-sets, from this dashboard's start at the earliest.
+started after it died: the history keeps for which wheels one was ever heard. It is expected, too, where samples come:
+with `run --wheels` and `--shard` a wheel may be nobody's. Silence is counted on a clock that nobody sets, from this
+dashboard's start at the earliest.
 """
 
 from __future__ import annotations
@@ -23,10 +24,14 @@ SILENT_S: Final = SILENT_PERIODS * STATUS_PERIOD_S
 
 @dataclass(slots=True)
 class _Monitor:
-    """What is known of the monitor of one wheel; `written` is what the history knows of its silence, None: nothing."""
+    """What is known of the monitor of one wheel; `written` is what the history knows of its silence, None: nothing.
+
+    While it has not been heard, `heard_s` is when the wait for it began: with the first samples, if those are known.
+    """
 
     heard_s: float
     heard_wall_ns: int | None = None
+    samples_wall_ns: int | None = None
     time_ns: int | None = None
     written: bool | None = None
 
@@ -62,6 +67,11 @@ class MonitorWatch:
         known.heard_s, known.heard_wall_ns = self._clock_s(), self._wall_ns()
         known.time_ns = known.time_ns if time_ns is None else time_ns
 
+    def expect(self, spacecraft: str, wheel: str) -> None:
+        """Note that samples of a wheel came: somebody should monitor it."""
+        if (spacecraft, wheel) not in self._monitors:
+            self._monitors[spacecraft, wheel] = _Monitor(self._clock_s(), samples_wall_ns=self._wall_ns())
+
     def news(self, aside: Collection[tuple[str, str]], trouble: str) -> list[MonitorWord]:
         """Return what the history does not know yet: monitors that are heard, and those that are not any more.
 
@@ -91,9 +101,11 @@ class MonitorWatch:
             self._monitors[word.spacecraft, word.wheel].written = word.silent
 
     def _reason(self, one: _Monitor, now_s: float, trouble: str) -> str:
-        if one.heard_wall_ns is None:
+        if one.samples_wall_ns is not None and one.heard_wall_ns is None:
+            since = f"samples of this wheel came first, at {time_text(one.samples_wall_ns)}"
+        elif one.heard_wall_ns is None:
             since = f"this dashboard was started, at {time_text(self._start_wall_ns)}"
         else:
             since = time_text(one.heard_wall_ns)
-        said = f"The monitor has not been heard since {since}: {now_s - one.heard_s:.0f} s and longer."
+        said = f"No monitor of it has been heard since {since}: {now_s - one.heard_s:.0f} s and longer."
         return f"{said} {trouble}" if trouble else said

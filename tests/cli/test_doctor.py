@@ -74,6 +74,7 @@ def test_who_is_on_the_bus_is_told() -> None:
             stop.set()
             thread.join()
     assert "1 peer connected; in 2 s heard telemetry of 1 wheel (sat/rw1), monitors of 1 wheel (sat/rw2)" in told
+    assert "; nobody monitors sat/rw1" in told
     assert told.endswith("; wheel files of wheels that were not heard: sat/rw3")
 
 

@@ -18,7 +18,9 @@ from rwa_monitor.dashboard.server import HISTORY_NAME, DashboardOptions, serve
 from rwa_monitor.history.alarms import MONITOR_ALARM
 from rwa_monitor.history.records import MonitorWord
 from rwa_monitor.history.store import History
+from rwa_monitor.messages import samples_json
 from tests.dashboard.support import ask, expect, new_page, reporting, send_windows, serious, wait_until
+from tests.dashboard.test_telemetry import with_friction
 from tests.history.support import START_NS
 
 HEARD = MonitorWord("sat", "wheel_1", silent=False, time_ns=START_NS)
@@ -48,7 +50,7 @@ def test_silence_is_news_once_and_so_is_a_word() -> None:
     clock.s += 0.5
     (silent,) = monitors.news((), "The bus is gone.")
     assert silent.silent
-    assert "not been heard since 2026-11-18T" in silent.reason
+    assert "No monitor of it has been heard since 2026-11-18T" in silent.reason
     assert silent.reason.endswith(": 30 s and longer. The bus is gone.")
     monitors.written([silent])
     assert monitors.news((), "") == []
@@ -76,6 +78,18 @@ def test_nobody_waits_for_a_wheel_that_is_put_aside_nor_where_no_alarm_is_wanted
     assert monitors.news((), "") == []
 
 
+def test_who_sends_samples_should_be_monitored() -> None:
+    monitors, clock = watch({})
+    monitors.expect("sat", "wheel_1")
+    assert monitors.news((), "") == []
+    clock.s += 31.0
+    monitors.expect("sat", "wheel_1")
+    (silent,) = monitors.news((), "")
+    assert "since samples of this wheel came first, at 2026-11-18T" in silent.reason
+    monitors.hear("sat", "wheel_1", START_NS)
+    assert monitors.news((), "") == [HEARD]
+
+
 @pytest.mark.processes
 def test_a_monitor_that_died_while_no_dashboard_was_there_is_told_and_a_later_word_ends_it(
     session: zenoh.Session, tmp_path: Path
@@ -90,7 +104,7 @@ def test_a_monitor_that_died_while_no_dashboard_was_there_is_told_and_a_later_wo
         History(tmp_path / HISTORY_NAME) as history,
     ):
         wait_until(history.monitors, "the monitor that is heard")
-    options = DashboardOptions(0, tmp_path, token="right", silent_s=1.5)
+    options = DashboardOptions(0, tmp_path, token="right", silent_s=3.0)
     with serve(options, session) as running:
         (alarm,) = wait_until(lambda: alarms(running.address), "the alarm")
         assert (alarm["phase"], alarm["raised_ns"]) == ("active", START_NS)
@@ -99,6 +113,23 @@ def test_a_monitor_that_died_while_no_dashboard_was_there_is_told_and_a_later_wo
         assert ask(running.address, f"api/alarms/{alarm['id']}/acknowledge", headers=headers, body=body)[0] == 200
         with reporting(session, "wheel_1", last_sample_ns=START_NS):
             wait_until(lambda: alarms(running.address)[0]["closed_ns"] == START_NS, "the end of the alarm")
+
+
+@pytest.mark.browser
+@pytest.mark.processes
+def test_a_wheel_that_nobody_monitors_is_told(chromium: Any, session: zenoh.Session, tmp_path: Path) -> None:
+    with serve(DashboardOptions(0, tmp_path, silent_s=1.0), session) as running:
+        page, complaints = new_page(chromium)
+        page.goto(running.address)
+        session.put("rwa/sat/wheel_9/samples", samples_json(with_friction(8), "satellite", 0))
+        row = page.locator(".wheel")
+        expect(row).to_contain_text("No monitor speaks of this wheel: nothing of it is diagnosed.")
+        expect(row).to_contain_text("◐ warning")
+        page.reload()
+        row.click()
+        expect(page.locator(".stale-note")).to_have_text("◌ no monitor is heard.")
+        assert complaints == []
+        page.close()
 
 
 @pytest.mark.browser

@@ -219,6 +219,21 @@ def test_every_wheel_has_one_shard() -> None:
     assert sum(served) == len(names)
 
 
+def test_monitors_apart_by_their_keys_serve_each_wheel_once_and_none_that_is_nobody_s() -> None:
+    samples = telemetry(WINDOW + 20)
+    keys = ("rwa/one/*/samples", "rwa/two/*/samples", "rwa/three/w1/samples")
+    names = [f"{spacecraft}/{wheel}" for spacecraft in ("one", "two", "three") for wheel in ("w1", "w2")]
+    with open_session(BusOptions()) as session, ExitStack() as monitors:
+        listener = Listener(session)
+        for key in keys:
+            monitors.enter_context(monitor(session, options(wheels=key)))
+        publish({f"rwa/{name}/samples": samples for name in names}, session, speed=math.inf, linger_s=0.0)
+        wait_for(lambda: len(listener.kind("diagnosis")) >= 5, "a window of each wheel but one")
+    told = sorted(key for key, _ in listener.heard if key.endswith("/diagnosis"))
+    assert told == sorted(f"rwa/{name}/diagnosis" for name in names if name != "three/w2")
+    assert not any("three/w2/status" in key for key, _ in listener.heard)
+
+
 def test_a_recording_is_published_again_as_it_was(tmp_path: Path) -> None:
     samples = telemetry(2 * WINDOW + 1)
     with open_session(BusOptions()) as session:

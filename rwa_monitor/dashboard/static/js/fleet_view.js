@@ -90,7 +90,7 @@ export function fleetView(store, base) {
     element.className = `wheel is-${shown}${stale ? " is-stale" : ""}`;
     parts.verdict.className = `verdict ${stale ? "silent" : shown}`;
     parts.verdict.textContent = `${SIGN[verdict] ?? "…"} ${verdict}${diagnosis && shown !== verdict ? "\n? model misfit" : ""}${stale ? "\n◌ stale" : ""}${wheel.course?.change ? `\n${ARROW[wheel.course.change]}` : ""}`;
-    parts.reason.textContent = `${LEAD[state]}${diagnosis?.reason ?? firstWindow(wheel)}`;
+    parts.reason.textContent = `${LEAD[state]}${diagnosis?.reason ?? firstWindow(wheel, state)}`;
     const alarm = store.worstAlarm(wheel.name);
     parts.alarm.replaceChildren(...(alarm ? [badge(alarm.level), " "] : []));
     const facts = [alarm?.phase === "active" ? "not acknowledged" : "", ...(diagnosis ? [since(wheel, diagnosis), misfit(diagnosis)] : [])];
@@ -102,17 +102,18 @@ export function fleetView(store, base) {
   return { element: h("div", {}, h("h1", {}, store.live ? "Fleet" : "Fleet in this recording"), h("div", { class: "row" }, field, summary), list, aside.element), refresh };
 }
 
-const LEAD = { live: "", silent: "Not heard now; last known: ", starved: "No telemetry now; last known: ", past: "From the history: " };
+const LEAD = { live: "", silent: "Not heard now; last known: ", starved: "No telemetry now; last known: ", past: "From the history: ", unserved: "" };
 
 /** Why what is shown of a wheel is not its present, null where it is. */
 export function staleness(store, wheel, state) {
   if (state === "silent") return `stale: monitor heard ${age(store.now - wheel.heard)}`;
   if (state === "starved") return `stale: no telemetry for ${span(store.starvedFor(wheel))}, expected within ${span(wheel.telemetry.stale_after_s)}`;
+  if (state === "unserved") return "no monitor is heard";
   return state === "past" ? "stale, from the history" : null;
 }
 
 /** What is said of a wheel before its first diagnosis. */
-export const firstWindow = (wheel) => (wheel.refused ? `No message of this wheel can be used: ${wheel.refused}.` : "The first window is being filled.");
+export const firstWindow = (wheel, state) => (state === "unserved" ? "No monitor speaks of this wheel: nothing of it is diagnosed." : wheel.refused ? `No message of this wheel can be used: ${wheel.refused}.` : "The first window is being filled.");
 
 const fill = (wheel) => `window ${Math.round(100 * wheel.fill)} % full`;
 
@@ -134,5 +135,5 @@ function worst(wheel) {
 /** A wheel with an alarm that nobody has acknowledged stands as high as an anomalous one, heard or not. */
 function rank(store, wheel, state) {
   if (store.worstAlarm(wheel.name)?.phase === "active") return Math.min(1, ORDER[last(wheel)?.verdict] ?? 1);
-  return (state === "past" ? 10 : state === "live" ? 0 : 1) + (ORDER[last(wheel)?.verdict] ?? 3);
+  return (state === "past" || state === "unserved" ? 10 : state === "live" ? 0 : 1) + (ORDER[last(wheel)?.verdict] ?? 3);
 }

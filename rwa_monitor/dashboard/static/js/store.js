@@ -31,6 +31,7 @@ export class Store {
     if (parts[3] === "alarm") {
       this.alarms.set(message.id, message);
       this.worst = null;
+      if (message.closed_ns === null) this.wheel(`${parts[1]}/${parts[2]}`); // a wheel that no monitor speaks of has nothing else
       return;
     }
     if (parts[3] === "aside") {
@@ -102,10 +103,11 @@ export class Store {
   }
 
   /** Whether what is known of a wheel is its present: "live", "silent" (its monitor is not heard), "past" (it never was,
-   *  all is from the history), or "starved" (the monitor lives, and gets no samples). */
+   *  all is from the history), "unserved" (it never was, and nothing is known), or "starved" (the monitor lives, and gets
+   *  no samples). */
   state(wheel) {
     if (!this.live) return "live";
-    if (wheel.heard === null) return "past";
+    if (wheel.heard === null) return wheel.diagnoses.length ? "past" : "unserved";
     if (this.now - wheel.heard > SILENT_MS) return "silent";
     return this.starvedFor(wheel) > (wheel.telemetry?.stale_after_s ?? Infinity) ? "starved" : "live";
   }

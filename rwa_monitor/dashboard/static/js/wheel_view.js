@@ -82,9 +82,9 @@ export function wheelView(store, name, base) {
     const verdict = diagnosis?.verdict ?? "waiting";
     const stale = staleness(store, wheel, state);
     const lines = [
-      ["verdict " + (stale ? "silent" : diagnosis ? colour(diagnosis) : verdict), `${SIGN[verdict] ?? "…"} ${verdict}${stale ? " (last known)" : ""}`],
-      stale ? ["silent stale-note", `◌ ${stale}. This is the last known state, not the present one.`] : null,
-      ["strong", diagnosis?.reason ?? (store.connected || !store.live ? firstWindow(wheel) : "Loading…")],
+      ["verdict " + (stale ? "silent" : diagnosis ? colour(diagnosis) : verdict), `${SIGN[verdict] ?? "…"} ${verdict}${stale && diagnosis ? " (last known)" : ""}`],
+      stale ? ["silent stale-note", `◌ ${stale}.${state === "unserved" ? "" : " This is the last known state, not the present one."}`] : null,
+      ["strong", diagnosis?.reason ?? (store.connected || !store.live ? firstWindow(wheel, state) : "Loading…")],
       diagnosis ? ["", diagnosis.explanation] : null,
       diagnosis && misfit(diagnosis) ? ["inconclusive", `? ${misfit(diagnosis)}`] : null,
       diagnosis ? ["soft", `Window ${wheelTime(diagnosis.window_start_ns)} to ${wheelTime(diagnosis.window_end_ns)}${since(diagnosis)}`] : null,
