@@ -18,7 +18,9 @@ from rwa_monitor.formats.table import file_format, read_table, table_writer
 from rwa_monitor.samples import CHANNELS, Samples
 
 # Each example writes its own file in the one folder, so sharing that folder between examples is harmless.
-in_one_folder = settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None, max_examples=150)
+in_one_folder = settings(
+    suppress_health_check=[*settings().suppress_health_check, HealthCheck.function_scoped_fixture], max_examples=150
+)
 
 HEAD = "time_s,speed_rad_s,friction_torque_Nm\n"
 GOOD = HEAD + "0,100,0.0016\n0.125,101,0.0017\n"
