@@ -86,14 +86,19 @@ def _each(files: tuple[Path, ...], folder: Path, task: Identify, options: FleetO
     """Learn a wheel from each file, and return the exit code."""
     from rwa_monitor.cli.fleet import Fleet
     from rwa_monitor.formats.files import make_folder, write_text
+    from rwa_monitor.words import counted
 
     names = [f"{file.name}.wheel.toml" for file in files]
     if len(set(names)) < len(names):
         raise click.UsageError("with --each the files need different names: each names its wheel file")
+    if folder.suffix == ".toml" and not folder.is_dir():
+        raise click.UsageError("with --each -o names a folder: each recording gets a wheel file of its own there")
     make_folder(folder)
     fleet = Fleet(options)
+    written = 0
     for done in fleet.each(task, files, "learning"):
         for row in done.rows:
             write_text(folder / f"{Path(row['source']).name}.wheel.toml", row["message"])
-    say(f"wheel files written to {folder}")
+            written += 1
+    say(f"{counted(written, 'wheel file')} of {counted(len(files), 'recording')} written to {folder}")
     return fleet.status

@@ -204,10 +204,15 @@ class Identify(Task):
     def __call__(self, file: Path) -> Done:
         content, telemetry, samples = _one_wheel(file, self.decoding)
         start = self.start or telemetry.constants or bare_wheel(file.stem, samples[1])
-        learned = identify([samples], start, systems=self.systems)
+        name = display_name(file)
+        try:
+            learned = identify([samples], start, systems=self.systems)
+        except InputError as error:  # of one of many recordings: which of them must be said
+            source = "" if error.source in {name, "identify"} else f"{error.source}: "
+            raise InputError(name, f"{source}{error.reason}", error.place) from error
         doubt = not_nominal([samples], learned.wheel)
-        notes = (*content.notes, *learned.notes, *((doubt,) if doubt else ()))
-        return Done([wheel_row(str(file), learned)], tuple(content.problems), notes)
+        own = [f"{name}: {note}" for note in (*learned.notes, *((doubt,) if doubt else ()))]
+        return Done([wheel_row(str(file), learned)], tuple(content.problems), (*content.notes, *own))
 
 
 def not_nominal(recordings: Sequence[tuple[str, Samples]], wheel: Wheel) -> str:

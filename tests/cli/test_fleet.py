@@ -103,6 +103,15 @@ def test_training_on_a_cluster_gives_the_bytes_of_training_alone(cluster: LocalC
         assert learned.exit_code == 0, learned.stderr
         models.append((tmp_path / "model.json").read_bytes())
     assert models[0] == models[1]
+    (tmp_path / "labelled" / "mild_00003.parquet").write_bytes(b"PAR1")
+    refused = run(
+        "train", tmp_path / "labelled" / "labels.csv", "--wheel", wheel, "-o", tmp_path / "none.json",
+        "--scheduler", cluster.scheduler_address,
+    )  # fmt: skip
+    assert refused.exit_code == 2
+    assert "mild_00003.parquet: is no readable Parquet file" in refused.stderr
+    assert "labels.csv: 1 of 6 files cannot be used; nothing is written" in refused.stderr
+    assert not (tmp_path / "none.json").exists()
 
 
 # ---- what is done already --------------------------------------------------------------------------------------------
@@ -223,6 +232,7 @@ def test_training_refuses_to_learn_from_less_than_its_labels_say(fleet: Path, tm
         ["discrepancy", "x.csv", "--each", "--plan"],
         ["identify", "x.csv", "-o", "w", "--workers", "2"],
         ["identify", "a/x.csv", "b/x.csv", "-o", "w", "--each"],
+        ["identify", "x.csv", "-o", "w.toml", "--each"],
     ],
 )
 def test_options_that_exclude_each_other_are_refused(words: list[str]) -> None:
@@ -234,10 +244,17 @@ def test_options_that_exclude_each_other_are_refused(words: list[str]) -> None:
 # ---- one report for each ---------------------------------------------------------------------------------------------
 
 
-def test_each_wheel_is_learned_and_searched_by_itself(fleet: Path, tmp_path: Path) -> None:
+def test_each_wheel_is_learned_and_searched_by_itself(fleet: Path, cluster: LocalCluster, tmp_path: Path) -> None:
     pair = [fleet / "day_0.csv", fleet / "day_1.csv"]
-    learned = run("identify", *pair, "--each", "--no-systems", "--workers", 1, "-o", tmp_path / "wheels")
-    assert learned.exit_code == 0, learned.stderr
+    words = ("--each", "--scheduler", cluster.scheduler_address, "-o", tmp_path / "wheels")
+    learned = run("identify", *pair, fleet / "broken.csv", "--no-systems", *words)
+    assert learned.exit_code == 2
+    assert "broken.csv: row 2, column speed_rad_s" in learned.stderr
+    assert f"2 wheel files of 3 recordings written to {tmp_path / 'wheels'}" in learned.stderr
+    refused = run("identify", *pair, *words)  # too short for the laws of switching systems: each is named
+    assert refused.exit_code == 2
+    for recording in pair:
+        assert f"{recording}: too little data" in refused.stderr
     for recording in pair:
         alone = run("identify", recording, "--no-systems", "-o", tmp_path / "alone.toml")
         assert alone.exit_code == 0, alone.stderr
