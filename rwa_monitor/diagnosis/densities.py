@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -26,7 +26,13 @@ def _below(x: float) -> float:
 @njit(cache=True, error_model="numpy", nogil=True)
 def band_density(value: float, std: float, low: float, high: float, soft: float) -> float:
     """Return the density of measuring `value`, with standard deviation `std`, in a band; see `model.Band`."""
-    sigma, width, distance = math.hypot(soft, std), high - low, abs(value - 0.5 * (low + high))
+    return _density_in(value, math.hypot(soft, std), low, high, soft)
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _density_in(value: float, sigma: float, low: float, high: float, soft: float) -> float:
+    """Return `band_density`, the softness and the standard deviation together being `sigma`."""
+    width, distance = high - low, abs(value - 0.5 * (low + high))
     # A band narrower than its softness is a Gaussian; the difference below would lose all digits.
     if width < GAUSSIAN_WIDTH * soft:
         return math.exp(-0.5 * (distance / sigma) ** 2) / (sigma * math.sqrt(2.0 * math.pi))
@@ -43,14 +49,28 @@ def band_densities(value: FloatArray, std: FloatArray, low: float, high: float, 
     return density
 
 
+class Spreads(NamedTuple):
+    """What a measured value's standard deviation makes of its level's: of the strays, nominal and anomalous band."""
+
+    reach: float
+    nominal: float
+    anomalous: float
+
+
 @njit(cache=True, error_model="numpy", nogil=True)
-def level_density(value: float, std: float, numbers: FloatArray) -> tuple[float, float, float]:
+def spreads_of(std: float, numbers: FloatArray) -> Spreads:
+    """Return the spreads for a standard deviation; `numbers` as in `level_density`."""
+    return Spreads(math.hypot(numbers[7], std), math.hypot(numbers[2], std), math.hypot(numbers[5], std))
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def level_density(value: float, spreads: Spreads, numbers: FloatArray) -> tuple[float, float, float]:
     """Return the density of a measured value under nominal and anomalous, and their sum in the learned bands alone.
 
     Parameters
     ----------
-    value, std
-        What was measured, and its standard deviation.
+    value, spreads
+        What was measured, and what its standard deviation makes of the level's spreads.
     numbers
         float64 (LEVEL_NUMBERS,), see `model.Levels.numbers`.
 
@@ -60,16 +80,15 @@ def level_density(value: float, std: float, numbers: FloatArray) -> tuple[float,
     """
     low, high, soft = numbers[0], numbers[1], numbers[2]
     anomalous_low, anomalous_high, anomalous_soft = numbers[3], numbers[4], numbers[5]
-    stray_share, own_reach = numbers[6], numbers[7]
-    reach = math.hypot(own_reach, std)
+    stray_share, reach = numbers[6], spreads.reach
     distance = abs(value - 0.5 * (low + high))
     stray = 0.5 / reach / (1.0 + distance / reach) ** 2
     excess = value - (high + 2.0 * soft)
-    other = _below(excess / math.hypot(soft, std)) / reach / (1.0 + max(excess, 0.0) / reach) ** 2
-    nominal = band_density(value, std, low, high, soft)
+    other = _below(excess / spreads.nominal) / reach / (1.0 + max(excess, 0.0) / reach) ** 2
+    nominal = _density_in(value, spreads.nominal, low, high, soft)
     learned, inside = other, nominal
     if not math.isnan(anomalous_low):
-        learned = band_density(value, std, anomalous_low, anomalous_high, anomalous_soft)
+        learned = _density_in(value, spreads.anomalous, anomalous_low, anomalous_high, anomalous_soft)
         inside = nominal + learned
     return (
         (1.0 - stray_share) * nominal + stray_share * stray,
@@ -83,7 +102,8 @@ def level_densities(value: FloatArray, std: FloatArray, numbers: FloatArray) -> 
     """Return `level_density` of each value, float64 (3, n)."""
     densities = np.empty((3, value.size))
     for i in range(value.size):
-        densities[0, i], densities[1, i], densities[2, i] = level_density(value[i], std[i], numbers)
+        spreads = spreads_of(std[i], numbers)
+        densities[0, i], densities[1, i], densities[2, i] = level_density(value[i], spreads, numbers)
     return densities
 
 
@@ -106,8 +126,9 @@ def sojourn_densities(
     for i in range(configuration.size):
         q = configuration[i]
         if is_known(q, friction[i], std[i], numbers):
+            spreads = spreads_of(std[i], numbers[q])
             for j in range(shift.size):
-                nominal, anomalous, _ = level_density(friction[i] + shift[j], std[i], numbers[q])
+                nominal, anomalous, _ = level_density(friction[i] + shift[j], spreads, numbers[q])
                 densities[0, i, j], densities[1, i, j] = nominal, anomalous
     return densities
 
@@ -122,7 +143,7 @@ def strays(
     for i in range(value.size):
         q = configuration[i]
         if is_known(q, value[i], std[i], numbers):
-            nominal, anomalous, inside = level_density(value[i], std[i], numbers[q])
+            nominal, anomalous, inside = level_density(value[i], spreads_of(std[i], numbers[q]), numbers[q])
             everything = 0.5 * (nominal + anomalous)
             stray[known] = max(0.0, 1.0 - 0.5 * inside / everything) if everything > 0.0 else 1.0
             relative[known] = std[i] / numbers[q, -1]
