@@ -28,9 +28,9 @@ from rwa_monitor.diagnosis.features import Features, FeaturesOfStory, histogram
 from rwa_monitor.diagnosis.history import TELLING_STD, Coefficient, coefficient
 from rwa_monitor.diagnosis.likelihood import stray_probabilities, system_evidence
 from rwa_monitor.diagnosis.model import AnomalyModel, LinearSvm, Model
-from rwa_monitor.diagnosis.noise import sum_up
 from rwa_monitor.diagnosis.shift import Shift, integrate_shift
 from rwa_monitor.diagnosis.state import CarriedState, Tracked, probability_before
+from rwa_monitor.diagnosis.sums import sum_up
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 
 UNKNOWN: Final = 0.5  # probability of an anomaly about which nothing is known

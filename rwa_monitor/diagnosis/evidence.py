@@ -10,6 +10,7 @@ Nothing depends on how the slots arrive: work is done in steps that end at fixed
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -457,7 +458,7 @@ class WindowAccumulator:
         for s, index, statistic, jump in confirmed:
             normalised = statistic / float(self._variances[s])
             chance = PEAK_TESTS_PER_SLOT * self.slots * float(special.chdtrc(1, normalised))
-            std = abs(jump) / float(np.sqrt(normalised))
+            std = abs(jump) / math.sqrt(normalised)
             events.append(ConfirmedCandidate(index, jump, std, confidence=max(0.0, 1.0 - chance)))
         return events
 

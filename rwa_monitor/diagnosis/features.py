@@ -14,8 +14,8 @@ import numpy as np
 from numba import njit
 
 from rwa_monitor.diagnosis.estimation import SlopePrior
-from rwa_monitor.diagnosis.noise import sum_up
 from rwa_monitor.diagnosis.results import Assignment, Components, Reading
+from rwa_monitor.diagnosis.sums import sum_up
 from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import FloatArray, IntArray
 

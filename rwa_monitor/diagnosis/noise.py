@@ -11,6 +11,7 @@ Three robust views, all incremental and of fixed size:
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Final
@@ -20,6 +21,7 @@ import numpy as np
 from scipy import special
 
 from rwa_monitor.diagnosis.results import NoiseEstimate
+from rwa_monitor.diagnosis.sums import sum_up
 from rwa_monitor.diagnosis.wglr import BINS, BINS_PER_OCTAVE, LOWEST_EXPONENT
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 
@@ -195,7 +197,7 @@ def estimate_tails(counts: IntArray, variance: float, samples: int) -> Tails:
         Used samples of the window.
     """
     level = max(OUTLIERS / max(samples, 2), 1e-9)
-    gaussian = Tails(np.inf, float(np.sqrt(variance) * _gaussian_outlier(level)))
+    gaussian = Tails(np.inf, math.sqrt(variance) * _gaussian_outlier(level))
     total, middle, end = _quantile_bins(counts)
     if total < 200:
         return gaussian
@@ -203,11 +205,11 @@ def estimate_tails(counts: IntArray, variance: float, samples: int) -> Tails:
     if median < _LATTICE * variance * _CHI_MEDIAN:
         return gaussian  # neighbours are mostly equal: a coarse lattice, whose quantiles say nothing about tails
     # The 99.5 % quantile has a relative standard error of about 0.225/√(0.005 n).
-    if far <= _TAIL_RATIO[0] * (_LIGHT_TAIL + 3 * 0.225 / np.sqrt(0.005 * total)) * median:
+    if far <= float(_TAIL_RATIO[0]) * (_LIGHT_TAIL + 3 * 0.225 / math.sqrt(0.005 * total)) * median:
         return gaussian
     freedom = 1.0 / float(np.interp(far / median, _TAIL_RATIO, _TAIL_INVERSE_FREEDOM))
     # Statistic = difference²/2; its median over that of χ²₁ is the robust variance of a Gaussian sample.
-    robust_std = np.sqrt(median / _CHI_MEDIAN)
+    robust_std = math.sqrt(median / _CHI_MEDIAN)
     scale = robust_std * float(np.interp(far / median, _TAIL_RATIO, _TAIL_SCALE))
     return Tails(freedom, float(-scale * special.stdtrit(freedom, 0.5 * level)))
 
@@ -446,21 +448,6 @@ def _combine(
             factor = min(max(factor, ratio * max(1.0 - error, 0.5)), highest)
             break
     return np.sqrt(variance), autocovariance, max(factor, 1e-3)
-
-
-@numba.njit(cache=True, error_model="numpy", nogil=True)
-def sum_up(values: FloatArray) -> float:
-    """Return the sum, as eight side by side: none of its additions waits for the one before it."""
-    total, eights = 0.0, values.size - values.size % 8
-    if eights > 0:
-        a, b, c, d, e, f, g, h = values[:8]
-        for i in range(8, eights, 8):
-            a, b, c, d = a + values[i], b + values[i + 1], c + values[i + 2], d + values[i + 3]
-            e, f, g, h = e + values[i + 4], f + values[i + 5], g + values[i + 6], h + values[i + 7]
-        total = ((a + b) + (c + d)) + ((e + f) + (g + h))
-    for i in range(eights, values.size):
-        total += values[i]
-    return total
 
 
 def mean_variance_factor(noise: NoiseEstimate, count: FloatArray) -> FloatArray:

@@ -21,8 +21,8 @@ from numba import njit
 from pydantic import Field, ValidationError
 
 from rwa_monitor.diagnosis.canonical import Rounded, canonical_json, content_sha256
-from rwa_monitor.diagnosis.noise import sum_up
 from rwa_monitor.diagnosis.results import Assignment, Components
+from rwa_monitor.diagnosis.sums import sum_up
 from rwa_monitor.errors import InputError
 from rwa_monitor.physics.strict import Strict
 from rwa_monitor.physics.wheel import Wheel

@@ -26,7 +26,7 @@ from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 
 CHUNK: Final = 1024  # slots after which the prefix sums begin anew: a quarter more work for 50 kB of memory
 STEP: Final = 64  # slots after which peaks are confirmed
-STRETCH: Final = 256  # slots that are evaluated in one go; a multiple of STEP, and CHUNK of it
+STRETCH: Final = 512  # slots that are evaluated in one go; a multiple of STEP, and CHUNK of it
 MAX_SCALE: Final = 128
 HISTORY: Final = 2 * MAX_SCALE  # slots before a chunk that its first statistics reach back to
 PREFIXES: Final = 5  # n, x, e, xx, xe
