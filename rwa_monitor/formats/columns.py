@@ -10,8 +10,9 @@ import numpy as np
 
 from rwa_monitor.errors import InputError
 from rwa_monitor.formats.foreign import header_hint
+from rwa_monitor.formats.repeated_rows import ordering_advice
 from rwa_monitor.hints import closest
-from rwa_monitor.samples import CHANNELS, NANOSECONDS_PER_SECOND, BoolArray, Samples
+from rwa_monitor.samples import CHANNELS, NANOSECONDS_PER_SECOND, Samples
 
 TIME_COLUMNS: Final = ("time_ns", "time_s")  # the exact one first: it counts where a table has both
 REQUIRED_CHANNELS: Final = ("speed_rad_s",)
@@ -136,20 +137,22 @@ def table_of(samples: Samples, layout: Layout, source: str, first_row: int) -> S
     InputError
         If time does not strictly increase, or its span is too long.
     """
-    _check_time(samples, next(iter(layout.time)), source, first_row)
+    _check_time(samples, layout, source, first_row)
     return SampleTable(samples, layout.ignored)
 
 
-def _check_time(samples: Samples, column: str, source: str, first_row: int) -> None:
+def _check_time(samples: Samples, layout: Layout, source: str, first_row: int) -> None:
     """Raise InputError, naming the row, unless time strictly increases over a span that slots can count."""
     time_ns = samples.time_ns
+    ((column, position),) = layout.time.items()
     late = time_ns[1:] <= time_ns[:-1]
     if late.any():
         at = int(np.argmax(late)) + 1
         before, here = (_as_written(int(time_ns[i]), column) for i in (at - 1, at))
+        advice = ordering_advice(samples, source, first_row, position, all_columns=not layout.ignored)
         raise InputError(
             source,
-            f"time does not increase ({here} after {before}); {_ordering_advice(_repeats(samples), at)}",
+            f"time does not increase ({here} after {before}); {advice}",
             f"row {first_row + at}, column {column}",
         )
     span_ns = int(time_ns[-1]) - int(time_ns[0])  # Python's integers: the difference may exceed int64
@@ -164,23 +167,3 @@ def _as_written(time_ns: int, column: str) -> str:
     whole, rest = divmod(abs(time_ns), NANOSECONDS_PER_SECOND)
     digits = f"{rest:09d}".rstrip("0")
     return f"{'-' if time_ns < 0 else ''}{whole}{'.' if digits else ''}{digits} s"
-
-
-def _repeats(samples: Samples) -> BoolArray:
-    """Return which samples say the same as the one before them, bool (n,); a value that is missing in both is alike."""
-    at = np.flatnonzero(samples.time_ns[1:] == samples.time_ns[:-1]) + 1
-    for _, values in samples.channels():
-        here, before = values[at], values[at - 1]
-        at = at[(here == before) | (np.isnan(here) & np.isnan(before))]
-    alike = np.zeros(len(samples), dtype=np.bool_)
-    alike[at] = True
-    return alike
-
-
-def _ordering_advice(repeats: BoolArray, at: int) -> str:
-    """Say what brings rows into order, of which one is not after the one before."""
-    if repeats[at]:
-        count = int(np.count_nonzero(repeats))
-        rows = "1 row repeats the one before it" if count == 1 else f"{count} rows repeat the ones before them"
-        return f"{rows} exactly: leave repeated rows out (of a CSV: uniq FILE > NEW)"
-    return "sort the rows by time and leave repeated ones out"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import subprocess
 from decimal import ROUND_HALF_EVEN, Decimal
 from pathlib import Path
 
@@ -207,12 +208,12 @@ REFUSED = {
     "equal times": (
         HEAD + "0,1,2\n0.5,1,2\n0.5,1,2\n",
         "row 4, column time_s",
-        "(0.5 s after 0.5 s); 1 row repeats the one before it exactly",
+        "(0.5 s after 0.5 s); row 4 repeats an earlier one exactly: leave 1 row out: awk '!seen[$0]++'",
     ),
     "rows twice": (
         HEAD + "0,1,2\n0,1,2\n0.1,1,\n0.1,1,\n0.2,1,2\n",
         "row 3, column time_s",
-        "2 rows repeat the ones before them exactly: leave repeated rows out (of a CSV: uniq FILE > NEW)",
+        "rows 3, 5 repeat earlier ones exactly: leave 2 rows out: awk '!seen[$0]++'",
     ),
     "rows of one time that contradict": (HEAD + "0,1,2\n0,1,3\n", "row 3, column time_s", "; sort the rows by time"),
     "equal to the nanosecond": (HEAD + "0.1,1,2\n0.1000000001,1,2\n", "row 3, column time_s", "does not increase"),
@@ -225,6 +226,35 @@ REFUSED = {
     "open quote": (HEAD + '0,"1,2\n', "row 2", "fields"),
     "picture": (b"\x89PNG\r\n\x1a\n\x00\x00\x00\rIHDR", "row 1", "this is no text at all"),
 }
+
+
+@pytest.mark.parametrize(
+    ("head", "rows"),
+    [
+        (HEAD, "0,1,2\n0,1,2\n0.1,1,\n0.1,1,\n0.2,1,2\n"),
+        (HEAD, "0,1,2\n0.1,1,\n0.2,1,2\n0,1,2\n0.1,1,\n0.2,1,2\n0.3,1,2\n"),  # a block that was sent again
+        (HEAD, "0,1,2\r\n0.1,1,\r\n0.1,1,\r\n"),
+        ("received," + HEAD, "a,0,1,2\nb,0.1,1,2\nc,0.1,1,2\n"),  # the column that differs is not read
+    ],
+    ids=["one by one", "a block", "of Windows", "another column"],
+)
+def test_the_command_that_drops_repeated_rows_does_it_when_pasted(tmp_path: Path, head: str, rows: str) -> None:
+    path = tmp_path / "two words.csv"
+    path.write_text(head + rows, newline="")
+    with pytest.raises(InputError, match="exactly: leave") as refused:
+        read_table(path)
+    command = str(refused.value).rpartition("out: ")[2]
+    subprocess.run(command, shell=True, check=True)
+    times = read_table(tmp_path / "two words_once.csv").samples.time_ns
+    written = {round(1e9 * float(row.split(",")[head.split(",").index("time_s")])) for row in rows.split()}
+    assert times.tolist() == sorted(written)
+
+
+def test_rows_of_which_some_contradict_get_no_command(tmp_path: Path) -> None:
+    path = tmp_path / "t.csv"
+    path.write_text(HEAD + "0,1,2\n0,1,2\n0.1,1,2\n0.1,1,3\n")
+    with pytest.raises(InputError, match=r"sort the rows by time and leave repeated ones out$"):
+        read_table(path)
 
 
 @pytest.mark.parametrize(("content", "place", "reason"), REFUSED.values(), ids=REFUSED)
