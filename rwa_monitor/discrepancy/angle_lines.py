@@ -90,7 +90,7 @@ def angle_line(problem: Problem, base: Fit) -> AngleLine | None:
     whole = float(np.ptp(at))
     if whole < MANY_TURNS or RESOLVED / whole > SHARP:
         return None
-    ripple, drag = (_peak(problem, base, at, whole, flips) for flips in (False, True))
+    ripple, drag = problem.each(lambda flips: _peak(problem, base, at, whole, flips), (False, True))
     # In one direction the two are the same: a ripple then, which has a name.
     flips = drag is not None and (ripple is None or drag[0] > CLEARLY * ripple[0])
     peak = drag if flips else ripple

@@ -177,8 +177,8 @@ class Fit:
     criterion: float
 
 
-def make_problem(records: Sequence[Record], wheel: Wheel) -> Problem:
-    """Join records and estimate their noise.
+def make_problem(records: Sequence[Record], wheel: Wheel, each: Mapper = in_turn) -> Problem:
+    """Join records and estimate their noise; `each` applies a function to each of many candidates.
 
     Raises
     ------
@@ -196,7 +196,8 @@ def make_problem(records: Sequence[Record], wheel: Wheel) -> Problem:
     starts = np.concatenate([[0], np.cumsum([np.count_nonzero(r.used) for r in records])]).astype(np.int64)
     slot = np.concatenate([np.flatnonzero(r.used) for r in records]).astype(np.int64)
     nominal = wheel.nominal.viscous_Nm_s_rad if wheel.nominal else None
-    problem = Problem(tuple(records), z, z, 0.0, speed, sign, starts, slot, estimate_noise([z]), nominal)
+    noise = estimate_noise([z], each)
+    problem = Problem(tuple(records), z, z, 0.0, speed, sign, starts, slot, noise, nominal, each=each)
     if any(record.friction_is_derived for record in records):
         problem = replace(problem, derivative_taps=speed_noise_taps(wheel))
     # In a short record the slope alone, as fast as the motion, would pass for coloured noise, and hide every jump.
@@ -216,7 +217,7 @@ def _with_noise_of_rest(problem: Problem) -> Problem:
 def with_noise_of(problem: Problem, residual: FloatArray) -> Problem:
     """Return the problem with the noise estimated from a model's residual, float64 (n,) [N m]."""
     pieces = [residual[a:b] for a, b in zip(problem.starts[:-1], problem.starts[1:], strict=True) if b > a]
-    noise, smallest = estimate_noise(pieces), problem.smallest_noise_Nm
+    noise, smallest = estimate_noise(pieces, problem.each), problem.smallest_noise_Nm
     if noise.std < smallest:
         noise = Noise(smallest, np.append(smallest**2, np.zeros(noise.autocovariance.size - 1)), smallest**2)
     return replace(problem, noise=noise)
@@ -332,7 +333,8 @@ def solve_bounded(
     The first coefficient is that of viscous friction; the problem itself bounds it from below.
     """
     if low[0] < problem.lowest_viscous:
-        low = np.append(problem.lowest_viscous, low[1:])
+        low = low.copy()
+        low[0] = problem.lowest_viscous
     scale = np.sqrt(np.maximum(gram.diagonal(), 1e-300))
     # A prior on the slope as weak as one sample at the largest speed: it decides only where the data cannot.
     if problem.nominal_viscous is not None:
@@ -383,28 +385,12 @@ def robust_coefficients(problem: Problem, design: FloatArray, low: FloatArray, h
     weight = np.ones(z.size)
     coefficients = np.zeros(design.shape[1])
     for _ in range(12):
-        coefficients = solve_bounded(problem, *weighted_moments(rise, z, weight), low, high)
+        weighted = rise * weight[:, None]
+        coefficients = solve_bounded(problem, rise.T @ weighted, weighted.T @ z, low, high)
         residual = z - rise @ coefficients
         scale = max(float(np.median(np.abs(residual))) / 0.6745, 1e-300)
         weight_by_size(residual, TUKEY * scale, weight)
     return coefficients
-
-
-@njit(cache=True, nogil=True)
-def weighted_moments(columns: FloatArray, z: FloatArray, weight: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the weighted Gram matrix, float64 (p, p), of columns, (n, p), and their weighted moments with z, (p,)."""
-    width = columns.shape[1]
-    gram, moment = np.zeros((width, width)), np.zeros(width)
-    for k in range(z.size):
-        for i in range(width):
-            weighted = weight[k] * columns[k, i]
-            moment[i] += weighted * z[k]
-            for j in range(i + 1):
-                gram[i, j] += weighted * columns[k, j]
-    for i in range(width):
-        for j in range(i):
-            gram[j, i] = gram[i, j]
-    return gram, moment
 
 
 @njit(cache=True, nogil=True)

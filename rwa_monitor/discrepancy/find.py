@@ -121,7 +121,7 @@ def find_discrepancy(
     """
     known = any(block.name == DelayTerm.name for block in wheel.effect)
     delay = known_delay(wheel) if known else delay_of(recordings, wheel)
-    problem = replace(prepare(records_of(recordings, wheel, delay), wheel), each=each)
+    problem = prepare(records_of(recordings, wheel, delay), wheel, each)
     aside = prepare(records_of(held_out_recordings, wheel, delay), wheel) if held_out_recordings else None
     named = delay if delay is not None and delay.slots and not known else None
     # What is left of a delay that is taken out is less than a part of a slot.
@@ -133,7 +133,7 @@ def find_discrepancy(
     cage = cage_bursts(problem, complete) if problem.has_noise else None
     if cage is not None:
         # Bursts pass for jumps, and for laws of speed: what is said of anything else is said without them.
-        problem = replace(prepare(cage.quiet(problem.records), wheel), each=each)
+        problem = prepare(cage.quiet(problem.records), wheel, each)
         problem, found, leftover, complete = _explain(problem, tried, progress, wheel)
     others: list[FoundEffect] = []
     wanders = None
@@ -199,7 +199,7 @@ def _by_angle(
     base = fit(problem, np.zeros((problem.size, 0)))
     line = angle_line(problem, base)
     if line is not None and line.flips:
-        return replace(prepare(line.taken_from(problem.records), wheel), each=problem.each), candidates, line
+        return prepare(line.taken_from(problem.records), wheel, problem.each), candidates, line
     order = line.order if line is not None else order_to_try(problem, base)
     if order is None:
         return problem, candidates, None
@@ -259,7 +259,7 @@ def _explain(
     if best.terms:
         drawn = drawn_again(problem, best.fit, lambda other: refit(other, best.terms, [best.fit.jumps]).fit)
         if drawn is not None:
-            problem = replace(prepare(drawn, wheel), each=problem.each)
+            problem = prepare(drawn, wheel, problem.each)
             grown = grow(problem, candidates, holds_out, progress, begin_with=best)
             sloped = _with_slope_jumps(problem, grown, candidates, progress)
             best = sloped or grown.ladder[-1]
@@ -296,15 +296,15 @@ def _with_slope_jumps(
     return with_slope_jumps(problem, grown.ladder[-1], grown.ladder[0], rivals)
 
 
-def prepare(records: Sequence[Record], wheel: Wheel) -> Problem:
-    """Join records to the problem that is searched.
+def prepare(records: Sequence[Record], wheel: Wheel, each: Mapper = in_turn) -> Problem:
+    """Join records to the problem that is searched; `each` applies a function to each of many candidates.
 
     Raises
     ------
     InputError
         If too few samples are in motion.
     """
-    problem = make_problem(records, wheel)
+    problem = make_problem(records, wheel, each)
     base = fit(problem, np.zeros((problem.size, 0)))
     if base.coefficients[0] > 0:
         problem = replace(problem, lowest_viscous=0.0)

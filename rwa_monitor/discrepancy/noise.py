@@ -9,6 +9,7 @@ from typing import Final
 import numpy as np
 from scipy.ndimage import median_filter
 
+from rwa_monitor.discrepancy.mapper import Mapper, in_turn
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 
 MAX_LAG: Final = 96  # slots: AR(1) with φ = 0.95 has forgotten 99 % by then
@@ -47,19 +48,28 @@ class Noise:
         return float(max(variance, 0.05 * self.std**2))
 
 
-def estimate_noise(pieces: Sequence[FloatArray]) -> Noise:
+def estimate_noise(pieces: Sequence[FloatArray], each: Mapper = in_turn) -> Noise:
     """Estimate the noise from the robust variogram γ(h) = ½ var(z_{k+h} - z_k) of contiguous pieces.
 
     Medians of absolute differences: a jump touches h of n differences, a slow effect changes little over a few slots.
     The sill (γ at the longest lags) is the variance, sill - γ(h) the autocovariance (Cressie & Hawkins 1980 on robust
     variograms).
+
+    Parameters
+    ----------
+    pieces
+        float64 (n,) each.
+    each
+        Applies a function to each lag.
     """
     longest = max(piece.size for piece in pieces)
     lags = np.arange(1, min(MAX_LAG, max(longest // 4, 2)) + 1)
-    gamma = np.empty(lags.size)
-    for i, lag in enumerate(lags):
+
+    def half_variance(lag: int) -> float:
         differences = np.concatenate([piece[lag:] - piece[:-lag] for piece in pieces if piece.size > lag])
-        gamma[i] = 0.5 * (np.median(np.abs(differences)) / MEDIAN_OF_ABSOLUTE_NORMAL) ** 2
+        return float(0.5 * (np.median(np.abs(differences)) / MEDIAN_OF_ABSOLUTE_NORMAL) ** 2)
+
+    gamma = np.array(each(half_variance, lags.tolist()))
     size = sum(piece.size for piece in pieces)
     # Medians do not see tails; differences of neighbours, of which a jump touches one, say how much they add.
     gamma *= tail_factor(np.concatenate([np.diff(piece) for piece in pieces]))

@@ -23,6 +23,7 @@ from rwa_monitor.discrepancy.base_fit import (
     segment_starts,
     solve_bounded,
     strong_level,
+    weight_by_size,
 )
 from rwa_monitor.discrepancy.delay_term import LEAD, SLOPE_REACH, without_pulses
 from rwa_monitor.discrepancy.record import Record
@@ -345,7 +346,7 @@ class RobustBackground:
             weighted = rise * weight[:, None]
             solution = solve_bounded(self.problem, rise.T @ weighted, weighted.T @ self.z, low, high)
             residual = self.z - rise @ solution
-            weight = np.maximum(1.0 - (residual / (TUKEY * self.scale)) ** 2, 0.0) ** 2
+            weight_by_size(residual, TUKEY * self.scale, weight)
         return float(np.sum(1.0 - np.maximum(1.0 - (residual / (TUKEY * self.scale)) ** 2, 0.0) ** 3))
 
 
