@@ -15,8 +15,9 @@ from rwa_monitor.diagnosis.changepoints import (
     variance_table,
 )
 from rwa_monitor.diagnosis.estimation import SlopePrior, default_exclusion, estimate_slope
-from rwa_monitor.diagnosis.noise import Tails, ar_coefficient
+from rwa_monitor.diagnosis.noise import ar_coefficient
 from rwa_monitor.diagnosis.results import Candidates, Evidence
+from rwa_monitor.diagnosis.tails import Tails
 from rwa_monitor.diagnosis.wglr import STEP
 from rwa_monitor.samples import FloatArray, IntArray
 

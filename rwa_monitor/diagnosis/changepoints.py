@@ -15,9 +15,9 @@ import numba
 import numpy as np
 from scipy import special
 
-from rwa_monitor.diagnosis.noise import Tails
 from rwa_monitor.diagnosis.results import Candidates
 from rwa_monitor.diagnosis.running_sums import STRIDE, RunningSums, SumArrays, prefix_moments
+from rwa_monitor.diagnosis.tails import Tails
 from rwa_monitor.diagnosis.wglr import MAX_SCALE
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 

@@ -1,11 +1,8 @@
-"""Stage 4: which anomalies are there, from the split friction.
+"""Stage 4: which anomalies are there, from the split friction, by Bayes' rule (method `joint`).
 
-`classify_as_paper` is the paper's: one linear support vector machine per anomaly, on the coefficient itself or on the
-histogram of a system's friction.
-
-`classify` is Bayes' rule. Each sojourn of a system, and each of dry and viscous friction, is a measurement with its own
-standard deviation of a value that lies in the nominal or in the anomalous band (`model.Levels`). Wide uncertainty makes
-both densities equal and leaves the prior. Where a system never rests, its friction and the base dry friction share an
+Each sojourn of a system, and each of dry and viscous friction, is a measurement with its own standard deviation of a
+value that lies in the nominal or in the anomalous band (`model.Levels`). Wide uncertainty makes both densities equal
+and leaves the prior. Where a system never rests, its friction and the base dry friction share an
 unknown shift: all combinations of anomalies are compared with the shift integrated out, so that the base of a healthy
 wheel, the ranges of friction and earlier windows decide together what the shift can be, and what stays ambiguous stays
 probability (errata 10).
@@ -24,10 +21,10 @@ import numpy as np
 from numba import njit
 from scipy import special
 
-from rwa_monitor.diagnosis.features import Features, FeaturesOfStory, histogram
+from rwa_monitor.diagnosis.features import Features, FeaturesOfStory
 from rwa_monitor.diagnosis.history import TELLING_STD, Coefficient, coefficient
 from rwa_monitor.diagnosis.likelihood import stray_probabilities, system_evidence
-from rwa_monitor.diagnosis.model import AnomalyModel, LinearSvm, Model
+from rwa_monitor.diagnosis.model import AnomalyModel, Model
 from rwa_monitor.diagnosis.shift import Shift, integrate_shift
 from rwa_monitor.diagnosis.state import CarriedState, Tracked, probability_before
 from rwa_monitor.diagnosis.sums import sum_up
@@ -111,73 +108,19 @@ def conclusive(anomalies: Sequence[Judged], low: float, high: float) -> bool:
     return not any(low < entry.probability < high or entry.unlike or not entry.telling for entry in anomalies)
 
 
-def _as_told(features: Features) -> tuple[IntArray, ...]:
+def configurations_told(features: Features) -> tuple[IntArray, ...]:
+    """Return the configurations of each system's sojourns as the assignment told them, int64 (sojourns,) each."""
     return tuple(system.configuration for system in features.systems)
 
 
 def unjudged(features: Features, names: Sequence[str]) -> Judgement:
     """Return the judgement where nothing is known: neither active nor not."""
-    return Judgement(tuple(_not_judged(name) for name in names), features, {}, _as_told(features))
+    return Judgement(tuple(_not_judged(name) for name in names), features, {}, configurations_told(features))
 
 
 def _not_judged(name: str) -> Judged:
     """Return the judgement on an anomaly of which nothing is known: neither active nor not."""
     return Judged(name, UNKNOWN, active=False, telling=False, unlike=False, known=False)
-
-
-# ---- the paper -------------------------------------------------------------------------------------------------------
-
-
-def svm_features(bins: int, low: float, high: float, values: FloatArray) -> FloatArray:
-    """Return z: the value on the scale of the training data (0 bins), or the histogram of the values."""
-    if bins:
-        return histogram(values, low, high, bins)
-    return (values - low) / (high - low)
-
-
-def decide(svm: LinearSvm, values: FloatArray) -> tuple[float, float]:
-    """Return w·z + b and the calibrated probability, for one coefficient (1,) or a system's friction (sojourns,)."""
-    z = svm_features(svm.bins, svm.low, svm.high, values)
-    decision = float(np.dot(np.asarray(svm.weights), z)) + svm.bias
-    return decision, float(special.expit(svm.slope * decision + svm.offset))
-
-
-def paper_values(features: Features) -> tuple[FloatArray, ...]:
-    """Return the values that the paper classifies, one array per anomaly; a system gives all its sojourns."""
-    return (
-        np.array([features.base_dry]),
-        np.array([features.viscous]),
-        *(system.friction for system in features.systems),
-    )
-
-
-def classify_as_paper(features: Features, models: Sequence[AnomalyModel | None], names: Sequence[str]) -> Judgement:
-    """Judge by one linear support vector machine per anomaly.
-
-    Parameters
-    ----------
-    features
-        Of the window.
-    models
-        What was learned about each anomaly, None where nothing was.
-    names
-        The anomalies' names, in the wheel's order.
-    """
-    judged = []
-    for name, model, values in zip(names, models, paper_values(features), strict=True):
-        if model is None or model.svm is None:
-            rate = model.rate if model else UNKNOWN
-            judged.append(Judged(name, rate, active=False, telling=False, unlike=False))
-            continue
-        decision, probability = decide(model.svm, values)
-        # Active is what the paper says, the sign of the decision; the calibrated probability must not contradict it.
-        probability = max(probability, 0.5) if decision > 0 else min(probability, 0.5)
-        judged.append(Judged(name, probability, active=decision > 0, telling=True, unlike=False))
-    to_carry = {entry.name: entry.probability for entry in judged}
-    return Judgement(tuple(judged), features, to_carry, _as_told(features))
-
-
-# ---- the joint classifier --------------------------------------------------------------------------------------------
 
 
 def classify(
@@ -221,7 +164,9 @@ def classify(
     likeliest = max(
         (s for s, one in enumerate(told) if one.same_jumps), key=lambda s: float(by_story[s].sum()), default=None
     )
-    configurations = _as_told(features) if likeliest is None else _as_told(told[likeliest].features)
+    configurations = (
+        configurations_told(features) if likeliest is None else configurations_told(told[likeliest].features)
+    )
     shift = None
     if not features.base_known:
         # Without stories beside it the window's own features are all that was weighed.

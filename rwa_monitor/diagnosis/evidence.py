@@ -47,10 +47,8 @@ from rwa_monitor.diagnosis.noise import (
     BLOCK,
     LAGS,
     SMALLEST_STD,
-    Tails,
     contrast_variances,
     estimate_noise,
-    estimate_tails,
     quiet_levels,
     scale_variances,
 )
@@ -58,6 +56,7 @@ from rwa_monitor.diagnosis.peaks import PeakList
 from rwa_monitor.diagnosis.results import Candidates, Evidence, Method, NoiseEstimate
 from rwa_monitor.diagnosis.running_sums import RunningSums
 from rwa_monitor.diagnosis.structure import StructureSums, pieces_before
+from rwa_monitor.diagnosis.tails import Tails, estimate_tails
 from rwa_monitor.diagnosis.wglr import (
     BINS,
     CHUNK,

@@ -8,6 +8,7 @@ from typing import Final
 
 from rwa_monitor.diagnosis.adequacy import Adequacy
 from rwa_monitor.diagnosis.window_diagnosis import DRY_UNIT, AnomalyDiagnosis, Verdict
+from rwa_monitor.words import counted
 
 # What to look at, by anomaly. Dry friction is contact, viscous friction the lubricant (paper, section III-A).
 _ACTION = {
@@ -207,7 +208,7 @@ def _severity(anomaly: AnomalyDiagnosis) -> str:
 def _earlier(windows: int) -> str:
     if windows == 0:
         return "; there is no earlier window to compare with"
-    return f"; {windows} earlier window{'' if windows == 1 else 's'} of this wheel went into this"
+    return f"; {counted(windows, 'earlier window')} of this wheel went into this"
 
 
 def _sentence(text: str) -> str:

@@ -1,18 +1,17 @@
-"""The noise of a window, measured beside its jumps: variance of each scale's contrast, autocovariance, tails.
+"""The noise of a window, measured beside its jumps: variance of each scale's contrast, autocovariance.
 
-Three robust views, all incremental and of fixed size:
+Two robust views, both incremental and of fixed size:
 
 * The wGLR of each scale goes into a histogram. Where nothing jumps it is v·χ² with one degree of freedom, whatever the
   colour of the noise, so the histogram's lower part gives v, the variance of this scale's own contrast (errata 17).
 * Differences (e_{k+l} - e_k)² at lags 1 … 64, averaged over short blocks, give the autocovariance: their level at long
   lags is the variance, what short lags lack is the covariance. A block with a jump in it stands out and is left out.
-* The histogram of neighbour differences tells light from heavy tails: how large the largest outlier of a window is.
+
+How heavy its tails are, `tails` tells from the histogram of neighbour differences.
 """
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass
 from functools import lru_cache
 from typing import Final
 
@@ -27,7 +26,6 @@ from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 
 LAGS: Final = 64  # lags 1 … 64 of the differences; the autocovariance is given at 0 … 63
 BLOCK: Final = 64  # base slots of a block; a block reads BLOCK + LAGS samples
-OUTLIERS: Final = 0.2  # outliers by chance in a window that are bearable; each looks like two jumps
 SMALLEST_STD: Final = 1e-9  # normalised; the rounding errors of noise-free data lie far below
 
 # The lowest three quarters of v·χ²₁ have the mean v · P(χ²₃ < q) / 0.75, with q the quantile of χ²₁ at 0.75.
@@ -38,44 +36,14 @@ _JUMPED_RATE: Final = float(special.chdtrc(1, _JUMPED))
 _MOST_JUMPED: Final = 0.3  # beyond that share the estimate is not corrected further
 _BORROWED: Final = 30.0  # worth of the next narrower scale's variance, in independent contrasts
 
-_CHI_MEDIAN: Final = float(2.0 * special.erfinv(0.5) ** 2)  # median of χ²₁
-_LATTICE: Final = 0.5  # of the median that the variance lets expect
 _LEAST_PAIRS: Final = 8  # of 64, at every lag of a block
 
 _LEAST_COLOUR: Final = 0.1  # correlation of neighbours below which noise counts as white
 _AR_TOLERANCE: Final = 0.15  # of ρ(2) = ρ(1)²: a few standard errors in a long window
 
 _BIN: Final = np.arange(BINS)
-_BIN_EDGES: Final = np.ldexp(
-    1.0 + (_BIN % BINS_PER_OCTAVE) / BINS_PER_OCTAVE, _BIN // BINS_PER_OCTAVE + LOWEST_EXPONENT
-)
-_BIN_WIDTHS: Final = np.ldexp(1.0 / BINS_PER_OCTAVE, _BIN // BINS_PER_OCTAVE + LOWEST_EXPONENT)
-_BIN_MIDDLES: Final = _BIN_EDGES + 0.5 * _BIN_WIDTHS
-
-# Differences of two Student-t variables: 99.5 % quantile of the square over its median, against the degrees of
-# freedom (numerical convolution), and the t's scale over the difference's robust standard deviation of one sample.
-_TAIL_RATIO: Final = np.array(
-    [17.32, 18.53, 19.25, 20.07, 22.06, 23.92, 27.94, 32.25, 41.24, 50.24, 67.07, 104.8, 183.0]
-)
-_TAIL_SCALE: Final = np.array([1, 0.977, 0.966, 0.955, 0.933, 0.917, 0.890, 0.869, 0.838, 0.817, 0.789, 0.752, 0.711])
-_TAIL_INVERSE_FREEDOM: Final = 1.0 / np.array([np.inf, 30, 20, 15, 10, 8, 6, 5, 4, 3.5, 3, 2.5, 2.1])
-_LIGHT_TAIL: Final = 1.05  # a ratio this close to the Gaussian's is one: its standard error is 1.5 % in a long window
-
-
-@dataclass(frozen=True, slots=True)
-class Tails:
-    """How heavy the noise's tails are.
-
-    Attributes
-    ----------
-    degrees_of_freedom
-        Of a Student t with the same tails; infinite for Gaussian noise.
-    largest_outlier
-        Size that OUTLIERS samples of a window exceed by chance, normalised.
-    """
-
-    degrees_of_freedom: float
-    largest_outlier: float
+BIN_EDGES: Final = np.ldexp(1.0 + (_BIN % BINS_PER_OCTAVE) / BINS_PER_OCTAVE, _BIN // BINS_PER_OCTAVE + LOWEST_EXPONENT)
+BIN_WIDTHS: Final = np.ldexp(1.0 / BINS_PER_OCTAVE, _BIN // BINS_PER_OCTAVE + LOWEST_EXPONENT)
 
 
 def scale_variances(
@@ -100,7 +68,7 @@ def scale_variances(
     next narrower scale's (the narrowest: on `start_variance`). NaN where nothing was counted and nothing is known.
     """
     borrowed = np.nan if start_variance is None else start_variance
-    return np.asarray(_scale_variances(histogram, strides / scales, borrowed, _BIN_EDGES, _BIN_WIDTHS))
+    return np.asarray(_scale_variances(histogram, strides / scales, borrowed, BIN_EDGES, BIN_WIDTHS))
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
@@ -182,56 +150,6 @@ def _trimmed_variance(counts: IntArray, edges: FloatArray, widths: FloatArray) -
         if jumped == last:
             break  # as nearly always, at once: nothing jumps, and another round would give the same
     return total, variance
-
-
-def estimate_tails(counts: IntArray, variance: float, samples: int) -> Tails:
-    """Estimate the tails from the histogram of the statistic at scale 1 (half the squared neighbour difference).
-
-    Parameters
-    ----------
-    counts
-        int (BINS,).
-    variance
-        The robust variance of a sample.
-    samples
-        Used samples of the window.
-    """
-    level = max(OUTLIERS / max(samples, 2), 1e-9)
-    gaussian = Tails(np.inf, math.sqrt(variance) * _gaussian_outlier(level))
-    total, middle, end = _quantile_bins(counts)
-    if total < 200:
-        return gaussian
-    median, far = float(_BIN_MIDDLES[middle]), float(_BIN_MIDDLES[end])
-    if median < _LATTICE * variance * _CHI_MEDIAN:
-        return gaussian  # neighbours are mostly equal: a coarse lattice, whose quantiles say nothing about tails
-    # The 99.5 % quantile has a relative standard error of about 0.225/√(0.005 n).
-    if far <= float(_TAIL_RATIO[0]) * (_LIGHT_TAIL + 3 * 0.225 / math.sqrt(0.005 * total)) * median:
-        return gaussian
-    freedom = 1.0 / float(np.interp(far / median, _TAIL_RATIO, _TAIL_INVERSE_FREEDOM))
-    # Statistic = difference²/2; its median over that of χ²₁ is the robust variance of a Gaussian sample.
-    robust_std = math.sqrt(median / _CHI_MEDIAN)
-    scale = robust_std * float(np.interp(far / median, _TAIL_RATIO, _TAIL_SCALE))
-    return Tails(freedom, float(-scale * special.stdtrit(freedom, 0.5 * level)))
-
-
-@lru_cache(maxsize=256)
-def _gaussian_outlier(level: float) -> float:
-    """Return the size, in standard deviations, that a Gaussian sample exceeds with this probability."""
-    return float(-special.ndtri(0.5 * level))
-
-
-@numba.njit(cache=True, error_model="numpy", nogil=True)
-def _quantile_bins(counts: IntArray) -> tuple[float, int, int]:
-    """Return how many are counted, and the bins up to which at least 50 % and 99.5 % of them are."""
-    total = float(counts.sum())
-    seen, middle, end = 0, 0, 0
-    for place in range(counts.size):
-        seen += counts[place]
-        middle += seen / total < 0.5
-        if seen / total >= 0.995:
-            end = place
-            break
-    return total, middle, end
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)

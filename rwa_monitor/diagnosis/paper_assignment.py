@@ -1,4 +1,4 @@
-"""Stage 3 as the paper prints it, mended only where it cannot run (errata 7-11, column "paper mode").
+"""Stage 3 as the paper prints it, mended only where it cannot run (errata 7-11, column "`--method paper`").
 
 Dynamic programming over (configuration, time since the last jump) of all systems, with hard duration supports, an
 optimistic beginning (the time before the window is chosen as it suits the first jump best), and an end of the window

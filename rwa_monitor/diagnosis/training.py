@@ -14,9 +14,9 @@ from typing import Final
 import numpy as np
 from scipy import optimize, special
 
-from rwa_monitor.diagnosis.classification import paper_values, svm_features
 from rwa_monitor.diagnosis.features import Features
 from rwa_monitor.diagnosis.model import AnomalyModel, Band, Levels, LinearSvm, Model, Provenance
+from rwa_monitor.diagnosis.paper_classification import paper_values, svm_features
 from rwa_monitor.errors import InputError
 from rwa_monitor.physics.wheel import RESERVED_ANOMALIES, Wheel
 from rwa_monitor.samples import BoolArray, FloatArray

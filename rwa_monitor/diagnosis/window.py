@@ -19,7 +19,7 @@ from rwa_monitor.diagnosis import adequacy, explanation
 from rwa_monitor.diagnosis.adequacy import Adequacy
 from rwa_monitor.diagnosis.assignment import assign
 from rwa_monitor.diagnosis.case import Case
-from rwa_monitor.diagnosis.classification import Judgement, classify, classify_as_paper, unjudged
+from rwa_monitor.diagnosis.classification import Judgement, classify, unjudged
 from rwa_monitor.diagnosis.components import split
 from rwa_monitor.diagnosis.doubt import doubt_of
 from rwa_monitor.diagnosis.features import (
@@ -32,6 +32,7 @@ from rwa_monitor.diagnosis.features import (
 from rwa_monitor.diagnosis.friction_priors import slope_prior
 from rwa_monitor.diagnosis.model import AnomalyModel, Model, models_for
 from rwa_monitor.diagnosis.paper_assignment import assign_as_paper, split_as_paper
+from rwa_monitor.diagnosis.paper_classification import classify_as_paper
 from rwa_monitor.diagnosis.physical_units import anomaly_of, changepoints_of, scaled, value_of, viscous_unit
 from rwa_monitor.diagnosis.results import (
     REJECTED,

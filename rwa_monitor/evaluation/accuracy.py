@@ -13,8 +13,9 @@ from typing import Final
 import numpy as np
 from scipy import special, stats
 
-from rwa_monitor.diagnosis.classification import classify, classify_as_paper, conclusive
+from rwa_monitor.diagnosis.classification import classify, conclusive
 from rwa_monitor.diagnosis.model import Model, models_for
+from rwa_monitor.diagnosis.paper_classification import classify_as_paper
 from rwa_monitor.diagnosis.results import Method
 from rwa_monitor.diagnosis.state import CarriedState
 from rwa_monitor.diagnosis.training import train

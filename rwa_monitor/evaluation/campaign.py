@@ -12,12 +12,13 @@ from typing import Any, TypeVar
 import numpy as np
 
 from rwa_monitor.diagnosis.assignment import assign
-from rwa_monitor.diagnosis.classification import classify, classify_as_paper
+from rwa_monitor.diagnosis.classification import classify
 from rwa_monitor.diagnosis.components import split
 from rwa_monitor.diagnosis.evidence import WindowAccumulator
 from rwa_monitor.diagnosis.features import features_of
 from rwa_monitor.diagnosis.model import Model, models_for
 from rwa_monitor.diagnosis.paper_assignment import assign_as_paper, split_as_paper
+from rwa_monitor.diagnosis.paper_classification import classify_as_paper
 from rwa_monitor.diagnosis.results import Method
 from rwa_monitor.diagnosis.state import CarriedState
 from rwa_monitor.evaluation.oracle import on_slots

@@ -18,9 +18,9 @@ from rwa_monitor.diagnosis.changepoints import (
     threshold_for,
     variance_table,
 )
-from rwa_monitor.diagnosis.noise import Tails
 from rwa_monitor.diagnosis.results import Candidates
 from rwa_monitor.diagnosis.running_sums import RunningSums
+from rwa_monitor.diagnosis.tails import Tails
 from rwa_monitor.diagnosis.wglr import CHUNK, HISTORY, MAX_SCALE, NOT_EVALUATED, PREFIXES, evaluate, fill_prefix, wglr
 
 SIGMA = 0.024  # the paper's noise, normalised

@@ -7,10 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rwa_monitor.diagnosis.classification import Judgement, classify, classify_as_paper
+from rwa_monitor.diagnosis.classification import Judgement, classify
 from rwa_monitor.diagnosis.features import Features, FeaturesOfStory, SystemFeatures
 from rwa_monitor.diagnosis.likelihood import log_densities
 from rwa_monitor.diagnosis.model import built_in_model, models_for
+from rwa_monitor.diagnosis.paper_classification import classify_as_paper
 from rwa_monitor.diagnosis.state import CarriedState, Tracked, probability_before
 from rwa_monitor.physics.wheel import built_in_wheel
 

@@ -9,18 +9,17 @@ from scipy import signal, stats
 from rwa_monitor.diagnosis.noise import (
     BLOCK,
     LAGS,
-    OUTLIERS,
     ar_coefficient,
     block_differences,
     contrast_variances,
     estimate_noise,
-    estimate_tails,
     mean_variance_factor,
     quiet_levels,
     scale_variances,
     sum_up,
 )
 from rwa_monitor.diagnosis.results import NoiseEstimate
+from rwa_monitor.diagnosis.tails import OUTLIERS, estimate_tails
 from rwa_monitor.diagnosis.wglr import BINS, BINS_PER_OCTAVE, LOWEST_EXPONENT
 
 N = 80_000

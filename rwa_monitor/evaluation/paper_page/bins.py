@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from rwa_monitor.diagnosis.classification import decide
+from rwa_monitor.diagnosis.paper_classification import decide
 from rwa_monitor.diagnosis.training import train_svm
 from rwa_monitor.evaluation.accuracy import TRAINING_SHARE
 from rwa_monitor.evaluation.outcome import Outcome

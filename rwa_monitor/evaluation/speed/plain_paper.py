@@ -13,9 +13,9 @@ from typing import Final
 import numpy as np
 from scipy import special
 
-from rwa_monitor.diagnosis.classification import decide
 from rwa_monitor.diagnosis.model import Model, models_for
 from rwa_monitor.diagnosis.paper_assignment import most_likely_jumps
+from rwa_monitor.diagnosis.paper_classification import decide
 from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import FloatArray, IntArray
 
