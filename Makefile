@@ -14,7 +14,7 @@ BIN := $(VENV)/bin
 # pytest gets one worker a core; the linear algebra underneath must then not start a thread a core of its own.
 CORES := $(shell getconf _NPROCESSORS_ONLN 2>/dev/null || echo 2)
 # Seconds that one test may take before it counts as hung; a slow machine may raise it.
-TEST_TIMEOUT ?= 300
+TEST_TIMEOUT ?= 600
 # More words for pytest, for instance PYTEST_ARGS="-k glr -x".
 PYTEST_ARGS ?=
 

@@ -50,7 +50,7 @@ def write(path: Path, table: Columns) -> Path:
 
 def run(*arguments: object) -> subprocess.CompletedProcess[str]:
     command = [*PROGRAM, *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, timeout=280, check=False)
+    return subprocess.run(command, capture_output=True, text=True, timeout=500, check=False)
 
 
 def rpm(table: Columns) -> Columns:

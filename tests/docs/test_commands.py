@@ -135,7 +135,7 @@ def test_the_code_of_a_page_works_in_its_order(name: str, tmp_path: Path) -> Non
             assert commands, block.text
         for command in commands:
             done = subprocess.run(
-                [sys.executable, *command], cwd=tmp_path, capture_output=True, text=True, timeout=240, check=False
+                [sys.executable, *command], cwd=tmp_path, capture_output=True, text=True, timeout=500, check=False
             )
             assert done.returncode == 0, f"{' '.join(command)}: {done.stderr}"
             said += done.stdout
@@ -152,7 +152,7 @@ def test_the_python_of_the_pages_passes_a_strict_type_checker(tmp_path: Path) ->
             files[-1].write_text(block.text, encoding="utf-8")
     assert len(files) > 8
     command = [sys.executable, "-m", "mypy", "--strict", *map(str, files)]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=240, check=False)
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=500, check=False)
     assert done.returncode == 0, done.stdout
 
 

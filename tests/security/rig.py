@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -32,7 +33,9 @@ with zenoh.open(zenoh.Config.from_file(sys.argv[1])):
 def make_certificates(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
     """Run the script that is shipped."""
     command = [str(DOCKER / "make_certificates.sh"), *arguments[:-1], str(folder), *arguments[-1].split()]
-    return subprocess.run(command, capture_output=True, text=True, check=False)
+    # In a language that every machine knows: bash tells of one that is not installed.
+    environment = {**os.environ, "LC_ALL": "C"}
+    return subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
 
 
 def certificates(folder: Path) -> Path:
