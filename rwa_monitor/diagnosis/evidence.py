@@ -339,7 +339,6 @@ class WindowAccumulator:
             stop = min(ready, _settings_change(self._done))
             if self._done % CHUNK == 0:
                 self._peaks.make_room(self._variances)
-            self._sums.find_centre(stop)
             end, confirmed = advance(
                 self._done,
                 stop,

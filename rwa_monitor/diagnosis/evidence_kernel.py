@@ -15,7 +15,7 @@ from scipy import special
 
 from rwa_monitor.diagnosis.changepoints import contrast
 from rwa_monitor.diagnosis.noise import BLOCK, LAGS, block_differences
-from rwa_monitor.diagnosis.running_sums import SumArrays, extend_checkpoints
+from rwa_monitor.diagnosis.running_sums import SumArrays, extend_checkpoints, find_centre
 from rwa_monitor.diagnosis.structure import StructureArrays, count_signs, extend_structure, pieces_before
 from rwa_monitor.diagnosis.wglr import (
     CHUNK,
@@ -172,7 +172,9 @@ def advance(
         mark_used(x, good, settings.band, start, stop, used)
     state = ScanState(window.prefix, window.histogram)
     end = scan(x, z, used, start, stop, start >= CHUNK, scanning, state, peaks, chunk_peaks)
-    extend_checkpoints(SumArrays(window.checkpoints, x, z, used, window.centre), window.running, start, end)
+    sums = SumArrays(window.checkpoints, x, z, used, window.centre)
+    find_centre(sums, window.running, start, end)
+    extend_checkpoints(sums, window.running, start, end)
     structure = StructureArrays(window.signs, window.counts, window.near_zero, window.zeros, window.ripple)
     extend_structure(
         x, z, good, used, start, end, settings.certain, settings.angle_per_x, settings.stretch_hop, structure

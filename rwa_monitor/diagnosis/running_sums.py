@@ -85,6 +85,22 @@ class SumArrays(NamedTuple):
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
+def find_centre(arrays: SumArrays, running: FloatArray, start: int, stop: int) -> None:
+    """Centre sums that hold nothing yet on the medians of the first used slots of [start, stop), about to be added.
+
+    One wild first sample must not become the origin of all sums.
+    """
+    if running[0] > 0.0:
+        return
+    x, z, used, centre = arrays.x, arrays.z, arrays.used, arrays.centre
+    for begin in range(start, stop):
+        if used[begin]:
+            first = slice(begin, min(stop, begin - begin % CENTRE_BLOCK + CENTRE_BLOCK))
+            centre[0], centre[1] = np.median(x[first][used[first]]), np.median(z[first][used[first]])
+            return
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
 def extend_checkpoints(arrays: SumArrays, running: FloatArray, start: int, stop: int) -> None:
     """Add the slots [start, stop) to the running sums and keep them at every checkpoint passed, in place.
 
@@ -224,15 +240,9 @@ class RunningSums:
 
         Then the sums do not depend on the steps in which they are extended.
         """
-        self.find_centre(stop)
+        find_centre(self.arrays, self.running, self.slots, stop)
         extend_checkpoints(self.arrays, self.running, self.slots, stop)
         self.slots = stop
-
-    def find_centre(self, stop: int) -> None:
-        """Centre the sums on what the slots up to `stop`, which are about to be added, hold first."""
-        if self.count:
-            return
-        _find_centre(self.arrays, self.slots, stop)
 
     def between(self, start: IntArray, stop: IntArray) -> Moments:
         """Return the moments of the slots [start, stop), element by element; empty ranges give zeros.
@@ -254,17 +264,3 @@ class RunningSums:
             raise IndexError(f"a range reaches beyond the window's {self.slots} slots")
         self.samples_read += read
         return Moments(out.reshape(MOMENTS, *starts.shape))
-
-
-@numba.njit(cache=True, error_model="numpy", nogil=True)
-def _find_centre(arrays: SumArrays, start: int, stop: int) -> None:
-    """Write medians of the first used slots of [start, stop), if any, to the centre.
-
-    One wild first sample must not become the origin of all sums.
-    """
-    x, z, used, centre = arrays.x, arrays.z, arrays.used, arrays.centre
-    for begin in range(start, stop):
-        if used[begin]:
-            first = slice(begin, min(stop, begin - begin % CENTRE_BLOCK + CENTRE_BLOCK))
-            centre[0], centre[1] = np.median(x[first][used[first]]), np.median(z[first][used[first]])
-            return

@@ -139,7 +139,7 @@ class RingBuffer:
         They are those of the buffer itself where they lie there side by side: `extend` and `overwrite` change them.
         """
         array = self._values.get(name)
-        if array is not None and start < stop <= self.end and start >= max(self._first, self.end - array.size):
+        if array is not None and self._first <= start < stop <= self.end and start >= self.end - array.size:
             at = start % array.size
             if at + stop - start <= array.size:
                 return array[at : at + stop - start]
