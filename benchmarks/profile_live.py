@@ -119,7 +119,7 @@ def monitor_in(folder: Path) -> Monitor:
         predecessor=None,
         wall_ns=time.time_ns,
     )
-    recorder.begin((), time.monotonic())
+    recorder.begin({}, time.monotonic())
     return Monitor(options, SilentBus(), recorder, lambda _: None, Clock())
 
 

@@ -6,8 +6,9 @@ One thread does everything in this order, so that what is on the disk is always 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
+from functools import partial
 from hashlib import blake2b
 from typing import Final, Protocol
 
@@ -20,7 +21,7 @@ from rwa_monitor.live.core import WheelCore
 from rwa_monitor.live.events import Event, SensorFault, WindowDiagnosed
 from rwa_monitor.live.outputs import Output, health_output, outputs_of, trouble_in
 from rwa_monitor.live.past import Past
-from rwa_monitor.live.recorder import Recorder
+from rwa_monitor.live.recorder import Checkpoints, Recorder
 from rwa_monitor.live.run_options import RunOptions
 from rwa_monitor.live.searches import Searches
 from rwa_monitor.messages import Diagnosis, Health, Message, SamplesMessage, Status, key_of, split_key
@@ -135,7 +136,7 @@ class Monitor:
             self._served[key] = _Served(core=core)
         if self.recorder is not None:
             inherited = [(output.key, output.schema, output.payload, output.time_ns) for output in past.unrecorded]
-            if len(past.cores) >= MANY_WHEELS:  # some 20 ms each
+            if len(past.cores) >= MANY_WHEELS:  # some 6 ms each
                 self.say(f"beginning a recording with the state of {len(past.cores)} wheels")
             self.recorder.begin(self._checkpoints(on_progress), self.clock.monotonic_s(), inherited)
             self._tell_recorder()
@@ -373,11 +374,18 @@ class Monitor:
             self.recorder.output(topic, Status.schema_name(), payload, None)
         self._publish(Output(topic, Status, Status.schema_name(), payload, 0))
 
-    def _checkpoints(self, on_progress: Callable[[], None] = lambda: None) -> Iterator[tuple[str, bytes]]:
-        for (spacecraft, wheel), served in self._served.items():
+    def _checkpoints(self, on_progress: Callable[[], None] = lambda: None) -> Checkpoints:
+        """Return what makes the checkpoint of each wheel, as it then stands."""
+
+        def write(core: WheelCore) -> bytes:
             on_progress()
-            if served.core is not None:
-                yield f"{spacecraft}/{wheel}", served.core.checkpoint().to_json()
+            return core.checkpoint().to_json()
+
+        return {
+            f"{spacecraft}/{wheel}": partial(write, served.core)
+            for (spacecraft, wheel), served in self._served.items()
+            if served.core is not None
+        }
 
     def _tell_recorder(self) -> None:
         if self.recorder is not None and self.recorder.error:

@@ -14,7 +14,14 @@ from rwa_monitor.live import rebuild
 from rwa_monitor.live.core import WheelCore
 from rwa_monitor.live.outputs import Output
 from rwa_monitor.live.recorder import Predecessor, predecessor_of
-from rwa_monitor.live.recording import RECORDING_SUFFIX, PassingRecording, RecordedMessage, Recording
+from rwa_monitor.live.recording import (
+    RECORDING_SUFFIX,
+    SOME_CHECKPOINTS,
+    PassingRecording,
+    RecordedMessage,
+    Recording,
+    last_settings,
+)
 from rwa_monitor.messages import Diagnosis
 from rwa_monitor.words import counted, first_few
 
@@ -72,27 +79,64 @@ def read_past(
     past = Past()
     paths = sorted(folder.glob(f"*{RECORDING_SUFFIX}"), reverse=True)
     for place, path in enumerate(paths):
-        if past.predecessor is None:
-            past.predecessor = predecessor_of(path)
-        passing = PassingRecording(path)
-        teller = _Teller(passing, say, on_progress)
         try:
-            recorded_setup, rebuilt = rebuild.run_passing(passing, stop, teller.look)
+            files = _that_hold_all(paths[place:], say)
+            if past.predecessor is None:
+                past.predecessor = _predecessor(files)
+            ran = _run(files, stop, say, on_progress)
+            setup_then = rebuild.Setup.of(ran[-1][0])
         except InputError as error:
+            if past.predecessor is None:
+                past.predecessor = predecessor_of(path)
             say(f"{error}; going back to the recording before it")
             continue
-        recording = passing.recording
-        for problem in recording.problems:
-            say(f"{path}: {problem}")
-        past.cores = _same(rebuilt.cores, recorded_setup, setup)
-        if anew := sorted(f"{spacecraft}/{wheel}" for spacecraft, wheel in rebuilt.cores.keys() - past.cores.keys()):
+        cores, inputs = ran[-1][1].cores, sum(rebuilt.inputs for _, rebuilt in ran)
+        past.cores = _same(cores, setup_then, setup)
+        if anew := sorted(f"{spacecraft}/{wheel}" for spacecraft, wheel in cores.keys() - past.cores.keys()):
             wheels = first_few(anew, MAX_LISTED)
             say(f"{path} was made with another wheel file, model or method of {wheels}: begun anew")
-        past.unrecorded = _unrecorded(recording, rebuilt.outputs)
-        past.diagnoses = [*_earlier_diagnoses(paths[place + 1 :]), *_diagnoses(recording)]
-        say(f"going on from {path}: {counted(len(past.cores), 'wheel')}, {counted(rebuilt.inputs, 'message')}")
+        past.diagnoses = _earlier_diagnoses(paths[place + len(files) :])
+        for recording, rebuilt in ran:
+            for problem in recording.problems:
+                say(f"{recording.path}: {problem}")
+            past.unrecorded += _unrecorded(recording, rebuilt.outputs)
+            past.diagnoses += _diagnoses(recording)
+        say(f"going on from {path}: {counted(len(past.cores), 'wheel')}, {counted(inputs, 'message')}")
         return past
     return past
+
+
+def _that_hold_all(paths: Sequence[Path], say: Callable[[str], None]) -> list[Path]:
+    """Return the recordings, in order, that hold the state of all wheels: the first of `paths`, and often it alone.
+
+    A monitor that ended while it brought the wheels from one recording over into the next left two.
+    """
+    last = paths[0]
+    settings = last_settings(last)
+    if settings.get("checkpoints") != SOME_CHECKPOINTS:
+        return [last]
+    before = (settings.get("predecessor") or {}).get("name")
+    if len(paths) > 1 and paths[1].name == before:
+        return [paths[1], last]
+    say(f"{last}: holds some wheels only, and {before}, which holds the others, is not there")
+    return [last]
+
+
+def _predecessor(files: Sequence[Path]) -> Predecessor:
+    rest = predecessor_of(files[0]) if len(files) > 1 else None
+    return predecessor_of(files[-1], rest)
+
+
+def _run(
+    files: Sequence[Path], stop: Event, say: Callable[[str], None], on_progress: Callable[[], None]
+) -> list[tuple[Recording, rebuild.Rebuilt]]:
+    """Run recordings, each on the cores of the one before it."""
+    ran: list[tuple[Recording, rebuild.Rebuilt]] = []
+    for path in files:
+        passing = PassingRecording(path)
+        look = _Teller(passing, say, on_progress).look
+        ran.append((passing.recording, rebuild.run_passing(passing, stop, look, ran[-1][1] if ran else None)))
+    return ran
 
 
 class _Teller:

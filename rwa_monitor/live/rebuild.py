@@ -14,13 +14,12 @@ from rwa_monitor.errors import InputError
 from rwa_monitor.live.checkpoint import Checkpoint
 from rwa_monitor.live.core import WheelCore
 from rwa_monitor.live.outputs import CARRIED_SCHEMA, Output, outputs_of
-from rwa_monitor.live.recording import Attached, PassingRecording, RecordedMessage, Recording
+from rwa_monitor.live.recording import CHECKPOINT_PREFIX, Attached, PassingRecording, RecordedMessage, Recording
 from rwa_monitor.live.wheel_set import WheelSet, key_of_name
 from rwa_monitor.messages import Changepoints, Diagnosis, SamplesMessage, split_key
 
 # What a replay must give again; health follows from the diagnosis, status has the wall clock in it.
 COMPARED_SCHEMAS: Final = (Changepoints.schema_name(), Diagnosis.schema_name(), CARRIED_SCHEMA)
-CHECKPOINT_PREFIX: Final = "checkpoint/"
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,7 +98,12 @@ def _resume(path: Path, name: str, data: bytes, setup: Setup, rebuilt: Rebuilt) 
     )
 
 
-def run_passing(passing: PassingRecording, stop: Event, on_progress: Callable[[], None]) -> tuple[Setup, Rebuilt]:
+def run_passing(
+    passing: PassingRecording,
+    stop: Event,
+    on_progress: Callable[[], None],
+    before: Rebuilt | None = None,
+) -> Rebuilt:
     """Run a recording while it is read, so that no more of it is in memory than the cores.
 
     Parameters
@@ -111,13 +115,15 @@ def run_passing(passing: PassingRecording, stop: Event, on_progress: Callable[[]
         Ends it early when set.
     on_progress
         Called after each checkpoint and message.
+    before
+        The recording before it, run, where this one holds the state of some wheels only.
 
     Raises
     ------
     InputError
         If the recording cannot be read, or lacks what it was made with; if a checkpoint or an input is damaged.
     """
-    recording, rebuilt = passing.recording, Rebuilt()
+    recording, rebuilt = passing.recording, Rebuilt(before.cores if before else {})
     setup: Setup | None = None
     for part in passing.parts():
         if stop.is_set():
@@ -134,7 +140,7 @@ def run_passing(passing: PassingRecording, stop: Event, on_progress: Callable[[]
             if part.schema in COMPARED_SCHEMAS:
                 recording.messages.append(part)
         on_progress()
-    return setup or Setup.of(recording), rebuilt
+    return rebuilt
 
 
 def run_inputs(

@@ -9,6 +9,13 @@ sample of the message, or that of the message before where this would go back (s
 The publish time is the wall clock of the machine that records. Chunks are small, and what is in them is brought to the
 disk at least every second and at each closed window.
 
+When a recording is full the next one is begun, and the state of one wheel after the other is brought over while all go
+on: until a wheel's checkpoint stands in the new file, its messages go on into the one before. So the new file holds,
+of each wheel, a checkpoint before its first message, and is replayed by itself; only for as long as it says that it has
+the checkpoints of some wheels ("checkpoints" in settings.json), a monitor that is started needs the one before, too.
+Before a checkpoint is written, all that its state was made of is brought to the disk. When all wheels are there the
+file before is ended, and its hash is attached to the new one with the settings once more.
+
 A disk that fails degrades the recording, never the diagnosis: the error is kept for `status`, and a new file is begun
 when the disk works again. It starts with checkpoints, so what is missing between the files is known.
 """
@@ -16,34 +23,34 @@ when the disk works again. It starts with checkpoints, so what is missing betwee
 from __future__ import annotations
 
 import fcntl
-import os
 import shutil
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
-from hashlib import sha256
-from itertools import chain
 from pathlib import Path
 from types import MappingProxyType
-from typing import IO, Any, Final, Self, cast
-
-from mcap.writer import CompressionType, Writer
+from typing import Any, Final, Self
 
 from rwa_monitor.errors import InputError
 from rwa_monitor.formats.files import make_folder
-from rwa_monitor.live.recording import CHANNELS_ATTACHMENT, RECORDING_SUFFIX, file_sha256
-from rwa_monitor.messages import MAX_MESSAGE_BYTES, MESSAGES, dump_json
+from rwa_monitor.live.recording import (
+    ALL_CHECKPOINTS,
+    CHECKPOINT_PREFIX,
+    RECORDING_SUFFIX,
+    SETTINGS_ATTACHMENT,
+    SOME_CHECKPOINTS,
+    file_sha256,
+)
+from rwa_monitor.live.recording_writer import PART_SUFFIX, RecordedOutput, RecordingWriter, Sink
+from rwa_monitor.messages import MAX_MESSAGE_BYTES, dump_json
 from rwa_monitor.version import SOFTWARE
 
-PROFILE: Final = "rwa-monitor"
 RECORDING_VERSION: Final = 1
-CHUNK_BYTES: Final = 64 * 2**10
 MAX_FILE_BYTES: Final = 32 * 2**20  # then the next file is begun; rebuilding from one takes some seconds
 MAX_FILE_AGE_S: Final = 24 * 3600.0
 MIN_FREE_BYTES: Final = 64 * 2**20  # left on the disk for others
 SCHEMAS_BYTES: Final = 32 * 2**10  # in every file
-FEW_CHANNELS: Final = 64  # so many are listed whole each time that one is new
+MOVED_BYTES: Final = 2**20  # of checkpoints at a time, or one: a full window of 80,000 slots has 1.7 MB, and takes 6 ms
 FLUSH_PERIOD_S: Final = 1.0
 RETRY_PERIOD_S: Final = 1.0  # after the disk failed; twice as long after each failure that follows
 MAX_RETRY_PERIOD_S: Final = 32.0
@@ -51,185 +58,31 @@ MAX_REFUSED_TOPICS: Final = 1_000  # refused messages on more keys than that go 
 REFUSED: Final = "refused"
 REFUSED_SCHEMA: Final = "rwa.Refused"
 LOCK_NAME: Final = ".rwa-monitor.lock"
-PART_SUFFIX: Final = ".part"  # of a recording whose beginning is not on the disk yet
 
-# Of each wheel, "<spacecraft>/<wheel>" and its content. They are made one by one while they are written: those of fifty
-# wheels have 140 MB when their windows are nearly full.
-Checkpoints = Iterable[tuple[str, bytes]]
-RecordedOutput = tuple[str, str, bytes, int | None]  # topic, schema, payload and time
-
-
-class _Sink:
-    """The file under an MCAP writer: gathers what is written and passes it on in one piece when flushed.
-
-    A process that is killed then leaves whole records behind, and the hash of the file is known when it is closed.
-    """
-
-    GATHERED_BYTES: Final = 2**20
-
-    def __init__(self, path: Path) -> None:
-        self.file = path.open("xb", buffering=0)
-        self.digest = sha256()
-        self.size = 0
-        self._gathered = bytearray()
-
-    def write(self, data: bytes) -> int:
-        self._gathered += data
-        self.size += len(data)
-        if len(self._gathered) > self.GATHERED_BYTES:
-            self.flush()
-        return len(data)
-
-    def tell(self) -> int:
-        return self.size
-
-    def flush(self) -> None:
-        written = 0
-        data, self._gathered = bytes(self._gathered), bytearray()
-        while written < len(data):
-            written += self.file.write(data[written:])
-        self.digest.update(data)
-
-    def sync(self) -> None:
-        self.flush()
-        os.fdatasync(self.file.fileno())
-
-    def close(self) -> None:
-        self.file.close()
+# Of each wheel, "<spacecraft>/<wheel>" and what makes its checkpoint. They are made one by one when they are written:
+# those of fifty wheels have 85 MB when their windows are nearly full.
+Checkpoints = Mapping[str, Callable[[], bytes]]
 
 
 @dataclass(frozen=True, slots=True)
 class Predecessor:
-    """The recording before this one."""
+    """The recording before this one; `sha256` is None while that one is still being written.
 
-    name: str
-    sha256: str
-
-
-class RecordingWriter:
-    """Writes one recording.
-
-    Parameters
-    ----------
-    path
-        A new file. It has this name once what it begins with is on the disk: a recording of that name is always usable.
-    attachments
-        Names and content, written at the beginning, each before the next is asked for.
-    wall_ns
-        The wall clock [ns], for publish times.
-    inherited
-        Messages that the file begins with: topic, schema, payload and time, as for `write`.
-
-    Raises
-    ------
-    OSError
-        If the file cannot be written; so do all methods.
+    `rest` is the one before it where it holds the state of some wheels only, and that one the state of the others.
     """
 
-    def __init__(
-        self,
-        path: Path,
-        attachments: Iterable[tuple[str, bytes]],
-        wall_ns: Callable[[], int],
-        inherited: Iterable[RecordedOutput] = (),
-    ) -> None:
-        self.path = path
-        self.wall_ns = wall_ns
-        self._log_time = 0
-        self._channels: dict[str, int] = {}
-        self._described: dict[str, tuple[str, str]] = {}
-        self._described_whole = 0  # how many there were when all of them were written down last
-        self._sequence: dict[int, int] = {}
-        part = path.with_name(path.name + PART_SUFFIX)
-        self._sink = _Sink(part)
-        try:
-            self._begin(attachments)
-            for topic, schema, payload, time_ns in inherited:
-                self.write(topic, schema, payload, time_ns)
-            self.sync()
-            part.rename(path)
-        except OSError:
-            self.abandon()
-            part.unlink()
-            raise
-        self.size_at_begin = self.size
+    name: str
+    sha256: str | None
+    rest: Predecessor | None = None
 
-    def _begin(self, attachments: Iterable[tuple[str, bytes]]) -> None:
-        self._writer = Writer(cast(IO[bytes], self._sink), chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)
-        self._writer.start(profile=PROFILE, library=SOFTWARE)
-        self._schemas = {
-            message.schema_name(): self._writer.register_schema(
-                message.schema_name(), "jsonschema", dump_json(message.json_schema())
-            )
-            for message in MESSAGES
-        }
-        for name, data in attachments:
-            self._attach(name, data)
+    def names(self) -> set[str]:
+        """Return the names of all files without which the state would be lost."""
+        return {self.name} | (self.rest.names() if self.rest else set())
 
-    @property
-    def size(self) -> int:
-        """Bytes written so far."""
-        return self._sink.size
-
-    @property
-    def sha256(self) -> str:
-        """Hash of what is in the file; final once it is closed."""
-        return self._sink.digest.hexdigest()
-
-    def register(self, topics: Iterable[tuple[str, str]]) -> None:
-        """Register topics with the names of their schemas, and write the list down apart from the chunks."""
-        new = [(topic, schema) for topic, schema in topics if topic not in self._channels]
-        for topic, schema in new:
-            if schema not in self._schemas:  # of what is recorded only, without a published schema
-                self._schemas[schema] = self._writer.register_schema(schema, "", b"")
-            channel = self._writer.register_channel(topic, "json", self._schemas[schema])
-            self._channels[topic] = channel
-            self._described[str(channel)] = (topic, schema)
-        if new:
-            self._describe([str(self._channels[topic]) for topic, _ in new])
-
-    def _describe(self, new: list[str]) -> None:
-        """Write down which channel is what: all of them, so that one list that is whole tells all.
-
-        Of a fleet only what is new, but for when their number has doubled: else the lists would fill the file.
-        """
-        count = len(self._described)
-        whole = count <= FEW_CHANNELS or count >= 2 * self._described_whole
-        if whole:
-            self._described_whole = count
-        told = self._described if whole else {channel: self._described[channel] for channel in new}
-        self._attach(CHANNELS_ATTACHMENT, dump_json(told))
-
-    def write(self, topic: str, schema: str, payload: bytes, time_ns: int | None) -> None:
-        """Add a message; `time_ns` is its time on the wheel's clock, None where it has none."""
-        self.register([(topic, schema)])
-        self._log_time = max(self._log_time, time_ns or 0)
-        channel = self._channels[topic]
-        sequence = self._sequence.get(channel, 0)
-        self._sequence[channel] = (sequence + 1) % 2**32
-        self._writer.add_message(channel, self._log_time, payload, self.wall_ns(), sequence)
-
-    def sync(self) -> None:
-        """Bring everything to the disk."""
-        self._writer.flush()  # type: ignore[no-untyped-call]
-        self._sink.sync()
-
-    def close(self) -> None:
-        """Write the file's end and close it."""
-        try:
-            self._writer.finish()  # type: ignore[no-untyped-call]
-            self._sink.sync()
-        finally:
-            self._sink.close()
-
-    def abandon(self) -> None:
-        """Close the file as it is, without its end."""
-        with suppress(OSError):
-            self._sink.close()
-
-    def _attach(self, name: str, data: bytes) -> None:
-        media_type = "application/toml" if name.endswith(".toml") else "application/json"
-        self._writer.add_attachment(0, self._log_time, name, media_type, data)
+    def to_settings(self) -> dict[str, Any]:
+        """Return what a recording says of it."""
+        told: dict[str, Any] = {"name": self.name, "sha256": self.sha256}
+        return told if self.rest is None else told | {"rest": self.rest.to_settings()}
 
 
 class Recorder:
@@ -285,6 +138,9 @@ class Recorder:
         self._max_file_bytes = max_file_bytes
         self._max_total_bytes = max_total_bytes
         self._writer: RecordingWriter | None = None
+        self._ending: RecordingWriter | None = None  # the file before, for as long as wheels are left in it
+        self._left: dict[str, Callable[[], bytes]] = {}  # these wheels, and what makes their checkpoints
+        self._room = 0  # bytes for which there is room in the new file
         self._begun_s = 0.0
         self._synced_s = 0.0
         self._retry_s = float("-inf")
@@ -297,7 +153,7 @@ class Recorder:
         return None if self._writer is None else self._writer.path
 
     def begin(self, checkpoints: Checkpoints, now_s: float, inherited: Sequence[RecordedOutput] = ()) -> None:
-        """Begin a new file.
+        """Begin a new file, with the state of all wheels before anything else.
 
         Parameters
         ----------
@@ -308,30 +164,11 @@ class Recorder:
         inherited
             Outputs for inputs of its predecessor, which did not get to the disk there.
         """
-        number = 1
-        if self._predecessor is not None:
-            number = _number_of(self._predecessor.name) + 1
-        settings = {
-            **self._settings,
-            "recording_version": RECORDING_VERSION,
-            "software": SOFTWARE,
-            "predecessor": None
-            if self._predecessor is None
-            else {"name": self._predecessor.name, "sha256": self._predecessor.sha256},
-            "inherited": dict(Counter(topic for topic, _, _, _ in inherited)),
-        }
-        attachments = chain(
-            [*self._attachments.items(), ("settings.json", dump_json(settings))],
-            ((f"checkpoint/{name}.json", data) for name, data in checkpoints),
-        )
         try:
             for part in self.folder.glob(f"*{RECORDING_SUFFIX}{PART_SUFFIX}"):
                 part.unlink()  # of a run that was killed while it began a file
-            path = self.folder / f"rwa-{number:06d}{RECORDING_SUFFIX}"
-            while path.exists():
-                number += 1
-                path = self.folder / f"rwa-{number:06d}{RECORDING_SUFFIX}"
-            self._writer = RecordingWriter(path, self._with_room_for(attachments), self._wall_ns, inherited)
+            self._room = 0
+            self._writer = self._new_file(self._predecessor, ALL_CHECKPOINTS, checkpoints, inherited)
         except OSError as error:
             self._fail(error, now_s)
             return
@@ -339,6 +176,42 @@ class Recorder:
         self._retry_period_s = RETRY_PERIOD_S
         self._begun_s = self._synced_s = now_s
         self._predecessor = None
+
+    def _new_file(
+        self,
+        predecessor: Predecessor | None,
+        which: str,
+        checkpoints: Checkpoints,
+        inherited: Sequence[RecordedOutput] = (),
+    ) -> RecordingWriter:
+        number = 1 if predecessor is None else _number_of(predecessor.name) + 1
+        path = self.folder / f"rwa-{number:06d}{RECORDING_SUFFIX}"
+        while path.exists():
+            number += 1
+            path = self.folder / f"rwa-{number:06d}{RECORDING_SUFFIX}"
+
+        def attachments() -> Iterator[tuple[str, bytes]]:
+            yield from self._attachments.items()
+            yield SETTINGS_ATTACHMENT, self._settings_of(predecessor, which, inherited)
+            for name, make in checkpoints.items():
+                yield _attachment_of(name), make()
+
+        return RecordingWriter(path, self._with_room_for(attachments()), self._wall_ns, inherited)
+
+    def _settings_of(
+        self, predecessor: Predecessor | None, which: str, inherited: Sequence[RecordedOutput] = ()
+    ) -> bytes:
+        """Return what a recording says of itself."""
+        return dump_json(
+            {
+                **self._settings,
+                "recording_version": RECORDING_VERSION,
+                "software": SOFTWARE,
+                "predecessor": None if predecessor is None else predecessor.to_settings(),
+                "checkpoints": which,
+                "inherited": dict(Counter(topic for topic, _, _, _ in inherited)),
+            }
+        )
 
     def input(self, key: str, schema: str, payload: bytes, time_ns: int) -> None:
         """Record a message that is about to be processed."""
@@ -360,6 +233,8 @@ class Recorder:
         if self._writer is None:
             return
         try:
+            if self._ending is not None:
+                self._ending.sync()
             self._writer.sync()
             self._check_free(0)
             self._synced_s = now_s
@@ -377,49 +252,116 @@ class Recorder:
         full = written > max(self._max_file_bytes, 2 * begin) or now_s - self._begun_s > MAX_FILE_AGE_S
         if now_s - self._synced_s >= FLUSH_PERIOD_S:
             self.sync(now_s)
-        if full and not self.error:
-            self.close(now_s)
-            self.begin(checkpoints(), now_s)
+        if self._ending is not None:
+            self._move(now_s)
+        elif full and not self.error:
+            self._rotate(checkpoints(), now_s)
+
+    # ---- from one file to the next -------------------------------------------------------------------------------
+
+    def _rotate(self, checkpoints: Checkpoints, now_s: float) -> None:
+        """Begin the next file, into which the wheels are brought one after the other."""
+        ending = self._writer
+        assert ending is not None
+        try:
+            self._room = 0
+            self._need(ending.size_at_begin)
+            self._writer = self._new_file(Predecessor(ending.path.name, None), SOME_CHECKPOINTS, {})
+        except OSError as error:
+            self.close(now_s)  # it is whole, whatever becomes of the next one
+            self._fail(error, now_s)
+            return
+        self._ending, self._left = ending, dict(reversed(list(checkpoints.items())))
+        self._begun_s = now_s
+        self._move(now_s)
+
+    def _move(self, now_s: float) -> None:
+        """Bring some more wheels into the new file, and end the one before when none is left there."""
+        assert self._ending is not None
+        assert self._writer is not None
+        try:
+            # A state must not come to the disk before all that it was made of, nor what was said of it be lost.
+            self._ending.sync()
+            moved = 0
+            while self._left and moved < min(MOVED_BYTES, self._max_file_bytes):
+                name, make = self._left.popitem()
+                data = make()
+                moved += len(data)
+                self._need(self._writer.size + len(data), len(data), self._writer.size)
+                self._writer.attach(_attachment_of(name), data)
+            if not self._left:
+                self._writer.sync()
+                self._end(ALL_CHECKPOINTS)
+                self._writer.sync()
+                self._writer.size_at_begin = self._writer.size
+        except OSError as error:
+            self._fail(error, now_s)
+
+    def _end(self, which: str) -> Predecessor | None:
+        """Close the file before, and let the new one say what it was; return that, None where there is none."""
+        if self._ending is None or self._writer is None:
+            return None
+        self._ending.close()
+        ended = Predecessor(self._ending.path.name, self._ending.sha256)
+        self._writer.attach(SETTINGS_ATTACHMENT, self._settings_of(ended, which))
+        self._ending = None
+        return ended
 
     def close(self, now_s: float) -> None:
-        """Write the end of the file."""
+        """Write the end of the file; where wheels are left in the one before, the two go together."""
         if self._writer is None:
             return
         writer = self._writer
         try:
+            ended = self._end(SOME_CHECKPOINTS)
             writer.close()
         except OSError as error:
             self._fail(error, now_s)
             return
         self._writer = None
-        self._predecessor = Predecessor(writer.path.name, writer.sha256)
+        self._left = {}
+        self._predecessor = Predecessor(writer.path.name, writer.sha256, ended)
 
     def abandon(self) -> None:
         """Close the file as it is, without its end, as a crash would leave it."""
-        if self._writer is not None:
-            self._writer.abandon()
-            self._predecessor = predecessor_of(self._writer.path)
-            self._writer = None
-
-    def _write(self, topic: str, schema: str, payload: bytes, time_ns: int | None) -> None:
         if self._writer is None:
             return
+        rest: Predecessor | None = None
+        if self._ending is not None:
+            self._ending.abandon()
+            rest = predecessor_of(self._ending.path)
+        self._writer.abandon()
+        self._predecessor = predecessor_of(self._writer.path, rest)
+        self._writer, self._ending, self._left = None, None, {}
+
+    def _write(self, topic: str, schema: str, payload: bytes, time_ns: int | None) -> None:
+        writer = self._writer
+        if self._left and _wheel_of(topic) in self._left:
+            writer = self._ending
+        if writer is None:
+            return
         try:
-            self._writer.write(topic, schema, payload, time_ns)
+            writer.write(topic, schema, payload, time_ns)
         except OSError as error:
             self._fail(error, self._synced_s)
 
+    # ---- the disk ------------------------------------------------------------------------------------------------
+
     def _with_room_for(self, attachments: Iterable[tuple[str, bytes]]) -> Iterator[tuple[str, bytes]]:
         """Pass on what a new file begins with, and see to it that there is room for such a file."""
-        size = room = 0
+        size = 0
         for name, data in attachments:
             size += len(data)
-            needed = max(self._max_file_bytes, 2 * (size + SCHEMAS_BYTES)) + _Sink.GATHERED_BYTES
-            if needed > room:
-                self._make_room(needed)
-                room = needed
-            self._check_free(len(data))
+            self._need(size, len(data))
             yield name, data
+
+    def _need(self, begin: int, more: int = 0, written: int = 0) -> None:
+        """See to it that there is room for a file that begins with some bytes, of which some are written already."""
+        needed = max(self._max_file_bytes, 2 * (begin + SCHEMAS_BYTES)) + Sink.GATHERED_BYTES
+        if needed > self._room:
+            self._make_room(needed - written)
+            self._room = needed
+        self._check_free(more)
 
     def _check_free(self, needed: int) -> None:
         free = shutil.disk_usage(self.folder).free
@@ -432,12 +374,17 @@ class Recorder:
             return
         recordings = sorted(self.folder.glob(f"rwa-*{RECORDING_SUFFIX}"))
         sizes = [path.stat().st_size for path in recordings]
-        # The last one stays in any case: what comes goes on from it.
-        for path, size in zip(recordings[:-1], sizes[:-1], strict=True):
-            if sum(sizes) + needed <= self._max_total_bytes:
+        # The last one stays in any case, and so does what it goes on from: what comes goes on from them.
+        kept = {recordings[-1].name} if recordings else set()
+        kept |= self._predecessor.names() if self._predecessor else set()
+        kept |= {self._ending.path.name} if self._ending else set()
+        total = sum(sizes)
+        for path, size in zip(recordings, sizes, strict=True):
+            if total + needed <= self._max_total_bytes:
                 return
-            path.unlink()
-            sizes.remove(size)
+            if path.name not in kept:
+                path.unlink()
+                total -= size
 
     def _fail(self, error: OSError, now_s: float) -> None:
         self.error = f"nothing is recorded: {error.strerror or error}"
@@ -453,12 +400,21 @@ def last_recording(folder: Path) -> Path | None:
     return max((path for path in folder.iterdir() if path.suffix == RECORDING_SUFFIX), default=None)
 
 
-def predecessor_of(path: Path) -> Predecessor:
+def predecessor_of(path: Path, rest: Predecessor | None = None) -> Predecessor:
     """Return name and hash of a recording; an empty hash where it cannot be read."""
     try:
-        return Predecessor(path.name, file_sha256(path))
+        return Predecessor(path.name, file_sha256(path), rest)
     except OSError:
-        return Predecessor(path.name, "")
+        return Predecessor(path.name, "", rest)
+
+
+def _attachment_of(name: str) -> str:
+    return f"{CHECKPOINT_PREFIX}{name}.json"
+
+
+def _wheel_of(topic: str) -> str:
+    """Return the "<spacecraft>/<wheel>" of a topic."""
+    return "/".join(topic.split("/")[1:3])
 
 
 def _number_of(name: str) -> int:

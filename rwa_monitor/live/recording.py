@@ -50,12 +50,19 @@ _HEAD_BYTES: Final = 9  # opcode and length
 _FOOTER_BYTES: Final = _HEAD_BYTES + 8 + 8 + 4
 _COMPRESSION_OFFSET: Final = _HEAD_BYTES + 8 + 8 + 8 + 4  # of the compression's name in a chunk record
 _CHUNK_HEAD: Final = struct.Struct("<BQQQQI")  # opcode, length, first and last time, size and checksum when unpacked
+_ATTACHMENT_NAME: Final = 8 + 8  # where the name of an attachment begins, with its length, after two times
 _RECORD_HEAD: Final = struct.Struct("<BQ")  # opcode and length
 _MESSAGE_HEAD: Final = struct.Struct("<HIQQ")  # channel, sequence, log and publish time
 _MESSAGE_BYTES: Final = _MESSAGE_HEAD.size
 _MESSAGE: Final = int(Opcode.MESSAGE)  # comparing an enumeration costs as much as reading the record
 _ZSTD_NAME: Final = b"\x04\x00\x00\x00zstd"
 CHANNELS_ATTACHMENT: Final = "channels.json"
+SETTINGS_ATTACHMENT: Final = "settings.json"
+CHECKPOINT_PREFIX: Final = "checkpoint/"  # of the attachments' names
+# Of which wheels a recording holds the state ("checkpoints" in its settings): of some while the wheels are brought over
+# from the recording before, which holds the state of the others.
+ALL_CHECKPOINTS: Final = "all"
+SOME_CHECKPOINTS: Final = "some"
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,7 +110,7 @@ class Recording:
 
     def settings(self) -> dict[str, Any]:
         """Return the settings attached by the recorder; raises InputError where there are none."""
-        return self.json_attachment("settings.json")
+        return self.json_attachment(SETTINGS_ATTACHMENT)
 
     def json_attachment(self, name: str) -> dict[str, Any]:
         """Return a JSON attachment; raises InputError where it is missing or no JSON object."""
@@ -309,10 +316,10 @@ class _Walk:
         )
 
     def _attachment(self, content: bytes) -> bool:
-        if len(content) < 4 or zlib.crc32(content[:-4]) != int.from_bytes(content[-4:], "little"):
+        attachment = _believed_attachment(content)
+        if attachment is None:
             return False
         try:
-            attachment = Attachment.read(ReadDataStream(BytesIO(content)))
             if attachment.name == CHANNELS_ATTACHMENT:
                 if len(attachment.data) > MAX_JSON_BYTES:
                     return False
@@ -371,6 +378,17 @@ def _is_ignored(opcode: int, content: bytes) -> bool:
     return False
 
 
+def _believed_attachment(content: bytes) -> Attachment | None:
+    """Return the attachment in a record, None where it is damaged."""
+    if len(content) < 4 or zlib.crc32(content[:-4]) != int.from_bytes(content[-4:], "little"):
+        return None
+    try:
+        attachment: Attachment = Attachment.read(ReadDataStream(BytesIO(content)))
+    except Exception:  # noqa: BLE001 - the parsers raise whatever a damaged byte leads them to
+        return None
+    return attachment
+
+
 def _believable(chunk: Chunk) -> bool:
     """Tell whether a chunk has a checksum, and a size that may be unpacked."""
     if chunk.uncompressed_crc == 0 or chunk.uncompressed_size > MAX_CHUNK_BYTES:
@@ -412,6 +430,41 @@ def time_span(path: Path) -> tuple[int, int] | None:
     except OSError as error:
         raise unreadable(path, error) from error
     return None if first_ns is None else (first_ns, last_ns)
+
+
+def last_settings(path: Path) -> dict[str, Any]:
+    """Return the settings that a recording was given last, empty where it tells none; all else is passed over unread.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read.
+    """
+    recording = Recording(path)
+    named = len(SETTINGS_ATTACHMENT).to_bytes(4, "little") + SETTINGS_ATTACHMENT.encode()
+    try:
+        with path.open("rb") as file:
+            size = file.seek(0, SEEK_END)
+            position = len(MCAP0_MAGIC)
+            for _ in range(MAX_RECORDS):
+                file.seek(position)
+                head = file.read(_HEAD_BYTES)
+                if len(head) < _HEAD_BYTES:
+                    break
+                opcode, length = _RECORD_HEAD.unpack(head)
+                position += _HEAD_BYTES + length
+                if opcode == Opcode.DATA_END or position > size:
+                    break
+                if opcode != Opcode.ATTACHMENT or length > MAX_JSON_BYTES:
+                    continue
+                begin = file.read(_ATTACHMENT_NAME + len(named))
+                if begin[_ATTACHMENT_NAME:] == named:
+                    content = begin + file.read(length - len(begin))
+                    if attachment := _believed_attachment(content):
+                        recording.attachments[SETTINGS_ATTACHMENT] = attachment.data
+    except OSError as error:
+        raise unreadable(path, error) from error
+    return recording.settings() if recording.attachments else {}
 
 
 # ---- chains ----------------------------------------------------------------------------------------------------------

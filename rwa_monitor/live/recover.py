@@ -12,8 +12,8 @@ from typing import Final
 from mcap.writer import CompressionType, Writer
 
 from rwa_monitor.errors import InputError
-from rwa_monitor.live.recorder import CHUNK_BYTES, PROFILE
 from rwa_monitor.live.recording import CHANNELS_ATTACHMENT, MAX_FLEET_FILE_BYTES, Recording, read_recording
+from rwa_monitor.live.recording_writer import CHUNK_BYTES, PROFILE
 from rwa_monitor.messages import KEY_PREFIX, MESSAGES, SamplesMessage, dump_json
 from rwa_monitor.version import SOFTWARE
 from rwa_monitor.words import counted, is_or_are, time_text

@@ -180,7 +180,7 @@ REFERENCES: Final = (
 # ---- making them -----------------------------------------------------------------------------------------------------
 
 
-class _Silence:
+class Silence:
     """A bus on which nobody speaks and nobody listens."""
 
     def __init__(self) -> None:
@@ -234,7 +234,7 @@ def _run(options: RunOptions, folder: Path, messages: Messages, clock: Clock, *,
         predecessor=past.predecessor,
         wall_ns=clock.wall_ns,
     )
-    monitor = Monitor(options, _Silence(), recorder, lambda _: None, clock)
+    monitor = Monitor(options, Silence(), recorder, lambda _: None, clock)
     monitor.begin(past)
     for key, payload in messages:
         monitor.receive(key, payload)

@@ -17,7 +17,14 @@ from rwa_monitor.errors import InputError
 from rwa_monitor.live import rebuild
 from rwa_monitor.live.compare import Comparable, Comparison, compare
 from rwa_monitor.live.publisher import LINGER_S, ReliablePublisher
-from rwa_monitor.live.recording import MAX_FLEET_FILE_BYTES, Recording, file_sha256, read_recording, recordings_of
+from rwa_monitor.live.recording import (
+    MAX_FLEET_FILE_BYTES,
+    SOME_CHECKPOINTS,
+    Recording,
+    file_sha256,
+    read_recording,
+    recordings_of,
+)
 from rwa_monitor.live.searches import jobs_of, search_message
 from rwa_monitor.live.wheel_set import WheelSet
 from rwa_monitor.messages import Diagnosis, Discrepancy, SamplesMessage
@@ -148,14 +155,18 @@ class _Chain:
 
         inherited, own = _split(recording, rebuild.inherited_counts(settings))
         replayed: list[Comparable] = [(output.key, output.schema, output.payload) for output in rebuilt.outputs]
-        if self.files and inherited:
+        if settings.get("checkpoints") == SOME_CHECKPOINTS:  # it was begun while the file before was being written
+            self._note(recording, "holds the wheels that had come over from the file before it when the monitor ended")
+        elif self.files and inherited:
             self.comparison.add_all(compare(inherited, self.owed))
+            self.owed = []
         elif self.owed:
             self._note(recording, f"begins after {len(self.owed)} outputs that were lost with the file before it")
-        self.owed = []
+            self.owed = []
         if not recording.finished:
             self._note(recording, "was not closed in order")
-            replayed, self.owed = replayed[: len(own)], replayed[len(own) :]
+            replayed, lost = replayed[: len(own)], replayed[len(own) :]
+            self.owed += lost
         self.comparison.add_all(compare(own, replayed))
 
         self._search_again(recording, setup.wheels)
@@ -194,19 +205,24 @@ class _Chain:
         )
 
     def _check_link(self, recording: Recording, settings: dict[str, Any]) -> None:
-        """Check that a recording names the one before it, and that this one is as it was then."""
-        predecessor = settings.get("predecessor")
-        if not isinstance(predecessor, dict):
+        """Check that a recording names what it goes on from, and that this is as it was then."""
+        told = settings.get("predecessor")
+        if not isinstance(told, dict):
             if self.files:
                 self._note(recording, f"names no predecessor, {self.files[-1].name} comes before it")
             return
-        name = str(predecessor.get("name", ""))
-        if not self.files:
-            self._note(recording, f"goes on from {name}, which is not replayed")
-        elif self.files[-1].name != name:
-            self.broken.append(f"{recording.path}: goes on from {name}, but {self.files[-1].name} comes before it")
-        elif predecessor.get("sha256") != file_sha256(self.files[-1]):
-            self.broken.append(f"{self.files[-1]}: is not the file that {recording.path.name} goes on from")
+        before = list(self.files)
+        if not before:
+            self._note(recording, f"goes on from {told.get('name', '')}, which is not replayed")
+        while isinstance(told, dict) and before:
+            path, name = before.pop(), str(told.get("name", ""))
+            if path.name != name:
+                self.broken.append(f"{recording.path}: goes on from {name}, but {path.name} comes before it")
+            elif told.get("sha256", "") is None:
+                self._note(recording, f"was begun while {name} was written, and does not say its hash")
+            elif told.get("sha256") != file_sha256(path):
+                self.broken.append(f"{path}: is not the file that {recording.path.name} goes on from")
+            told = told.get("rest")
 
     def _note(self, recording: Recording, text: str) -> None:
         self.notes.append(f"{recording.path}: {text}")

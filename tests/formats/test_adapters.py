@@ -21,7 +21,7 @@ from rwa_monitor.formats.csv_table import write_csv
 from rwa_monitor.formats.parquet_table import write_parquet
 from rwa_monitor.formats.table import FileFormat, file_format
 from rwa_monitor.formats.telemetry import Decoding, TelemetryFile, joined, only_wheel, read_decoding
-from rwa_monitor.live.recorder import RecordingWriter
+from rwa_monitor.live.recording_writer import RecordingWriter
 from rwa_monitor.live.telemetry_files import READERS, read_telemetry
 from rwa_monitor.messages import SamplesMessage, samples_json
 from rwa_monitor.samples import Samples

@@ -35,8 +35,8 @@ from rwa_monitor.history.store import History
 from rwa_monitor.live.bus import BusOptions, session_config
 from rwa_monitor.live.core import WheelCore
 from rwa_monitor.live.outputs import outputs_of
-from rwa_monitor.live.recorder import RecordingWriter
 from rwa_monitor.live.recording import read_recording
+from rwa_monitor.live.recording_writer import RecordingWriter
 from rwa_monitor.live.recover import recover
 from rwa_monitor.live.replay import replay
 from rwa_monitor.live.telemetry_files import read_telemetry

@@ -12,7 +12,7 @@ from pathlib import Path
 from threading import Event
 
 from rwa_monitor.live.bus import BusOptions, Inbox, MonitorBus, open_session
-from rwa_monitor.live.monitor import MAX_WHEELS, Clock, Monitor
+from rwa_monitor.live.monitor import MAX_WHEELS, TICK_S, Clock, Monitor
 from rwa_monitor.live.past import Past, read_past
 from rwa_monitor.live.recorder import FLUSH_PERIOD_S, MAX_FILE_AGE_S, Recorder
 from rwa_monitor.live.recording import MAX_FLEET_FILE_BYTES, read_recording, recordings_of
@@ -81,15 +81,22 @@ def traced() -> Iterator[None]:
 
 
 def peak_of_a_new_file(folder: Path, wheels: int) -> tuple[int, int]:
-    """Return the most bytes that beginning a new recording takes while windows are open, and its size then."""
+    """Return the most bytes that a new recording takes while open windows are brought over, and its size then."""
     with driven(folder, wheel(SLOTS), max_file_bytes=2**30) as driver:
         driver.send(wheels, range(MESSAGES))
         driver.now_s += MAX_FILE_AGE_S
         with traced():
-            driver.monitor.tick()
+            bring_over(driver, wheels)
             peak = tracemalloc.get_traced_memory()[1]
         assert len(recordings_of(folder)) == 2
         return peak, recordings_of(folder)[1].stat().st_size
+
+
+def bring_over(driver: Driven, wheels: int) -> None:
+    """Let a recording that is old enough be ended, and all wheels be brought over into the next one."""
+    for _ in range(wheels + 1):
+        driver.now_s += TICK_S
+        driver.monitor.tick()
 
 
 def test_a_new_file_takes_the_memory_of_one_checkpoint_however_many_wheels_there_are(tmp_path: Path) -> None:
@@ -108,7 +115,7 @@ def passing_of_a_restart(folder: Path, wheels: int) -> int:
     with driven(folder, wheel(SLOTS), max_file_bytes=2**30) as driver:
         driver.send(wheels, range(MESSAGES))
         driver.now_s += MAX_FILE_AGE_S
-        driver.monitor.tick()
+        bring_over(driver, wheels)
         driver.send(wheels, range(MESSAGES, MESSAGES + 10))
     setup = RunOptions(wheel=wheel(SLOTS), model=model()).setup()
     with traced():

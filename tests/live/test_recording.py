@@ -17,7 +17,7 @@ from rwa_monitor.cli.main import main as program
 from rwa_monitor.errors import InputError
 from rwa_monitor.live import file_bytes
 from rwa_monitor.live import recording as recording_module
-from rwa_monitor.live.recorder import FolderLock, Predecessor, Recorder, RecordingWriter
+from rwa_monitor.live.recorder import FolderLock, Predecessor, Recorder
 from rwa_monitor.live.recording import (
     PassingRecording,
     RecordedMessage,
@@ -26,6 +26,7 @@ from rwa_monitor.live.recording import (
     read_recording,
     recordings_of,
 )
+from rwa_monitor.live.recording_writer import RecordingWriter
 from rwa_monitor.live.recover import recover
 from rwa_monitor.messages import samples_json
 from rwa_monitor.samples import IntArray, Samples
@@ -347,12 +348,12 @@ def recorder(folder: Path, predecessor: Predecessor | None = None, max_file_byte
 
 def test_a_second_is_all_that_is_not_on_the_disk(tmp_path: Path) -> None:
     writing = recorder(tmp_path)
-    writing.begin((), now_s=0.0)
+    writing.begin({}, now_s=0.0)
     for second in range(3):
         writing.input(TOPICS[0], "rwa.Samples", b"%d" % second, second)
-        writing.tend(second + 1.0, tuple)
+        writing.tend(second + 1.0, dict)
     writing.input(TOPICS[0], "rwa.Samples", b"late", 9)
-    writing.tend(3.5, tuple)
+    writing.tend(3.5, dict)
     assert writing.path is not None
     seen = [message.data for message in read_recording(writing.path).messages]
     assert seen == [b"0", b"1", b"2"]
@@ -361,11 +362,11 @@ def test_a_second_is_all_that_is_not_on_the_disk(tmp_path: Path) -> None:
 
 def test_files_follow_each_other_with_name_and_hash(tmp_path: Path) -> None:
     writing = recorder(tmp_path, max_file_bytes=20_000)
-    writing.begin([("sat/a", b'{"n":0}')], now_s=0.0)
+    writing.begin({"sat/a": lambda: b'{"n":0}'}, now_s=0.0)
     rng = np.random.default_rng(1)
     for number in range(100):
         writing.input(TOPICS[0], "rwa.Samples", rng.bytes(1_000), number)
-        writing.tend(number * 1.5, lambda: [("sat/a", b'{"n":1}')])
+        writing.tend(number * 1.5, lambda: {"sat/a": lambda: b'{"n":1}'})
     writing.close(200.0)
     files = recordings_of(tmp_path)
     assert len(files) > 3
@@ -378,10 +379,10 @@ def test_files_follow_each_other_with_name_and_hash(tmp_path: Path) -> None:
 
 def test_a_recording_ends_when_it_is_old_and_the_next_one_goes_on(tmp_path: Path) -> None:
     writing = recorder(tmp_path)
-    writing.begin((), now_s=5.0)
+    writing.begin({}, now_s=5.0)
     for hour in range(60):
         writing.input(TOPICS[0], "rwa.Samples", b"%d" % hour, hour)
-        writing.tend(5.0 + 3_600.0 * hour, tuple)
+        writing.tend(5.0 + 3_600.0 * hour, dict)
     writing.close(5.0 + 3_600.0 * 60)
     held = [[int(message.data) for message in read_recording(path).messages] for path in recordings_of(tmp_path)]
     assert held == [list(range(26)), list(range(26, 51)), list(range(51, 60))]
@@ -399,11 +400,11 @@ def test_the_oldest_files_are_deleted_to_keep_a_limit(tmp_path: Path) -> None:
         max_file_bytes=200_000,
         max_total_bytes=limit,
     )
-    writing.begin((), now_s=0.0)
+    writing.begin({}, now_s=0.0)
     rng = np.random.default_rng(1)
     for number in range(400):
         writing.input(TOPICS[0], "rwa.Samples", number.to_bytes(4, "big") + rng.bytes(20_000), number)
-        writing.tend(number * 1.5, tuple)
+        writing.tend(number * 1.5, dict)
         assert sum(path.stat().st_size for path in recordings_of(tmp_path)) <= limit
     writing.close(600.0)
     kept = [message.data for path in recordings_of(tmp_path) for message in read_recording(path).messages]
@@ -414,7 +415,7 @@ def test_the_oldest_files_are_deleted_to_keep_a_limit(tmp_path: Path) -> None:
 
 def test_checkpoints_larger_than_a_file_should_be_do_not_fill_the_disk_alone(tmp_path: Path) -> None:
     writing = recorder(tmp_path, max_file_bytes=20_000)
-    checkpoints = [("sat/a", b"0" * 100_000)]
+    checkpoints = {"sat/a": lambda: b"0" * 100_000}
     writing.begin(checkpoints, now_s=0.0)
     rng = np.random.default_rng(1)
     for number in range(400):
@@ -427,7 +428,7 @@ def test_checkpoints_larger_than_a_file_should_be_do_not_fill_the_disk_alone(tmp
 def test_a_file_that_was_being_begun_when_the_power_went_is_not_in_the_way(tmp_path: Path) -> None:
     (tmp_path / "rwa-000007.mcap.part").write_bytes(b"half a header")
     writing = recorder(tmp_path)
-    writing.begin((), now_s=0.0, inherited=[(TOPICS[0], "rwa.Diagnosis", b"owed", 3)])
+    writing.begin({}, now_s=0.0, inherited=[(TOPICS[0], "rwa.Diagnosis", b"owed", 3)])
     writing.abandon()  # as a crash right after the beginning
     (path,) = recordings_of(tmp_path)
     assert list(tmp_path.glob("*.part")) == []
@@ -438,7 +439,7 @@ def test_a_file_that_was_being_begun_when_the_power_went_is_not_in_the_way(tmp_p
 
 def test_refused_messages_on_ever_new_keys_do_not_fill_the_recording_with_topics(tmp_path: Path) -> None:
     writing = recorder(tmp_path)
-    writing.begin((), now_s=0.0)
+    writing.begin({}, now_s=0.0)
     for number in range(1_200):
         writing.refused(f"rwa/x/{number}/samples", b"?")
     writing.close(1.0)
@@ -487,23 +488,23 @@ DISK_FULL = """
     resource.setrlimit(resource.RLIMIT_FSIZE, (60_000, resource.RLIM_INFINITY))  # the system says: file too large
     folder = Path(sys.argv[1])
     recorder = Recorder(folder, wheel_toml="", model_json="", settings={}, predecessor=None, wall_ns=lambda: 1)
-    recorder.begin((), 0.0)
+    recorder.begin({}, 0.0)
     first = recorder.path
     import random
     data = random.Random(1)
     for number in range(100):
         recorder.input("rwa/a/b/samples", "rwa.Samples", data.randbytes(1_000), number)
-        recorder.tend(0.1 * number, tuple)
+        recorder.tend(0.1 * number, dict)
         if recorder.error:
             break
     assert recorder.error.startswith("nothing is recorded"), recorder.error
     assert recorder.path is None
     files = sorted(folder.iterdir())
     resource.setrlimit(resource.RLIMIT_FSIZE, (100, resource.RLIM_INFINITY))
-    recorder.tend(50.0, tuple)  # in vain, and nothing half begun is left behind
+    recorder.tend(50.0, dict)  # in vain, and nothing half begun is left behind
     assert recorder.path is None and sorted(folder.iterdir()) == files, sorted(folder.iterdir())
     resource.setrlimit(resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY, resource.RLIM_INFINITY))
-    recorder.tend(100.0, lambda: [("a/b", b"{}")])  # the disk works again
+    recorder.tend(100.0, lambda: {"a/b": lambda: b"{}"})  # the disk works again
     assert recorder.error == "", recorder.error
     assert recorder.path not in (None, first)
     recorder.input("rwa/a/b/samples", "rwa.Samples", b"again", 999)
@@ -536,7 +537,7 @@ KILLED = """
     recorder = Recorder(
         Path(sys.argv[1]), wheel_toml="", model_json="", settings={}, predecessor=None, wall_ns=time.time_ns
     )
-    recorder.begin((), time.monotonic())
+    recorder.begin({}, time.monotonic())
     for number in count():
         recorder.input("rwa/a/b/samples", "rwa.Samples", b"%d" % number, number)
         if number % 50 == 49:

@@ -13,8 +13,8 @@ from rwa_monitor.errors import InputError
 from rwa_monitor.formats.labels import read_labels
 from rwa_monitor.live.bus import BusOptions, open_session
 from rwa_monitor.live.rebuild import Setup, start
-from rwa_monitor.live.recorder import RecordingWriter
 from rwa_monitor.live.recording import Recording
+from rwa_monitor.live.recording_writer import RecordingWriter
 from rwa_monitor.live.telemetry_files import read_telemetry
 from rwa_monitor.live.wheel_set import WheelSet
 from rwa_monitor.messages import SamplesMessage, samples_json, split_key
