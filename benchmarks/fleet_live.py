@@ -3,6 +3,9 @@
 This process stands for the fleet: each wheel sends a message of eight samples once a second, over TCP on loopback. The
 monitor is pinned to one core, this process to the others. The lag of a wheel is the age of its oldest message that the
 monitor's own `status` does not count yet; 0 where it counts all.
+
+The last fleet goes on from windows that are nearly full: the recording that its monitor finds holds them. Its monitor
+ends a recording when it is a minute old, so that the next one is begun, with the state of all wheels, meanwhile.
 """
 
 from __future__ import annotations
@@ -15,22 +18,40 @@ import subprocess
 import sys
 import tempfile
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from threading import Event, Thread
+from typing import IO
 
 import numpy as np
 import psutil
 import zenoh
 
 from benchmarks.output import add_output_option, put_out
+from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.evaluation.speed.live import free_endpoint
 from rwa_monitor.live.bus import BusOptions, open_session
+from rwa_monitor.live.core import WheelCore
 from rwa_monitor.live.publisher import SamplesPublisher
+from rwa_monitor.live.recorder import Recorder
+from rwa_monitor.live.recording import last_settings, recordings_of
+from rwa_monitor.live.run_options import RunOptions
 from rwa_monitor.physics.scenario import Scenario
 from rwa_monitor.physics.telemetry import simulate
 from rwa_monitor.physics.wheel import built_in_wheel
+from rwa_monitor.samples import Samples
 
 RATE_HZ = 8
 SETTLE_S = 30.0  # for discovery of all publishers, after which lag and processor time count
+FULL_SLOTS = 76_000  # of the 80,000 of a window
+FILE_AGE_S = 60.0  # of a recording of the fleet with full windows; it is a day otherwise
+# The command, but for how old a recording may become.
+RUN = f"""
+from rwa_monitor.live import recorder
+recorder.MAX_FILE_AGE_S = {FILE_AGE_S}
+from rwa_monitor.cli.main import main
+main()
+"""
 
 
 @dataclass
@@ -53,26 +74,94 @@ class Measured:
     memory_MB: float
     sent: int
     received: int
+    file_MB: float = 0.0
+    rotation_s: float = 0.0
 
 
-def measure(wheels: int, seconds: float) -> Measured:
-    """Serve wheels for some seconds after settling."""
+class Rotation:
+    """Looks how long two recordings are written side by side, and how large the new one is then."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.took_s = self.file_MB = 0.0
+        self._ended = Event()
+        self._thread = Thread(target=self._look, daemon=True)
+        self._thread.start()
+
+    def _look(self) -> None:
+        began_s: float | None = None
+        while not self._ended.wait(0.25):
+            last = recordings_of(self.folder)[-1]
+            if last_settings(last)["checkpoints"] == "some":
+                began_s = began_s or time.monotonic()
+            elif began_s is not None and not self.took_s:
+                self.took_s, self.file_MB = time.monotonic() - began_s, last.stat().st_size / 1e6
+
+    def end(self) -> None:
+        """Look no more."""
+        self._ended.set()
+        self._thread.join()
+
+
+def record_full_windows(folder: Path, samples: Samples, wheels: int) -> None:
+    """Make a recording that a monitor of nearly full windows would have left behind."""
+    core = WheelCore(built_in_wheel(), built_in_model())
+    for begin in range(0, len(samples), 256):
+        core.feed(samples[begin : begin + 256])
+    state = core.checkpoint().to_json()
+    options = RunOptions(wheel=core.wheel, model=core.model)
+    folder.mkdir()
+    recorder = Recorder(
+        folder,
+        wheel_toml=core.wheel.to_toml(),
+        model_json=built_in_model().to_json(),
+        settings=options.settings(),
+        predecessor=None,
+        wall_ns=time.time_ns,
+    )
+    recorder.begin({f"fleet/wheel_{number}": lambda: state for number in range(wheels)}, 0.0)
+    recorder.close(0.0)
+
+
+def measure(wheels: int, seconds: float, filled: int = 0) -> Measured:
+    """Serve wheels for some seconds after settling, whose windows have been filled with so many slots before."""
     cores = sorted(os.sched_getaffinity(0))
     endpoint = free_endpoint()
-    with tempfile.TemporaryDirectory() as folder, open_session(BusOptions(listen=(endpoint,))) as session:
-        command = [sys.executable, "-m", "rwa_monitor", "run", "-e", endpoint, "--record", f"{folder}/recordings"]
-        monitor = subprocess.Popen(["taskset", "-c", str(cores[0]), *command], stderr=subprocess.DEVNULL)
+    samples = simulate(Scenario(duration_s=11_000.0), built_in_wheel(), np.random.default_rng(1)).samples
+    with tempfile.TemporaryDirectory() as name, open_session(BusOptions(listen=(endpoint,))) as session:
+        folder = Path(name) / "recordings"
+        if filled:
+            record_full_windows(folder, samples[:filled], wheels)
+        program = ["-c", RUN] if filled else ["-m", "rwa_monitor"]
+        command = ["taskset", "-c", str(cores[0]), sys.executable, *program, "run", "-e", endpoint, "--record", folder]
+        monitor = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
         os.sched_setaffinity(0, cores[1:] or cores)
+        assert monitor.stderr is not None
+        monitoring = Event()
+        Thread(target=_listen, args=(monitor.stderr, monitoring), daemon=True).start()
         try:
-            return _drive(psutil.Process(monitor.pid), session, wheels, seconds)
+            monitoring.wait(300.0)
+            rotation = Rotation(folder) if filled else None
+            found = _drive(psutil.Process(monitor.pid), session, samples, filled, wheels, seconds)
+            if rotation is None:
+                return found
+            rotation.end()
+            return replace(found, rotation_s=rotation.took_s, file_MB=rotation.file_MB)
         finally:
             os.sched_setaffinity(0, cores)
             monitor.send_signal(signal.SIGTERM)
             monitor.wait(60)
 
 
-def _drive(monitor: psutil.Process, session: zenoh.Session, count: int, seconds: float) -> Measured:
-    samples = simulate(Scenario(), built_in_wheel(), np.random.default_rng(1)).samples
+def _listen(talk: IO[str], monitoring: Event) -> None:
+    for line in talk:
+        if ": monitoring " in line:
+            monitoring.set()
+
+
+def _drive(
+    monitor: psutil.Process, session: zenoh.Session, samples: Samples, filled: int, count: int, seconds: float
+) -> Measured:
     lags: list[float] = []
     counting = False
     fleet = [Wheel(SamplesPublisher(session, f"rwa/fleet/wheel_{n}/samples")) for n in range(count)]
@@ -80,7 +169,7 @@ def _drive(monitor: psutil.Process, session: zenoh.Session, count: int, seconds:
     def on_status(message: zenoh.Sample) -> None:
         number = int(str(message.key_expr).split("/")[2].removeprefix("wheel_"))
         wheel, now = fleet[number], time.monotonic()
-        wheel.received = json.loads(message.payload.to_bytes())["samples_received"]
+        wheel.received = json.loads(message.payload.to_bytes())["samples_received"] - filled
         done = wheel.received // RATE_HZ
         if counting:
             lags.append(now - wheel.put_s[done] if done < len(wheel.put_s) else 0.0)
@@ -92,7 +181,7 @@ def _drive(monitor: psutil.Process, session: zenoh.Session, count: int, seconds:
     while (elapsed := time.monotonic() - began) < SETTLE_S + seconds:
         if not counting and elapsed >= SETTLE_S:
             counting, cpu_s = True, _cpu_s(monitor)
-        part = samples[second * RATE_HZ : (second + 1) * RATE_HZ]
+        part = samples[filled + second * RATE_HZ : filled + (second + 1) * RATE_HZ]
         for number, wheel in enumerate(fleet):
             # Spread over the second, as wheels of many satellites are.
             due = began + second + number / count
@@ -116,12 +205,12 @@ def _cpu_s(process: psutil.Process) -> float:
     return float(times.user + times.system)
 
 
-def page(found: list[Measured]) -> str:
+def page(found: list[Measured], full: Measured) -> str:
     """Return what was measured as a table."""
     rows = [
-        f"| {m.wheels} | {np.median(m.lags_s):.2f} s | {np.quantile(m.lags_s, 0.99):.2f} s | {m.lags_s.max():.2f} s | "
+        f"| {name} | {np.median(m.lags_s):.2f} s | {np.quantile(m.lags_s, 0.99):.2f} s | {m.lags_s.max():.2f} s | "
         f"{100 * m.share_of_core:.0f} % | {m.memory_MB:.0f} MB | {m.sent} | {m.sent - m.received} |"
-        for m in found
+        for name, m in (*((f"{m.wheels:,}", m) for m in found), (f"{full.wheels:,}, full windows, rotation", full))
     ]
     load = ", ".join(f"{value:.1f}" for value in os.getloadavg())
     head = (
@@ -131,18 +220,27 @@ def page(found: list[Measured]) -> str:
         f"Wanted: 1,000 wheels at {RATE_HZ} Hz with a lag under a second.\n\n"
         f"A message of {RATE_HZ} samples a second from each wheel, over {found[0].seconds:.0f} s after settling."
     )
+    tail = (
+        f"In the last row all windows have {FULL_SLOTS:,} of 80,000 slots from the beginning, and the recording ends\n"
+        f"after {FILE_AGE_S:.0f} s instead of a day: within the {full.seconds:.0f} s that count, the next one was\n"
+        f"begun and the state of one wheel after the other was brought over, {full.file_MB:,.0f} MB in "
+        f"{full.rotation_s:.0f} s.\n"
+    )
     columns = "| wheels | lag, median | 99 % | largest | share of the core | memory | samples sent | lost |"
-    return "\n".join([f"{head} Load of the machine: {load}.", "", columns, "|---" * 8 + "|", *rows, ""])
+    return "\n".join([f"{head} Load of the machine: {load}.", "", columns, "|---" * 8 + "|", *rows, "", tail])
 
 
 def main() -> None:
     """Measure, and put out the page."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--wheels", type=int, nargs="+", default=[100, 1000])
+    parser.add_argument("--full-wheels", type=int, default=1000, help="of the fleet whose windows are nearly full")
     parser.add_argument("--seconds", type=float, default=60.0)
     add_output_option(parser)
     options = parser.parse_args()
-    put_out(page([measure(wheels, options.seconds) for wheels in options.wheels]), options.output)
+    # Those before last 30 s of settling and as long as told; this one until the rotation has ended in any case.
+    full = measure(options.full_wheels, max(options.seconds, 120.0), FULL_SLOTS)
+    put_out(page([measure(wheels, options.seconds) for wheels in options.wheels], full), options.output)
 
 
 if __name__ == "__main__":
