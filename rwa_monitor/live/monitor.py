@@ -31,6 +31,7 @@ from rwa_monitor.words import counted, time_text
 
 IDLE_WAIT_S: Final = 0.1  # how long to wait for a message before looking at the clock again
 TICK_S: Final = 0.05  # between two looks at what is due while messages flow
+BUSY_MESSAGES: Final = 100  # waiting: a tenth of a second's of a thousand wheels
 STATUS_RECORDED_S: Final = 10.0  # every status is published; one in this time is recorded
 MAX_WHEELS: Final = 4_096  # of one process: 2.7 MB each with windows of 80,000 slots; `--shard` divides more
 MANY_WHEELS: Final = 100  # whose state takes seconds to write
@@ -306,7 +307,7 @@ class Monitor:
 
     def _tick(self, now_s: float) -> None:
         if self.recorder is not None:
-            self.recorder.tend(now_s, self._checkpoints)
+            self.recorder.tend(now_s, self._checkpoints, busy=self.bus.waiting() > BUSY_MESSAGES)
             self._tell_recorder()
         for found in self.searches.poll():
             if self.recorder is not None:

@@ -148,7 +148,7 @@ class _Teller:
         self._on_progress = on_progress
         self._due_s = time.monotonic() + TELL_S
 
-    def look(self) -> None:
+    def look(self, _part: object) -> None:
         """Say it where it is due."""
         self._on_progress()
         if time.monotonic() >= self._due_s:

@@ -16,10 +16,12 @@ from rwa_monitor.live.core import WheelCore
 from rwa_monitor.live.outputs import CARRIED_SCHEMA, Output, outputs_of
 from rwa_monitor.live.recording import CHECKPOINT_PREFIX, Attached, PassingRecording, RecordedMessage, Recording
 from rwa_monitor.live.wheel_set import WheelSet, key_of_name
-from rwa_monitor.messages import Changepoints, Diagnosis, SamplesMessage, split_key
+from rwa_monitor.messages import Changepoints, Diagnosis, Discrepancy, SamplesMessage, split_key
 
 # What a replay must give again; health follows from the diagnosis, status has the wall clock in it.
 COMPARED_SCHEMAS: Final = (Changepoints.schema_name(), Diagnosis.schema_name(), CARRIED_SCHEMA)
+KEPT_SCHEMAS: Final = (*COMPARED_SCHEMAS, Discrepancy.schema_name())
+MAX_KEPT_BYTES: Final = 2**30  # of messages of these, of a recording
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,20 +75,14 @@ class Rebuilt:
         What the monitor says about the inputs, changepoints and diagnoses, in order.
     inputs
         Messages of samples processed.
+    spans_ns
+        First and last time of the samples on each topic [ns].
     """
 
     cores: dict[tuple[str, str], WheelCore] = field(default_factory=dict)
     outputs: list[Output] = field(default_factory=list)
     inputs: int = 0
-
-
-def start(recording: Recording, setup: Setup) -> Rebuilt:
-    """Return the cores as the recording's checkpoints hold them; raises InputError where one is damaged."""
-    rebuilt = Rebuilt()
-    for name, data in recording.attachments.items():
-        if name.startswith(CHECKPOINT_PREFIX):
-            _resume(recording.path, name, data, setup, rebuilt)
-    return rebuilt
+    spans_ns: dict[str, tuple[int, int]] = field(default_factory=dict)
 
 
 def _resume(path: Path, name: str, data: bytes, setup: Setup, rebuilt: Rebuilt) -> None:
@@ -101,7 +97,7 @@ def _resume(path: Path, name: str, data: bytes, setup: Setup, rebuilt: Rebuilt) 
 def run_passing(
     passing: PassingRecording,
     stop: Event,
-    on_progress: Callable[[], None],
+    on_progress: Callable[[Attached | RecordedMessage], None],
     before: Rebuilt | None = None,
 ) -> Rebuilt:
     """Run a recording while it is read, so that no more of it is in memory than the cores.
@@ -110,11 +106,11 @@ def run_passing(
     ----------
     passing
         What to run. Its `recording` gets what is small: all attachments but checkpoints, and the messages of
-        `COMPARED_SCHEMAS`.
+        `KEPT_SCHEMAS`.
     stop
         Ends it early when set.
     on_progress
-        Called after each checkpoint and message.
+        Called with each checkpoint and message when it is done.
     before
         The recording before it, run, where this one holds the state of some wheels only.
 
@@ -125,6 +121,7 @@ def run_passing(
     """
     recording, rebuilt = passing.recording, Rebuilt(before.cores if before else {})
     setup: Setup | None = None
+    kept_bytes = 0
     for part in passing.parts():
         if stop.is_set():
             break
@@ -137,43 +134,14 @@ def run_passing(
             _resume(recording.path, part.name, part.data, setup, rebuilt)
         else:
             _run_input(recording.path, part, setup, rebuilt)
-            if part.schema in COMPARED_SCHEMAS:
+            if part.schema in KEPT_SCHEMAS:
+                kept_bytes += len(part.data)
+                if kept_bytes > MAX_KEPT_BYTES:
+                    reason = f"holds more than {MAX_KEPT_BYTES:,} bytes of what a monitor says"
+                    raise InputError(str(recording.path), reason)
                 recording.messages.append(part)
-        on_progress()
+        on_progress(part)
     return rebuilt
-
-
-def run_inputs(
-    recording: Recording,
-    setup: Setup,
-    rebuilt: Rebuilt,
-    stop: Event | None = None,
-    on_message: Callable[[int], None] | None = None,
-) -> None:
-    """Feed a recording's inputs to the cores, in order, and collect what they say.
-
-    Parameters
-    ----------
-    recording, setup
-        What to run, and what with.
-    rebuilt
-        The cores before; gets the results.
-    stop
-        Ends it early when set.
-    on_message
-        Called with the number of messages gone through, for progress.
-
-    Raises
-    ------
-    InputError
-        If a recorded input is none.
-    """
-    for number, recorded in enumerate(recording.messages):
-        if stop is not None and stop.is_set():
-            return
-        _run_input(recording.path, recorded, setup, rebuilt)
-        if on_message is not None:
-            on_message(number + 1)
 
 
 def _run_input(path: Path, recorded: RecordedMessage, setup: Setup, rebuilt: Rebuilt) -> None:
@@ -186,6 +154,8 @@ def _run_input(path: Path, recorded: RecordedMessage, setup: Setup, rebuilt: Reb
         rebuilt.cores[spacecraft, wheel] = setup.new_core(spacecraft, wheel)
     events = rebuilt.cores[spacecraft, wheel].feed(message.samples(), message.publisher, message.batch)
     rebuilt.inputs += 1
+    first_ns, last_ns = rebuilt.spans_ns.get(recorded.topic, (message.time_ns[0], message.time_ns[0]))
+    rebuilt.spans_ns[recorded.topic] = min(first_ns, *message.time_ns), max(last_ns, *message.time_ns)
     rebuilt.outputs += [output for output in outputs_of(events, spacecraft, wheel) if output.schema in COMPARED_SCHEMAS]
 
 

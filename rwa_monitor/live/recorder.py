@@ -51,6 +51,7 @@ MAX_FILE_AGE_S: Final = 24 * 3600.0
 MIN_FREE_BYTES: Final = 64 * 2**20  # left on the disk for others
 SCHEMAS_BYTES: Final = 32 * 2**10  # in every file
 MOVED_BYTES: Final = 2**20  # of checkpoints at a time, or one: a full window of 80,000 slots has 1.7 MB, and takes 6 ms
+BUSY_MOVE_S: Final = 0.5  # between two such times while inputs wait
 FLUSH_PERIOD_S: Final = 1.0
 RETRY_PERIOD_S: Final = 1.0  # after the disk failed; twice as long after each failure that follows
 MAX_RETRY_PERIOD_S: Final = 32.0
@@ -140,6 +141,7 @@ class Recorder:
         self._writer: RecordingWriter | None = None
         self._ending: RecordingWriter | None = None  # the file before, for as long as wheels are left in it
         self._left: dict[str, Callable[[], bytes]] = {}  # these wheels, and what makes their checkpoints
+        self._moved_s = 0.0
         self._room = 0  # bytes for which there is room in the new file
         self._begun_s = 0.0
         self._synced_s = 0.0
@@ -241,8 +243,18 @@ class Recorder:
         except OSError as error:
             self._fail(error, now_s)
 
-    def tend(self, now_s: float, checkpoints: Callable[[], Checkpoints]) -> None:
-        """Do what is due: flush, rotate, try again after a failure. Call it often, between two inputs."""
+    def tend(self, now_s: float, checkpoints: Callable[[], Checkpoints], *, busy: bool = False) -> None:
+        """Do what is due: flush, rotate, try again after a failure. Call it often, between two inputs.
+
+        Parameters
+        ----------
+        now_s
+            A clock that only goes forward [s].
+        checkpoints
+            Returns what makes those of all wheels.
+        busy
+            Inputs wait: what may wait longer is done every `BUSY_MOVE_S` only.
+        """
         if self._writer is None:
             if now_s >= self._retry_s:
                 self.begin(checkpoints(), now_s)
@@ -253,7 +265,8 @@ class Recorder:
         if now_s - self._synced_s >= FLUSH_PERIOD_S:
             self.sync(now_s)
         if self._ending is not None:
-            self._move(now_s)
+            if not busy or now_s - self._moved_s >= BUSY_MOVE_S:
+                self._move(now_s)
         elif full and not self.error:
             self._rotate(checkpoints(), now_s)
 
@@ -279,6 +292,7 @@ class Recorder:
         """Bring some more wheels into the new file, and end the one before when none is left there."""
         assert self._ending is not None
         assert self._writer is not None
+        self._moved_s = now_s
         try:
             # A state must not come to the disk before all that it was made of, nor what was said of it be lost.
             self._ending.sync()

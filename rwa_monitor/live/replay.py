@@ -18,16 +18,17 @@ from rwa_monitor.live import rebuild
 from rwa_monitor.live.compare import Comparable, Comparison, compare
 from rwa_monitor.live.publisher import LINGER_S, ReliablePublisher
 from rwa_monitor.live.recording import (
-    MAX_FLEET_FILE_BYTES,
     SOME_CHECKPOINTS,
+    Attached,
+    PassingRecording,
+    RecordedMessage,
     Recording,
     file_sha256,
-    read_recording,
     recordings_of,
 )
 from rwa_monitor.live.searches import jobs_of, search_message
 from rwa_monitor.live.wheel_set import WheelSet
-from rwa_monitor.messages import Diagnosis, Discrepancy, SamplesMessage
+from rwa_monitor.messages import Diagnosis, Discrepancy, SamplesMessage, key_of
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND
 from rwa_monitor.words import counted, time_text
 
@@ -121,7 +122,7 @@ def replay(
     """
     chain = _Chain(from_ns)
     for path in recordings_of(recordings):
-        chain.add(read_recording(path, MAX_FLEET_FILE_BYTES), on_message)
+        chain.add(PassingRecording(path), on_message)
     return chain.report()
 
 
@@ -136,17 +137,24 @@ class _Chain:
     notes: list[str] = field(default_factory=list)
     broken: list[str] = field(default_factory=list)
     messages: list[tuple[str, bytes]] = field(default_factory=list)
-    inputs: list[tuple[str, bytes]] = field(default_factory=list)  # topic and payload of all samples so far
+    spans_ns: list[dict[str, tuple[int, int]]] = field(default_factory=list)  # of the samples in each file, by topic
     owed: list[Comparable] = field(default_factory=list)  # outputs that the file before was cut too early to hold
 
-    def add(self, recording: Recording, on_message: Callable[[int], None] | None) -> None:
+    def add(self, passing: PassingRecording, on_message: Callable[[int], None] | None) -> None:
         """Run one recording and compare."""
-        settings = recording.settings()
-        setup = rebuild.Setup.of(recording)
+        gone_through = 0
+
+        def count(part: Attached | RecordedMessage) -> None:
+            nonlocal gone_through
+            gone_through += isinstance(part, RecordedMessage)
+            if on_message is not None:
+                on_message(gone_through)
+
+        rebuilt = rebuild.run_passing(passing, Event(), count)
+        recording = passing.recording
+        settings, setup = recording.settings(), rebuild.Setup.of(recording)
         self._check_link(recording, settings)
         self.unreadable += [f"{recording.path}: {problem}" for problem in recording.problems]
-        rebuilt = rebuild.start(recording, setup)
-        rebuild.run_inputs(recording, setup, rebuilt, on_message=on_message)
         self.messages += [
             (output.key, output.payload)
             for output in rebuilt.outputs
@@ -169,6 +177,7 @@ class _Chain:
             self.owed += lost
         self.comparison.add_all(compare(own, replayed))
 
+        self.spans_ns.append(rebuilt.spans_ns)
         self._search_again(recording, setup.wheels)
         if not any(schema == Diagnosis.schema_name() for _, schema, _ in (*own, *inherited)):
             self._note(recording, f"holds no closed window ({counted(rebuilt.inputs, 'message')} of samples)")
@@ -176,16 +185,22 @@ class _Chain:
 
     def _search_again(self, recording: Recording, wheels: WheelSet) -> None:
         """Repeat the discrepancy searches whose reports are recorded, and compare by content."""
-        for message in recording.messages:
-            if message.schema == SamplesMessage.schema_name():
-                self.inputs.append((message.topic, message.data))
         reports = [m for m in recording.messages if m.schema == Discrepancy.schema_name()]
         parsed = [Discrepancy.parse(message.data, message.topic) for message in reports]
-        jobs = jobs_of(parsed, self.inputs, wheels)
+        jobs = jobs_of(parsed, self._inputs_of(parsed, recording.path), wheels)
         for message, job in zip(reports, jobs, strict=True):
             again = search_message(job)
             entry = (message.topic, message.schema)
             self.comparison.add_all(compare([(*entry, message.data)], [(*entry, again.to_json())]))
+
+    def _inputs_of(self, reports: Sequence[Discrepancy], path: Path) -> Iterator[tuple[str, bytes]]:
+        """Return topic and payload of samples from the files so far that hold some of what reports are about."""
+        for file, spans_ns in zip((*self.files, path), self.spans_ns, strict=True):
+            for report in reports:
+                span = spans_ns.get(key_of(SamplesMessage, report.spacecraft, report.wheel))
+                if span is not None and span[0] <= report.end_ns and span[1] >= report.start_ns:
+                    yield from ((topic, payload) for _, topic, payload in _inputs(file, None))
+                    break
 
     def report(self) -> Report:
         """Return what was found."""
@@ -307,11 +322,11 @@ def _inputs(recordings: Path | Sequence[Path], from_ns: int | None) -> Iterator[
     last_ns: int | None = None
     found = False
     for path in recordings_of(recordings):
-        for message in read_recording(path, MAX_FLEET_FILE_BYTES).messages:
-            if message.schema == SamplesMessage.schema_name():
-                last_ns = message.log_time if last_ns is None else max(last_ns, message.log_time)
-                if from_ns is None or message.log_time >= from_ns:
+        for part in PassingRecording(path).parts():
+            if isinstance(part, RecordedMessage) and part.schema == SamplesMessage.schema_name():
+                last_ns = part.log_time if last_ns is None else max(last_ns, part.log_time)
+                if from_ns is None or part.log_time >= from_ns:
                     found = True
-                    yield message.log_time, message.topic, message.data
+                    yield part.log_time, part.topic, part.data
     if from_ns is not None and last_ns is not None and not found:
         raise InputError(time_text(from_ns), f"the recordings hold nothing so late: they end at {time_text(last_ns)}")

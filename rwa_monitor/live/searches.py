@@ -10,7 +10,7 @@ from __future__ import annotations
 import multiprocessing
 import os
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from multiprocessing.connection import Connection
 from multiprocessing.context import SpawnProcess
@@ -240,7 +240,7 @@ class Searches:
         watched.payloads, watched.size = [], 0
 
 
-def jobs_of(messages: Sequence[Discrepancy], inputs: Sequence[tuple[str, bytes]], wheels: WheelSet) -> list[SearchJob]:
+def jobs_of(messages: Sequence[Discrepancy], inputs: Iterable[tuple[str, bytes]], wheels: WheelSet) -> list[SearchJob]:
     """Return the searches that recorded reports came from, for a replay.
 
     Parameters
@@ -248,19 +248,26 @@ def jobs_of(messages: Sequence[Discrepancy], inputs: Sequence[tuple[str, bytes]]
     messages
         The recorded reports.
     inputs
-        Topic and payload of all samples recorded, in order.
+        Topic and payload of samples recorded, in order; gone through once.
     wheels
         The recording's constants.
     """
-    jobs = []
+    of_topic: dict[str, list[tuple[Discrepancy, list[bytes]]]] = {}
+    found: list[list[bytes]] = []
     for message in messages:
+        found.append([])
         topic = key_of(SamplesMessage, message.spacecraft, message.wheel)
-        payloads = []
-        for key, payload in inputs:
-            if key == topic:
-                time_ns = SamplesMessage.parse(payload, key).time_ns
-                if time_ns and min(time_ns) >= message.start_ns and max(time_ns) <= message.end_ns:
-                    payloads.append(payload)
-        constants = wheels.of(message.spacecraft, message.wheel).to_toml()
-        jobs.append(SearchJob(message.spacecraft, message.wheel, constants, tuple(payloads)))
-    return jobs
+        of_topic.setdefault(topic, []).append((message, found[-1]))
+    for topic, payload in inputs:
+        if topic not in of_topic:
+            continue
+        time_ns = SamplesMessage.parse(payload, topic).time_ns
+        for message, payloads in of_topic[topic]:
+            if time_ns and min(time_ns) >= message.start_ns and max(time_ns) <= message.end_ns:
+                payloads.append(payload)
+    return [
+        SearchJob(
+            message.spacecraft, message.wheel, wheels.of(message.spacecraft, message.wheel).to_toml(), tuple(payloads)
+        )
+        for message, payloads in zip(messages, found, strict=True)
+    ]

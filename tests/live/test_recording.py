@@ -5,6 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 import textwrap
+import tracemalloc
 import zlib
 from itertools import count, pairwise
 from pathlib import Path
@@ -16,18 +17,21 @@ from mcap.reader import make_reader
 from rwa_monitor.cli.main import main as program
 from rwa_monitor.errors import InputError
 from rwa_monitor.live import file_bytes
+from rwa_monitor.live import recorder as recorder_module
 from rwa_monitor.live import recording as recording_module
-from rwa_monitor.live.recorder import FolderLock, Predecessor, Recorder
+from rwa_monitor.live.recorder import MAX_FILE_AGE_S, FolderLock, Predecessor, Recorder
 from rwa_monitor.live.recording import (
     PassingRecording,
     RecordedMessage,
     Recording,
     file_sha256,
+    last_settings,
     read_recording,
     recordings_of,
 )
 from rwa_monitor.live.recording_writer import RecordingWriter
 from rwa_monitor.live.recover import recover
+from rwa_monitor.live.replay import replay
 from rwa_monitor.messages import samples_json
 from rwa_monitor.samples import IntArray, Samples
 
@@ -292,6 +296,48 @@ def test_recover_says_nothing_is_lost_when_nothing_is(whole: tuple[Path, list[by
     assert (recovery.messages, recovery.lost) == (len(payloads), ())
 
 
+def test_recover_takes_the_memory_of_a_piece_however_large_a_file_is(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(file_bytes, "PIECE_BYTES", 2**16)
+
+    def peak(messages: int) -> int:
+        path = tmp_path / f"{messages}.mcap"
+        payloads = write_file(path, messages, flush_every=50)
+        tracemalloc.start()
+        assert recover(path, path.with_suffix(".saved")).messages == len(payloads)
+        found = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        return found
+
+    peak(10)  # what is made once
+    assert peak(4_000) < 1.5 * peak(1_000)
+
+
+def test_a_recording_too_large_to_be_read_whole_is_replayed_and_recovered(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = Path("replay") / "nominal" / "rwa-000001.mcap"
+    expected = replay(path)
+    monkeypatch.setattr(recording_module, "MAX_WORK_BYTES", 0)
+    monkeypatch.setattr(recording_module, "MAX_WORK_SHARE", 1)
+    with pytest.raises(InputError, match="copied and unpacked"):
+        read_recording(path)
+    assert replay(path) == expected
+    assert expected.equal
+    recovery = recover(path, tmp_path / "saved.mcap")
+    assert not recovery.lost
+    assert replay(tmp_path / "saved.mcap").messages == expected.messages
+
+
+def test_recover_leaves_nothing_behind_of_what_is_no_recording(tmp_path: Path) -> None:
+    source, target = tmp_path / "table.csv", tmp_path / "saved.mcap"
+    source.write_text("time_s,speed_rad_s\n")
+    with pytest.raises(InputError, match="no MCAP"):
+        recover(source, target)
+    assert not target.exists()
+
+
 def test_recover_tells_the_time_that_is_saved_and_lost(tmp_path: Path) -> None:
     path, saved, again = tmp_path / "holes.mcap", tmp_path / "saved.mcap", tmp_path / "again.mcap"
     wheels = ("rwa/sat/wheel_1/samples", "rwa/sat/wheel_2/samples")
@@ -375,6 +421,20 @@ def test_files_follow_each_other_with_name_and_hash(tmp_path: Path) -> None:
         assert recording.settings()["predecessor"] == {"name": before.name, "sha256": file_sha256(before)}
         assert recording.attachments["checkpoint/sat/a.json"] == b'{"n":1}'
     assert sum(len(read_recording(path).messages) for path in files) == 100
+
+
+def test_while_inputs_wait_the_wheels_come_over_more_slowly(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(recorder_module, "MOVED_BYTES", 1)
+    writing = recorder(tmp_path)
+    wheels = {f"sat/{number}": lambda: b"{}" for number in range(8)}
+    writing.begin(wheels, now_s=0.0)
+    turns = []
+    for number in range(60):
+        writing.tend(MAX_FILE_AGE_S + 1.0 + 0.1 * number, lambda: wheels, busy=number < 20)
+        turns.append(last_settings(recordings_of(tmp_path)[-1])["checkpoints"])
+    # The first at once, then one in five turns; from the twentieth turn on one in each.
+    assert turns == ["some"] * (20 + 3) + ["all"] * (60 - 23)
+    writing.close(MAX_FILE_AGE_S + 10.0)
 
 
 def test_a_recording_ends_when_it_is_old_and_the_next_one_goes_on(tmp_path: Path) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from contextlib import closing
 from http.client import HTTPConnection
 from pathlib import Path
+from threading import Event
 
 import pytest
 
@@ -12,11 +13,11 @@ from rwa_monitor.dashboard.server import DashboardOptions, serve
 from rwa_monitor.errors import InputError
 from rwa_monitor.formats.labels import read_labels
 from rwa_monitor.live.bus import BusOptions, open_session
-from rwa_monitor.live.rebuild import Setup, start
-from rwa_monitor.live.recording import Recording
+from rwa_monitor.live.core import WheelCore
+from rwa_monitor.live.rebuild import run_passing
+from rwa_monitor.live.recording import PassingRecording
 from rwa_monitor.live.recording_writer import RecordingWriter
 from rwa_monitor.live.telemetry_files import read_telemetry
-from rwa_monitor.live.wheel_set import WheelSet
 from rwa_monitor.messages import SamplesMessage, samples_json, split_key
 from tests.live.support import model, telemetry, wheel
 
@@ -39,9 +40,16 @@ def test_a_key_names_nothing_that_is_no_plain_name(name: str) -> None:
 
 @pytest.mark.parametrize("name", LEADING_OUT)
 def test_a_recording_names_no_wheel_that_leads_out(name: str, tmp_path: Path) -> None:
-    recording = Recording(tmp_path / "x.mcap", attachments={f"checkpoint/{name}.json": b"{}"})
-    with pytest.raises(InputError):
-        start(recording, Setup(WheelSet(wheel()), model(), "joint"))
+    made_with = {
+        "wheel.toml": wheel().to_toml(),
+        "model.json": model().to_json(),
+        "settings.json": '{"method": "joint"}',
+        f"checkpoint/sat/{name}.json": WheelCore(wheel(), model()).checkpoint().to_json().decode(),
+    }
+    attachments = [(attached, text.encode()) for attached, text in made_with.items()]
+    RecordingWriter(tmp_path / "x.mcap", attachments, lambda: 0).close()
+    with pytest.raises(InputError, match=r"wheel|name"):
+        run_passing(PassingRecording(tmp_path / "x.mcap"), Event(), lambda _: None)
 
 
 def test_a_recorded_topic_names_no_wheel_that_leads_out(tmp_path: Path) -> None:
