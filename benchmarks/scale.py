@@ -122,9 +122,9 @@ anyway.
 **A thousand: memory, and the time to catch up.** The processor is idle; after an outage of a day one core takes
 {catch_up_h:.1f} h for what has gathered. A monitor for each quarter of the fleet (`run --shard 1/4` … `4/4`) makes it a
 quarter. Publishers must keep the outage in their history.
-Each recording begins with a checkpoint of all wheels, 2.8 MB where a window of 80,000 slots is nearly full, so that a
-restart needs no other file: of a thousand wheels 2.8 GB, for which the monitor stands still some 15 s while messages
-wait, and which a restart reads and writes once more ([restart](restart.md)). Shards make that shorter, too.
+Each recording holds a checkpoint of each wheel, 1.7 MB where a window of 80,000 slots is nearly full, so that a
+restart needs no other file: of a thousand wheels 1.7 GB. They are written while messages go on ([a fleet
+live](fleet_live.md)); a restart reads and writes them once more ([restart](restart.md)). Shards make that shorter, too.
 
 **A hundred thousand: the disk, then memory, then the router.** {rows[-1][4]} of recordings a month cost more than
 the cores. Delta coding of the arrays, or binary messages instead of JSON, would cut them by about three, and the

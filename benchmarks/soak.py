@@ -43,6 +43,7 @@ SHORT_WHEELS = 20
 SHORT_SHARE = 0.3  # of the rate: as much diagnosis as one core can do
 SHORT_TIME = 0.4  # of the time
 READING_S = 5.0
+LEAST_S = 60.0  # the shorter run has four readings then: two to settle, and two for a slope
 GIVE_UP_S = 60.0
 
 
@@ -139,6 +140,8 @@ def main() -> int:
     parser.add_argument("--beside", default="nothing else", help="what else ran on the machine, for the report")
     add_output_option(parser)
     arguments = parser.parse_args()
+    if arguments.seconds < LEAST_S:
+        parser.error(f"--seconds {arguments.seconds:g}: the slope of memory needs {LEAST_S:.0f} seconds at least")
     cases = [
         Case(arguments.wheels, arguments.rate, arguments.seconds, SLOTS),
         Case(SHORT_WHEELS, SHORT_SHARE * arguments.rate, SHORT_TIME * arguments.seconds, SHORT_SLOTS),
@@ -222,7 +225,7 @@ def _slope(readings: list[Reading]) -> float:
 def _figures(case: Case, readings: list[Reading], status: int) -> dict[str, str]:
     """Return the figures of one monitor, by what they are called."""
     flowing = [reading for reading in readings if 0.0 < reading.at_s < case.seconds]
-    quarter = len(flowing) // 4
+    quarter = max(2, len(flowing) // 4)
     settled, latest = flowing[quarter:], flowing[-quarter:]
     first, last = settled[0], readings[-1]
     rate = (settled[-1].received - first.received) / (settled[-1].at_s - first.at_s)
@@ -278,9 +281,9 @@ second of it is the age of the status. On {os.cpu_count()} processors, beside it
   eleven days at 8 Hz, and more than these minutes here. In the second column the place is full after half of the time.
 - **Messages that wait** while the monitor has no time: at most {INBOX_BYTES / 1e6:.0f} MB in the inbox, and as many
   behind a gap that is asked for. Then publishers are slowed down.
-- **A new recording** begins with a checkpoint of each wheel, of 2.8 MB where its window is nearly full. They are made
-  and written one by one. When all were made first, that was 140 MB, and took up to ten seconds in which 40 MB of
-  messages waited: from one highest peak to the next, memory rose by 8.6 MB a minute.
+- **A new recording** begins with a checkpoint of each wheel, of 1.7 MB where its window is nearly full. They are made
+  and written one by one, while messages go on. When all were made first, that was 140 MB, and took up to ten seconds in
+  which 40 MB of messages waited: from one highest peak to the next, memory rose by 8.6 MB a minute.
 - **The index of the recording** that is being written, some 5 MB, until the next file.
 - **The compiler**: nothing. At the first start on a machine it takes some 500 MB, in a process of its own that ends.
   Only where that process cannot be run do they stay in the monitor until the next start.

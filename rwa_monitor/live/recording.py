@@ -37,7 +37,7 @@ from rwa_monitor.words import counted
 MAX_CHUNK_BYTES: Final = 64 * 2**20  # uncompressed; ours have some 64 kB, or one message of at most 8 MB
 MAX_RECORD_BYTES: Final = 256 * 2**20  # an attached checkpoint of 8 open windows of 80,000 slots is some 30 MB
 MAX_FILE_BYTES: Final = 2**30  # ours are rotated at 32 MiB, or at twice what they begin with
-# Of a monitor's own: they begin with a checkpoint of each wheel, 2.8 MB where a window of 80,000 slots is nearly full,
+# Of a monitor's own: they hold a checkpoint of each wheel, 1.7 MB where a window of 80,000 slots is nearly full,
 # and 4,096 wheels are the most.
 MAX_FLEET_FILE_BYTES: Final = 24 * 2**30
 MAX_WORK_BYTES: Final = 3 * 2**30  # to be copied and unpacked, of all records of a file and of what only looks like one
