@@ -107,5 +107,5 @@ class MonitorWatch:
             since = f"this dashboard was started, at {time_text(self._start_wall_ns)}"
         else:
             since = time_text(one.heard_wall_ns)
-        said = f"No monitor of it has been heard since {since}: {now_s - one.heard_s:.0f} s and longer."
+        said = f"No monitor has been heard since {since}: {now_s - one.heard_s:.0f} s and longer."
         return f"{said} {trouble}" if trouble else said

@@ -57,9 +57,9 @@ ADVICE_MODEL: Final = (
     " While friction grows, do not extend the wheel file: a drift can be the fault itself."
 )
 ADVICE_MONITOR: Final = (
-    "Nothing of this wheel is diagnosed until its monitor is back: look whether rwa-monitor run still runs there, what"
-    " it said last, and whether it reaches the bus (rwa-monitor doctor -e …). Started again with the same --record it"
-    " goes on where it was, with all that publishers still hold; after that samples are lost."
+    "Nothing is diagnosed until the monitor is back: look whether rwa-monitor run still runs there, what it said last,"
+    " and whether it reaches the bus (rwa-monitor doctor -e …). Started again with the same --record it goes on where"
+    " it was, with all that publishers still hold; after that samples are lost."
 )
 
 

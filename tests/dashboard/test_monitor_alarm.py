@@ -50,7 +50,7 @@ def test_silence_is_news_once_and_so_is_a_word() -> None:
     clock.s += 0.5
     (silent,) = monitors.news((), "The bus is gone.")
     assert silent.silent
-    assert "No monitor of it has been heard since 2026-11-18T" in silent.reason
+    assert "No monitor has been heard since 2026-11-18T" in silent.reason
     assert silent.reason.endswith(": 30 s and longer. The bus is gone.")
     monitors.written([silent])
     assert monitors.news((), "") == []

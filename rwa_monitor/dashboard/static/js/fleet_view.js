@@ -89,11 +89,11 @@ export function fleetView(store, base) {
     const shown = diagnosis ? colour(diagnosis) : verdict;
     element.className = `wheel is-${shown}${stale ? " is-stale" : ""}`;
     parts.verdict.className = `verdict ${stale ? "silent" : shown}`;
-    parts.verdict.textContent = `${SIGN[verdict] ?? "…"} ${verdict}${diagnosis && shown !== verdict ? "\n? model misfit" : ""}${stale ? "\n◌ stale" : ""}${wheel.course?.change ? `\n${ARROW[wheel.course.change]}` : ""}`;
+    parts.verdict.textContent = `${SIGN[verdict] ?? "…"} ${verdict}${diagnosis && shown !== verdict ? "\n? model misfit" : ""}${state === "unserved" ? "\n◌ not monitored" : stale ? "\n◌ stale" : ""}${wheel.course?.change ? `\n${ARROW[wheel.course.change]}` : ""}`;
     parts.reason.textContent = `${LEAD[state]}${diagnosis?.reason ?? firstWindow(wheel, state)}`;
     const alarm = store.worstAlarm(wheel.name);
     parts.alarm.replaceChildren(...(alarm ? [badge(alarm.level), " "] : []));
-    const facts = [alarm?.phase === "active" ? "not acknowledged" : "", ...(diagnosis ? [since(wheel, diagnosis), misfit(diagnosis)] : [])];
+    const facts = [alarm?.name === "monitor" ? `monitor${alarm.phase === "returned" ? " was" : ""} not heard` : "", alarm?.phase === "active" ? "not acknowledged" : "", ...(diagnosis ? [since(wheel, diagnosis), misfit(diagnosis)] : [])];
     parts.since.textContent = facts.filter(Boolean).join("; ");
     parts.age.textContent = staleness(store, wheel, state) ?? (wheel.refused ? "messages refused" : fill(wheel));
   }

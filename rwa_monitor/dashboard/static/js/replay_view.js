@@ -6,6 +6,7 @@ import { Store } from "./store.js";
 import { wheelView } from "./wheel_view.js";
 
 const FRAME_MS = 100;
+const SECOND_NS = 1e9; // in which times are written in the field
 const SPEEDS = [0.1, 1, 10, 100, 1000, 10000, 100000]; // times real time
 const UNBOUNDED = "max";
 const WORK_MS = 50; // of each frame, where it goes as fast as it can
@@ -14,7 +15,7 @@ let opened = null; // the recording that is open, kept while views change
 export function recordingsView() {
   const list = h("div", {}, h("p", { class: "empty" }, "Loading…"));
   const goTo = timeField((time) => {
-    const found = recordings.find((one) => one.first_ns !== null && one.first_ns <= time && time <= one.last_ns);
+    const found = recordings.find((one) => one.first_ns !== null && one.first_ns - SECOND_NS < time && time <= one.last_ns);
     if (found) location.hash = `#/replay/${encodeURIComponent(found.name)}/at/${time}`;
     return found ? "" : `No recording covers ${shortTime(time)}.`;
   });
@@ -32,24 +33,25 @@ export function recordingsView() {
 /** The time that a recording covers, on the wheels' clocks; "" where none is known. */
 const times = (one) => (one.first_ns === null ? "" : `${shortTime(one.first_ns)} to ${shortTime(one.last_ns)}`);
 
-/** A field for a time, in UTC where the clock tells it, else in seconds; `go` goes there and says what is wrong. */
+/** A field for a time, written as the page shows it: in UTC where the clock tells it, else in seconds. `go` goes there,
+ *  and returns what is wrong. */
 function timeField(go) {
-  const field = h("input", { required: true, "aria-label": "Go to" });
+  const field = h("input", { required: true, "aria-label": "Go to", spellcheck: "false", size: 20 });
   const unit = h("span", { class: "soft" });
   const problem = h("span", { role: "status", class: "inconclusive" });
-  let utcClock = true;
-  const element = h("form", { hidden: true, onsubmit: (event) => {
+  let utcClock = true, example = "";
+  const element = h("form", { class: "row", hidden: true, onsubmit: (event) => {
     event.preventDefault();
-    const time = utcClock ? Date.parse(`${field.value}Z`) * 1e6 : Number(field.value) * 1e9;
-    problem.textContent = Number.isFinite(time) ? go(time) : "That is no time.";
+    const written = field.value.trim().replace(/ ?(UTC|Z)$/, "");
+    const utcTime = written.length > 10 ? `${written.replace(" ", "T")}Z` : written; // of a date alone, its beginning
+    const time = utcClock ? Date.parse(utcTime) * 1e6 : Number(written) * SECOND_NS;
+    problem.textContent = Number.isFinite(time) ? go(time) : `That is no time such as ${example}.`;
   } }, h("label", {}, "Go to ", field), unit, h("button", {}, "Go"), problem);
 
   /** Take the first time there is: it tells the kind of clock, and where to begin. */
   function use(first) {
     utcClock = tellsUtc(first);
-    field.type = utcClock ? "datetime-local" : "number";
-    field.step = utcClock ? 1 : "any";
-    field.value = utcClock ? new Date(first / 1e6).toISOString().slice(0, 19) : (first / 1e9).toFixed(0);
+    field.value = example = utcClock ? utc(first).slice(0, 19) : (first / SECOND_NS).toFixed(0);
     unit.textContent = utcClock ? "UTC" : "s of the spacecraft clock";
   }
 
@@ -65,7 +67,7 @@ export function replayView(name, rest) {
   const speed = h("select", { "aria-label": "Speed" }, SPEEDS.map((times) => h("option", { value: times, selected: times === 1000 }, `${times}×`)), h("option", { value: UNBOUNDED }, "as fast as it goes"));
   const goTo = timeField((time) => {
     move(Math.min(player.end, Math.max(player.begin, time)));
-    return player.now === time ? "" : `It goes from ${shortTime(player.begin)} to ${shortTime(player.end)}.`;
+    return Math.abs(player.now - time) < SECOND_NS ? "" : `It goes from ${shortTime(player.begin)} to ${shortTime(player.end)}.`;
   });
   const clock = h("span", { class: "soft" });
   const problems = h("p", { class: "inconclusive", hidden: true });
@@ -80,9 +82,9 @@ export function replayView(name, rest) {
       if (opened?.name !== name) opened = new Player(name, await ask(`/api/recordings/${encodeURIComponent(name)}`));
       player = opened;
       for (const one of controls) one.disabled = false;
-      goTo.use(player.begin);
-      goTo.element.hidden = false;
       if (rest[0] === "at") player.moveTo(Math.min(player.end, Math.max(player.begin, Number(rest[1]))));
+      goTo.use(player.now);
+      goTo.element.hidden = false;
       if (player.problems.length) { problems.hidden = false; problems.textContent = `Not all could be read: ${player.problems.join("; ")}`; }
       show();
     } catch (error) {
