@@ -26,6 +26,7 @@ from tests.dashboard.support import COMPILE_S, ask, expect, new_page, reporting,
 from tests.dashboard.test_recordings import RECORDING
 from tests.dashboard.test_telemetry import with_friction
 from tests.history.support import diagnosis
+from tests.live.processes import Listener
 from tests.live.support import free_port
 
 pytestmark = [pytest.mark.browser, pytest.mark.processes]
@@ -102,8 +103,14 @@ def test_a_monitor_that_is_killed_leaves_stale_wheels_and_an_alarm_until_it_is_b
     with ExitStack() as stack:
         session = stack.enter_context(open_session(bus))
 
+        listener = Listener(session)
+
+        # The monitor is there some seconds after its start; who sends without a history is not heard before.
+        def speaks() -> bool:
+            session.put("rwa/sat/wheel_1/samples", batch)
+            return bool(listener.kind("status"))
+
         def send_until_heard() -> None:
-            # The monitor is there some seconds after its start; who sends without a history is not heard before.
             def heard() -> bool:
                 session.put("rwa/sat/wheel_1/samples", batch)
                 return "1 of 1 wheel reporting" in page.get_by_role("status").all_inner_texts()[-1]
@@ -114,16 +121,17 @@ def test_a_monitor_that_is_killed_leaves_stale_wheels_and_an_alarm_until_it_is_b
             found = [alarm for alarm in ask(address, "api/alarms")[1] if alarm["name"] == MONITOR_ALARM]
             return found[0] if found else None
 
+        process = stack.enter_context(monitor(port))
+        wait_until(speaks, "the monitor", COMPILE_S)  # its start may take longer than it may then be silent
         with serve(options, session) as running:
             page.goto(running.address_with_token)
-            with monitor(port) as process:
-                send_until_heard()
-                page.locator(".wheel").click()
-                expect(page.get_by_text("✓ reporting")).to_be_visible()
-                assert monitor_alarm(running.address) is None
-                process.send_signal(signal.SIGKILL)
-                expect(page.locator(".stale-note")).to_contain_text("stale: monitor heard")
-                expect(page.get_by_text("✓ reporting")).to_have_count(0)
+            send_until_heard()
+            page.locator(".wheel").click()
+            expect(page.get_by_text("✓ reporting")).to_be_visible()
+            assert monitor_alarm(running.address) is None
+            process.send_signal(signal.SIGKILL)
+            expect(page.locator(".stale-note")).to_contain_text("stale: monitor heard")
+            expect(page.get_by_text("✓ reporting")).to_have_count(0)
             page.goto(f"{running.address}#/")
             expect(page.locator(".wheel")).to_contain_text("◌ stale")
             expect(page.locator(".wheel")).to_contain_text("◐ warning")

@@ -266,6 +266,30 @@ def test_an_alarm_is_shelved_and_brought_back(chromium: Any, session: zenoh.Sess
 
 
 @pytest.mark.browser
+def test_what_is_written_and_pressed_stays_while_the_alarm_changes(
+    chromium: Any, session: zenoh.Session, tmp_path: Path
+) -> None:
+    with failing_fleet(session, tmp_path) as running:
+        page, complaints = new_page(chromium)
+        page.goto(running.address_with_token)
+        expect(page.locator("#alarm-count")).to_have_text("(1)")
+        page.keyboard.press("a")
+        page.get_by_label("Your name").fill("Ann")
+        page.get_by_role("button", name="Acknowledge").hover()
+        page.mouse.down()
+        session.put("rwa/sat/wheel_2/diagnosis", diagnosis(4, severity=1.2, wheel="wheel_2").to_json())
+        clock = page.locator("#clock")
+        for _ in range(3):  # whatever redraws the page tells the time
+            before = clock.inner_text()
+            wait_until(lambda before=before: clock.inner_text() != before, "the page to be drawn")  # type: ignore[misc]
+        page.mouse.up()
+        expect(page.get_by_text("Acknowledged by Ann")).to_be_visible()
+        expect(page.get_by_text("severity 1.2 ± 0.1.")).to_be_visible()
+        assert complaints == []
+        page.close()
+
+
+@pytest.mark.browser
 def test_a_wheel_of_which_all_messages_are_refused_says_why(
     chromium: Any, session: zenoh.Session, tmp_path: Path
 ) -> None:
