@@ -20,10 +20,11 @@ import numpy as np
 from numba import njit
 
 from rwa_monitor.discrepancy.caches import ColumnCache, JumpCache, RecentCache
+from rwa_monitor.discrepancy.derived_friction import speed_noise_taps
 from rwa_monitor.discrepancy.mapper import Mapper, in_turn
 from rwa_monitor.discrepancy.moments import Moments
 from rwa_monitor.discrepancy.noise import Noise, clip_outliers, estimate_noise
-from rwa_monitor.discrepancy.record import Record, speed_noise_taps
+from rwa_monitor.discrepancy.record import Record
 from rwa_monitor.discrepancy.segmentation import segment, segment_sums
 from rwa_monitor.errors import InputError
 from rwa_monitor.physics.wheel import Wheel

@@ -15,7 +15,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from itertools import product
 from math import erfc, exp, inf, log, pi, sqrt
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -108,23 +108,77 @@ def decode(stays: Stays, chains: Chains, beam: int) -> Path:
         Paths followed.
     """
     counts = chains.counts
-    states = np.array(list(product(*(range(count) for count in counts))), dtype=np.int64)
+    configurations = np.array(list(product(*(range(count) for count in counts))), dtype=np.int64)
     moves = np.array(
         [move for move in product((0, 1, -1), repeat=len(counts)) if np.count_nonzero(move) <= LARGEST_MOVE],
         dtype=np.int64,
     )
-    laws = (
+    laws = _Laws(
         np.array(counts, dtype=np.int64),
-        *(chains.size, chains.spread**2, chains.mu, chains.sigma),
+        chains.size,
+        chains.spread**2,
+        chains.mu,
+        chains.sigma,
         np.log(np.clip(chains.up, NEVER, 1.0)),
         np.log(np.clip(1.0 - chains.up, NEVER, 1.0)),
+        chains.base,
+        chains.base_std**2,
     )
-    known = chains.base, chains.base_std**2
-    record = stays.level, stays.std**2, stays.at
-    configurations, outlier, value = _decode(
-        record, laws, known, (states, _log_stationary(states, chains)), moves, beam
-    )
-    return Path(configurations, outlier, float(value))
+    record = _Record(stays.level, stays.std**2, stays.at)
+    states = _States(configurations, _log_stationary(configurations, chains))
+    found, outlier, value = _decode(record, laws, states, moves, beam)
+    return Path(found, outlier, float(value))
+
+
+class _Record(NamedTuple):
+    """`Stays` as compiled code takes them: level [N m], its variance [N² m²], slots; see there."""
+
+    level: FloatArray
+    variance: FloatArray
+    at: IntArray
+
+
+class _Laws(NamedTuple):
+    """`Chains` as compiled code takes them: counts (systems,), then arrays (systems, configurations); see there."""
+
+    counts: IntArray
+    size: FloatArray
+    variance: FloatArray  # of the size [N² m²]
+    mu: FloatArray
+    sigma: FloatArray
+    log_up: FloatArray
+    log_down: FloatArray
+    base: float
+    base_variance: float
+
+
+class _States(NamedTuple):
+    """All joint states: int64 (states, systems), and the log probability of each at a random moment, (states,)."""
+
+    configuration: IntArray
+    log_probability: FloatArray
+
+
+class _Tracks(NamedTuple):
+    """The paths that are followed.
+
+    Attributes
+    ----------
+    configuration, since, began
+        (paths, systems): where each system is, the slot since which, and whether that is in the record.
+    mean, covariance
+        float64 (paths, 1 + systems) and (paths, 1 + systems, 1 + systems): the Kalman state, base first, then what
+        each system adds [N m].
+    score
+        float64 (paths,), log-likelihood of what has happened.
+    """
+
+    configuration: IntArray
+    since: IntArray
+    began: BoolArray
+    mean: FloatArray
+    covariance: FloatArray
+    score: FloatArray
 
 
 def _log_stationary(states: IntArray, chains: Chains) -> FloatArray:
@@ -162,23 +216,25 @@ def _log_gauss(deviation: float, variance: float) -> float:
 
 
 @njit(cache=True, nogil=True)
-def _decode(record, laws, base, states, moves, beam):  # type: ignore[no-untyped-def]
+def _decode(
+    record: _Record, laws: _Laws, states: _States, moves: IntArray, beam: int
+) -> tuple[IntArray, BoolArray, float]:
     """Follow the paths.
 
     A path's score is the log-likelihood of what has happened; it is ranked with that of what has not happened yet, the
     survival of the sojourns under way.
     """
-    level, var, at = record
-    n, systems = level.size, laws[0].size
-    room = max(beam, 2 * states[0].shape[0])
-    doubt = log(OUTLIER_SHARE) - log(level.max() - level.min() + sqrt(base[1]) + sqrt(var.max()))
+    level, variance, at = record
+    n, systems = level.size, laws.counts.size
+    room = max(beam, 2 * states.configuration.shape[0])
+    doubt = log(OUTLIER_SHARE) - log(level.max() - level.min() + sqrt(laws.base_variance) + sqrt(variance.max()))
     tracks = _empty(room, systems)
     parents = np.zeros((n, room), np.int64)
     history = np.zeros((n, room, systems), np.int64)
     odd = np.zeros((n, room), np.bool_)
-    paths = _begin(tracks, record, laws, base, states, doubt)
+    paths = _begin(tracks, record, laws, states, doubt)
     for b in range(paths):
-        history[0, b], odd[0, b] = tracks[0][b], b % 2 == 1
+        history[0, b], odd[0, b] = tracks.configuration[b], b % 2 == 1
     options = moves.shape[0]
     for j in range(1, n):
         value, rank = _ways_on(tracks, paths, j, record, laws, moves, doubt)
@@ -191,15 +247,16 @@ def _decode(record, laws, base, states, moves, beam):  # type: ignore[no-untyped
             b, m, outlier = chosen // (2 * options), (chosen // 2) % options, chosen % 2
             _go_on(tracks, b, following, paths, moves[m], at[j], laws)
             if outlier == 0:
-                _observe(following, paths, level[j], var[j])
-            following[5][paths] = value[chosen]
-            parents[j, paths], history[j, paths], odd[j, paths] = b, following[0][paths], outlier == 1
+                _observe(following, paths, level[j], variance[j])
+            following.score[paths] = value[chosen]
+            parents[j, paths], history[j, paths], odd[j, paths] = b, following.configuration[paths], outlier == 1
             paths += 1
         tracks = following
-    conf, since, score = tracks[0], tracks[1], tracks[5]
+    score = tracks.score
     for b in range(paths):
         for i in range(systems):
-            score[b] += _log_survival(at[n] - since[b, i], laws[3][i, conf[b, i]], laws[4][i, conf[b, i]])
+            q = tracks.configuration[b, i]
+            score[b] += _log_survival(at[n] - tracks.since[b, i], laws.mu[i, q], laws.sigma[i, q])
     last = int(np.argmax(score[:paths]))
     total = score[last]
     found, outliers = np.zeros((n, systems), np.int64), np.zeros(n, np.bool_)
@@ -210,9 +267,9 @@ def _decode(record, laws, base, states, moves, beam):  # type: ignore[no-untyped
 
 
 @njit(cache=True, nogil=True)
-def _empty(room, systems):  # type: ignore[no-untyped-def]
-    """Return room for paths: configurations, begins of their sojourns, whether in the record; Kalman state; scores."""
-    return (
+def _empty(room: int, systems: int) -> _Tracks:
+    """Return room for paths."""
+    return _Tracks(
         np.zeros((room, systems), np.int64),
         np.zeros((room, systems), np.int64),
         np.zeros((room, systems), np.bool_),
@@ -223,129 +280,130 @@ def _empty(room, systems):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def _begin(tracks, record, laws, base, states, doubt):  # type: ignore[no-untyped-def]
+def _begin(tracks: _Tracks, record: _Record, laws: _Laws, states: _States, doubt: float) -> int:
     """Begin a path in each joint state, with the first stay as it is and as an outlier; return how many."""
-    conf, since, _, mean, cov, score = tracks
-    level, var, at = record
-    joint, log_state = states
+    joint = states.configuration
+    mean, covariance = tracks.mean, tracks.covariance
     for s in range(joint.shape[0]):
         for b in (2 * s, 2 * s + 1):
-            conf[b], since[b] = joint[s], at[0]
-            mean[b, 0], cov[b, 0, 0] = base
+            tracks.configuration[b], tracks.since[b] = joint[s], record.at[0]
+            mean[b, 0], covariance[b, 0, 0] = laws.base, laws.base_variance
             for i in range(joint.shape[1]):
-                mean[b, i + 1] = laws[1][i, joint[s, i]]
-                cov[b, i + 1, i + 1] = laws[2][i, joint[s, i]]
-        off = level[0] - mean[2 * s].sum()
-        score[2 * s] = log_state[s] + log(1.0 - OUTLIER_SHARE) + _log_gauss(off, cov[2 * s].sum() + var[0])
-        _observe(tracks, 2 * s, level[0], var[0])
-        score[2 * s + 1] = log_state[s] + doubt
-    return 2 * joint.shape[0]
+                mean[b, i + 1] = laws.size[i, joint[s, i]]
+                covariance[b, i + 1, i + 1] = laws.variance[i, joint[s, i]]
+        off, variance = record.level[0] - mean[2 * s].sum(), covariance[2 * s].sum() + record.variance[0]
+        plain = states.log_probability[s] + log(1.0 - OUTLIER_SHARE) + _log_gauss(off, variance)
+        tracks.score[2 * s], tracks.score[2 * s + 1] = plain, states.log_probability[s] + doubt
+        _observe(tracks, 2 * s, record.level[0], record.variance[0])
+    return int(2 * joint.shape[0])
 
 
 @njit(cache=True, nogil=True)
-def _observe(tracks, b, level, var):  # type: ignore[no-untyped-def]
+def _observe(tracks: _Tracks, b: int, level: float, level_variance: float) -> None:
     """Update a path's Kalman state by a stay's level, the sum of all its entries."""
-    mean, cov = tracks[3], tracks[4]
-    variance = cov[b].sum() + var
-    gain = cov[b].sum(axis=1) / variance
+    mean, covariance = tracks.mean, tracks.covariance
+    variance = covariance[b].sum() + level_variance
+    gain = covariance[b].sum(axis=1) / variance
     mean[b] += gain * (level - mean[b].sum())
-    cov[b] -= np.outer(gain, gain) * variance
+    covariance[b] -= np.outer(gain, gain) * variance
 
 
 @njit(cache=True, nogil=True)
-def _go_on(tracks, b, following, p, move, slot, laws):  # type: ignore[no-untyped-def]
+def _go_on(tracks: _Tracks, b: int, following: _Tracks, p: int, move: IntArray, slot: int, laws: _Laws) -> None:
     """Copy path b to place p of those that follow, with its systems moved."""
-    conf, since, began, mean, cov, _ = following
-    conf[p], since[p], began[p] = tracks[0][b], tracks[1][b], tracks[2][b]
-    mean[p], cov[p] = tracks[3][b], tracks[4][b]
+    following.configuration[p], following.since[p] = tracks.configuration[b], tracks.since[b]
+    following.began[p], following.mean[p] = tracks.began[b], tracks.mean[b]
+    following.covariance[p] = tracks.covariance[b]
     for i in range(move.size):
         if move[i] != 0:
-            q = conf[p, i] + move[i]
-            conf[p, i], since[p, i], began[p, i] = q, slot, True
-            mean[p, i + 1] = laws[1][i, q]
-            cov[p, i + 1, :] = 0.0
-            cov[p, :, i + 1] = 0.0
-            cov[p, i + 1, i + 1] = laws[2][i, q]
+            q = following.configuration[p, i] + move[i]
+            following.configuration[p, i], following.since[p, i], following.began[p, i] = q, slot, True
+            following.mean[p, i + 1] = laws.size[i, q]
+            following.covariance[p, i + 1, :] = 0.0
+            following.covariance[p, :, i + 1] = 0.0
+            following.covariance[p, i + 1, i + 1] = laws.variance[i, q]
 
 
 @njit(cache=True, nogil=True)
-def _ways_on(tracks, paths, j, record, laws, moves, doubt):  # type: ignore[no-untyped-def]
+def _ways_on(
+    tracks: _Tracks, paths: int, j: int, record: _Record, laws: _Laws, moves: IntArray, doubt: float
+) -> tuple[FloatArray, FloatArray]:
     """Return score and rank of each path with each move into stay j, as it is and as an outlier; -inf if impossible."""
-    level, var, at = record
+    level, variance, at = record
     options = moves.shape[0]
     value, rank = np.full(paths * options * 2, -inf), np.full(paths * options * 2, -inf)
     entering = _log_entering(at[j + 1] - at[j], laws)
     for b in range(paths):
         gone, staying = _log_of_sojourns(tracks, b, at[j], at[j + 1], laws)
         for m in range(options):
-            worth, ahead = _log_of_move(tracks[0][b], moves[m], gone, staying, entering, laws)
+            worth, ahead = _log_of_move(tracks.configuration[b], moves[m], gone, staying, entering, laws)
             if worth == -inf:
                 continue
-            expected, variance = _expected(tracks, b, moves[m], laws)
+            expected, spread = _expected(tracks, b, moves[m], laws)
             at_once = (b * options + m) * 2
-            plain = _log_gauss(level[j] - expected, variance + var[j]) + log(1.0 - OUTLIER_SHARE)
-            value[at_once] = tracks[5][b] + worth + plain
-            value[at_once + 1] = tracks[5][b] + worth + doubt
+            plain = _log_gauss(level[j] - expected, spread + variance[j]) + log(1.0 - OUTLIER_SHARE)
+            value[at_once] = tracks.score[b] + worth + plain
+            value[at_once + 1] = tracks.score[b] + worth + doubt
             rank[at_once] = value[at_once] + ahead
             rank[at_once + 1] = value[at_once + 1] + ahead
     return value, rank
 
 
 @njit(cache=True, nogil=True)
-def _log_entering(slots, laws):  # type: ignore[no-untyped-def]
+def _log_entering(slots: int, laws: _Laws) -> FloatArray:
     """Return the log-survival of a sojourn of so many slots in each configuration."""
-    counts, mu, sigma = laws[0], laws[3], laws[4]
-    entering = np.zeros(mu.shape)
-    for i in range(counts.size):
-        for q in range(counts[i]):
-            entering[i, q] = _log_survival(slots, mu[i, q], sigma[i, q])
+    entering = np.zeros(laws.mu.shape)
+    for i in range(laws.counts.size):
+        for q in range(laws.counts[i]):
+            entering[i, q] = _log_survival(slots, laws.mu[i, q], laws.sigma[i, q])
     return entering
 
 
 @njit(cache=True, nogil=True)
-def _log_of_sojourns(tracks, b, now, later, laws):  # type: ignore[no-untyped-def]
-    """Return, for each system of a path, the log-likelihood of leaving now, and of staying until later."""
-    conf, since, began = tracks[0], tracks[1], tracks[2]
-    mu, sigma = laws[3], laws[4]
-    gone, staying = np.zeros(conf.shape[1]), np.zeros(conf.shape[1])
-    for i in range(conf.shape[1]):
-        m, s, lasted = mu[i, conf[b, i]], sigma[i, conf[b, i]], now - since[b, i]
+def _log_of_sojourns(tracks: _Tracks, b: int, slot: int, later: int, laws: _Laws) -> tuple[FloatArray, FloatArray]:
+    """Return, for each system of a path, the log-likelihood of leaving at a slot, and of staying until a later one."""
+    systems = tracks.since.shape[1]
+    gone, staying = np.zeros(systems), np.zeros(systems)
+    for i in range(systems):
+        q, since = tracks.configuration[b, i], tracks.since[b, i]
+        m, s, lasted = laws.mu[i, q], laws.sigma[i, q], slot - since
         # What was there when the record began is seen from a random moment on: S(e)/mean.
-        gone[i] = _log_density(lasted, m, s) if began[b, i] else _log_survival(lasted, m, s) - m - 0.5 * s * s
-        staying[i] = _log_survival(later - since[b, i], m, s)
+        gone[i] = _log_density(lasted, m, s) if tracks.began[b, i] else _log_survival(lasted, m, s) - m - 0.5 * s * s
+        staying[i] = _log_survival(later - since, m, s)
     return gone, staying
 
 
 @njit(cache=True, nogil=True)
-def _log_of_move(conf, move, gone, staying, entering, laws):  # type: ignore[no-untyped-def]
+def _log_of_move(
+    configuration: IntArray, move: IntArray, gone: FloatArray, staying: FloatArray, entering: FloatArray, laws: _Laws
+) -> tuple[float, float]:
     """Return the log-likelihood of a move, and of what has not happened after it; -inf if there is no such way."""
-    counts, log_up, log_down = laws[0], laws[5], laws[6]
     worth, ahead, steps = 0.0, 0.0, 0
-    for i in range(conf.size):
-        q = conf[i] + move[i]
+    for i in range(configuration.size):
+        q = configuration[i] + move[i]
         if move[i] == 0:
             ahead += staying[i]
-        elif q < 0 or q >= counts[i]:
+        elif q < 0 or q >= laws.counts[i]:
             return -inf, 0.0
         else:
             steps += 1
-            worth += gone[i] + (log_up[i, conf[i]] if move[i] > 0 else log_down[i, conf[i]])
+            worth += gone[i] + (laws.log_up[i, configuration[i]] if move[i] > 0 else laws.log_down[i, configuration[i]])
             ahead += entering[i, q]
     return (worth if steps else log(FALSE_RATE)), ahead
 
 
 @njit(cache=True, nogil=True)
-def _expected(tracks, b, move, laws):  # type: ignore[no-untyped-def]
+def _expected(tracks: _Tracks, b: int, move: IntArray, laws: _Laws) -> tuple[float, float]:
     """Return mean and variance of the level after a move."""
-    conf, mean, cov = tracks[0], tracks[3], tracks[4]
     expected, variance = 0.0, 0.0
     for i in range(-1, move.size):
         if i >= 0 and move[i] != 0:
-            expected += laws[1][i, conf[b, i] + move[i]]
-            variance += laws[2][i, conf[b, i] + move[i]]
+            q = tracks.configuration[b, i] + move[i]
+            expected += laws.size[i, q]
+            variance += laws.variance[i, q]
             continue
-        expected += mean[b, i + 1]
+        expected += tracks.mean[b, i + 1]
         for k in range(-1, move.size):
             if k < 0 or move[k] == 0:
-                variance += cov[b, i + 1, k + 1]
+                variance += tracks.covariance[b, i + 1, k + 1]
     return expected, variance

@@ -8,7 +8,8 @@ from typing import Final
 import numpy as np
 from scipy.signal import lfilter
 
-from rwa_monitor.physics.effects.base import Channels, MeanEffect, Memory, Parameter
+from rwa_monitor.discrepancy.unnamed import UnnamedEffect
+from rwa_monitor.physics.effects.base import Channels, Memory, Parameter
 from rwa_monitor.physics.effects.resolution import duration, narrowed
 from rwa_monitor.samples import FloatArray
 
@@ -19,7 +20,7 @@ PALMGREN: Final = 2.0 / 3.0  # exponent of the speed where ball bearings churn; 
 SCALE_RAD_S: Final = 100.0  # unit of the speed, so that all strengths are torques
 
 
-class HeatOfMotion(MeanEffect):
+class HeatOfMotion(UnnamedEffect):
     """A viscous drag that falls with the heat that the motion made, after a first-order thermal lag.
 
     The power of the friction has a dry part, in proportion to |ω|, and a viscous one, to ω²; each heats. Viscosity is
@@ -27,11 +28,7 @@ class HeatOfMotion(MeanEffect):
     """
 
     name = "heat_of_the_motion"
-    title = "Heat of the motion"
-    formula = ""
-    description = "A slope that follows the low-passed power of the friction."
     signature = "a viscous drag that follows the heat of the motion"
-    source = "none"
     separate_by = "The bearing's temperature."
     parameters = (
         *(Parameter(f"thinning_{i}_Nm", "N m", -np.inf, 0.0, -1e-4, linear=True) for i in range(4)),

@@ -3,7 +3,7 @@
 The search sees every good sample, also inside the dead band (a dead band hides what lives near zero speed); only rest,
 where the sign of ω chatters, is left out as a state of its own.
 
-Trap (effects.md): raw dω/dt and current contain the very noise that is in a friction derived from them. All motion
+Raw dω/dt and current contain the very noise that is in a friction derived from them. All motion
 channels given to the effects are therefore local least-squares estimates whose taps leave out the samples that may
 enter the friction of that slot.
 """
@@ -16,16 +16,16 @@ from dataclasses import dataclass, field, replace
 from typing import Final
 
 import numpy as np
-from scipy.ndimage import binary_dilation, correlate1d, maximum_filter
+from scipy.ndimage import correlate1d
 
 from rwa_monitor.discrepancy import alignment
+from rwa_monitor.discrepancy.derived_friction import derived_friction
 from rwa_monitor.discrepancy.plausible import check_plausible
 from rwa_monitor.discrepancy.reversals import averages_over_reversals
 from rwa_monitor.discrepancy.saturation import without_end_stops
-from rwa_monitor.discrepancy.steps import RMS_OF_ROUNDING, Steps, source_of_friction, steps_of
+from rwa_monitor.discrepancy.steps import Steps, source_of_friction, steps_of
 from rwa_monitor.discrepancy.unit_check import check_inertia, shown_inertia
 from rwa_monitor.errors import InputError
-from rwa_monitor.physics import torque_balance
 from rwa_monitor.physics.effects.base import Channels
 from rwa_monitor.physics.speed import wheel_angle
 from rwa_monitor.physics.wheel import Wheel
@@ -35,19 +35,6 @@ from rwa_monitor.slots import SlotGrid
 MAX_GAP_FACTOR: Final = 4  # a record may hold at most this many slots per sample; sparser ones are wrong files
 MIN_REST_SLOTS: Final = 8  # shorter stays near zero are crossings
 REST_BAND_IN_SPEED_NOISE: Final = 5.0  # within this many standard deviations the sign of ω means nothing
-BIAS_REACH: Final = 20  # slots beyond the derivative filter that tell its bias, at 17 % of the filter's noise
-SHORT_BIAS_REACH: Final = 12  # slots, of a second opinion
-BENT: Final = 2.0  # standard deviations of the friction from which the bias must be known well
-BIAS_KNOWN_TO: Final = 0.05  # of the bias: at a corner of the speed no polynomial agrees with the next
-CORNER: Final = 10.0  # standard deviations of the friction from which a bias must be known to AGREED_TO around it
-AGREED_TO: Final = 0.02  # of the largest bias around: so well do polynomials agree on a smooth bend
-DOUBTED: Final = 4.0  # standard deviations of the friction between two opinions: one of them sees a corner
-CORNER_REACH: Final = 4  # slots on each side of such a corner
-CORNER_EDGE: Final = 2  # slots on each side of a step of torque in which its pulse may be lost in the noise
-# Half-width of a filter for dω/dt from which corners are seen whole; and what is no corner, like a ripple of the
-# torque, is too often taken for one to mask more than it, or to leave the bends around it [slots].
-WIDE_HALF: Final = 8
-CORNER_WINDOWS: Final = 3  # derivative windows in which the speed must bend as a step of torque bends it
 SMOOTHING_REACH: Final = 6  # slots beyond the hole, on each side, from which motion is estimated
 
 
@@ -154,7 +141,8 @@ def make_record(samples: Samples, wheel: Wheel, source: str, delay: alignment.De
     derived = friction is None
     bent: BoolArray | None = None
     if friction is None:
-        friction, hole, bent, corners = _derived_friction(speed, torque, wheel, source, motion.torque_step_Nm)
+        known = derived_friction(speed, torque, wheel, source, motion.torque_step_Nm)
+        friction, hole, bent, corners = known.friction_Nm, known.half_width, known.bent, known.corners
     else:
         hole, corners = min(2, count // 8), 0
 
@@ -314,88 +302,6 @@ def _from_neighbours(values: FloatArray, hole: int, reach: int, order: int) -> F
     filled = _hold(values)
     estimate = correlate1d(filled, taps.astype(np.float64), mode="nearest")
     return np.asarray(estimate, dtype=np.float64)
-
-
-def _derived_friction(
-    speed: FloatArray, torque: FloatArray | None, wheel: Wheel, source: str, torque_step: float
-) -> tuple[FloatArray, int, BoolArray, int]:
-    """Return K_T·I - J·dω/dt [N m], NaN at corners of the speed; the filter's half-width [slots]; where speed bends.
-
-    And how many slots are such corners.
-    """
-    if torque is None or wheel.inertia_kg_m2 is None:
-        raise InputError(
-            source,
-            "holds no friction_torque_Nm, and deriving it needs motor_current_A or motor_torque_Nm "
-            "with torque_constant_Nm_A and inertia_kg_m2 in the wheel file",
-        )
-    friction = torque_balance.derive_friction(speed, torque, wheel)
-    hole = torque_balance.derivative_taps(wheel.friction.derivative, wheel.sample_period_s).size // 2
-    bias = wheel.inertia_kg_m2 * _derivative_bias(speed, wheel, BIAS_REACH)
-    doubt = np.abs(bias - wheel.inertia_kg_m2 * _derivative_bias(speed, wheel, SHORT_BIAS_REACH))
-    # On a lattice most differences are nothing: no spread is less than that of the rounding.
-    sigma = max(_spread_between_neighbours(friction + bias, 2 * hole + 1), torque_step * RMS_OF_ROUNDING)
-    friction = friction + bias
-    # What a step of torque makes of it is no bend that a polynomial knows.
-    rounding = torque_balance.rounding_error(speed, torque, wheel, CORNER_WINDOWS, soft=False)
-    typical = wheel.nominal.dry_torque_Nm if wheel.nominal else float(np.nanmedian(np.abs(friction)))
-    agreed = np.abs(rounding + bias) <= max(sigma, torque_balance.LEAST_ERROR * typical)
-    stepped = (rounding != 0.0) & ~agreed
-    if hole < WIDE_HALF:
-        stepped = binary_dilation(stepped, iterations=CORNER_EDGE)
-        # Where a polynomial reaches a corner it draws a bend around it that is not there.
-        smeared = binary_dilation(stepped, iterations=hole + BIAS_REACH) & (np.abs(bias) < BENT * sigma)
-        friction[smeared] -= bias[smeared]
-    unknown = (np.abs(bias) > BENT * sigma) & (doubt > BIAS_KNOWN_TO * np.abs(bias))
-    # Opinions may agree by chance in the middle of a corner, but not all around it.
-    largest, most_doubt = (maximum_filter(np.abs(values), 2 * hole + 1) for values in (bias, doubt))
-    corner = (np.abs(bias) > CORNER * sigma) & (most_doubt > AGREED_TO * largest)
-    corner |= (doubt > DOUBTED * sigma) & (doubt > AGREED_TO * largest)
-    hidden = unknown | stepped | binary_dilation(corner, iterations=CORNER_REACH)
-    corners = int(np.count_nonzero(hidden & np.isfinite(friction)))
-    friction[hidden] = np.nan
-    return friction, hole, binary_dilation(np.abs(bias) > sigma, iterations=CORNER_REACH), corners
-
-
-def _derivative_bias(speed: FloatArray, wheel: Wheel, reach: int) -> FloatArray:
-    """Return by how much the wheel's derivative filter misses dω/dt where that bends [rad/s²].
-
-    A least-squares parabola smooths the acceleration of a fast slew: friction derived with it is off by several
-    standard deviations while the acceleration rises and falls. An odd polynomial of fifth order through `reach` slots
-    just outside the filter, which share no noise with it, says by how much; 0 where it meets a gap or an end.
-    """
-    whole = _bias_taps(wheel, reach)
-    return np.nan_to_num(correlate1d(speed, whole, mode="constant", cval=np.nan))
-
-
-def _bias_taps(wheel: Wheel, reach: int) -> FloatArray:
-    """Return the odd filter of `_derivative_bias` [1/s], centred; zero where the derivative's own filter reaches."""
-    taps = torque_balance.derivative_taps(wheel.friction.derivative, wheel.sample_period_s)
-    half = taps.size // 2
-    j = np.arange(half + 1, half + reach + 1)
-    span = float(j[-1])
-    odd = np.stack([(j / span) ** power for power in (1, 3, 5)], axis=1)
-    inner = np.arange(-half, half + 1) / span
-    missed = np.array([float(taps @ inner**power) for power in (1, 3, 5)])
-    missed[0] -= 1 / (span * wheel.sample_period_s)
-    outer = missed @ np.linalg.pinv(odd) / 2
-    return np.concatenate([-outer[::-1], np.zeros(2 * half + 1), outer])
-
-
-def speed_noise_taps(wheel: Wheel) -> FloatArray:
-    """Return the filter [1/s], centred, with which noise of the speed enters derived friction: slope and correction."""
-    taps = torque_balance.derivative_taps(wheel.friction.derivative, wheel.sample_period_s)
-    whole = -_bias_taps(wheel, BIAS_REACH)
-    beyond = (whole.size - taps.size) // 2
-    whole[beyond : whole.size - beyond] += taps
-    return whole
-
-
-def _spread_between_neighbours(values: FloatArray, lag: int) -> float:
-    """Return the noise's standard deviation, from the median difference over a lag at which it has forgotten itself."""
-    differences = values[lag:] - values[:-lag]
-    known = differences[np.isfinite(differences)]
-    return float(np.median(np.abs(known))) / 0.6745 / np.sqrt(2.0) if known.size else np.inf
 
 
 def _hold(values: FloatArray) -> FloatArray:

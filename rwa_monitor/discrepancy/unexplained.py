@@ -7,170 +7,29 @@ effect that is not needed beside the curve was a wrong name for it and is withdr
 
 from __future__ import annotations
 
-from abc import abstractmethod
-from collections.abc import Callable, Mapping
 from dataclasses import replace
-from typing import ClassVar, Final
+from typing import Final
 
 import numpy as np
 
 from rwa_monitor.discrepancy.base_fit import Problem, jump_sets, strong_jumps, strong_level
+from rwa_monitor.discrepancy.free_curves import CURVES, Periodic, PeriodicDrag, StepInSpeed
 from rwa_monitor.discrepancy.gain import holds_out, trained
 from rwa_monitor.discrepancy.result import Unexplained
 from rwa_monitor.discrepancy.search import ACCEPT_GAIN, Model, SearchResult, refit
 from rwa_monitor.discrepancy.terms import Term, make_term
 from rwa_monitor.discrepancy.thresholds import best_threshold
-from rwa_monitor.physics.effects.base import Channels, MeanEffect, Memory, Parameter
 from rwa_monitor.samples import FloatArray
 
 FEWEST_STEPS: Final = 6  # of the level: a jump or two too many is chance
 STEPS_TO_JUMPS: Final = 2.0  # so many more small steps than jumps
 LASTING_LAGS: Final = range(64, 129, 4)  # slots: noise of the catalogue has forgotten itself to 4 %
 LASTING_SHARE: Final = 0.2  # of the residual's variance
-KNOTS: Final = 14  # of a free curve: a feature as wide as a tenth of the range is not missed
 FOLD_BINS: Final = 40  # parts of a period: what lasts a twentieth of it is seen
 MOST_HARMONICS: Final = 20  # of a period: a rub that lasts a twentieth of it has so many alike
 FEWEST_PERIODS: Final = 3  # in a record
 FOLDED_SHARE: Final = 0.9  # of the most power that any period folds up
 SHORT_SHARE: Final = 0.25  # of a period: what lasts longer is a wave, not a rub
-KNOTS_OF_TIME: Final = 7  # of the curve over time: what is faster is for jumps
-
-
-def _heights(knots: int) -> tuple[Parameter, ...]:
-    return tuple(Parameter(f"height_{i}_Nm", "N m", -np.inf, np.inf, 0.0, linear=True) for i in range(knots))
-
-
-class _FreeCurve(MeanEffect):
-    """A piecewise linear curve over the ranks of a quantity."""
-
-    formula = ""
-    description = "A free curve, no physics."
-    signature: ClassVar[str]
-    source = "none"
-    separate_by = ""
-    parameters = _heights(KNOTS)
-    flips: ClassVar[bool]  # with the direction of rotation, as friction does
-
-    @classmethod
-    @abstractmethod
-    def quantity(cls, channels: Channels) -> FloatArray | None:
-        """Return the quantity that the curve is a function of, None where it is not known."""
-
-    @classmethod
-    def columns(
-        cls, channels: Channels, shape: Mapping[str, float], memory: Memory = None
-    ) -> tuple[FloatArray, Memory]:
-        """Return the hats of the piecewise linear curve, one for each knot."""
-        del shape, memory
-        quantity = cls.quantity(channels)
-        assert quantity is not None
-        known = quantity[channels.good & np.isfinite(quantity)]
-        count = len(cls.parameters)
-        knots = np.unique(np.quantile(known, np.linspace(0, 1, count)))
-        columns = np.zeros((quantity.size, count))
-        for i in range(knots.size):
-            columns[:, i] = np.interp(quantity, knots, np.eye(knots.size)[i])
-        return columns * (channels.direction[:, None] if cls.flips else 1.0), None
-
-
-def _curve(
-    name: str, signature: str, quantity: Callable[[Channels], FloatArray | None], *, flips: bool, knots: int = KNOTS
-) -> type[_FreeCurve]:
-    return type(
-        name,
-        (_FreeCurve,),
-        {
-            "name": name,
-            "title": signature,
-            "signature": signature,
-            "flips": flips,
-            "parameters": _heights(knots),
-            "quantity": classmethod(lambda _, channels: quantity(channels)),
-        },
-    )
-
-
-CURVES: Final = (
-    _curve("curve_speed", "a drag that depends on |speed|", lambda c: np.abs(c.speed_rad_s), flips=True),
-    _curve(
-        "curve_speed_even",
-        "a torque that depends on |speed| and does not flip with the direction",
-        lambda c: np.abs(c.speed_rad_s),
-        flips=False,
-    ),
-    _curve("curve_acceleration", "a torque that depends on dω/dt", lambda c: c.acceleration_rad_s2, flips=False),
-    _curve(
-        "curve_acceleration_size",
-        "a drag that depends on the size of dω/dt",
-        lambda c: np.abs(c.acceleration_rad_s2),
-        flips=True,
-    ),
-    # Jumps are dearer than knots: what many steps of one sign follow is a drift.
-    _curve("curve_time", "a drag that drifts with time", lambda c: c.time_s, flips=True, knots=KNOTS_OF_TIME),
-    _curve("curve_temperature", "a drag that depends on temperature", lambda c: c.bearing_temperature_degC, flips=True),
-)
-
-
-class _Periodic(MeanEffect):
-    """A sine of time."""
-
-    name = "periodic"
-    title = "periodic"
-    formula = ""
-    description = "A sine of time, no physics."
-    signature = "a torque that is periodic in time"
-    source = "none"
-    separate_by = ""
-    parameters = (
-        Parameter("cosine_Nm", "N m", -np.inf, np.inf, 0.0, linear=True),
-        Parameter("sine_Nm", "N m", -np.inf, np.inf, 0.0, linear=True),
-        # Read off the periodogram, not profiled: a discrete parameter stays where it is when a fit is refined.
-        Parameter("frequency_Hz", "Hz", 0.0, np.inf, 0.01, choices=(0.01,)),
-    )
-    flips: ClassVar[bool] = False
-
-    @classmethod
-    def columns(
-        cls, channels: Channels, shape: Mapping[str, float], memory: Memory = None
-    ) -> tuple[FloatArray, Memory]:
-        """Return cosine and sine."""
-        del memory
-        phase = 2 * np.pi * shape["frequency_Hz"] * channels.time_s
-        columns = np.stack([np.cos(phase), np.sin(phase)], axis=1)
-        return columns * (channels.direction[:, None] if cls.flips else 1.0), None
-
-
-class _PeriodicDrag(_Periodic):
-    """A sine of time that follows the direction of rotation."""
-
-    name = "periodic_drag"
-    signature = "a drag that is periodic in time"
-    flips: ClassVar[bool] = True
-
-
-class _Step(MeanEffect):
-    """A drag that is another above a certain speed."""
-
-    name = "step_in_speed"
-    title = "step"
-    formula = ""
-    description = "A step at a speed, no physics."
-    signature = "a drag that depends on |speed|"
-    source = "none"
-    separate_by = ""
-    parameters = (
-        Parameter("height_Nm", "N m", -np.inf, np.inf, 0.0, linear=True),
-        # Read off the jumps, as the frequency of a period is read off the periodogram.
-        Parameter("speed_rad_s", "rad/s", 0.0, np.inf, 1.0, choices=(1.0,)),
-    )
-
-    @classmethod
-    def columns(
-        cls, channels: Channels, shape: Mapping[str, float], memory: Memory = None
-    ) -> tuple[FloatArray, Memory]:
-        """Return s above the speed of the step, zero below."""
-        del memory
-        return (channels.direction * (np.abs(channels.speed_rad_s) > shape["speed_rad_s"]))[:, None], None
 
 
 def judge_leftover(problem: Problem, found: SearchResult) -> tuple[SearchResult, Unexplained | None, Model]:
@@ -185,7 +44,7 @@ def judge_leftover(problem: Problem, found: SearchResult) -> tuple[SearchResult,
     model = found.ladder[-1]
     rivals = with_free_curves(problem, model)
     step = best_threshold(
-        problem, model.terms, model.fit, lambda speed: make_term(problem, _Step, {"speed_rad_s": speed}, None)
+        problem, model.terms, model.fit, lambda speed: make_term(problem, StepInSpeed, {"speed_rad_s": speed}, None)
     )
     if step is not None:
         rivals.append(refit(problem, (*model.terms, step[0]), [step[1]]))
@@ -200,7 +59,7 @@ def judge_leftover(problem: Problem, found: SearchResult) -> tuple[SearchResult,
     # Between two jumps a curve and the levels trade at will: the smoothest of what fits alike is the size that is told.
     torque = curve.columns @ trained(problem, best, np.ones(problem.size, dtype=bool))[begin:]
     unexplained = Unexplained(curve.effect.signature, float(np.std(torque)))
-    if issubclass(curve.effect, _Periodic):
+    if issubclass(curve.effect, Periodic):
         unexplained = _folded(problem, model, curve)
     if len(kept) == len(model.terms):
         return found, unexplained, best
@@ -289,7 +148,7 @@ def _free_terms(problem: Problem, model: Model) -> list[Term]:
         for curve in CURVES
         if all(curve.quantity(record.channels) is not None for record in problem.records)
     ]
-    for effect in (_Periodic, _PeriodicDrag):
+    for effect in (Periodic, PeriodicDrag):
         frequency = _best_frequency(problem, model, flips=effect.flips)
         if frequency is not None:
             terms.append(make_term(problem, effect, {"frequency_Hz": frequency}, None))

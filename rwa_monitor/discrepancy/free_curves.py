@@ -1,0 +1,141 @@
+"""Free curves: candidates of the search with no physics in them, as rivals of the catalogue's formulas.
+
+Piecewise linear over a quantity, periodic in time, a step at a speed. What such a one still gains is not explained.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Callable, Mapping
+from typing import ClassVar, Final
+
+import numpy as np
+
+from rwa_monitor.discrepancy.unnamed import UnnamedEffect
+from rwa_monitor.physics.effects.base import Channels, Memory, Parameter
+from rwa_monitor.samples import FloatArray
+
+KNOTS: Final = 14  # of a free curve: a feature as wide as a tenth of the range is not missed
+KNOTS_OF_TIME: Final = 7  # of the curve over time: what is faster is for jumps
+
+
+def _heights(knots: int) -> tuple[Parameter, ...]:
+    return tuple(Parameter(f"height_{i}_Nm", "N m", -np.inf, np.inf, 0.0, linear=True) for i in range(knots))
+
+
+class FreeCurve(UnnamedEffect):
+    """A piecewise linear curve over the ranks of a quantity."""
+
+    signature: ClassVar[str]
+    parameters = _heights(KNOTS)
+    flips: ClassVar[bool]  # with the direction of rotation, as friction does
+
+    @classmethod
+    @abstractmethod
+    def quantity(cls, channels: Channels) -> FloatArray | None:
+        """Return the quantity that the curve is a function of, None where it is not known."""
+
+    @classmethod
+    def columns(
+        cls, channels: Channels, shape: Mapping[str, float], memory: Memory = None
+    ) -> tuple[FloatArray, Memory]:
+        """Return the hats of the piecewise linear curve, one for each knot."""
+        del shape, memory
+        quantity = cls.quantity(channels)
+        assert quantity is not None
+        known = quantity[channels.good & np.isfinite(quantity)]
+        count = len(cls.parameters)
+        knots = np.unique(np.quantile(known, np.linspace(0, 1, count)))
+        columns = np.zeros((quantity.size, count))
+        for i in range(knots.size):
+            columns[:, i] = np.interp(quantity, knots, np.eye(knots.size)[i])
+        return columns * (channels.direction[:, None] if cls.flips else 1.0), None
+
+
+def _curve(
+    name: str, signature: str, quantity: Callable[[Channels], FloatArray | None], *, flips: bool, knots: int = KNOTS
+) -> type[FreeCurve]:
+    return type(
+        name,
+        (FreeCurve,),
+        {
+            "name": name,
+            "signature": signature,
+            "flips": flips,
+            "parameters": _heights(knots),
+            "quantity": classmethod(lambda _, channels: quantity(channels)),
+        },
+    )
+
+
+CURVES: Final = (
+    _curve("curve_speed", "a drag that depends on |speed|", lambda c: np.abs(c.speed_rad_s), flips=True),
+    _curve(
+        "curve_speed_even",
+        "a torque that depends on |speed| and does not flip with the direction",
+        lambda c: np.abs(c.speed_rad_s),
+        flips=False,
+    ),
+    _curve("curve_acceleration", "a torque that depends on dω/dt", lambda c: c.acceleration_rad_s2, flips=False),
+    _curve(
+        "curve_acceleration_size",
+        "a drag that depends on the size of dω/dt",
+        lambda c: np.abs(c.acceleration_rad_s2),
+        flips=True,
+    ),
+    # Jumps are dearer than knots: what many steps of one sign follow is a drift.
+    _curve("curve_time", "a drag that drifts with time", lambda c: c.time_s, flips=True, knots=KNOTS_OF_TIME),
+    _curve("curve_temperature", "a drag that depends on temperature", lambda c: c.bearing_temperature_degC, flips=True),
+)
+
+
+class Periodic(UnnamedEffect):
+    """A sine of time."""
+
+    name = "periodic"
+    signature = "a torque that is periodic in time"
+    parameters = (
+        Parameter("cosine_Nm", "N m", -np.inf, np.inf, 0.0, linear=True),
+        Parameter("sine_Nm", "N m", -np.inf, np.inf, 0.0, linear=True),
+        # Read off the periodogram, not profiled: a discrete parameter stays where it is when a fit is refined.
+        Parameter("frequency_Hz", "Hz", 0.0, np.inf, 0.01, choices=(0.01,)),
+    )
+    flips: ClassVar[bool] = False
+
+    @classmethod
+    def columns(
+        cls, channels: Channels, shape: Mapping[str, float], memory: Memory = None
+    ) -> tuple[FloatArray, Memory]:
+        """Return cosine and sine."""
+        del memory
+        phase = 2 * np.pi * shape["frequency_Hz"] * channels.time_s
+        columns = np.stack([np.cos(phase), np.sin(phase)], axis=1)
+        return columns * (channels.direction[:, None] if cls.flips else 1.0), None
+
+
+class PeriodicDrag(Periodic):
+    """A sine of time that follows the direction of rotation."""
+
+    name = "periodic_drag"
+    signature = "a drag that is periodic in time"
+    flips: ClassVar[bool] = True
+
+
+class StepInSpeed(UnnamedEffect):
+    """A drag that is another above a certain speed."""
+
+    name = "step_in_speed"
+    signature = "a drag that depends on |speed|"
+    parameters = (
+        Parameter("height_Nm", "N m", -np.inf, np.inf, 0.0, linear=True),
+        # Read off the jumps, as the frequency of a period is read off the periodogram.
+        Parameter("speed_rad_s", "rad/s", 0.0, np.inf, 1.0, choices=(1.0,)),
+    )
+
+    @classmethod
+    def columns(
+        cls, channels: Channels, shape: Mapping[str, float], memory: Memory = None
+    ) -> tuple[FloatArray, Memory]:
+        """Return s above the speed of the step, zero below."""
+        del memory
+        return (channels.direction * (np.abs(channels.speed_rad_s) > shape["speed_rad_s"]))[:, None], None
