@@ -36,8 +36,6 @@ from rwa_monitor.diagnosis.state import CarriedState
 from rwa_monitor.discrepancy.extended import extended_wheel
 from rwa_monitor.discrepancy.find import Search
 from rwa_monitor.discrepancy.find import find_discrepancy as search_recordings
-from rwa_monitor.discrepancy.identification import Learned, bare_wheel
-from rwa_monitor.discrepancy.identification import identify as learn_wheel
 from rwa_monitor.errors import InputError, RwaMonitorError
 from rwa_monitor.formats.files import display_name
 from rwa_monitor.formats.model_file import read_model as read_model_file
@@ -45,6 +43,8 @@ from rwa_monitor.formats.results import diagnosis_row
 from rwa_monitor.formats.scenario_file import read_scenario
 from rwa_monitor.formats.telemetry import joined, only_wheel, read_decoding
 from rwa_monitor.formats.wheel_file import read_wheel as read_wheel_file
+from rwa_monitor.identification.identify import Learned, bare_wheel
+from rwa_monitor.identification.identify import identify as learn_wheel
 from rwa_monitor.live.core import WheelCore
 from rwa_monitor.live.events import Event, SensorFault, WindowDiagnosed
 from rwa_monitor.live.outputs import trouble_in

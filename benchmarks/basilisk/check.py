@@ -11,9 +11,9 @@ import sys
 from pathlib import Path
 
 from rwa_monitor.discrepancy.find import Search, find_discrepancy
-from rwa_monitor.discrepancy.identification import identify
 from rwa_monitor.formats.table import read_table
 from rwa_monitor.formats.wheel_file import read_wheel
+from rwa_monitor.identification.identify import identify
 
 COULOMB_NM, VISCOUS = 1.6e-3, 5.3e-6  # as in record.py
 WITHIN = 0.01  # of the true value

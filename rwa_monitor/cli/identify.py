@@ -53,10 +53,10 @@ def command(
     """
     from rwa_monitor.cli.progress import status_line
     from rwa_monitor.cli.recordings import read_recordings
-    from rwa_monitor.discrepancy.identification import bare_wheel, identify
     from rwa_monitor.fleet.tasks import not_nominal
     from rwa_monitor.formats.files import write_text
     from rwa_monitor.formats.wheel_file import read_wheel
+    from rwa_monitor.identification.identify import bare_wheel, identify
 
     tell_of_compiling()
     start = read_wheel(wheel_file) if wheel_file else None

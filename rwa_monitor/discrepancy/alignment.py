@@ -63,8 +63,8 @@ class Delay:
 class Motion:
     """What is measured of a record on its slots, float64 (n,): speed [rad/s], motor torque and friction [N m].
 
-    The torque is None where it is not measured, friction where it is to be derived; `steps` are those in which that
-    was read which friction comes from.
+    The torque is None where it is not measured, friction where it is to be derived; `steps` are those of the channel
+    that friction comes from.
     """
 
     speed_rad_s: FloatArray

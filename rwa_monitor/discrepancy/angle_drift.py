@@ -1,7 +1,7 @@
 """How far the integrated angle has drifted: tracked by the phase of a torque ripple, where there is one.
 
 The angle of the wheel is the integral of a noisy speed: its error is a random walk, and after `coherent_slots` the
-phase of a harmonic is lost by a radian (effects.md, `torque_ripple`: fit in short blocks). Over blocks shorter than
+phase of a harmonic is lost by a radian (docs/effects/torque_ripple.md). Over blocks shorter than
 that a harmonic is a line still; the phases of the blocks, smoothed by the random walk that the speed's noise makes,
 give the drift, and with it the ripple is coherent over the whole record.
 """

@@ -4,7 +4,7 @@ The sign is folded in: with z = s·y and columns s·φ, z = level(t) + Σ coeffi
 Fitting alternates exact segmentation of what the columns leave (FPOP) with least squares for the coefficients shared
 by all segments, and minimises the penalised criterion
 
-    J = RSS/σ² + 3 log N · jumps + log N · parameters          (effects.md, "How to find them", 4)
+    J = RSS/σ² + 3 log N · jumps + log N · parameters
 
 σ² is the largest variance that a mean of this noise shows at any length, times that length, so that coloured noise
 does not pass for jumps.
@@ -41,7 +41,7 @@ DIGITS: Final = 1e-5  # of the RMS of the friction: what is smaller is no sensor
 HEAVY_SHARE: Final = 1e-3  # of samples beyond four standard deviations; Gaussian noise has 6e-5
 NEAR_CROSSING: Final = 20  # samples: bristles and balls take a few slots to turn over
 NEARLY_CONSTANT: Final = 0.05  # of the mean speed: its spread, below which a slope of the drag is no more than a level
-LONG_LAG_SHARE: Final = 0.02  # of the record: a lag of a few per cent of a sojourn or more (effects.md, step 1)
+LONG_LAG_SHARE: Final = 0.02  # of the record: a lag of a few per cent of a sojourn or more
 
 
 @dataclass(frozen=True, slots=True)

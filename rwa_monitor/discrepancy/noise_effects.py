@@ -1,4 +1,4 @@
-"""Noise effects: scored on their own likelihoods, after the mean effects (effects.md, step 5)."""
+"""Noise effects: scored on their own likelihoods, after the mean effects (docs/theory.md, "Discrepancy search", 6)."""
 
 from __future__ import annotations
 

@@ -31,7 +31,7 @@ UNTESTED_SHARE: Final = 0.02  # of all friction (rms): the size at which an effe
 MAX_SLOTS: Final = 20_000  # longer ones are laid out with longer slots
 RAMP_S: Final = 20.0  # over which a wheel can change its speed by a good part of its range
 IMITATION_SHARE: Final = 0.01  # of the found effect's energy that a rival must be able to make to be one
-THERMAL_SWING_K: Final = 3.0  # of the bearing over an orbit; 1–5 K are common (effects.md)
+THERMAL_SWING_K: Final = 3.0  # of the bearing over an orbit; 1–5 K are common
 
 
 @dataclass(frozen=True, slots=True)

@@ -73,7 +73,7 @@ class Record:
     left_out
         Why samples do not enter the search, in words, and how many; no reason without any.
     steps
-        In which the channel was read that friction comes from; None where there are none of any consequence.
+        Of the channel that friction comes from, as it was read; None where there are none of any consequence.
     friction_as_read_Nm
         Friction with its rounding, where `friction_torque_Nm` is without (see `lattice`); else None.
     """

@@ -166,7 +166,7 @@ class Gain:
 
 @dataclass(frozen=True, slots=True)
 class DiscrepancyResult:
-    """The answer of the search, see design.md "Discrepancy report"."""
+    """The answer of the search; its fields are described in schemas/rwa.Discrepancy.json."""
 
     verdict: Verdict
     effects: tuple[FoundEffect, ...]
@@ -175,7 +175,7 @@ class DiscrepancyResult:
     gain: Gain | None
 
     def to_json(self) -> dict[str, Any]:
-        """Return the report as the fields of design.md."""
+        """Return the report with the fields of the message `rwa.Discrepancy`."""
         gain = self.gain
         return {
             "verdict": self.verdict,

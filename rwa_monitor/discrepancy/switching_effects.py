@@ -1,4 +1,4 @@
-"""Switching effects: what could have made the jumps that are left, judged by one likelihood (effects.md, step 5).
+"""Switching effects: what could have made the jumps that are left, judged by one likelihood.
 
 The diagnosis's own search attributes the jumps to the wheel's switching systems and returns the log-likelihood of its
 best story. Asked again with one system more, or with other laws of duration, it attributes them anew and returns the

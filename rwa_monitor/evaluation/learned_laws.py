@@ -12,10 +12,10 @@ from typing import Final
 import numpy as np
 
 from rwa_monitor.diagnosis.model import Model, built_in_model
-from rwa_monitor.discrepancy.identification import identify
 from rwa_monitor.errors import InputError
 from rwa_monitor.evaluation.campaign import Progress, in_processes, untracked
 from rwa_monitor.evaluation.outcome import JumpScore, score_jumps
+from rwa_monitor.identification.identify import identify
 from rwa_monitor.live.core import diagnose_samples
 from rwa_monitor.physics.datasets import RECIPES, LabelledWindow, Recipe, wheel_windows
 from rwa_monitor.physics.scenario import Scenario

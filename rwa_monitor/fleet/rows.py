@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from rwa_monitor.discrepancy.identification import Learned
 from rwa_monitor.discrepancy.result import DiscrepancyResult
 from rwa_monitor.formats.results import Row
+from rwa_monitor.identification.identify import Learned
 
 
 def discrepancy_row(source: str, result: DiscrepancyResult, message: str) -> Row:

@@ -16,7 +16,6 @@ from rwa_monitor.diagnosis.model import Model, built_in_model
 from rwa_monitor.diagnosis.results import Method
 from rwa_monitor.diagnosis.state import CarriedState
 from rwa_monitor.discrepancy.find import find_discrepancy
-from rwa_monitor.discrepancy.identification import bare_wheel, identify
 from rwa_monitor.errors import InputError
 from rwa_monitor.fleet.rows import discrepancy_row, wheel_row
 from rwa_monitor.formats.files import display_name
@@ -25,6 +24,7 @@ from rwa_monitor.formats.table import read_table
 from rwa_monitor.formats.telemetry import Decoding, TelemetryFile, WheelTelemetry, joined, only_wheel
 from rwa_monitor.formats.truth import beside
 from rwa_monitor.formats.wheel_file import read_wheel
+from rwa_monitor.identification.identify import bare_wheel, identify
 from rwa_monitor.live.core import diagnose_samples
 from rwa_monitor.live.events import WindowDiagnosed
 from rwa_monitor.live.telemetry_files import NO_DECODING, read_telemetry

@@ -15,9 +15,12 @@ from typing import Final
 import numpy as np
 
 from rwa_monitor.discrepancy.base_fit import Problem, fit, make_problem
-from rwa_monitor.discrepancy.chain_decoding import Stays
-from rwa_monitor.discrepancy.duration_laws import LearnedLaw, Sojourns, learn_laws
-from rwa_monitor.discrepancy.identification_doubts import (
+from rwa_monitor.discrepancy.known_effects import without_known_effects
+from rwa_monitor.discrepancy.record import left_out_in_words, make_record
+from rwa_monitor.discrepancy.unit_check import Shown, slope_in_question
+from rwa_monitor.errors import InputError
+from rwa_monitor.identification.chain_decoding import Stays
+from rwa_monitor.identification.doubts import (
     check_enough,
     check_told_apart,
     drift_in_words,
@@ -25,12 +28,9 @@ from rwa_monitor.discrepancy.identification_doubts import (
     unnamed_jumps,
     with_temperature,
 )
-from rwa_monitor.discrepancy.known_effects import without_known_effects
-from rwa_monitor.discrepancy.negative_friction import at_one_speed, motion_in_friction, why_negative
-from rwa_monitor.discrepancy.parting import Visit, part
-from rwa_monitor.discrepancy.record import left_out_in_words, make_record
-from rwa_monitor.discrepancy.unit_check import Shown, slope_in_question
-from rwa_monitor.errors import InputError
+from rwa_monitor.identification.duration_laws import LearnedLaw, Sojourns, learn_laws
+from rwa_monitor.identification.negative_friction import at_one_speed, motion_in_friction, why_negative
+from rwa_monitor.identification.parting import Visit, part
 from rwa_monitor.physics.wheel import FrictionRange, Noise, Nominal, SwitchingSystem, Wheel, Window
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, SECONDS_PER_HOUR, FloatArray, IntArray, Samples
 
@@ -130,7 +130,7 @@ def identify(recordings: Sequence[tuple[str, Samples]], start: Wheel, *, systems
     check_enough(problem, base, viscous, names, cause)
     blocks, notes = [], []
     for number, (of_one, system) in enumerate(zip(laws, found, strict=True), start=1):
-        blocks.append(_system(f"fss_{number}", of_one, system, base))
+        blocks.append(_block_of(f"fss_{number}", of_one, system, base))
         notes.append(_note(blocks[-1].name, of_one, system))
     slots = sum(record.used.size for record in problem.records)
     dry_std, viscous_std = friction_errors(problem)
@@ -315,7 +315,7 @@ def _too_little(what: str, sojourns: list[Sojourns], hours: float, times: float 
     )
 
 
-def _system(name: str, laws: Sequence[LearnedLaw], system: _System, base_Nm: float) -> SwitchingSystem:
+def _block_of(name: str, laws: Sequence[LearnedLaw], system: _System, base_Nm: float) -> SwitchingSystem:
     """Return the wheel-file block of a system."""
     ranges = []
     for q, values in enumerate(system.friction):

@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from rwa_monitor.discrepancy.chain_decoding import Chains, Stays, decode
-from rwa_monitor.discrepancy.identification_doubts import check_told_apart
-from rwa_monitor.discrepancy.parting import Parted, confused_share, part
 from rwa_monitor.errors import InputError
+from rwa_monitor.identification.chain_decoding import Chains, Stays, decode
+from rwa_monitor.identification.doubts import check_told_apart
+from rwa_monitor.identification.parting import Parted, confused_share, part
 from rwa_monitor.samples import FloatArray, IntArray
 
 BASE = 1.6e-3  # N m

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from rwa_monitor.diagnosis.laws import soften
-from rwa_monitor.discrepancy.duration_laws import Sojourns, learn_laws
+from rwa_monitor.identification.duration_laws import Sojourns, learn_laws
 from rwa_monitor.physics.durations import DurationLaw, Geometric, Lognormal, Uniform, Weibull
 from rwa_monitor.physics.switching import residual_duration
 

@@ -10,11 +10,12 @@ from typing import Final
 import numpy as np
 
 from rwa_monitor.discrepancy.base_fit import Fit, Problem, fit
-from rwa_monitor.discrepancy.parting import MOST_CONFUSED, TIERS, Parted, confused_share
 from rwa_monitor.discrepancy.search import ACCEPT_GAIN
 from rwa_monitor.errors import InputError
+from rwa_monitor.identification.parting import MOST_CONFUSED, TIERS, Parted, confused_share
 from rwa_monitor.physics.wheel import SwitchingSystem
 from rwa_monitor.samples import FloatArray, IntArray
+from rwa_monitor.words import counted
 
 # A nominal value is good for something while its standard deviation is about half of what the built-in model's bands of
 # healthy wheels reach to either side: 6 % for base dry friction, 4 % for viscous friction.
@@ -179,6 +180,5 @@ def check_told_apart(parted: Parted, base: float, hours: float) -> None:
 def _in_words(counts: tuple[int, ...]) -> str:
     """Say how many systems of how many configurations."""
     return " and ".join(
-        f"{counts.count(count)} system{'s' if counts.count(count) > 1 else ''} of {count} configurations"
-        for count in sorted(set(counts))
+        f"{counted(counts.count(count), 'system')} of {count} configurations" for count in sorted(set(counts))
     )

@@ -12,10 +12,10 @@ from click.testing import CliRunner
 
 from rwa_monitor.cli.main import main
 from rwa_monitor.diagnosis.model import built_in_model
-from rwa_monitor.discrepancy.identification import identify
 from rwa_monitor.errors import InputError
 from rwa_monitor.fleet.tasks import not_nominal
 from rwa_monitor.formats.table import table_writer
+from rwa_monitor.identification.identify import identify
 from rwa_monitor.live.core import diagnose_samples
 from rwa_monitor.physics.scenario import Anomaly, Scenario
 from rwa_monitor.physics.speed import SpeedProfile

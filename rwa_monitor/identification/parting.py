@@ -17,7 +17,7 @@ from typing import Final
 import numpy as np
 from scipy import special
 
-from rwa_monitor.discrepancy.chain_decoding import Chains, Path, Stays, decode
+from rwa_monitor.identification.chain_decoding import Chains, Path, Stays, decode
 from rwa_monitor.samples import FloatArray, IntArray
 
 # Configurations of the systems, simple ones first: more is looked at as long as it is worth more.
