@@ -385,7 +385,7 @@ def _with_best_choices(problem: Problem, models: Sequence[Model]) -> list[Model]
         for parameter in model.terms[-1].effect.shape_parameters()
         if 1 < len(parameter.choices) <= FEW_CHOICES
         for value in parameter.choices
-        if value != model.terms[-1].shape[parameter.name]
+        if value != _nearest(parameter.choices, model.terms[-1].shape[parameter.name])
         for starts in ([model.fit.jumps], [])
     ]
 
@@ -400,6 +400,10 @@ def _with_best_choices(problem: Problem, models: Sequence[Model]) -> list[Model]
     for (index, *_), model in zip(tries, problem.each(other, tries), strict=True):
         best[index] = min(best[index], model, key=lambda one: one.fit.criterion)
     return best
+
+
+def _nearest(choices: Sequence[float], value: float) -> float:
+    return min(choices, key=lambda choice: abs(choice - value))
 
 
 def _fit(problem: Problem, terms: tuple[Term, ...], starts: Sequence[IntArray]) -> Fit:

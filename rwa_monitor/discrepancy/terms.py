@@ -464,8 +464,8 @@ def _axis(parameter: Parameter, low: float, high: float, around: Term | None, re
     if around is not None and reach > 0.0:
         centre = around.shape[parameter.name]
         points = (max(centre - reach, low), centre, min(centre + reach, high))
-        whole = [choice for choice in parameter.choices if points[0] < choice < points[2]]
-        return _Axis(parameter.name, tuple(sorted({*points, *whole})), True, False)
+        usual = [choice for choice in parameter.choices if points[0] < choice < points[2]]
+        return _Axis(parameter.name, tuple(sorted({*points, *usual})), True, False)
     if parameter.choices:
         keep = around is not None and len(parameter.choices) > FEW_CHOICES
         choices = (around.shape[parameter.name],) if around is not None and keep else parameter.choices
@@ -476,8 +476,8 @@ def _axis(parameter: Parameter, low: float, high: float, around: Term | None, re
     grid = np.geomspace(low, high, GRID_POINTS) if logarithmic else np.linspace(low, high, GRID_POINTS)
     if around is not None:
         centre = around.shape[parameter.name]
-        near = np.argsort(np.abs(np.log(grid / centre) if logarithmic else grid - centre))[:2]
-        grid = np.unique(np.append(grid[near], centre))
+        neighbours = [*grid[grid < centre][-1:], *grid[grid > centre][:1]]
+        grid = np.unique([*neighbours, centre])
     return _Axis(parameter.name, tuple(float(p) for p in grid), True, logarithmic)
 
 

@@ -21,6 +21,7 @@ from rwa_monitor.discrepancy.result import ParameterValue
 from rwa_monitor.discrepancy.search import Model
 from rwa_monitor.discrepancy.terms import LOG_SPACING_FROM, Term, make_background, make_term, shape_limits
 from rwa_monitor.physics.effects.base import Parameter
+from rwa_monitor.physics.effects.catalogue import CATALOGUE
 from rwa_monitor.physics.effects.speed_dead_zone import SpeedDeadZone
 from rwa_monitor.physics.effects.torque_ripple import TorqueRipple, angle_range_turns
 from rwa_monitor.samples import FloatArray
@@ -55,14 +56,17 @@ def spread(problem: Problem, model: Model) -> Spread:
     # The slope counts as free even at its bound: a shape known only because the slope cannot fall further is not known.
     columns: list[FloatArray] = [problem.speed]
     owners: list[tuple[int, str]] = [(-1, "")]
+    exact: dict[tuple[int, str], FloatArray] = {}
     for index, term in enumerate(model.terms):
         for j, parameter in enumerate(term.effect.strength_parameters()):
             columns.append(term.columns[:, j])
             owners.append((index, parameter.name))
         strengths = model.strengths(index)
-        for name, limits in _free(problem, term).items():
+        for name, limits in _limits(problem, term).items():
             slope = _derivative(problem, model, term, name, strengths, limits)
-            if slope is not None:
+            if slope is not None and name in _taken_as_exact(term):
+                exact[index, name] = slope
+            elif slope is not None:
                 columns.append(slope)
                 owners.append((index, name))
     std = _standard_deviations(problem, model, np.column_stack(columns))
@@ -70,12 +74,8 @@ def spread(problem: Problem, model: Model) -> Spread:
     for index, term in enumerate(model.terms):
         if term.effect is SpeedDeadZone:
             known[index, DEAD_ZONE] = _half_width_of_zone(problem, model, index)
-        if issubclass(term.effect, TorqueRipple) and (index, ORDER) not in known:
-            slope = _derivative(problem, model, term, ORDER, model.strengths(index), _order_limits(problem, term))
-            if slope is not None:
-                known[index, ORDER] = float(
-                    _standard_deviations(problem, model, np.column_stack([*columns, slope]))[-1]
-                )
+    for owner, slope in exact.items():
+        known[owner] = float(_standard_deviations(problem, model, np.column_stack([*columns, slope]))[-1])
     return Spread(
         known[-1, ""],
         tuple(
@@ -126,10 +126,9 @@ def described(
         if parameter.linear:
             value, low, high = fitted[name]
             values[name] = ParameterValue.of(value, error, parameter.unit, low, high)
-        elif parameter.choices:
-            known = error if np.isfinite(error) else None
-            note = "" if known is not None else f"one of {len(parameter.choices)} values tried"
-            values[name] = ParameterValue(float(term.shape[name]), known, parameter.unit, note)
+        elif parameter.choices and not np.isfinite(error):
+            tried = f"one of {len(parameter.choices)} values tried"
+            values[name] = ParameterValue(float(term.shape[name]), None, parameter.unit, tried)
         else:
             values[name] = _shape(float(term.shape[name]), error, parameter.unit, limits[name])
     return values
@@ -153,19 +152,23 @@ def _shape(value: float, std: float, unit: str, limits: tuple[float, float]) -> 
     return replace(known, note=f"{known.note or 'not determined'}: {as_well}".replace("determined: ", "determined, "))
 
 
-def _free(problem: Problem, term: Term) -> dict[str, tuple[float, float]]:
-    """Return the range of each shape parameter that was fitted; a whole order of a ripple is taken to be exact."""
+def _limits(problem: Problem, term: Term) -> dict[str, tuple[float, float]]:
+    """Return the range in which the records can show each shape parameter; of an order, that in which all look alike.
+
+    A parameter of which only choices are tried has none.
+    """
     limits = shape_limits(problem, term.effect)
-    free = {p.name: limits[p.name] for p in term.effect.shape_parameters() if not p.choices}
-    if issubclass(term.effect, TorqueRipple) and not float(term.shape[ORDER]).is_integer():
-        free[ORDER] = _order_limits(problem, term)
-    return free
+    shown = {p.name: limits[p.name] for p in term.effect.shape_parameters() if p.between or not p.choices}
+    if issubclass(term.effect, TorqueRipple):
+        half = 0.5 / max(angle_range_turns(record.undrifted) for record in problem.records)
+        shown[ORDER] = term.shape[ORDER] - half, term.shape[ORDER] + half
+    return shown
 
 
-def _order_limits(problem: Problem, term: Term) -> tuple[float, float]:
-    """Return the orders that look alike over the angles of the longest record."""
-    turns = max(angle_range_turns(record.undrifted) for record in problem.records)
-    return term.shape[ORDER] - 0.5 / turns, term.shape[ORDER] + 0.5 / turns
+def _taken_as_exact(term: Term) -> frozenset[str]:
+    """Return the shape parameters that are at one of the values which physics expects: a whole order, a usual law."""
+    parameters = CATALOGUE[term.effect.name].parameters if term.effect.name in CATALOGUE else term.effect.parameters
+    return frozenset(p.name for p in parameters if p.choices and term.shape[p.name] in p.choices)
 
 
 def _is_logarithmic(low: float, high: float) -> bool:

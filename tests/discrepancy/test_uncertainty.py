@@ -55,7 +55,7 @@ def test_truth_lies_within_three_stated_errors(name: str) -> None:
     off: dict[str, list[float]] = {}
     for seed in SEEDS:
         for parameter, value in fitted(name, seed).items():
-            if value.std is not None:
+            if value.std is not None and (name, parameter) != ("stribeck", "exponent"):  # a usual value is kept
                 off.setdefault(parameter, []).append((value.value - TRUTH[name][parameter]) / value.std)
     assert set(off) == {parameter for parameter in TRUTH[name] if (name, parameter) != ("stribeck", "exponent")}
     for sigmas in off.values():
