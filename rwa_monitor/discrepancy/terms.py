@@ -181,9 +181,19 @@ def _make_term(problem: Problem, effect: type[MeanEffect], shape: Mapping[str, f
         if not depends_on_level(effect):
             problem.columns.put(key, columns)
     low, high = (np.array([getattr(p, end) for p in strengths]) for end in ("low", "high"))
-    between = sum(shape[p.name] not in p.choices for p in effect.shape_parameters() if p.between)
-    price = len(effect.parameters) + between if between else None  # a choice is what physics expects, or one of few
-    return Term(effect, dict(shape), columns, low, high, price=price)
+    return Term(effect, dict(shape), columns, low, high, price=_price(effect, shape))
+
+
+def _price(effect: type[MeanEffect], shape: Mapping[str, float]) -> float | None:
+    """Return the price of parameters some of which may lie between choices; None where none can.
+
+    A choice is what physics expects: off it costs a parameter more. What has one choice alone costs nothing there.
+    """
+    between = [p for p in effect.parameters if p.between]
+    if not between:
+        return None
+    off = sum(shape[p.name] not in p.choices for p in between)
+    return len(effect.parameters) - sum(len(p.choices) == 1 for p in between) + off
 
 
 def _evaluate(

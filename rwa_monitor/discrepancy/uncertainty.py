@@ -123,6 +123,8 @@ def described(
     values = {}
     for parameter in parameters:
         name, error = parameter.name, std.get(parameter.name, float("nan"))
+        if parameter.default is not None and parameter.choices == (term.shape.get(name),):
+            continue  # it was not needed
         if parameter.linear:
             value, low, high = fitted[name]
             values[name] = ParameterValue.of(value, error, parameter.unit, low, high)

@@ -88,6 +88,16 @@ def viscous_with_temperature(speed: Values, temperature_degC: Values, viscous_20
     return np.array(out)
 
 
+def rolling_drag(
+    speed: Values, temperature_degC: Values, at_one_20: float, exponent: float, b_kelvin: float
+) -> np.ndarray:
+    """Palmgren 1959: M ∝ (ν n)^(2/3), here (ν(T)/ν(20 °C) · |v|)^p of a drag known at 1 rad/s and 20 °C."""
+    out = []
+    for v, temperature in zip(speed, temperature_degC, strict=True):
+        out.append(sgn(v) * at_one_20 * (andrade_viscosity(temperature, 1.0, b_kelvin) * abs(v)) ** exponent)
+    return np.array(out)
+
+
 # ---- states ----------------------------------------------------------------------------------------------------------
 
 

@@ -92,6 +92,13 @@ def test_viscosity_temperature(motion: Channels) -> None:
     assert_same(ours, theirs)
 
 
+def test_sublinear_viscous_follows_speed_and_viscosity_alike(motion: Channels) -> None:
+    assert motion.bearing_temperature_degC is not None
+    theirs = literature.rolling_drag(motion.speed_rad_s, motion.bearing_temperature_degC, 4e-5, 2.0 / 3.0, 3500.0)
+    shape = {"exponent": 2.0 / 3.0, "activation_temperature_K": 3500.0}
+    assert_same(torque("sublinear_viscous", motion, strength_Nm=4e-5, **shape), theirs)
+
+
 def test_viscosity_falls_by_two_to_eight_per_cent_a_kelvin() -> None:
     for b_kelvin, per_kelvin in ((1700.0, -0.02), (6900.0, -0.08)):
         change = literature.andrade_viscosity(20.5, 1.0, b_kelvin) - literature.andrade_viscosity(19.5, 1.0, b_kelvin)
