@@ -17,8 +17,7 @@ from rwa_monitor.discrepancy.cage import cage_bursts
 from rwa_monitor.discrepancy.delay_term import DelayTerm
 from rwa_monitor.discrepancy.extended import extend
 from rwa_monitor.discrepancy.gain import HeldOut, held_out, holds_out, on_other_recordings
-from rwa_monitor.discrepancy.heat import may_be_warm, told_as_unexplained
-from rwa_monitor.discrepancy.heat_term import HeatOfMotion
+from rwa_monitor.discrepancy.heat import OUTSIDE, outside_the_catalogue, told_as_unexplained
 from rwa_monitor.discrepancy.jump_terms import JUMP_TERMS
 from rwa_monitor.discrepancy.known_effects import known_delay, records_of
 from rwa_monitor.discrepancy.lattice import drawn_again
@@ -252,7 +251,7 @@ def _explain(
     problem: Problem, candidates: Sequence[type[MeanEffect]], progress: Progress, wheel: Wheel
 ) -> tuple[Problem, SearchResult, Unexplained | None, Model]:
     """Search for mean effects, and judge what they leave: see `judge_leftover`; the noise is that of the best model."""
-    candidates = [*candidates, HeatOfMotion] if may_be_warm(problem) else candidates
+    candidates = [*candidates, *outside_the_catalogue(problem)]
     grown = grow(problem, candidates, holds_out, progress)
     sloped = _with_slope_jumps(problem, grown, candidates, progress)
     best = sloped or grown.ladder[-1]
@@ -290,8 +289,8 @@ def _with_slope_jumps(
     progress("slopes between jumps")
 
     def rivals(model: Model) -> list[Model]:
-        heat = [HeatOfMotion] if HeatOfMotion in candidates and HeatOfMotion.name not in model.names else []
-        return [*with_free_curves(problem, model), *extensions(problem, model, heat, progress)]
+        outside = [effect for effect in candidates if effect.name in OUTSIDE and effect.name not in model.names]
+        return [*with_free_curves(problem, model), *extensions(problem, model, outside, progress)]
 
     return with_slope_jumps(problem, grown.ladder[-1], grown.ladder[0], rivals)
 

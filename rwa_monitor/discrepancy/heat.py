@@ -9,19 +9,29 @@ the channel that would tell.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Final
 
 import numpy as np
 
 from rwa_monitor.discrepancy.base_fit import Problem, jump_sets, remove_levels, segment_starts
+from rwa_monitor.discrepancy.channelling import DecayAfterReversal, may_channel
 from rwa_monitor.discrepancy.heat_term import FASTEST_S, LONGEST_SHARE, HeatOfMotion
 from rwa_monitor.discrepancy.result import Unexplained
 from rwa_monitor.discrepancy.search import Found, Model, SearchResult, refit
+from rwa_monitor.discrepancy.terms import Term
+from rwa_monitor.physics.effects.base import MeanEffect
 from rwa_monitor.physics.effects.resolution import duration
 from rwa_monitor.physics.effects.viscosity_temperature import ViscosityTemperature
 
 BESIDE_SHARE: Final = 0.1  # of the gain of the heat that a name beside it must reach: no law of heat is exact
+
+
+def outside_the_catalogue(problem: Problem) -> list[type[MeanEffect]]:
+    """Return what no effect of the catalogue is and these records may show."""
+    heat: list[type[MeanEffect]] = [HeatOfMotion] if may_be_warm(problem) else []
+    return [*heat, DecayAfterReversal] if may_channel(problem) else heat
 
 
 def may_be_warm(problem: Problem) -> bool:
@@ -34,17 +44,24 @@ def may_be_warm(problem: Problem) -> bool:
 def told_as_unexplained(
     problem: Problem, found: SearchResult, left: Unexplained | None
 ) -> tuple[SearchResult, Unexplained | None]:
-    """Take the heat of the motion out of what was named, and tell it as what no effect of the catalogue explains.
+    """Take what is outside the catalogue out of what was named, and tell it as what no effect of that explains.
 
-    Where it could stand for a named effect, the catalogue's `viscosity_temperature` is said to: without a temperature
-    only as a possibility.
+    Where the heat of the motion could stand for a named effect, the catalogue's `viscosity_temperature` is said to:
+    without a temperature only as a possibility.
     """
     found = replace(found, found=tuple(_with_possible_cause(entry) for entry in found.found))
+    for name, in_words in OUTSIDE.items():
+        if name in found.ladder[-1].names:
+            found, left = _told(problem, found, left, name, in_words)
+    return found, left
+
+
+def _told(
+    problem: Problem, found: SearchResult, left: Unexplained | None, name: str, in_words: Callable[[Term], str]
+) -> tuple[SearchResult, Unexplained | None]:
     model = found.ladder[-1]
-    if HeatOfMotion.name not in model.names:
-        return found, left
-    index = model.names.index(HeatOfMotion.name)
-    (entry,) = [entry for entry in found.found if entry.name == HeatOfMotion.name]
+    index = model.names.index(name)
+    (entry,) = [entry for entry in found.found if entry.name == name]
     named = tuple(one for one in found.found if one is not entry and one.gain >= BESIDE_SHARE * entry.gain)
     terms = tuple(term for term in model.terms if term.effect.name in {one.name for one in named})
     reduced = refit(problem, terms, jump_sets(problem, model.fit)) if terms else found.ladder[0]
@@ -52,13 +69,31 @@ def told_as_unexplained(
     shorter = (m for m in found.ladder if set(m.names) <= names and len(m.terms) < len(terms))
     others = [name for name in entry.equivalent if name != ViscosityTemperature.name]
     told = Unexplained(
-        f"{HeatOfMotion.signature} with a lag of about {model.terms[index].shape['time_constant_s']:.2g} s, as"
-        f" {ViscosityTemperature.name} would: record the bearing's temperature"
+        in_words(model.terms[index])
         + "".join(f", or {name} as well as these data can tell" for name in others)
         + (f"; and {left.signature}" if left is not None else ""),
         float(np.hypot(_size(problem, model, index), left.size_Nm if left is not None else 0.0)),
     )
     return replace(found, ladder=(*shorter, reduced) if terms else (reduced,), found=named), told
+
+
+def _heat_in_words(term: Term) -> str:
+    return (
+        f"{HeatOfMotion.signature} with a lag of about {term.shape['time_constant_s']:.2g} s, as"
+        f" {ViscosityTemperature.name} would: record the bearing's temperature"
+    )
+
+
+def _decay_in_words(term: Term) -> str:
+    turns = term.shape["angle_rad"] / (2.0 * np.pi)
+    return f"{DecayAfterReversal.signature}, over about {turns:.2g} turns, as of grease that channels"
+
+
+# What competes with the catalogue and is told as unexplained, by name.
+OUTSIDE: Final[Mapping[str, Callable[[Term], str]]] = {
+    HeatOfMotion.name: _heat_in_words,
+    DecayAfterReversal.name: _decay_in_words,
+}
 
 
 def _with_possible_cause(entry: Found) -> Found:

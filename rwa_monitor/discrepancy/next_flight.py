@@ -28,6 +28,10 @@ SHAPE_SHOWN_BY: Final = (
         "heat of the motion",
         "record the bearing's temperature; or hold top speed until the drag settles, then sweep slowly",
     ),
+    (
+        "since each reversal",
+        "reverse, then run for thousands of turns at one speed, at two speeds: does it decay with turns or with time?",
+    ),
     ("drift", "hold one speed and temperature for several windows: does it go on, settle, or follow the temperature?"),
     ("wander", "hold one speed and temperature for several windows: does it wander with nothing else changing?"),
     ("temperature", "hold one speed through a thermal cycle, then another speed: does it scale with the speed?"),

@@ -59,7 +59,9 @@ def test_the_gain_in_coloured_noise_is_that_of_generalised_least_squares() -> No
     samples, _ = record(quick_swing(), jumps=(), effect=concave, noise=coloured(4))
     problem = make_problem([make_record(samples, WHEEL, "oracle")], WHEEL)
     none = np.zeros(0, dtype=np.int64)
-    term = make_term(problem, MEAN_EFFECTS["sublinear_viscous"], {"exponent": 0.3, "activation_temperature_K": 0.0}, None)
+    term = make_term(
+        problem, MEAN_EFFECTS["sublinear_viscous"], {"exponent": 0.3, "activation_temperature_K": 0.0}, None
+    )
     simpler, richer = Model((), fit(problem, np.zeros((problem.size, 0)), start=[none])), refit(problem, [term], [none])
     assert simpler.fit.jumps.size == richer.fit.jumps.size == 0
     gain = coloured_gain(problem, simpler, richer) + term.parameters * problem.log_size

@@ -13,9 +13,7 @@ from rwa_monitor.physics.effects.viscosity_temperature import REFERENCE_K, ZERO_
 from rwa_monitor.samples import FloatArray
 
 ACTIVATION_REACH_K: Final = 3000.0  # [K] of a round of fitting; several follow each other
-LEAST_K: Final = (
-    0.5  # [K] that the temperature must vary by: less is the resolution of a housekeeping sensor
-)
+LEAST_K: Final = 0.5  # [K] that the temperature must vary by: less is the resolution of a housekeeping sensor
 
 
 class SublinearViscous(MeanEffect):
