@@ -43,6 +43,7 @@ KINDS: Final[dict[str, type[Message]]] = {kind.kind: kind for kind in (Diagnosis
 RETRY_S: Final = 1.0
 MAX_WAITING: Final = 10_000  # windows that wait for the history
 BATCH_WINDOWS: Final = 100  # of one transaction
+BATCH_WORDS: Final = 200  # of monitors; the alarms of a thousand wheels take some seconds
 CHECK_PERIOD_S: Final = 1.0
 PRUNE_PERIOD_S: Final = 3600.0
 CURVE_PERIOD_NS: Final = 1_000_000_000  # between two pictures of a window that is still open
@@ -127,7 +128,7 @@ class Listener:
 
     def _hear_monitors(self, trouble: str) -> None:
         """Write down which monitors are heard and which not any more, and tell of the alarms that it makes."""
-        news = self._monitors.news(self.aside.names(), trouble)
+        news = self._monitors.news(self.aside.names(), trouble)[:BATCH_WORDS]  # the others the next second
 
         def write() -> None:
             changed = self.history.hear_monitors(news)
