@@ -31,10 +31,11 @@ from benchmarks.output import add_output_option, put_out
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.evaluation.speed.live import free_endpoint
 from rwa_monitor.live.bus import BusOptions, open_session
+from rwa_monitor.live.chain import recordings_of
 from rwa_monitor.live.core import WheelCore
 from rwa_monitor.live.publisher import SamplesPublisher
 from rwa_monitor.live.recorder import Recorder
-from rwa_monitor.live.recording import last_settings, recordings_of
+from rwa_monitor.live.recording import last_settings
 from rwa_monitor.live.run_options import RunOptions
 from rwa_monitor.physics.scenario import Scenario
 from rwa_monitor.physics.telemetry import simulate

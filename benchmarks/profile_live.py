@@ -27,12 +27,12 @@ from rwa_monitor.evaluation.speed.live import BATCH, samples_of
 from rwa_monitor.evaluation.speed.machine import describe_machine
 from rwa_monitor.evaluation.speed.windows import window_of
 from rwa_monitor.live import windows
-from rwa_monitor.live.bus import Inbox
 from rwa_monitor.live.core import WheelCore
 from rwa_monitor.live.friction import FrictionSource
 from rwa_monitor.live.monitor import Clock, Monitor
 from rwa_monitor.live.order_guard import OrderGuard
 from rwa_monitor.live.recorder import Recorder
+from rwa_monitor.live.references import SilentBus
 from rwa_monitor.live.ring_buffer import RingBuffer
 from rwa_monitor.live.run_options import RunOptions
 from rwa_monitor.live.screen import Screen
@@ -62,27 +62,6 @@ STAGES: dict[str, tuple[Any, str]] = {
     "the core around them": (WheelCore, "feed"),
     "the monitor around it": (Monitor, "receive"),
 }
-
-
-class SilentBus:
-    """A bus that nobody listens to."""
-
-    def __init__(self) -> None:
-        self.inbox = Inbox()
-        self.missed: dict[str, int] = {}
-
-    def take(self) -> None:
-        """Return nothing."""
-
-    def waiting(self) -> int:
-        """Return 0."""
-        return 0
-
-    def publish(self, *_message: object) -> None:
-        """Do nothing."""
-
-    def answer(self, *_question: object) -> None:
-        """Do nothing."""
 
 
 class Stopwatch:

@@ -13,7 +13,8 @@ from rwa_monitor.dashboard.fleet import Received
 from rwa_monitor.dashboard.telemetry import DerivedFriction, Evidence, OpenWindow
 from rwa_monitor.dashboard.trace import samples_of, thinned_json
 from rwa_monitor.errors import InputError
-from rwa_monitor.live.recording import RECORDING_SUFFIX, RecordedMessage, Recording, read_recording, time_span
+from rwa_monitor.live.chain import RECORDING_SUFFIX
+from rwa_monitor.live.recording import RecordedMessage, Recording, read_recording, time_span
 from rwa_monitor.live.wheel_set import COMMON, WheelSet
 from rwa_monitor.messages import (
     Changepoints,

@@ -12,7 +12,8 @@ from mcap.writer import CompressionType, Writer
 from rwa_monitor.errors import InputError
 from rwa_monitor.formats.foxglove import Translator, View, schemas
 from rwa_monitor.formats.foxglove_layout import Seen, layout
-from rwa_monitor.live.recording import read_recording, recordings_of
+from rwa_monitor.live.chain import recordings_of
+from rwa_monitor.live.recording import read_recording
 from rwa_monitor.messages import MESSAGES, dump_json
 from rwa_monitor.version import SOFTWARE
 

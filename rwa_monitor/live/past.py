@@ -11,17 +11,11 @@ from typing import Final
 
 from rwa_monitor.errors import InputError
 from rwa_monitor.live import rebuild
+from rwa_monitor.live.chain import RECORDING_SUFFIX
 from rwa_monitor.live.core import WheelCore
 from rwa_monitor.live.outputs import Output
 from rwa_monitor.live.recorder import Predecessor, predecessor_of
-from rwa_monitor.live.recording import (
-    RECORDING_SUFFIX,
-    SOME_CHECKPOINTS,
-    PassingRecording,
-    RecordedMessage,
-    Recording,
-    last_settings,
-)
+from rwa_monitor.live.recording import SOME_CHECKPOINTS, PassingRecording, RecordedMessage, Recording, last_settings
 from rwa_monitor.messages import Diagnosis
 from rwa_monitor.words import counted, first_few
 

@@ -33,14 +33,8 @@ from typing import Any, Final, Self
 
 from rwa_monitor.errors import InputError
 from rwa_monitor.formats.files import make_folder
-from rwa_monitor.live.recording import (
-    ALL_CHECKPOINTS,
-    CHECKPOINT_PREFIX,
-    RECORDING_SUFFIX,
-    SETTINGS_ATTACHMENT,
-    SOME_CHECKPOINTS,
-    file_sha256,
-)
+from rwa_monitor.live.chain import RECORDING_SUFFIX, file_sha256
+from rwa_monitor.live.recording import ALL_CHECKPOINTS, CHECKPOINT_PREFIX, SETTINGS_ATTACHMENT, SOME_CHECKPOINTS
 from rwa_monitor.live.recording_writer import PART_SUFFIX, RecordedOutput, RecordingWriter, Sink
 from rwa_monitor.messages import MAX_MESSAGE_BYTES, dump_json
 from rwa_monitor.version import SOFTWARE

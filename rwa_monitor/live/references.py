@@ -24,10 +24,11 @@ import numpy as np
 
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.live.bus import Inbox
+from rwa_monitor.live.chain import recordings_of
 from rwa_monitor.live.monitor import Clock, Monitor
 from rwa_monitor.live.past import read_past
 from rwa_monitor.live.recorder import Recorder
-from rwa_monitor.live.recording import read_recording, recordings_of
+from rwa_monitor.live.recording import read_recording
 from rwa_monitor.live.run_options import RunOptions
 from rwa_monitor.messages import Diagnosis, Message, SamplesMessage, Status, samples_json
 from rwa_monitor.physics.scenario import Scenario
@@ -180,7 +181,7 @@ REFERENCES: Final = (
 # ---- making them -----------------------------------------------------------------------------------------------------
 
 
-class Silence:
+class SilentBus:
     """A bus on which nobody speaks and nobody listens."""
 
     def __init__(self) -> None:
@@ -234,7 +235,7 @@ def _run(options: RunOptions, folder: Path, messages: Messages, clock: Clock, *,
         predecessor=past.predecessor,
         wall_ns=clock.wall_ns,
     )
-    monitor = Monitor(options, Silence(), recorder, lambda _: None, clock)
+    monitor = Monitor(options, SilentBus(), recorder, lambda _: None, clock)
     monitor.begin(past)
     for key, payload in messages:
         monitor.receive(key, payload)

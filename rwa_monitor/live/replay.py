@@ -15,17 +15,10 @@ import zenoh
 
 from rwa_monitor.errors import InputError
 from rwa_monitor.live import rebuild
+from rwa_monitor.live.chain import file_sha256, recordings_of
 from rwa_monitor.live.compare import Comparable, Comparison, compare
 from rwa_monitor.live.publisher import LINGER_S, ReliablePublisher
-from rwa_monitor.live.recording import (
-    SOME_CHECKPOINTS,
-    Attached,
-    PassingRecording,
-    RecordedMessage,
-    Recording,
-    file_sha256,
-    recordings_of,
-)
+from rwa_monitor.live.recording import SOME_CHECKPOINTS, Attached, PassingRecording, RecordedMessage, Recording
 from rwa_monitor.live.searches import jobs_of, search_message
 from rwa_monitor.live.wheel_set import WheelSet
 from rwa_monitor.messages import Diagnosis, Discrepancy, SamplesMessage, key_of

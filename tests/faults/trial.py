@@ -17,9 +17,10 @@ from click.testing import CliRunner
 
 from rwa_monitor.cli.diagnose import command as diagnose
 from rwa_monitor.formats.table import table_writer
+from rwa_monitor.live.chain import recordings_of
 from rwa_monitor.live.core import WheelCore
 from rwa_monitor.live.recorder import FLUSH_PERIOD_S
-from rwa_monitor.live.recording import RecordedMessage, read_recording, recordings_of
+from rwa_monitor.live.recording import RecordedMessage, read_recording
 from rwa_monitor.live.replay import replay
 from rwa_monitor.live.sequencer import Counts
 from rwa_monitor.messages import SamplesMessage, dump_json

@@ -12,10 +12,11 @@ from pathlib import Path
 from threading import Event
 
 from rwa_monitor.live.bus import BusOptions, Inbox, MonitorBus, open_session
+from rwa_monitor.live.chain import recordings_of
 from rwa_monitor.live.monitor import MAX_WHEELS, TICK_S, Clock, Monitor
 from rwa_monitor.live.past import Past, read_past
 from rwa_monitor.live.recorder import FLUSH_PERIOD_S, MAX_FILE_AGE_S, Recorder
-from rwa_monitor.live.recording import MAX_FLEET_FILE_BYTES, read_recording, recordings_of
+from rwa_monitor.live.recording import MAX_FLEET_FILE_BYTES, read_recording
 from rwa_monitor.live.run_options import RunOptions
 from rwa_monitor.messages import samples_json
 from rwa_monitor.physics.wheel import Wheel

@@ -19,16 +19,9 @@ from rwa_monitor.errors import InputError
 from rwa_monitor.live import file_bytes
 from rwa_monitor.live import recorder as recorder_module
 from rwa_monitor.live import recording as recording_module
+from rwa_monitor.live.chain import file_sha256, recordings_of
 from rwa_monitor.live.recorder import MAX_FILE_AGE_S, FolderLock, Predecessor, Recorder
-from rwa_monitor.live.recording import (
-    PassingRecording,
-    RecordedMessage,
-    Recording,
-    file_sha256,
-    last_settings,
-    read_recording,
-    recordings_of,
-)
+from rwa_monitor.live.recording import PassingRecording, RecordedMessage, Recording, last_settings, read_recording
 from rwa_monitor.live.recording_writer import RecordingWriter
 from rwa_monitor.live.recover import recover
 from rwa_monitor.live.replay import replay

@@ -12,7 +12,8 @@ from mcap.writer import Writer
 
 from rwa_monitor.errors import InputError
 from rwa_monitor.live import references
-from rwa_monitor.live.recording import RecordedMessage, Recording, read_recording, recordings_of
+from rwa_monitor.live.chain import recordings_of
+from rwa_monitor.live.recording import RecordedMessage, Recording, read_recording
 from rwa_monitor.live.recover import recover
 from rwa_monitor.live.replay import Report, replay
 from rwa_monitor.messages import Diagnosis

@@ -18,13 +18,14 @@ import numpy as np
 import pytest
 
 from rwa_monitor.live import recorder as recorder_module
+from rwa_monitor.live.chain import file_sha256, read_chain, recordings_of
 from rwa_monitor.live.core import WheelCore
 from rwa_monitor.live.monitor import Clock, Monitor
 from rwa_monitor.live.outputs import outputs_of
 from rwa_monitor.live.past import read_past
 from rwa_monitor.live.recorder import MAX_FILE_AGE_S, Recorder
-from rwa_monitor.live.recording import file_sha256, last_settings, read_chain, recordings_of
-from rwa_monitor.live.references import Silence
+from rwa_monitor.live.recording import last_settings
+from rwa_monitor.live.references import SilentBus
 from rwa_monitor.live.replay import replay
 from rwa_monitor.live.run_options import RunOptions
 from rwa_monitor.messages import Diagnosis, SamplesMessage, samples_json
@@ -82,7 +83,7 @@ class Run:
             wall_ns=clock.wall_ns,
             max_total_bytes=self.max_record_bytes,
         )
-        self.monitor = Monitor(options, Silence(), self.recorder, self.talk.append, clock)
+        self.monitor = Monitor(options, SilentBus(), self.recorder, self.talk.append, clock)
         self.monitor.begin(past)
 
     def take(self, sent: list[tuple[str, bytes]]) -> None:

@@ -14,8 +14,9 @@ import numpy as np
 
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.live.bus import BusOptions, open_session
+from rwa_monitor.live.chain import recordings_of
 from rwa_monitor.live.publisher import publish
-from rwa_monitor.live.recording import read_recording, recordings_of
+from rwa_monitor.live.recording import read_recording
 from rwa_monitor.live.replay import replay
 from rwa_monitor.live.run_options import RunOptions
 from rwa_monitor.live.searches import Searches, SearchJob, search_message

@@ -24,8 +24,9 @@ from rwa_monitor.build import build
 from rwa_monitor.errors import InputError
 from rwa_monitor.formats.table import read_table
 from rwa_monitor.live.bus import BusOptions, open_session
+from rwa_monitor.live.chain import read_chain, recordings_of
 from rwa_monitor.live.publisher import SamplesPublisher, publish
-from rwa_monitor.live.recording import read_chain, read_recording, recordings_of
+from rwa_monitor.live.recording import read_recording
 from rwa_monitor.live.replay import replay, replay_to_bus
 from rwa_monitor.live.run_options import RunOptions
 from rwa_monitor.live.service import run

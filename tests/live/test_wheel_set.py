@@ -14,9 +14,9 @@ from rwa_monitor.errors import InputError
 from rwa_monitor.fleet.tasks import Diagnose
 from rwa_monitor.formats.wheel_file import read_wheel_folder, write_wheel
 from rwa_monitor.live.bus import BusOptions, open_session
+from rwa_monitor.live.chain import read_chain, recordings_of
 from rwa_monitor.live.core import WheelCore
 from rwa_monitor.live.outputs import outputs_of
-from rwa_monitor.live.recording import read_chain, recordings_of
 from rwa_monitor.live.replay import replay
 from rwa_monitor.live.run_options import RunOptions
 from rwa_monitor.live.searches import jobs_of

@@ -25,8 +25,9 @@ from zenoh import ext
 
 from rwa_monitor.errors import RwaMonitorError
 from rwa_monitor.live.bus import BusOptions, open_session
+from rwa_monitor.live.chain import recordings_of
 from rwa_monitor.live.publisher import ReliablePublisher, SamplesPublisher
-from rwa_monitor.live.recording import read_recording, recordings_of
+from rwa_monitor.live.recording import read_recording
 from rwa_monitor.messages import SamplesMessage
 from tests.live.processes import wait_for
 from tests.live.support import WINDOW, batch_diagnoses, telemetry, wheel

@@ -23,12 +23,13 @@ from rwa_monitor.evaluation.speed.detection import Window, seven_scales
 from rwa_monitor.evaluation.speed.race import Lap, Runner, laps
 from rwa_monitor.evaluation.speed.windows import REPEATS
 from rwa_monitor.live.bus import BusOptions, Inbox, MonitorBus, open_session
+from rwa_monitor.live.chain import RECORDING_SUFFIX, recordings_of
 from rwa_monitor.live.core import WheelCore
 from rwa_monitor.live.monitor import Clock, Monitor
 from rwa_monitor.live.past import Past
 from rwa_monitor.live.publisher import SamplesPublisher
 from rwa_monitor.live.recorder import Recorder
-from rwa_monitor.live.recording import RECORDING_SUFFIX, read_recording, recordings_of
+from rwa_monitor.live.recording import read_recording
 from rwa_monitor.live.run_options import RunOptions
 from rwa_monitor.live.warm_up import warm_up
 from rwa_monitor.messages import SamplesMessage
