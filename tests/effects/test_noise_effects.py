@@ -10,7 +10,7 @@ import pytest
 from rwa_monitor.physics.effects.base import Channels
 from rwa_monitor.physics.effects.catalogue import NOISE_EFFECTS
 from rwa_monitor.physics.effects.noise_base import NoiseEffect
-from rwa_monitor.physics.effects.tachometer_quantisation import lattice_step
+from rwa_monitor.physics.effects.tachometer_quantisation import error_of_step, lattice_step
 from tests.effects.records import rich_motion
 
 SIGMA_NM = 3.9e-5
@@ -121,6 +121,17 @@ def test_differenced_quantisation_has_half_negative_correlation_at_lag_two() -> 
 @pytest.mark.parametrize("step", [1e-3, 0.01, 2 * np.pi / 60])
 def test_a_lattice_is_found_to_its_last_digits(step: float) -> None:
     assert lattice_step(step * np.rint(rich_motion(SLOTS).speed_rad_s / step)) == pytest.approx(step, rel=1e-6)
+
+
+@pytest.mark.parametrize("digits", [3, 6, 12])
+def test_the_step_of_a_lattice_is_as_sure_as_the_digits_of_its_readings(digits: int) -> None:
+    step = 2e-3 * np.pi
+    read_speed = np.round(np.rint(rich_motion(SLOTS).speed_rad_s / step) * step, digits + 3)
+    found = lattice_step(read_speed)
+    assert found is not None
+    error = error_of_step(read_speed, found)
+    assert abs(found - step) < 5.0 * error
+    assert 0.0 < error < 10.0 ** -(digits + 3) / np.sqrt(np.unique(read_speed).size)
 
 
 def test_readings_without_a_lattice_have_no_step() -> None:

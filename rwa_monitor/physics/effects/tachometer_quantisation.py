@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -69,7 +70,8 @@ class TachometerQuantisation(NoiseEffect):
         fits = [
             cls._regress(residual_Nm, error, usable, channels.sample_period_s, step, h) for h in (1, LONGEST_STENCIL)
         ]
-        return max(fits, key=lambda fit: fit.penalised_gain)
+        best = max(fits, key=lambda fit: fit.penalised_gain)
+        return replace(best, std={**best.std, "step_rad_s": error_of_step(channels.speed_rad_s[usable], step)})
 
     @classmethod
     def _regress(
@@ -122,3 +124,14 @@ def lattice_step(speed_rad_s: FloatArray) -> float | None:
         step = float(np.sum(levels * multiples) / np.sum(multiples**2))
     off = np.abs(levels / step - np.rint(levels / step))
     return step if off.max() < ON_LATTICE else None
+
+
+def error_of_step(speed_rad_s: FloatArray, step: float) -> float:
+    """Return the standard deviation of the step of a lattice from what its readings are off it [rad/s].
+
+    Numbers that are off by nothing are still rounded to their own last bit.
+    """
+    levels = np.unique(speed_rad_s)
+    multiples = np.rint(levels / step)
+    off = max(float(np.sqrt(np.mean((levels - multiples * step) ** 2))), float(np.spacing(np.abs(levels).max())))
+    return off / float(np.sqrt(np.sum(multiples**2)))
