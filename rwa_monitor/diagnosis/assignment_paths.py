@@ -66,7 +66,9 @@ def find_paths(
         every path within its budget; then the path of the narrow beam.
     """
     above, worth = free_bounds(scores)
-    quick, start, taken, states, _ = _search_once(scores, above, -np.inf, min(quick_budget, budget), 1, 1)
+    # One entry per state, one path; written as a literal it would be a kind of its own, and all compiled twice.
+    one = min(kept, 1)
+    quick, start, taken, states, _ = _search_once(scores, above, -np.inf, min(quick_budget, budget), one, one)
     above = priced_bounds(scores, above.rest, worth, start[0], taken[0])
     full, starts, all_taken, more, lost = _search_once(scores, above, quick[0] - margin, budget, kept, paths)
     if full.size == 0:

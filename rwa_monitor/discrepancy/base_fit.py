@@ -354,11 +354,13 @@ def solve_bounded(
         worst = int(np.argmax(excess))
         if excess[worst] <= 0:
             break
-        solution[worst] = np.clip(solution[worst], low[worst], high[worst])
+        solution[worst] = min(max(solution[worst], low[worst]), high[worst])
         free[worst] = False
-        held = normalised[np.ix_(free, ~free)] @ (solution[~free] * scale[~free])
-        left = np.linalg.lstsq(normalised[np.ix_(free, free)], target[free] - held, rcond=1e-10)[0]
-        solution[free] = left / scale[free]
+        among, given = np.flatnonzero(free), np.flatnonzero(~free)
+        rows = normalised[among]
+        held = np.ascontiguousarray(rows[:, given]) @ (solution[given] * scale[given])
+        left = np.linalg.lstsq(rows[:, among], target[among] - held, rcond=1e-10)[0]
+        solution[among] = left / scale[among]
     return solution
 
 
