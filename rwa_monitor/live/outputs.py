@@ -148,7 +148,7 @@ def trouble_in(event: Event) -> str | None:
     if isinstance(event, SpeedsBeyondLimit):
         return (
             f"speeds beyond max_speed_rad_s = {event.limit_rad_s:.6g}, up to {event.largest_rad_s:.6g}, are rejected:"
-            " is it rpm?"
+            " is it rpm, or is the wheel file another wheel's?"
         )
     if isinstance(event, PublisherConflict):
         return (

@@ -87,4 +87,4 @@ def test_the_monitor_s_troubles_hold_both() -> None:
     text = " ".join(monitor.troubles)
     assert "is sample_period_s = 0.125 of the wheel file right? The samples come every 0.05" in text
     assert "beyond max_speed_rad_s = 650, up to 2864.79" in text
-    assert "is it rpm?" in text
+    assert "is it rpm, or is the wheel file another wheel's?" in text
