@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from functools import cached_property
-from typing import Annotated, Final, Self
+from typing import Annotated, Any, Final, Self
 
 import numpy as np
 from numba import njit
@@ -196,6 +196,12 @@ class CarriedState(Strict):
     @cached_property
     def _content_sha256(self) -> str:
         return content_sha256(self.model_dump(mode="json"))
+
+    def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
+        """Return a copy, with some fields replaced; without the hash, which pydantic would copy along."""
+        copied = super().model_copy(update=update, deep=deep)
+        copied.__dict__.pop("_content_sha256", None)
+        return copied
 
 
 _EMPTY: Final = CarriedState()
