@@ -5,6 +5,10 @@ wrong with that (seen with Zenoh 1.10). Where a live message overtakes the histo
 one in eight starts while messages flow. And where a question is lost with a connection, it is not asked again. So here
 the messages of a publisher, which Zenoh counts, wait while one before them is missing, and that one is asked for again;
 messages of others pass. What arrives twice is recognised by its batch number further on.
+
+After an outage, or a start of the monitor, that is so of all publishers of a fleet at once. Their answers, which may be
+whole histories, are not counted before they are here: so a few publishers are asked at a time, the others when those
+have answered, and nobody new while answers lie here that were not passed on.
 """
 
 from __future__ import annotations
@@ -23,6 +27,7 @@ from rwa_monitor.messages import MAX_MESSAGE_BYTES
 TIMEOUT_S: Final = 2.0  # for an answer
 # When to ask again where something is still missing, after the answer before [s]: outages end. Then it is lost.
 PAUSES_S: Final = (0.2, 0.5, 1.0, 2.0)
+MAX_ASKED: Final = 32  # publishers whose answers are awaited at a time: as many histories may come at once
 MAX_SOURCES: Final = 10_000  # publishers that are remembered; one that is forgotten is only asked again
 
 
@@ -45,22 +50,31 @@ class Arrival(NamedTuple):
 Ask = Callable[[Arrival, int, Callable[[Arrival], None], Callable[[], None]], None]
 
 
-@dataclass(slots=True)
+@dataclass(slots=True, eq=False)
 class _Gap:
-    """Messages first … before - 1 of a publisher are missing; those after them wait."""
+    """Messages first … before - 1 of a publisher are missing; those after them wait.
+
+    `asked_s` is None until the publisher's turn to be asked has come.
+    """
 
     first: int
     before: Arrival
-    asked_s: float
+    asked_s: float | None = None
     pauses_s: list[float] = field(default_factory=lambda: list(PAUSES_S))
     found: dict[int, Arrival] = field(default_factory=dict)  # by number: each answer to a question asked again has all
+    found_bytes: int = 0
     answered_s: float | None = None
     held: deque[Arrival] = field(default_factory=deque)
 
     def take(self, message: Arrival) -> None:
         """Take an answer, in any thread."""
-        if message.number >= self.first:
+        if message.number >= self.first and message.number not in self.found:
             self.found[message.number] = message
+            self.found_bytes += len(message.payload)
+
+    def is_awaited(self, now_s: float) -> bool:
+        """Tell whether an answer is awaited."""
+        return self.asked_s is not None and self.answered_s is None and now_s < self.asked_s + TIMEOUT_S
 
     def is_closed(self) -> bool:
         """Tell whether all that was missing was found."""
@@ -75,7 +89,8 @@ class Backfill:
     ask
         Asks for messages of a publisher; may call back in any thread.
     max_bytes
-        Of messages that wait here; beyond it nothing more is taken from the inbox until there is room.
+        Of messages that wait here; beyond it nothing more is taken from the inbox until there is room. And of answers;
+        beyond it no further publisher is asked.
     clock_s
         A clock that only goes forward [s].
 
@@ -92,6 +107,8 @@ class Backfill:
         self._clock_s = clock_s
         self._next: OrderedDict[str, int] = OrderedDict()  # number of the next message of each publisher
         self._gaps: dict[str, _Gap] = {}
+        self._unasked: deque[_Gap] = deque()  # of these, whose publishers were not asked yet
+        self._asked: list[_Gap] = []  # and the others
         self._held_bytes = 0
         self._ready: deque[Arrival] = deque()
 
@@ -102,12 +119,15 @@ class Backfill:
     def take(self, take: Callable[[], Arrival | None]) -> Arrival | None:
         """Return the next message, None when there is none yet; `take` takes one from the inbox."""
         for source in list(self._gaps):
+            if self._ready:
+                break  # one gap after the other: what it held is in memory until it was taken
             self._tend(source)
         while not self._ready and self._held_bytes <= self._max_bytes:
             arrival = take()
             if arrival is None:
-                return None
+                break
             self._sort(arrival)
+        self._ask_next()
         return self._ready.popleft() if self._ready else None
 
     def _sort(self, arrival: Arrival) -> None:
@@ -118,9 +138,9 @@ class Backfill:
             return
         following = self._next.get(source, 0)
         if source and number > following:
-            gap = self._gaps[source] = _Gap(following, arrival, self._clock_s())
+            gap = self._gaps[source] = _Gap(following, arrival)
+            self._unasked.append(gap)
             self._hold(gap, arrival)
-            self._ask_for(gap)
             return
         self._pass(arrival)
 
@@ -130,6 +150,7 @@ class Backfill:
         Its followers would show the gap, but there may be none.
         """
         self._sort(Arrival(dropped.key, b"", dropped.source, dropped.number + 1, is_gap=True))
+        self._ask_next()
 
     def _pass(self, arrival: Arrival) -> None:
         if arrival.is_gap:
@@ -144,6 +165,19 @@ class Backfill:
         gap.held.append(arrival)
         self._held_bytes += len(arrival.payload)
 
+    def _ask_next(self) -> None:
+        """Ask the publishers whose turn has come."""
+        if not self._unasked:
+            return
+        now_s = self._clock_s()
+        awaited = sum(gap.is_awaited(now_s) for gap in self._asked)
+        found_bytes = sum(gap.found_bytes for gap in self._asked)
+        while self._unasked and awaited < MAX_ASKED and found_bytes <= self._max_bytes:
+            gap = self._unasked.popleft()
+            self._asked.append(gap)
+            self._ask_for(gap)
+            awaited += 1
+
     def _ask_for(self, gap: _Gap) -> None:
         def answered() -> None:
             gap.answered_s = self._clock_s()
@@ -154,6 +188,8 @@ class Backfill:
     def _tend(self, source: str) -> None:
         """Pass on what waited where the gap is closed, or will not be; ask again where it may be."""
         gap, now_s = self._gaps[source], self._clock_s()
+        if gap.asked_s is None:
+            return
         end_s = gap.answered_s
         if end_s is None and now_s >= gap.asked_s + TIMEOUT_S:
             end_s = gap.asked_s + TIMEOUT_S
@@ -165,6 +201,7 @@ class Backfill:
                 self._ask_for(gap)
             return
         del self._gaps[source]
+        self._asked.remove(gap)
         found = dict(gap.found)  # a late answer may still come
         lost = gap.before.number - gap.first - len(found)
         if lost > 0 and gap.first > 0:  # what a publisher sent before we ever heard of it, nobody misses

@@ -12,7 +12,7 @@ from typing import Literal
 import pytest
 
 from rwa_monitor.errors import InputError, RwaMonitorError
-from rwa_monitor.live.backfill import PAUSES_S, TIMEOUT_S, Arrival, Backfill
+from rwa_monitor.live.backfill import MAX_ASKED, PAUSES_S, TIMEOUT_S, Arrival, Backfill
 from rwa_monitor.live.bus import BusOptions, Inbox, MonitorBus, open_session, session_config
 from rwa_monitor.live.publisher import ReliablePublisher
 from tests.live.processes import wait_for
@@ -182,6 +182,56 @@ def test_what_waits_for_a_history_is_bounded() -> None:
     history.asked[0][2](arrivals("late", range(1))[0])
     history.asked[0][3]()
     assert drained(backfill, waiting) == arrivals("late", range(100))
+
+
+def fleet_of(publishers: int, kept: int) -> dict[str, list[Arrival]]:
+    """Return the messages of publishers that each keep some, and the one after them, which is heard first."""
+    return {f"publisher {number}": arrivals(f"publisher {number}", range(kept + 1)) for number in range(publishers)}
+
+
+def test_of_a_fleet_a_few_publishers_are_asked_at_a_time_and_no_more_while_answers_lie_here() -> None:
+    history, kept = History(), 20
+    backfill = history.backfill(max_bytes=500 * len(b"payload"))  # fewer than that many publishers keep
+    fleet = fleet_of(200, kept)
+    out = drained(backfill, deque(sent[kept] for sent in fleet.values()))
+    answered = 0
+    while len(out) < 200 * (kept + 1):
+        asked = history.asked[answered:]
+        assert 0 < len(asked) <= MAX_ASKED
+        for before, first, found, finished in asked:
+            for message in fleet[before.source][first:kept]:
+                found(message)
+            finished()
+        answered += len(asked)
+        for _ in range(2 * kept):  # what two of them kept; the others' answers are still here
+            message = backfill.take(lambda: None)
+            assert message is not None
+            out.append(message)
+        assert len(history.asked) == answered
+        out += drained(backfill, deque())
+    assert {source: [one for one in out if one.source == source] for source in fleet} == fleet
+    assert (answered, backfill.missed, len(backfill)) == (200, {}, 0)
+
+
+def test_a_publisher_is_asked_also_while_messages_of_others_flow() -> None:
+    history = History()
+    backfill = history.backfill()
+    late, flowing = arrivals("late", range(3)), deque(arrivals("other", range(100)))
+    flowing.insert(1, late[2])
+    for _ in range(3):
+        assert backfill.take(flowing.popleft) is not None
+    assert [before.source for before, *_ in history.asked] == ["late"]
+
+
+def test_publishers_that_do_not_answer_let_others_be_asked() -> None:
+    history = History()
+    backfill = history.backfill(max_bytes=10_000)
+    fleet = fleet_of(3 * MAX_ASKED, 1)
+    assert drained(backfill, deque(sent[1] for sent in fleet.values())) == []
+    assert len(history.asked) == MAX_ASKED
+    history.now_s += TIMEOUT_S
+    assert drained(backfill, deque()) == []
+    assert {before.source for before, *_ in history.asked} == set(list(fleet)[: 2 * MAX_ASKED])
 
 
 def test_what_was_dropped_is_asked_for_although_nothing_follows() -> None:
