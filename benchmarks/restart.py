@@ -269,8 +269,9 @@ the same samples (seed {SEED}), as fast as the monitor takes them; so all window
 
 On: {describe_machine()["processor"]}; load of the machine {load}.
 
-A monitor goes on from the checkpoints in its last recording, and takes the inputs after them once
-more; of the recording before, too, where it ended while the wheels were brought over from that one; it reads and forgets them one by one, so that it needs the memory of its open windows (2.7 MB a wheel) and some
+A monitor goes on from the checkpoints in its last recording, and takes the inputs after them once more; where it ended
+while the wheels were brought over from the recording before, those in that one, too. It reads and forgets them one by
+one, so that it needs the memory of its open windows (2.7 MB a wheel) and some
 300 MB. A recording grows to twice what it begins with, so that the inputs may take longer than the checkpoints. Every
 five seconds it says how far it is, and systemd is told to wait. The messages that all publishers have kept come again
 at each start: they pass through the inbox. What is missing before them is asked for of 32 publishers at a time, and of
