@@ -113,7 +113,10 @@ def is_diagnosis(message: RecordedMessage) -> bool:
 
 def test_an_untouched_copy_written_again_is_equal(copy: Path) -> None:
     rewrite(copy, lambda message: message.data)
-    assert replay(copy).bytes_equal
+    report = replay(copy)
+    assert report.equal
+    # Another processor may differ from the one that made the references in the last bits, with either of them.
+    assert report.bytes_equal == replay(REPLAY / "nominal").bytes_equal
 
 
 def test_a_changed_diagnosis_is_found_and_counted_by_field(copy: Path) -> None:
