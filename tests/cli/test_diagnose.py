@@ -229,7 +229,7 @@ def test_a_bad_file_is_named_the_others_are_done_and_it_is_exit_2(files: Path, t
     result = run("diagnose", files / "given.csv", bad, files / "given.csv", "--wheel", files / "wheel.toml", "--json")
     assert result.exit_code == 2
     (line,) = result.stderr.splitlines()
-    assert line.startswith(f"rwa-monitor: {bad}: row 3, column time_s: time does not increase (0 s after 0 s); 1 row")
+    assert line.startswith(f"rwa-monitor: {bad}: row 3, column time_s: time does not increase (0 s after 0 s); row 3")
     assert len(lines(result.stdout)) == 6
 
 
