@@ -221,11 +221,15 @@ def page(found: list[Measured], full: Measured) -> str:
         f"Wanted: 1,000 wheels at {RATE_HZ} Hz with a lag under a second.\n\n"
         f"A message of {RATE_HZ} samples a second from each wheel, over {found[0].seconds:.0f} s after settling."
     )
+    brought = (
+        f"was brought over, {full.file_MB:,.0f} MB in {full.rotation_s:.0f} s"
+        if full.rotation_s
+        else "was being brought over to the end: the machine had no time for it"
+    )
     tail = (
         f"In the last row all windows have {FULL_SLOTS:,} of 80,000 slots from the beginning, and the recording ends\n"
         f"after {FILE_AGE_S:.0f} s instead of a day: within the {full.seconds:.0f} s that count, the next one was\n"
-        f"begun and the state of one wheel after the other was brought over, {full.file_MB:,.0f} MB in "
-        f"{full.rotation_s:.0f} s.\n"
+        f"begun and the state of one wheel after the other {brought}.\n"
     )
     columns = "| wheels | lag, median | 99 % | largest | share of the core | memory | samples sent | lost |"
     return "\n".join([f"{head} Load of the machine: {load}.", "", columns, "|---" * 8 + "|", *rows, "", tail])
