@@ -20,6 +20,7 @@ import psutil
 from distributed import Client, LocalCluster
 
 from benchmarks.output import add_output_option, put_out
+from rwa_monitor.evaluation.speed.machine import peak_memory_bytes
 from rwa_monitor.fleet.cluster import cores, each
 from rwa_monitor.fleet.tasks import Diagnose
 from rwa_monitor.formats.parquet_table import write_parquet
@@ -77,9 +78,7 @@ def _measure(files: list[Path], workers: int, repeats: int) -> dict[str, Any]:
 
 def _peak_MB() -> float:
     """Return the largest memory of this process so far."""
-    import resource
-
-    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    return peak_memory_bytes() / 1e6
 
 
 def _page(measured: dict[int, dict[str, Any]], few: dict[str, Any], recordings: int) -> str:

@@ -31,7 +31,7 @@ from benchmarks.output import add_output_option, put_out
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.evaluation.report import table
 from rwa_monitor.evaluation.speed.live import free_endpoint
-from rwa_monitor.evaluation.speed.machine import describe_machine
+from rwa_monitor.evaluation.speed.machine import describe_machine, peak_memory_bytes
 from rwa_monitor.live.bus import BusOptions, open_session
 from rwa_monitor.live.core import diagnose_samples
 from rwa_monitor.live.outputs import outputs_of
@@ -136,8 +136,7 @@ class Monitor:
 
     def peak_MB(self) -> float:
         """Return the most memory that it has had resident."""
-        lines = Path(f"/proc/{self.process.pid}/status").read_text().splitlines()
-        return next(int(line.split()[1]) * 1024 / 1e6 for line in lines if line.startswith("VmHWM"))
+        return peak_memory_bytes(self.process.pid) / 1e6
 
     def wait_until(self, done: Callable[[], bool], what: str) -> float:
         """Wait, and return how long after the start it was so."""

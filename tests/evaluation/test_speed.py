@@ -15,6 +15,7 @@ from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.diagnosis.wglr import wglr
 from rwa_monitor.evaluation.speed import benchmark, detection, live, peers, plain_paper, search
 from rwa_monitor.evaluation.speed.detection import Window
+from rwa_monitor.evaluation.speed.machine import peak_memory_bytes
 from rwa_monitor.evaluation.speed.race import Runner, laps
 from rwa_monitor.evaluation.speed.report import SpeedReport, Target, to_markdown
 from rwa_monitor.evaluation.speed.windows import hard_window, time_hard_window, time_windows, window_of
@@ -124,6 +125,13 @@ def test_a_window_of_many_alike_jumps_is_bounded_and_says_that_it_pruned() -> No
 
 
 # ---- what is kept ----------------------------------------------------------------------------------------------------
+
+
+def test_the_peak_memory_of_a_process_is_not_that_of_the_one_that_started_it() -> None:
+    large = np.ones(60_000_000)
+    ask = "from rwa_monitor.evaluation.speed.machine import peak_memory_bytes; print(peak_memory_bytes())"
+    child = subprocess.run([sys.executable, "-c", ask], capture_output=True, text=True, check=True)
+    assert int(child.stdout) < large.nbytes < peak_memory_bytes()
 
 
 def test_a_search_in_a_process_of_its_own_says_what_it_cost() -> None:

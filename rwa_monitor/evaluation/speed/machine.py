@@ -23,6 +23,7 @@ PACKAGES: Final = (
     "river",
 )
 CPU_INFO: Final = Path("/proc/cpuinfo")
+BYTES_PER_KIB: Final = 1024
 
 
 def describe_machine() -> dict[str, str]:
@@ -39,6 +40,19 @@ def describe_machine() -> dict[str, str]:
         except metadata.PackageNotFoundError:
             continue  # the page says what is missing
     return described
+
+
+def peak_memory_bytes(process: int | str = "self") -> int:
+    """Return the largest resident memory that a process, by its number, has had so far; Linux only.
+
+    The `ru_maxrss` of `getrusage` is not this: a process that was started takes over the largest memory of the one that
+    started it (`setmax_mm_hiwater_rss` at the exec of Linux).
+    """
+    for line in Path(f"/proc/{process}/status").read_text(encoding="ascii").splitlines():
+        name, _, size = line.partition(":")
+        if name == "VmHWM":
+            return int(size.split()[0]) * BYTES_PER_KIB
+    raise ProcessLookupError(f"process {process} has ended")
 
 
 def _processor() -> str:

@@ -7,7 +7,6 @@ wall-clock time, hardly the processor time.
 from __future__ import annotations
 
 import os
-import resource
 import time
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
@@ -17,6 +16,7 @@ from typing import Final
 import numpy as np
 
 from rwa_monitor.discrepancy.find import find_discrepancy
+from rwa_monitor.evaluation.speed.machine import peak_memory_bytes
 from rwa_monitor.evaluation.speed.report import Section, Target
 from rwa_monitor.physics.scenario import Scenario
 from rwa_monitor.physics.speed import SpeedProfile
@@ -36,7 +36,6 @@ WARM: Final = 3_000  # samples: compiled loops are loaded before the clock start
 MOST_SECONDS: Final = 20.0
 MOST_GB: Final = 2.0
 MOST_GROWTH: Final = 1.2
-BYTES_PER_KIB: Final = 1024
 GIGA: Final = 1e9
 
 
@@ -84,7 +83,7 @@ def measure(samples: int, hidden: int, threads: int) -> SearchCost:
         threads,
         time.perf_counter() - wall,
         time.process_time() - processor,
-        resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * BYTES_PER_KIB / GIGA,
+        peak_memory_bytes() / GIGA,
         tuple(effect.name for effect in found.result.effects),
     )
 
