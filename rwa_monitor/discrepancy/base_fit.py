@@ -103,6 +103,13 @@ class Problem:
         """Note what every solution asks for."""
         object.__setattr__(self, "top_speed", float(self.speed.max(initial=0.0)))
 
+    def with_empty_caches(self) -> Problem:
+        """Return the same data with caches of their own: for what is kept in a cache of these.
+
+        What refers to itself in a circle is freed late, and the columns kept for a search may have 400 MB.
+        """
+        return replace(self, columns=ColumnCache(), jumps=JumpCache(), recent=RecentCache())
+
     @property
     def size(self) -> int:
         """Count the used samples."""

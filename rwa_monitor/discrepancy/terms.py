@@ -164,7 +164,9 @@ def _strong(problem: Problem, effect: type[MeanEffect], level: FloatArray | None
         return None
     decides = level, problem.z, problem.records
     price = problem.noise.long_run_variance
-    return problem.recent.get(decides, price, lambda: _Strong(problem, strong_level(problem, level)))
+    return problem.recent.get(
+        decides, price, lambda: _Strong(problem.with_empty_caches(), strong_level(problem, level))
+    )
 
 
 def _make_term(problem: Problem, effect: type[MeanEffect], shape: Mapping[str, float], strong: _Strong | None) -> Term:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import gc
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from rwa_monitor.discrepancy.base_fit import make_problem, strong_level
+from rwa_monitor.discrepancy.caches import ColumnCache
 from rwa_monitor.discrepancy.find import find_discrepancy
 from rwa_monitor.discrepancy.jump_terms import JUMP_TERMS
 from rwa_monitor.discrepancy.record import make_record
@@ -48,6 +50,19 @@ def test_a_record_in_one_direction_with_current_is_adequate() -> None:
     samples, _ = record(one_way())
     result = find_discrepancy([("plain", with_current(samples))], WHEEL).result
     assert result.verdict == "adequate", [effect.name for effect in result.effects]
+
+
+def test_what_a_search_kept_is_freed_with_it_and_waits_for_no_collector() -> None:
+    samples, _ = record(one_way())
+    gc.collect()
+    gc.disable()  # it counts objects, not bytes: hundreds of megabytes in a circle would wait for it
+    try:
+        found = find_discrepancy([("plain", with_current(samples))], WHEEL)
+        assert any(isinstance(one, ColumnCache) for one in gc.get_objects())
+        del found
+        assert not any(isinstance(one, ColumnCache) for one in gc.get_objects())
+    finally:
+        gc.enable()
 
 
 def test_an_offset_in_a_few_dwells_may_be_an_asymmetry() -> None:
