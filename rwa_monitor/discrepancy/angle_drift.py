@@ -14,7 +14,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from rwa_monitor.discrepancy.base_fit import Fit, Problem
+from rwa_monitor.discrepancy.base_fit import Fit
+from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.record import Record
 from rwa_monitor.physics.effects.recursions import turned_angle
 from rwa_monitor.physics.effects.torque_ripple import MAX_HARMONIC, coherent_slots

@@ -14,7 +14,8 @@ from typing import Final
 import numpy as np
 from scipy import fft, optimize
 
-from rwa_monitor.discrepancy.base_fit import Fit, Problem
+from rwa_monitor.discrepancy.base_fit import Fit
+from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.record import Record
 from rwa_monitor.discrepancy.result import Unexplained
 from rwa_monitor.discrepancy.search import ACCEPT_GAIN

@@ -14,8 +14,8 @@ from typing import Final
 import numpy as np
 from scipy.ndimage import binary_dilation
 
-from rwa_monitor.discrepancy.base_fit import Problem
 from rwa_monitor.discrepancy.noise_effects import accepted, is_quantised, residual_on_slots
+from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.record import Record
 from rwa_monitor.discrepancy.result import FoundEffect
 from rwa_monitor.discrepancy.search import Model

@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 from numba import njit
 
-from rwa_monitor.discrepancy.base_fit import Problem
+from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.physics.effects.base import Channels, MeanEffect, Memory, Parameter
 from rwa_monitor.physics.effects.resolution import narrowed
 from rwa_monitor.samples import FloatArray

@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from scipy import linalg
 
-from rwa_monitor.discrepancy.base_fit import JUMP_PENALTY, Problem, remove_levels, segment_starts, solve_bounded
+from rwa_monitor.discrepancy.base_fit import JUMP_PENALTY, remove_levels, segment_starts, solve_bounded
+from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.samples import BoolArray, FloatArray
 
 if TYPE_CHECKING:

@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING, Final, Literal
 
 import numpy as np
 
-from rwa_monitor.discrepancy.base_fit import Problem, remove_levels, segment_starts
+from rwa_monitor.discrepancy.base_fit import remove_levels, segment_starts
+from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.result import SimulatedGain
 from rwa_monitor.discrepancy.search import Model
 from rwa_monitor.discrepancy.slope_jumps import SlopeJumps, shared_strength

@@ -12,7 +12,7 @@ import numpy as np
 from rwa_monitor.discrepancy.alignment import Delay
 from rwa_monitor.discrepancy.angle_drift import with_angle_drift
 from rwa_monitor.discrepancy.angle_lines import AngleLine, angle_line, order_to_try, ripple_with
-from rwa_monitor.discrepancy.base_fit import Problem, fit, make_problem, with_noise_of
+from rwa_monitor.discrepancy.base_fit import fit, make_problem, with_noise_of
 from rwa_monitor.discrepancy.cage import cage_bursts
 from rwa_monitor.discrepancy.delay_term import DelayTerm
 from rwa_monitor.discrepancy.extended import extend
@@ -25,6 +25,7 @@ from rwa_monitor.discrepancy.mapper import Mapper, in_turn
 from rwa_monitor.discrepancy.noise_effects import noise_effects
 from rwa_monitor.discrepancy.nulls import built_in_nulls
 from rwa_monitor.discrepancy.other_orders import with_other_orders
+from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.record import Record, delay_of
 from rwa_monitor.discrepancy.result import (
     INDISTINGUISHABLE,

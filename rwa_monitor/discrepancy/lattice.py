@@ -22,7 +22,8 @@ from typing import Final
 import numpy as np
 from scipy import special
 
-from rwa_monitor.discrepancy.base_fit import Fit, Problem, fit, make_problem, strong_level, with_noise_of
+from rwa_monitor.discrepancy.base_fit import Fit, fit, make_problem, strong_level, with_noise_of
+from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.record import Record
 from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import FloatArray

@@ -11,7 +11,7 @@ from typing import Final
 
 import numpy as np
 
-from rwa_monitor.discrepancy.base_fit import Problem
+from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.result import ParameterValue
 from rwa_monitor.discrepancy.search import EQUIVALENT_WITHIN, Model
 from rwa_monitor.discrepancy.terms import make_background, make_term, reach_between, shape_limits

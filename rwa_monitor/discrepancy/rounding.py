@@ -11,7 +11,8 @@ from typing import Final
 
 import numpy as np
 
-from rwa_monitor.discrepancy.base_fit import Problem, jump_sets
+from rwa_monitor.discrepancy.base_fit import jump_sets
+from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.search import SearchResult, refit
 from rwa_monitor.physics.effects.tachometer_quantisation import lattice_step
 

@@ -14,15 +14,9 @@ from typing import Final
 
 import numpy as np
 
-from rwa_monitor.discrepancy.base_fit import (
-    Fit,
-    Problem,
-    fit,
-    jump_sets,
-    remove_levels,
-    strong_jumps,
-)
+from rwa_monitor.discrepancy.base_fit import Fit, fit, jump_sets, remove_levels, strong_jumps
 from rwa_monitor.discrepancy.coloured import coloured_gain, is_coloured
+from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.terms import (
     EXPLAINED_AWAY,
     FEW_CHOICES,

@@ -15,9 +15,10 @@ from typing import Final
 import numpy as np
 from numba import njit
 
-from rwa_monitor.discrepancy.base_fit import JUMP_PENALTY, Problem, jump_sets, strong_jumps
+from rwa_monitor.discrepancy.base_fit import JUMP_PENALTY, jump_sets, strong_jumps
 from rwa_monitor.discrepancy.gain import held_out
 from rwa_monitor.discrepancy.jump_terms import ViscousJumpTerm
+from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.result import ParameterValue
 from rwa_monitor.discrepancy.search import ACCEPT_GAIN, Model, refit
 from rwa_monitor.discrepancy.terms import Term

@@ -16,7 +16,6 @@ from scipy.ndimage import uniform_filter1d
 from rwa_monitor.discrepancy.base_fit import (
     JUMP_PENALTY,
     TUKEY,
-    Problem,
     long_lag,
     remove_levels,
     same_record,
@@ -26,6 +25,7 @@ from rwa_monitor.discrepancy.base_fit import (
     weight_by_size,
 )
 from rwa_monitor.discrepancy.delay_term import LEAD, SLOPE_REACH, without_pulses
+from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.record import Record
 from rwa_monitor.physics.effects.base import Channels, MeanEffect, Parameter
 from rwa_monitor.physics.effects.torque_ripple import TorqueRipple

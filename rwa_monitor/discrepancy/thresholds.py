@@ -11,7 +11,8 @@ from typing import Final
 
 import numpy as np
 
-from rwa_monitor.discrepancy.base_fit import Fit, Problem
+from rwa_monitor.discrepancy.base_fit import Fit
+from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.terms import Term, make_background
 from rwa_monitor.samples import IntArray
 

@@ -15,8 +15,9 @@ from typing import Final
 
 import numpy as np
 
-from rwa_monitor.discrepancy.base_fit import Problem, remove_levels, segment_starts, with_noise_of
+from rwa_monitor.discrepancy.base_fit import remove_levels, segment_starts, with_noise_of
 from rwa_monitor.discrepancy.noise import MAX_LAG
+from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.result import ParameterValue
 from rwa_monitor.discrepancy.search import Model
 from rwa_monitor.discrepancy.terms import LOG_SPACING_FROM, Term, make_background, make_term, shape_limits

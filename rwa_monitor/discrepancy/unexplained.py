@@ -12,9 +12,10 @@ from typing import Final
 
 import numpy as np
 
-from rwa_monitor.discrepancy.base_fit import Problem, jump_sets, strong_jumps, strong_level
+from rwa_monitor.discrepancy.base_fit import jump_sets, strong_jumps, strong_level
 from rwa_monitor.discrepancy.free_curves import CURVES, Periodic, PeriodicDrag, StepInSpeed
 from rwa_monitor.discrepancy.gain import holds_out, trained
+from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.result import Unexplained
 from rwa_monitor.discrepancy.search import ACCEPT_GAIN, Model, SearchResult, refit
 from rwa_monitor.discrepancy.terms import Term, make_term

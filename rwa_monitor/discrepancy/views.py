@@ -16,12 +16,8 @@ from typing import Final
 import numpy as np
 from scipy import stats
 
-from rwa_monitor.discrepancy.base_fit import (
-    Problem,
-    least_squares,
-    remove_levels,
-    segment_starts,
-)
+from rwa_monitor.discrepancy.base_fit import least_squares, remove_levels, segment_starts
+from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.search import Model
 from rwa_monitor.physics.effects.base import Channels
 from rwa_monitor.samples import FloatArray, IntArray

@@ -14,8 +14,9 @@ from typing import Final
 
 import numpy as np
 
-from rwa_monitor.discrepancy.base_fit import Problem, fit, make_problem
+from rwa_monitor.discrepancy.base_fit import fit, make_problem
 from rwa_monitor.discrepancy.known_effects import without_known_effects
+from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.record import left_out_in_words, make_record
 from rwa_monitor.discrepancy.unit_check import Shown, slope_in_question
 from rwa_monitor.errors import InputError

@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rwa_monitor.discrepancy.base_fit import Problem, fit, make_problem, robust_coefficients, solve_bounded
+from rwa_monitor.discrepancy.base_fit import fit, make_problem, robust_coefficients, solve_bounded
 from rwa_monitor.discrepancy.caches import JumpCache
+from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.record import make_record
 from rwa_monitor.errors import InputError
 from tests.discrepancy.simple import DRY_NM, NOISE_NM, VISCOUS, WHEEL, record, swing

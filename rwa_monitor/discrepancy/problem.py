@@ -1,0 +1,134 @@
+"""The problem of a search: the used samples of a wheel's records, joined, and what is known of their noise.
+
+The sign is folded in: z = s·friction torque is a level and a slope in both directions (see `base_fit`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import Final
+
+import numpy as np
+
+from rwa_monitor.discrepancy.caches import ColumnCache, JumpCache, RecentCache
+from rwa_monitor.discrepancy.mapper import Mapper, in_turn
+from rwa_monitor.discrepancy.noise import Noise
+from rwa_monitor.discrepancy.record import Record
+from rwa_monitor.samples import FloatArray, IntArray
+
+DIGITS: Final = 1e-5  # of the RMS of the friction: what is smaller is no sensor's noise
+NEARLY_CONSTANT: Final = 0.05  # of the mean speed: its spread, below which a slope of the drag is no more than a level
+
+
+@dataclass(frozen=True, slots=True)
+class Problem:
+    """The used samples of one or more records of a wheel, joined; arrays (n,).
+
+    Attributes
+    ----------
+    records
+        The records.
+    z
+        s·friction torque [N m]; outliers pulled in where the noise has heavy tails (`clipped_share` says how many).
+    z_measured
+        The same, as measured.
+    clipped_share
+        Share of the samples that were pulled in.
+    speed
+        |ω| [rad/s], the column of viscous friction.
+    sign
+        s [-].
+    starts
+        First joined index of each record, and n at the end: a level never reaches across records.
+    slot
+        Slot within its record of each joined sample.
+    noise
+        Noise of z [N m].
+    nominal_viscous
+        Nominal viscous coefficient [N m s/rad] as a weak prior, or None.
+    derivative_taps
+        Of the filter through which noise of the speed enters friction that is derived.
+    each
+        Applies a function to each candidate; the answer does not depend on how.
+    lowest_viscous
+        Lower bound of the viscous coefficient [N m s/rad]: zero where the base model's own is positive, so that no
+        effect is propped up by a negative viscosity.
+    top_speed
+        Largest speed [rad/s].
+    """
+
+    records: tuple[Record, ...]
+    z: FloatArray
+    z_measured: FloatArray
+    clipped_share: float
+    speed: FloatArray
+    sign: FloatArray
+    starts: IntArray
+    slot: IntArray
+    noise: Noise
+    nominal_viscous: float | None
+    columns: ColumnCache = field(default_factory=ColumnCache)
+    jumps: JumpCache = field(default_factory=JumpCache)
+    recent: RecentCache = field(default_factory=RecentCache)
+    derivative_taps: FloatArray = field(default_factory=lambda: np.ones(1))
+    each: Mapper = in_turn
+    lowest_viscous: float = -np.inf
+    top_speed: float = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Note what every solution asks for."""
+        object.__setattr__(self, "top_speed", float(self.speed.max(initial=0.0)))
+
+    def with_empty_caches(self) -> Problem:
+        """Return the same data with caches of their own: for what is kept in a cache of these.
+
+        What refers to itself in a circle is freed late, and the columns kept for a search may have 400 MB.
+        """
+        return replace(self, columns=ColumnCache(), jumps=JumpCache(), recent=RecentCache())
+
+    @property
+    def size(self) -> int:
+        """Count the used samples."""
+        return int(self.z.size)
+
+    @property
+    def friction_is_derived(self) -> bool:
+        """Say whether friction was derived from current and speed in any of the records."""
+        return any(record.friction_is_derived for record in self.records)
+
+    @property
+    def at_one_speed(self) -> bool:
+        """Say whether all is at nearly one speed: dry and viscous friction are one number there."""
+        return float(np.std(self.speed)) < NEARLY_CONSTANT * float(np.mean(self.speed))
+
+    @property
+    def smallest_noise_Nm(self) -> float:
+        """Return the standard deviation below which noise is the digits of a table [N m]."""
+        return DIGITS * float(np.sqrt(np.mean(self.z_measured**2)))
+
+    @property
+    def has_noise(self) -> bool:
+        """Say whether there is noise beyond the digits of the table: a simulation may have none."""
+        return self.noise.std > self.smallest_noise_Nm
+
+    @property
+    def log_size(self) -> float:
+        """Return log N."""
+        return float(np.log(self.size))
+
+    def gather(self, per_record: Sequence[FloatArray]) -> FloatArray:
+        """Join arrays over the slots of each record at the used slots."""
+        borders = zip(per_record, self.starts[:-1], self.starts[1:], strict=True)
+        used = [np.take(values, self.slot[begin:end], axis=0) for values, begin, end in borders]
+        return used[0] if len(used) == 1 else np.concatenate(used)
+
+    def spread(self, joined: FloatArray) -> list[FloatArray]:
+        """Put joined values back on each record's slots, holding the last known one in between."""
+        out = []
+        for record, begin, end in zip(self.records, self.starts[:-1], self.starts[1:], strict=True):
+            values = np.full(record.used.size, np.nan)
+            if end > begin:
+                values = joined[begin:end][np.maximum(np.cumsum(record.used) - 1, 0)]
+            out.append(values)
+        return out
