@@ -14,7 +14,8 @@ import numpy as np
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.result import ParameterValue
 from rwa_monitor.discrepancy.search import EQUIVALENT_WITHIN, Model
-from rwa_monitor.discrepancy.terms import make_background, make_term, reach_between, shape_limits
+from rwa_monitor.discrepancy.shape_profile import reach_between, shape_limits
+from rwa_monitor.discrepancy.terms import make_background, make_term
 from rwa_monitor.discrepancy.uncertainty import ORDER
 from rwa_monitor.physics.effects.torque_ripple import MAX_HARMONIC, TorqueRipple, angle_range_turns
 from rwa_monitor.samples import FloatArray

@@ -19,7 +19,8 @@ from rwa_monitor.discrepancy.caches import ColumnCache
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.record import Record
 from rwa_monitor.discrepancy.search import Model, middle_shape
-from rwa_monitor.discrepancy.terms import make_background, make_term, profile
+from rwa_monitor.discrepancy.shape_profile import profile
+from rwa_monitor.discrepancy.terms import make_background, make_term
 from rwa_monitor.physics.effects.base import Channels
 from rwa_monitor.physics.effects.catalogue import MEAN_EFFECTS
 from rwa_monitor.physics.speed import ORBIT_S

@@ -17,9 +17,9 @@ import numpy as np
 from rwa_monitor.discrepancy.base_fit import Fit, fit, jump_sets, remove_levels, strong_jumps
 from rwa_monitor.discrepancy.coloured import coloured_gain, is_coloured
 from rwa_monitor.discrepancy.problem import Problem
+from rwa_monitor.discrepancy.shape_profile import FEW_CHOICES, profile, profile_robustly, shape_limits
 from rwa_monitor.discrepancy.terms import (
     EXPLAINED_AWAY,
-    FEW_CHOICES,
     Background,
     RobustBackground,
     Term,
@@ -28,9 +28,6 @@ from rwa_monitor.discrepancy.terms import (
     make_background,
     make_robust_background,
     make_term,
-    profile,
-    profile_robustly,
-    shape_limits,
 )
 from rwa_monitor.discrepancy.thresholds import best_threshold
 from rwa_monitor.physics.effects.base import MeanEffect

@@ -1,16 +1,17 @@
-"""Terms: an effect of the catalogue put into columns of the search problem, and its shape profiled on the data."""
+"""Terms: an effect of the catalogue, at one shape, put into columns of the search problem, and what adding it is worth.
+
+Which shape is the best is found in `shape_profile`.
+"""
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Callable, Hashable, Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Final
 
 import numpy as np
 from numba import njit
-from scipy import optimize
 from scipy.ndimage import uniform_filter1d
 
 from rwa_monitor.discrepancy.base_fit import (
@@ -27,13 +28,10 @@ from rwa_monitor.discrepancy.base_fit import (
 from rwa_monitor.discrepancy.delay_term import LEAD, SLOPE_REACH, without_pulses
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.record import Record
-from rwa_monitor.physics.effects.base import Channels, MeanEffect, Parameter
+from rwa_monitor.physics.effects.base import Channels, MeanEffect
 from rwa_monitor.physics.effects.torque_ripple import TorqueRipple
 from rwa_monitor.samples import FloatArray, IntArray
 
-FEW_CHOICES: Final = 3  # of a discrete shape parameter: so few are tried again in each refinement
-GRID_POINTS: Final = 9  # per continuous shape parameter; the profile is then refined between neighbours
-LOG_SPACING_FROM: Final = 8.0  # ratio of bounds from which a shape parameter is spaced in logarithm
 ROBUST_PAIRS: Final = 8_000  # differences that the robust start looks at, evenly spread
 ROBUST_ROUNDS: Final = 5  # reweightings; the shape only starts the fit
 LARGEST: Final = float(np.finfo(np.float64).max)  # in place of an infinite value
@@ -90,24 +88,31 @@ def make_term(problem: Problem, effect: type[MeanEffect], shape: Mapping[str, fl
     level
         Current estimate of the dry level at the joined samples [N m], for effects that scale with it.
     """
-    return _make_term(problem, effect, shape, _strong(problem, effect, level))
+    return make_term_with(problem, effect, shape, followed_level(problem, effect, level))
 
 
-class _Strong:
-    """A level with only its strong jumps, which columns follow, and the channels that it gives.
+class FollowedLevel:
+    """A level with only its strong jumps, which columns follow, and the channels that it gives; see `followed_level`.
 
     The channels are the same for every shape of an effect: they are made when they are first asked for.
+
+    Attributes
+    ----------
+    problem
+        The data.
+    level
+        float64 (n,), the level at the joined samples [N m].
     """
 
     def __init__(self, problem: Problem, level: FloatArray) -> None:
         self.problem = problem
-        self.level = level  # (n,) [N m]
-        self._cleaned: dict[float, _Strong] = {}
+        self.level = level
+        self._cleaned: dict[float, FollowedLevel] = {}
 
-    def without_pulses(self, lead: float) -> _Strong:
+    def without_pulses(self, lead: float) -> FollowedLevel:
         """Return the level with its pulses taken out, see `delay_term`."""
         if lead not in self._cleaned:
-            self._cleaned[lead] = _Strong(self.problem, without_pulses(self.level, lead))
+            self._cleaned[lead] = FollowedLevel(self.problem, without_pulses(self.level, lead))
         return self._cleaned[lead]
 
     @cached_property
@@ -116,9 +121,9 @@ class _Strong:
         return 1e-3 * float(np.mean(np.abs(self.level))) or 1.0
 
     @cached_property
-    def stepped(self) -> _Strong:
+    def stepped(self) -> FollowedLevel:
         """The level a small step up."""
-        return _Strong(self.problem, self.level + self.step)
+        return FollowedLevel(self.problem, self.level + self.step)
 
     @cached_property
     def channels(self) -> list[Channels]:
@@ -155,7 +160,7 @@ def _steady_speed(record: Record) -> FloatArray:
     return np.where(known, sums / np.where(known, share, 1.0), np.nan)
 
 
-def _strong(problem: Problem, effect: type[MeanEffect], level: FloatArray | None) -> _Strong | None:
+def followed_level(problem: Problem, effect: type[MeanEffect], level: FloatArray | None) -> FollowedLevel | None:
     """Return what of a level an effect's columns follow; None where they follow none.
 
     Only strong jumps count: many weak ones may follow another effect, and the column would then follow it as well.
@@ -165,17 +170,19 @@ def _strong(problem: Problem, effect: type[MeanEffect], level: FloatArray | None
     decides = level, problem.z, problem.records
     price = problem.noise.long_run_variance
     return problem.recent.get(
-        decides, price, lambda: _Strong(problem.with_empty_caches(), strong_level(problem, level))
+        decides, price, lambda: FollowedLevel(problem.with_empty_caches(), strong_level(problem, level))
     )
 
 
-def _make_term(problem: Problem, effect: type[MeanEffect], shape: Mapping[str, float], strong: _Strong | None) -> Term:
-    """Evaluate an effect's columns, given the level with only its strong jumps."""
+def make_term_with(
+    problem: Problem, effect: type[MeanEffect], shape: Mapping[str, float], followed: FollowedLevel | None
+) -> Term:
+    """Evaluate an effect's columns, given the level that they follow: the same for many shapes of the effect."""
     strengths = effect.strength_parameters()
     key = _name(effect, shape)
     columns = problem.columns.get(key)
-    if columns is None and strong is not None:
-        columns = _columns_with_level(effect, shape, strong)
+    if columns is None and followed is not None:
+        columns = _columns_with_level(effect, shape, followed)
     if columns is None:
         by_angle = issubclass(effect, TorqueRipple)
         channels = [record.undrifted if by_angle else record.channels for record in problem.records]
@@ -230,7 +237,7 @@ def depends_on_level(effect: type[MeanEffect]) -> bool:
     return effect.uses_level or "motor_torque_Nm" in effect.needs
 
 
-def _columns_with_level(effect: type[MeanEffect], shape: Mapping[str, float], strong: _Strong) -> FloatArray:
+def _columns_with_level(effect: type[MeanEffect], shape: Mapping[str, float], followed: FollowedLevel) -> FloatArray:
     """Evaluate the columns with a dry level, and with the motor torque that accelerates and overcomes that level.
 
     The measured motor torque holds the very friction that is to be explained, jumps and noise included: less J·dω/dt it
@@ -238,10 +245,10 @@ def _columns_with_level(effect: type[MeanEffect], shape: Mapping[str, float], st
     part in proportion to the level is left to the levels.
     """
     if LEAD in shape:
-        strong = strong.without_pulses(shape[LEAD])
-    level, columns = strong.level, strong.columns(effect, shape)
+        followed = followed.without_pulses(shape[LEAD])
+    level, columns = followed.level, followed.columns(effect, shape)
     if not effect.uses_level:
-        share = np.median((strong.stepped.columns(effect, shape) - columns) / strong.step, axis=0)
+        share = np.median((followed.stepped.columns(effect, shape) - columns) / followed.step, axis=0)
         return np.asarray(columns - level[:, None] * share, dtype=np.float64)
     centred = level - level.mean()
     energy = float(centred @ centred)
@@ -378,135 +385,3 @@ def make_robust_background(problem: Problem, chosen: Sequence[Term]) -> RobustBa
         np.concatenate([[np.inf], *(term.high for term in chosen)]),
         float(np.sqrt(2.0) * problem.noise.std),
     )
-
-
-def profile_robustly(effect: type[MeanEffect], background: RobustBackground, level: FloatArray | None) -> Term:
-    """Find the shape on which Tukey's loss of long-lag differences is least: a start that trusts no segmentation."""
-    problem, strong = background.problem, _strong(background.problem, effect, level)
-    axes = _axes(problem, effect, None)
-
-    def evaluate(values: tuple[float, ...]) -> tuple[Term, float]:
-        shape = {axis.name: value for axis, value in zip(axes, values, strict=True)}
-        term = _make_term(problem, effect, shape, strong)
-        return term, background.cost_with(term)
-
-    best = min(itertools.product(*(axis.points for axis in axes)), key=lambda values: evaluate(values)[1])
-    for i, axis in enumerate(axes):
-        if axis.refine:
-            best = _refine(axis, i, best, lambda values: evaluate(values)[1])
-    return evaluate(best)[0]
-
-
-def profile(
-    effect: type[MeanEffect],
-    backgrounds: Sequence[Background],
-    level: FloatArray | None,
-    around: Term | None = None,
-    fixed: Mapping[str, float] | None = None,
-) -> tuple[Term, float]:
-    """Find the shape parameters with the best criterion over the given backgrounds.
-
-    A coarse grid inside the record's bounds (or around a known term), then a bounded refinement: no fixed grid decides.
-    Parameters in `fixed` keep their values.
-
-    Returns
-    -------
-    term, criterion
-        The effect at its best shape, and the criterion there.
-    """
-    problem, strong = backgrounds[0].problem, _strong(backgrounds[0].problem, effect, level)
-    axes = [
-        _Axis(axis.name, (fixed[axis.name],), False, False) if fixed and axis.name in fixed else axis
-        for axis in _axes(problem, effect, around)
-    ]
-    cache: dict[tuple[float, ...], tuple[Term, float]] = {}
-
-    def evaluate(values: tuple[float, ...]) -> tuple[Term, float]:
-        if values not in cache:
-            shape = {axis.name: value for axis, value in zip(axes, values, strict=True)}
-            term = _make_term(problem, effect, shape, strong)
-            squares = term.columns.T @ term.columns
-            cache[values] = term, min(background.criterion_with(term, squares) for background in backgrounds)
-        return cache[values]
-
-    grid = list(itertools.product(*(axis.points for axis in axes)))
-    best = min(grid, key=lambda values: evaluate(values)[1])
-    continuous = [i for i, axis in enumerate(axes) if axis.refine]
-    for _ in range(2 if len(continuous) > 1 else 1):
-        for i in continuous:
-            best = _refine(axes[i], i, best, lambda values: evaluate(values)[1])
-    return evaluate(best)
-
-
-@dataclass(frozen=True, slots=True)
-class _Axis:
-    name: str
-    points: tuple[float, ...]
-    refine: bool
-    logarithmic: bool
-
-
-def shape_limits(problem: Problem, effect: type[MeanEffect]) -> dict[str, tuple[float, float]]:
-    """Return the range of each shape parameter that any of the records can show."""
-    bounds: dict[str, tuple[float, float]] = {}
-    for record in problem.records:
-        for name, (low, high) in effect.shape_bounds(record.channels).items():
-            old = bounds.get(name, (low, high))
-            bounds[name] = (min(low, old[0]), max(high, old[1]))
-    return bounds
-
-
-def reach_between(problem: Problem, effect: type[MeanEffect]) -> dict[str, float]:
-    """Return how far a discrete shape parameter is moved off a choice: what all records show, the least of it."""
-    per_record = [effect.reach_between(record.channels) for record in problem.records]
-    names = set.intersection(*(set(one) for one in per_record))
-    return {name: min(one[name] for one in per_record) for name in names}
-
-
-def _axes(problem: Problem, effect: type[MeanEffect], around: Term | None) -> list[_Axis]:
-    bounds = shape_limits(problem, effect)
-    reach = reach_between(problem, effect) if around is not None else {}
-    return [
-        _axis(parameter, *bounds[parameter.name], around, reach.get(parameter.name, 0.0))
-        for parameter in effect.shape_parameters()
-    ]
-
-
-def _axis(parameter: Parameter, low: float, high: float, around: Term | None, reach: float) -> _Axis:
-    if around is not None and reach > 0.0:
-        centre = around.shape[parameter.name]
-        points = (max(centre - reach, low), centre, min(centre + reach, high))
-        usual = [choice for choice in parameter.choices if points[0] < choice < points[2]]
-        return _Axis(parameter.name, tuple(sorted({*points, *usual})), True, False)
-    if parameter.choices:
-        keep = around is not None and len(parameter.choices) > FEW_CHOICES
-        choices = (around.shape[parameter.name],) if around is not None and keep else parameter.choices
-        return _Axis(parameter.name, choices, False, False)
-    if not low < high:
-        return _Axis(parameter.name, (low,), False, False)
-    logarithmic = low > 0 and high / low > LOG_SPACING_FROM
-    grid = np.geomspace(low, high, GRID_POINTS) if logarithmic else np.linspace(low, high, GRID_POINTS)
-    if around is not None:
-        centre = around.shape[parameter.name]
-        neighbours = [*grid[grid < centre][-1:], *grid[grid > centre][:1]]
-        grid = np.unique([*neighbours, centre])
-    return _Axis(parameter.name, tuple(float(p) for p in grid), True, logarithmic)
-
-
-def _refine(
-    axis: _Axis, position: int, best: tuple[float, ...], cost: Callable[[tuple[float, ...]], float]
-) -> tuple[float, ...]:
-    """Minimise along one axis between the neighbours of the best point."""
-    points = sorted({*axis.points, best[position]})
-    at = points.index(best[position])
-    low, high = points[max(at - 1, 0)], points[min(at + 1, len(points) - 1)]
-    to = np.log if axis.logarithmic else (lambda value: value)
-    back = np.exp if axis.logarithmic else (lambda value: value)
-
-    def along(u: float) -> float:
-        return cost((*best[:position], float(back(u)), *best[position + 1 :]))
-
-    found = optimize.minimize_scalar(along, bounds=(to(low), to(high)), method="bounded", options={"maxiter": 12})
-    value = float(back(found.x))
-    better = (*best[:position], value, *best[position + 1 :])
-    return better if cost(better) < cost(best) else best

@@ -20,7 +20,8 @@ from rwa_monitor.discrepancy.noise import MAX_LAG
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.result import ParameterValue
 from rwa_monitor.discrepancy.search import Model
-from rwa_monitor.discrepancy.terms import LOG_SPACING_FROM, Term, make_background, make_term, shape_limits
+from rwa_monitor.discrepancy.shape_profile import LOG_SPACING_FROM, shape_limits
+from rwa_monitor.discrepancy.terms import Term, make_background, make_term
 from rwa_monitor.physics.effects.base import Parameter
 from rwa_monitor.physics.effects.catalogue import CATALOGUE
 from rwa_monitor.physics.effects.speed_dead_zone import SpeedDeadZone
