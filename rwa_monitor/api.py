@@ -34,8 +34,8 @@ from rwa_monitor.diagnosis.model import Model, built_in_model
 from rwa_monitor.diagnosis.results import Method
 from rwa_monitor.diagnosis.state import CarriedState
 from rwa_monitor.discrepancy.extended import extended_wheel
-from rwa_monitor.discrepancy.find import Search
 from rwa_monitor.discrepancy.find import find_discrepancy as search_recordings
+from rwa_monitor.discrepancy.finished_search import Search
 from rwa_monitor.errors import InputError, RwaMonitorError
 from rwa_monitor.formats.files import display_name
 from rwa_monitor.formats.model_file import read_model as read_model_file

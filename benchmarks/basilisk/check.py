@@ -10,7 +10,8 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from rwa_monitor.discrepancy.find import Search, find_discrepancy
+from rwa_monitor.discrepancy.find import find_discrepancy
+from rwa_monitor.discrepancy.finished_search import Search
 from rwa_monitor.formats.table import read_table
 from rwa_monitor.formats.wheel_file import read_wheel
 from rwa_monitor.identification.identify import identify

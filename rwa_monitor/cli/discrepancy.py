@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from rwa_monitor.cli.recordings import WheelRecordings
-    from rwa_monitor.discrepancy.find import Search
+    from rwa_monitor.discrepancy.finished_search import Search
     from rwa_monitor.discrepancy.next_flight import Plan
     from rwa_monitor.discrepancy.plan import PlannedManoeuvre
     from rwa_monitor.formats.telemetry import Decoding

@@ -13,7 +13,7 @@ from typing import Final
 import numpy as np
 
 from rwa_monitor.discrepancy.caches import ColumnCache
-from rwa_monitor.discrepancy.find import Search
+from rwa_monitor.discrepancy.finished_search import Search
 from rwa_monitor.discrepancy.search import Progress, extensions, refit
 from rwa_monitor.physics.effects.catalogue import MEAN_EFFECTS
 from rwa_monitor.samples import FloatArray

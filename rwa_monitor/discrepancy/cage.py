@@ -14,11 +14,11 @@ from typing import Final
 import numpy as np
 from scipy.ndimage import binary_dilation
 
+from rwa_monitor.discrepancy.models import Model
 from rwa_monitor.discrepancy.noise_effects import accepted, is_quantised, residual_on_slots
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.record import Record
 from rwa_monitor.discrepancy.result import FoundEffect
-from rwa_monitor.discrepancy.search import Model
 from rwa_monitor.physics.effects.cage_instability import CageInstability
 from rwa_monitor.physics.effects.likelihood import LikelihoodFit
 from rwa_monitor.samples import BoolArray

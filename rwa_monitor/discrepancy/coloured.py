@@ -9,17 +9,15 @@ Jumps stay where the search put them: a filter smears them.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 from scipy import linalg
 
 from rwa_monitor.discrepancy.base_fit import JUMP_PENALTY, remove_levels, segment_starts, solve_bounded
+from rwa_monitor.discrepancy.models import Model
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.samples import BoolArray, FloatArray
-
-if TYPE_CHECKING:
-    from rwa_monitor.discrepancy.search import Model
 
 ORDER: Final = 4  # lags of the autoregression: a low-pass has two, what it filters another one or two
 COLOURED_FROM: Final = 2.0  # long-run over single variance; below, the search's own criterion loses little

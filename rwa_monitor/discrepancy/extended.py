@@ -10,14 +10,15 @@ the effects lies nearer the file's in the one case, that fitted without them in 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Final, Literal
+from typing import Final, Literal
 
 import numpy as np
 
 from rwa_monitor.discrepancy.base_fit import remove_levels, segment_starts
+from rwa_monitor.discrepancy.finished_search import Search
+from rwa_monitor.discrepancy.models import Model
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.result import SimulatedGain
-from rwa_monitor.discrepancy.search import Model
 from rwa_monitor.discrepancy.slope_jumps import SlopeJumps, shared_strength
 from rwa_monitor.discrepancy.uncertainty import spread
 from rwa_monitor.discrepancy.unit_check import Shown, slope_in_question
@@ -25,9 +26,6 @@ from rwa_monitor.physics.effects.catalogue import CATALOGUE, mean_effects, to_bl
 from rwa_monitor.physics.effects.current_delay import CurrentDelay
 from rwa_monitor.physics.wheel import Nominal, Wheel
 from rwa_monitor.samples import FloatArray
-
-if TYPE_CHECKING:
-    from rwa_monitor.discrepancy.find import Search
 
 Treatment = Literal["kept", "one speed", "shifted", "absent"]
 LOWEST_SHARE: Final = 0.05  # of the samples: the dry friction is the lowest level that lasts, jumps lie above

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from typing import Final
 
@@ -16,12 +16,14 @@ from rwa_monitor.discrepancy.base_fit import fit, make_problem, with_noise_of
 from rwa_monitor.discrepancy.cage import cage_bursts
 from rwa_monitor.discrepancy.delay_term import DelayTerm
 from rwa_monitor.discrepancy.extended import extend
+from rwa_monitor.discrepancy.finished_search import Search
 from rwa_monitor.discrepancy.gain import HeldOut, held_out, holds_out, on_other_recordings
 from rwa_monitor.discrepancy.heat import OUTSIDE, outside_the_catalogue, told_as_unexplained
 from rwa_monitor.discrepancy.jump_terms import JUMP_TERMS
 from rwa_monitor.discrepancy.known_effects import known_delay, records_of
 from rwa_monitor.discrepancy.lattice import drawn_again
 from rwa_monitor.discrepancy.mapper import Mapper, in_turn
+from rwa_monitor.discrepancy.models import Found, Growth, Model, SearchResult
 from rwa_monitor.discrepancy.noise_effects import noise_effects
 from rwa_monitor.discrepancy.nulls import built_in_nulls
 from rwa_monitor.discrepancy.other_orders import with_other_orders
@@ -37,17 +39,7 @@ from rwa_monitor.discrepancy.result import (
     Verdict,
 )
 from rwa_monitor.discrepancy.rounding import without_rounding
-from rwa_monitor.discrepancy.search import (
-    Found,
-    Growth,
-    Model,
-    Progress,
-    SearchResult,
-    extensions,
-    grow,
-    rank,
-    refit,
-)
+from rwa_monitor.discrepancy.search import Progress, extensions, grow, rank, refit
 from rwa_monitor.discrepancy.slope_jumps import SlopeJumps, shared_strength, with_slope_jumps
 from rwa_monitor.discrepancy.switching_effects import switching_effects
 from rwa_monitor.discrepancy.uncertainty import ORDER, described, spread
@@ -67,28 +59,6 @@ DRIFT: Final = "run_in_drift"
 WARMING: Final = "viscosity_temperature"
 NO_JUMPS: Final = "jumps of the friction: none is seen here"
 SHOWN_AT_REST: Final = frozenset({DRIFT, WARMING, "torque_constant_temperature"})
-
-
-@dataclass(frozen=True, slots=True)
-class Search:
-    """Everything a report draws from: the data, the models tried, the answer."""
-
-    wheel: Wheel
-    problem: Problem
-    mean: SearchResult
-    scores: tuple[HeldOut, ...]  # of each model of the ladder
-    result: DiscrepancyResult
-    delay_s: float | None = None  # of the current, where that was found and taken out before the search, as a strength
-
-    @property
-    def base(self) -> Model:
-        """The base model."""
-        return self.mean.ladder[0]
-
-    @property
-    def extended(self) -> Model:
-        """The base model with all mean effects found."""
-        return self.mean.ladder[-1]
 
 
 def find_discrepancy(
@@ -411,6 +381,3 @@ def _gain(problem: Problem, at_base: Model, at_end: Model, scores: tuple[HeldOut
         int(at_base.fit.jumps.size),
         int(at_end.fit.jumps.size),
     )
-
-
-__all__ = ["Search", "Unexplained", "find_discrepancy"]

@@ -7,7 +7,7 @@ from typing import Final
 
 import numpy as np
 
-from rwa_monitor.discrepancy.find import Search
+from rwa_monitor.discrepancy.finished_search import Search
 from rwa_monitor.samples import FloatArray
 
 NORMAL_95: Final = 1.96  # standard deviations

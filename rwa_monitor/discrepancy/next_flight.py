@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
-from rwa_monitor.discrepancy.find import CANDIDATES, Search
+from rwa_monitor.discrepancy.find import CANDIDATES
+from rwa_monitor.discrepancy.finished_search import Search
 from rwa_monitor.discrepancy.plan import DECIDES, PlannedManoeuvre, rank_for_untested, rank_manoeuvres
 from rwa_monitor.discrepancy.result import Unexplained
 from rwa_monitor.discrepancy.search import ACCEPT_GAIN

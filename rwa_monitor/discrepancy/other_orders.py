@@ -11,9 +11,10 @@ from typing import Final
 
 import numpy as np
 
+from rwa_monitor.discrepancy.models import Model
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.result import ParameterValue
-from rwa_monitor.discrepancy.search import EQUIVALENT_WITHIN, Model
+from rwa_monitor.discrepancy.search import EQUIVALENT_WITHIN
 from rwa_monitor.discrepancy.shape_profile import reach_between, shape_limits
 from rwa_monitor.discrepancy.terms import make_background, make_term
 from rwa_monitor.discrepancy.uncertainty import ORDER

@@ -16,9 +16,10 @@ from scipy.ndimage import uniform_filter1d
 
 from rwa_monitor.discrepancy.base_fit import JUMP_PENALTY
 from rwa_monitor.discrepancy.caches import ColumnCache
+from rwa_monitor.discrepancy.models import Model
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.record import Record
-from rwa_monitor.discrepancy.search import Model, middle_shape
+from rwa_monitor.discrepancy.search import middle_shape
 from rwa_monitor.discrepancy.shape_profile import profile
 from rwa_monitor.discrepancy.terms import make_background, make_term
 from rwa_monitor.physics.effects.base import Channels

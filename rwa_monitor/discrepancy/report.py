@@ -8,7 +8,8 @@ import jinja2
 
 from rwa_monitor.discrepancy import engineering, figures
 from rwa_monitor.discrepancy.extended import extend, laws_in_words
-from rwa_monitor.discrepancy.find import CANDIDATES, Search, candidates
+from rwa_monitor.discrepancy.find import CANDIDATES, candidates
+from rwa_monitor.discrepancy.finished_search import Search
 from rwa_monitor.discrepancy.ladder import ladder
 from rwa_monitor.discrepancy.lattice import steps_in_words
 from rwa_monitor.discrepancy.next_flight import plan

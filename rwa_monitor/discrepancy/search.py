@@ -16,6 +16,7 @@ import numpy as np
 
 from rwa_monitor.discrepancy.base_fit import Fit, fit, jump_sets, remove_levels, strong_jumps
 from rwa_monitor.discrepancy.coloured import coloured_gain, is_coloured
+from rwa_monitor.discrepancy.models import Found, Growth, Model, SearchResult
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.shape_profile import FEW_CHOICES, profile, profile_robustly, shape_limits
 from rwa_monitor.discrepancy.terms import (
@@ -33,7 +34,7 @@ from rwa_monitor.discrepancy.thresholds import best_threshold
 from rwa_monitor.physics.effects.base import MeanEffect
 from rwa_monitor.physics.effects.presliding import Presliding
 from rwa_monitor.physics.effects.speed_dead_zone import SpeedDeadZone
-from rwa_monitor.samples import FloatArray, IntArray
+from rwa_monitor.samples import IntArray
 
 ACCEPT_GAIN: Final = 25.0  # effects.md: no false name in 24 null records at this threshold
 EQUIVALENT_WITHIN: Final = 10.0  # effects.md, step 6
@@ -49,88 +50,6 @@ LEFT_AT_LEAST: Final = 100.0  # of the criterion: small gains are settled all
 MAX_REFITS: Final = 9  # candidates, best bound first, that are re-segmented in one step
 
 Progress = Callable[[str], None]
-
-
-@dataclass(frozen=True, slots=True)
-class Model:
-    """A set of effects and its fit."""
-
-    terms: tuple[Term, ...]
-    fit: Fit
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the effects."""
-        return tuple(term.effect.name for term in self.terms)
-
-    def strengths(self, index: int) -> FloatArray:
-        """Return the fitted strengths of term `index`."""
-        begin = 1 + sum(term.columns.shape[1] for term in self.terms[:index])
-        return self.fit.coefficients[begin : begin + self.terms[index].columns.shape[1]]
-
-
-@dataclass(frozen=True, slots=True)
-class Found:
-    """One effect that the search accepted.
-
-    Attributes
-    ----------
-    name
-        Catalogue name.
-    gain
-        By how much the criterion gets worse when the effect is left out and all else refitted.
-    equivalent
-        Other names that are as good in its place (difference below `EQUIVALENT_WITHIN`).
-    """
-
-    name: str
-    gain: float
-    equivalent: tuple[str, ...]
-
-
-@dataclass(frozen=True, slots=True)
-class SearchResult:
-    """What the search over mean effects found.
-
-    Attributes
-    ----------
-    ladder
-        Models from the base upwards, one effect more at each step.
-    found
-        The effects of the last model, strongest first.
-    untestable
-        Effects that this data cannot test, with what is missing.
-    best_rejected, rejected
-        Gain of the best candidate that was not accepted, and its name; -inf and "" where none came near.
-    """
-
-    ladder: tuple[Model, ...]
-    found: tuple[Found, ...]
-    untestable: tuple[tuple[str, str], ...]
-    best_rejected: float
-    rejected: str
-
-
-@dataclass(frozen=True, slots=True)
-class Growth:
-    """Models grown effect by effect, before anything is said of the last one.
-
-    Attributes
-    ----------
-    ladder, untestable, best_rejected, rejected
-        As in `SearchResult`.
-    testable
-        The candidates that the data can test.
-    rivals
-        For each effect of the last model, that model with another in its place, best first; None where not yet known.
-    """
-
-    ladder: tuple[Model, ...]
-    testable: tuple[type[MeanEffect], ...]
-    untestable: tuple[tuple[str, str], ...]
-    best_rejected: float
-    rejected: str
-    rivals: tuple[tuple[Model, ...], ...] | None
 
 
 def search(

@@ -18,9 +18,10 @@ from numba import njit
 from rwa_monitor.discrepancy.base_fit import JUMP_PENALTY, jump_sets, strong_jumps
 from rwa_monitor.discrepancy.gain import held_out
 from rwa_monitor.discrepancy.jump_terms import ViscousJumpTerm
+from rwa_monitor.discrepancy.models import Model
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.result import ParameterValue
-from rwa_monitor.discrepancy.search import ACCEPT_GAIN, Model, refit
+from rwa_monitor.discrepancy.search import ACCEPT_GAIN, refit
 from rwa_monitor.discrepancy.terms import Term
 from rwa_monitor.physics.effects.base import Channels, Memory, Parameter
 from rwa_monitor.physics.effects.viscous_jump import ViscousJump

@@ -16,10 +16,10 @@ from typing import Final
 import numpy as np
 
 from rwa_monitor.discrepancy.base_fit import remove_levels, segment_starts, with_noise_of
+from rwa_monitor.discrepancy.models import Model
 from rwa_monitor.discrepancy.noise import MAX_LAG
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.result import ParameterValue
-from rwa_monitor.discrepancy.search import Model
 from rwa_monitor.discrepancy.shape_profile import LOG_SPACING_FROM, shape_limits
 from rwa_monitor.discrepancy.terms import Term, make_background, make_term
 from rwa_monitor.physics.effects.base import Parameter

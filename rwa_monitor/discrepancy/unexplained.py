@@ -15,9 +15,10 @@ import numpy as np
 from rwa_monitor.discrepancy.base_fit import jump_sets, strong_jumps, strong_level
 from rwa_monitor.discrepancy.free_curves import CURVES, Periodic, PeriodicDrag, StepInSpeed
 from rwa_monitor.discrepancy.gain import holds_out, trained
+from rwa_monitor.discrepancy.models import Model, SearchResult
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.result import Unexplained
-from rwa_monitor.discrepancy.search import ACCEPT_GAIN, Model, SearchResult, refit
+from rwa_monitor.discrepancy.search import ACCEPT_GAIN, refit
 from rwa_monitor.discrepancy.terms import Term, make_term
 from rwa_monitor.discrepancy.thresholds import best_threshold
 from rwa_monitor.samples import FloatArray

@@ -17,8 +17,8 @@ import numpy as np
 from scipy import stats
 
 from rwa_monitor.discrepancy.base_fit import least_squares, remove_levels, segment_starts
+from rwa_monitor.discrepancy.models import Model
 from rwa_monitor.discrepancy.problem import Problem
-from rwa_monitor.discrepancy.search import Model
 from rwa_monitor.physics.effects.base import Channels
 from rwa_monitor.samples import FloatArray, IntArray
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from rwa_monitor.diagnosis.model import Model
 from rwa_monitor.discrepancy.extended import extended_wheel
-from rwa_monitor.discrepancy.find import Search
+from rwa_monitor.discrepancy.finished_search import Search
 from rwa_monitor.discrepancy.result import DiagnosisGain, Rates
 from rwa_monitor.evaluation.outcome import score_jumps
 from rwa_monitor.live.core import diagnose_samples

@@ -16,9 +16,11 @@ from typing import Final
 
 import numpy as np
 
-from rwa_monitor.discrepancy.find import Search, find_discrepancy, prepare
+from rwa_monitor.discrepancy.find import find_discrepancy, prepare
+from rwa_monitor.discrepancy.finished_search import Search
+from rwa_monitor.discrepancy.models import Model
 from rwa_monitor.discrepancy.record import make_record
-from rwa_monitor.discrepancy.search import ACCEPT_GAIN, Model, extensions
+from rwa_monitor.discrepancy.search import ACCEPT_GAIN, extensions
 from rwa_monitor.discrepancy.terms import make_term
 from rwa_monitor.formats.table import read_table
 from rwa_monitor.formats.wheel_file import read_wheel

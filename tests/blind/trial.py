@@ -12,11 +12,13 @@ import numpy as np
 
 from rwa_monitor.discrepancy.base_fit import fit
 from rwa_monitor.discrepancy.delay_term import DelayTerm
-from rwa_monitor.discrepancy.find import Search, find_discrepancy
+from rwa_monitor.discrepancy.find import find_discrepancy
+from rwa_monitor.discrepancy.finished_search import Search
 from rwa_monitor.discrepancy.gain import held_out
 from rwa_monitor.discrepancy.jump_terms import JUMP_TERMS
+from rwa_monitor.discrepancy.models import Model
 from rwa_monitor.discrepancy.problem import Problem
-from rwa_monitor.discrepancy.search import Model, middle_shape, refit
+from rwa_monitor.discrepancy.search import middle_shape, refit
 from rwa_monitor.discrepancy.terms import Term, make_term
 from rwa_monitor.formats.csv_table import write_csv
 from rwa_monitor.formats.table import read_table

@@ -9,9 +9,10 @@ from scipy import signal
 from rwa_monitor.discrepancy.base_fit import fit, make_problem
 from rwa_monitor.discrepancy.coloured import ORDER, coloured_gain, is_coloured
 from rwa_monitor.discrepancy.find import find_discrepancy
+from rwa_monitor.discrepancy.models import Model
 from rwa_monitor.discrepancy.noise_effects import squares_told_twice
 from rwa_monitor.discrepancy.record import make_record
-from rwa_monitor.discrepancy.search import ACCEPT_GAIN, Model, refit
+from rwa_monitor.discrepancy.search import ACCEPT_GAIN, refit
 from rwa_monitor.discrepancy.terms import make_term
 from rwa_monitor.physics.effects.catalogue import MEAN_EFFECTS
 from tests.discrepancy.simple import DRY_NM, NOISE_NM, WHEEL, record, swing

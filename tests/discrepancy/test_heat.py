@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rwa_monitor.discrepancy.find import Search, find_discrepancy
+from rwa_monitor.discrepancy.find import find_discrepancy
+from rwa_monitor.discrepancy.finished_search import Search
 from rwa_monitor.discrepancy.next_flight import plan
 from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import Samples

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from rwa_monitor.discrepancy.extended import extend, laws_in_words
-from rwa_monitor.discrepancy.find import Search, find_discrepancy, prepare
+from rwa_monitor.discrepancy.find import find_discrepancy, prepare
+from rwa_monitor.discrepancy.finished_search import Search
 from rwa_monitor.discrepancy.gain import HeldOut, on_other_recordings
 from rwa_monitor.discrepancy.record import make_record
 from rwa_monitor.discrepancy.report import html, sentence

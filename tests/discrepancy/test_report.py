@@ -15,7 +15,8 @@ from rwa_monitor.cli.main import main
 from rwa_monitor.discrepancy import figures, report
 from rwa_monitor.discrepancy.bootstrap import with_bootstrap
 from rwa_monitor.discrepancy.extended import extended_wheel
-from rwa_monitor.discrepancy.find import Search, find_discrepancy
+from rwa_monitor.discrepancy.find import find_discrepancy
+from rwa_monitor.discrepancy.finished_search import Search
 from rwa_monitor.discrepancy.ladder import ladder
 from rwa_monitor.discrepancy.next_flight import plan
 from rwa_monitor.discrepancy.plan import rank_manoeuvres

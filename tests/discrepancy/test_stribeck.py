@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from rwa_monitor.discrepancy.extended import extend
-from rwa_monitor.discrepancy.find import Search, find_discrepancy
+from rwa_monitor.discrepancy.find import find_discrepancy
+from rwa_monitor.discrepancy.finished_search import Search
 from rwa_monitor.physics.wheel import Wheel
 from tests.discrepancy.simple import NOISE_NM, WHEEL, Array, record, swing
 

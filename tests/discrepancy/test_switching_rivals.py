@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from rwa_monitor.discrepancy.base_fit import fit, make_problem
+from rwa_monitor.discrepancy.models import Model
 from rwa_monitor.discrepancy.record import make_record
-from rwa_monitor.discrepancy.search import Model
 from rwa_monitor.discrepancy.switching_effects import switching_effects
 from rwa_monitor.physics.durations import Geometric, Uniform
 from rwa_monitor.physics.switching import simulate_system
