@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.live.recordings import write_file
 from tests.live.support import wheel
 
 
@@ -14,3 +15,9 @@ def wheel_file(tmp_path: Path) -> Path:
     path = tmp_path / "wheel.toml"
     path.write_text(wheel().to_toml())
     return path
+
+
+@pytest.fixture
+def whole(tmp_path: Path) -> tuple[Path, list[bytes]]:
+    path = tmp_path / "whole.mcap"
+    return path, write_file(path)
