@@ -60,6 +60,7 @@ class SublinearViscous(MeanEffect):
     def columns(
         cls, channels: Channels, shape: Mapping[str, float], memory: Memory = None
     ) -> tuple[FloatArray, Memory]:
+        """Return the drag, less as the bearing warms where B is not zero."""
         del memory
         drag = channels.direction * np.power(np.abs(channels.speed_rad_s), shape["exponent"])
         activation_K = shape["activation_temperature_K"]
