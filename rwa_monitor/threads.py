@@ -29,7 +29,8 @@ def on_threads(threads: int) -> Mapper:
     applied so must not apply another so: all threads might then wait for one another.
     """
 
-    def apply(function: Callable[[Item], Result], items: Iterable[Item], /) -> list[Result]:
+    def apply(function: Callable[[Item], Result], items: Iterable[Item], /, *, apart: bool = False) -> list[Result]:
+        del apart
         with ThreadPoolExecutor(threads) as pool:
             return list(pool.map(function, items))
 

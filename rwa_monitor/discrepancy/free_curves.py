@@ -6,7 +6,7 @@ Piecewise linear over a quantity, periodic in time, a step at a speed. What such
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import ClassVar, Final
 
 import numpy as np
@@ -52,41 +52,82 @@ class FreeCurve(UnnamedEffect):
         return columns * (channels.direction[:, None] if cls.flips else 1.0), None
 
 
-def _curve(
-    name: str, signature: str, quantity: Callable[[Channels], FloatArray | None], *, flips: bool, knots: int = KNOTS
-) -> type[FreeCurve]:
-    return type(
-        name,
-        (FreeCurve,),
-        {
-            "name": name,
-            "signature": signature,
-            "flips": flips,
-            "parameters": _heights(knots),
-            "quantity": classmethod(lambda _, channels: quantity(channels)),
-        },
-    )
+class OverSpeed(FreeCurve):
+    """A drag over |ω|."""
+
+    name = "curve_speed"
+    signature = "a drag that depends on |speed|"
+    flips = True
+
+    @classmethod
+    def quantity(cls, channels: Channels) -> FloatArray:
+        """Return |ω| [rad/s]."""
+        return np.abs(channels.speed_rad_s)
 
 
-CURVES: Final = (
-    _curve("curve_speed", "a drag that depends on |speed|", lambda c: np.abs(c.speed_rad_s), flips=True),
-    _curve(
-        "curve_speed_even",
-        "a torque that depends on |speed| and does not flip with the direction",
-        lambda c: np.abs(c.speed_rad_s),
-        flips=False,
-    ),
-    _curve("curve_acceleration", "a torque that depends on dω/dt", lambda c: c.acceleration_rad_s2, flips=False),
-    _curve(
-        "curve_acceleration_size",
-        "a drag that depends on the size of dω/dt",
-        lambda c: np.abs(c.acceleration_rad_s2),
-        flips=True,
-    ),
+class OverSpeedEven(OverSpeed):
+    """A torque over |ω|, the same way in both directions."""
+
+    name = "curve_speed_even"
+    signature = "a torque that depends on |speed| and does not flip with the direction"
+    flips = False
+
+
+class OverAcceleration(FreeCurve):
+    """A torque over dω/dt."""
+
+    name = "curve_acceleration"
+    signature = "a torque that depends on dω/dt"
+    flips = False
+
+    @classmethod
+    def quantity(cls, channels: Channels) -> FloatArray:
+        """Return dω/dt [rad/s²]."""
+        return channels.acceleration_rad_s2
+
+
+class OverAccelerationSize(FreeCurve):
+    """A drag over |dω/dt|."""
+
+    name = "curve_acceleration_size"
+    signature = "a drag that depends on the size of dω/dt"
+    flips = True
+
+    @classmethod
+    def quantity(cls, channels: Channels) -> FloatArray:
+        """Return |dω/dt| [rad/s²]."""
+        return np.abs(channels.acceleration_rad_s2)
+
+
+class OverTime(FreeCurve):
+    """A drag over time."""
+
+    name = "curve_time"
+    signature = "a drag that drifts with time"
+    flips = True
     # Jumps are dearer than knots: what many steps of one sign follow is a drift.
-    _curve("curve_time", "a drag that drifts with time", lambda c: c.time_s, flips=True, knots=KNOTS_OF_TIME),
-    _curve("curve_temperature", "a drag that depends on temperature", lambda c: c.bearing_temperature_degC, flips=True),
-)
+    parameters = _heights(KNOTS_OF_TIME)
+
+    @classmethod
+    def quantity(cls, channels: Channels) -> FloatArray:
+        """Return the time [s]."""
+        return channels.time_s
+
+
+class OverTemperature(FreeCurve):
+    """A drag over the temperature of the bearing."""
+
+    name = "curve_temperature"
+    signature = "a drag that depends on temperature"
+    flips = True
+
+    @classmethod
+    def quantity(cls, channels: Channels) -> FloatArray | None:
+        """Return the bearing's temperature [°C]; None where it is not measured."""
+        return channels.bearing_temperature_degC
+
+
+CURVES: Final = (OverSpeed, OverSpeedEven, OverAcceleration, OverAccelerationSize, OverTime, OverTemperature)
 
 
 class Periodic(UnnamedEffect):

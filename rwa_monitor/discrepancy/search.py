@@ -173,15 +173,20 @@ def extensions(
     outset = _outset(problem, current)
     tries = [(effect, way) for effect in effects if effect.name not in current.names for way in _ways(effect)]
     screened: dict[str, Model] = {}
-    for model in problem.each(lambda one: one[1](outset, one[0]), tries):
+    for model in problem.each(partial(_started, outset), tries, apart=True):
         if model is not None:
             known = screened.get(model.names[-1], model)
             screened[model.names[-1]] = min(known, model, key=lambda one: one.fit.criterion)
     best = sorted(screened.values(), key=lambda model: model.fit.criterion)[:MAX_REFITS]
     most = min(most, current.fit.criterion + SCREEN_MARGIN)
     worth = [model for model in best if model.fit.criterion < most]
-    settled = problem.each(lambda model: _plainer(problem, refit(problem, model.terms, [model.fit.jumps])), worth)
+    settled = problem.each(partial(_settled, problem), worth, apart=True)
     return sorted(_with_best_choices(problem, settled), key=lambda model: model.fit.criterion)
+
+
+def _settled(problem: Problem, model: Model) -> Model:
+    """Return a model that was screened, with its shapes and jumps refined in turn."""
+    return _plainer(problem, refit(problem, model.terms, [model.fit.jumps]))
 
 
 @dataclass(frozen=True, slots=True)
@@ -201,6 +206,9 @@ class _Outset:
         return Model(terms, _fit(self.problem, terms, starts))
 
 
+Way = Callable[[_Outset, type[MeanEffect]], Model | None]
+
+
 def _outset(problem: Problem, current: Model) -> _Outset:
     starts = jump_sets(problem, current.fit)
     *backgrounds, strong = problem.each(
@@ -209,9 +217,15 @@ def _outset(problem: Problem, current: Model) -> _Outset:
     return _Outset(problem, current, starts, backgrounds, strong, make_robust_background(problem, current.terms))
 
 
-def _ways(effect: type[MeanEffect]) -> list[Callable[[_Outset, type[MeanEffect]], Model | None]]:
+def _started(outset: _Outset, one: tuple[type[MeanEffect], Way]) -> Model | None:
+    """Start with an effect in one of its ways."""
+    effect, way = one
+    return way(outset, effect)
+
+
+def _ways(effect: type[MeanEffect]) -> list[Way]:
     """Return the ways to start with an effect, each independent of the others."""
-    ways: list[Callable[[_Outset, type[MeanEffect]], Model | None]] = [_from_jumps]
+    ways: list[Way] = [_from_jumps]
     if effect.shape_parameters() or depends_on_level(effect):
         ways.append(_from_strong_jumps)
     if effect.shape_parameters() and not depends_on_level(effect):
@@ -299,17 +313,20 @@ def _with_best_choices(problem: Problem, models: Sequence[Model]) -> list[Model]
         for starts in ([model.fit.jumps], [])
     ]
 
-    def other(one: tuple[int, str, float, list[IntArray]]) -> Model:
-        index, name, value, starts = one
-        *chosen, last = models[index].terms
-        background = make_background(problem, chosen, models[index].fit.jumps)
-        term, _ = profile(last.effect, [background], models[index].fit.level, fixed={name: value})
-        return refit(problem, (*chosen, term), starts)
-
     best = list(models)
-    for (index, *_), model in zip(tries, problem.each(other, tries), strict=True):
+    others = problem.each(partial(_with_other_choice, problem, models), tries, apart=True)
+    for (index, *_), model in zip(tries, others, strict=True):
         best[index] = min(best[index], model, key=lambda one: one.fit.criterion)
     return best
+
+
+def _with_other_choice(problem: Problem, models: Sequence[Model], one: tuple[int, str, float, list[IntArray]]) -> Model:
+    """Give the last term of a model another value of a discrete shape parameter, and fit anew."""
+    index, name, value, starts = one
+    *chosen, last = models[index].terms
+    background = make_background(problem, chosen, models[index].fit.jumps)
+    term, _ = profile(last.effect, [background], models[index].fit.level, fixed={name: value})
+    return refit(problem, (*chosen, term), starts)
 
 
 def _nearest(choices: Sequence[float], value: float) -> float:
@@ -412,9 +429,14 @@ def _as_good_at_its_level(problem: Problem, model: Model, index: int, effects: S
     chosen = tuple(term for i, term in enumerate(model.terms) if i != index)
     background = make_background(problem, chosen, model.fit.jumps)
     others = [effect for effect in effects if effect.name not in model.names]
-    bounds = problem.each(lambda effect: profile(effect, [background], model.fit.level)[1], others)
+    bounds = problem.each(partial(_bound, background, model.fit.level), others, apart=True)
     most = model.fit.criterion + EQUIVALENT_WITHIN
     return [effect.name for effect, bound in zip(others, bounds, strict=True) if bound < most]
+
+
+def _bound(background: Background, level: FloatArray, effect: type[MeanEffect]) -> float:
+    """Return the criterion with an effect more, jumps kept."""
+    return profile(effect, [background], level)[1]
 
 
 def _is_sampled(problem: Problem, term: Term) -> bool:

@@ -8,6 +8,7 @@ effect that is not needed beside the curve was a wrong name for it and is withdr
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from typing import Final
 
 import numpy as np
@@ -78,7 +79,7 @@ def judge_leftover(problem: Problem, found: SearchResult) -> tuple[SearchResult,
 
 def with_free_curves(problem: Problem, model: Model) -> list[Model]:
     """Return a model extended by each of the free curves."""
-    return problem.each(lambda term: _with(problem, model, term), _free_terms(problem, model))
+    return problem.each(partial(_with, problem, model), _free_terms(problem, model), apart=True)
 
 
 def _folded(problem: Problem, model: Model, curve: Term) -> Unexplained:

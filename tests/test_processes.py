@@ -1,0 +1,171 @@
+"""Work side by side in processes: the same values, what is sent once, what goes wrong there, and how they end."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import textwrap
+import time
+from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+import psutil
+import pytest
+
+from rwa_monitor.discrepancy.mapper import Mapper, SentOnce, in_turn
+from rwa_monitor.errors import InputError, RwaMonitorError
+from rwa_monitor.processes import on_processes
+
+PROCESSES = 2
+END_S = 20.0  # for a process to end; a loaded machine takes its time
+
+
+class Shelf(SentOnce):
+    """Something that is sent once, and on which functions leave things."""
+
+    def __init__(self, values: np.ndarray) -> None:
+        self.values = values
+        self.left: list[int] = []
+        self.each: Mapper = in_turn
+
+
+def scaled(shelf: Shelf, item: int) -> tuple[np.ndarray, int]:
+    return shelf.values * item, os.getpid()
+
+
+def left_there(shelf: Shelf, item: int) -> tuple[int, list[int]]:
+    shelf.left.append(item)
+    return os.getpid(), list(shelf.left)
+
+
+def same(shelf: Shelf, item: int) -> tuple[Shelf, int]:
+    return shelf, item
+
+
+def nested(shelf: Shelf, item: int) -> list[int]:
+    return shelf.each(abs, [-item, item])
+
+
+def instance_of(kind: type, item: int) -> tuple[type, int]:
+    return kind, kind().value + item  # type: ignore[attr-defined]
+
+
+def refused(item: int) -> int:
+    if item == 2:
+        raise InputError("file.csv", "no friction", "row 3")
+    return item
+
+
+def killed(item: int) -> int:
+    if item == 1:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return item
+
+
+@pytest.fixture(scope="module")
+def each() -> Iterator[Mapper]:
+    with on_processes(PROCESSES) as mapper:
+        yield mapper
+
+
+@pytest.mark.parametrize("count", [2, 3, 7, 40])
+def test_values_are_those_of_one_after_the_other_in_the_order_of_the_items(each: Mapper, count: int) -> None:
+    shelf = Shelf(np.linspace(0.0, 1.0, 100_000))
+    apart = each(partial(scaled, shelf), range(count), apart=True)
+    here = in_turn(partial(scaled, shelf), range(count))
+    assert all(np.array_equal(one, other) for (one, _), (other, _) in zip(apart, here, strict=True))
+    assert os.getpid() not in {process for _, process in apart}
+    assert len({process for _, process in apart}) == PROCESSES
+
+
+def test_what_is_not_said_to_be_work_apart_stays_here(each: Mapper) -> None:
+    assert {process for _, process in each(partial(scaled, Shelf(np.ones(1))), range(4))} == {os.getpid()}
+
+
+def test_what_is_sent_once_stays_with_what_was_left_on_it(each: Mapper) -> None:
+    shelf = Shelf(np.zeros(1))
+    first = each(partial(left_there, shelf), range(4), apart=True)
+    again = each(partial(left_there, shelf), range(4), apart=True)
+    for process in {process for process, _ in first}:
+        before = max((left for of, left in first if of == process), key=len)
+        after = min((left for of, left in again if of == process), key=len)
+        assert after[: len(before)] == before
+    assert shelf.left == []
+
+
+def test_what_is_sent_once_comes_back_as_the_one_here(each: Mapper) -> None:
+    shelf = Shelf(np.zeros(1))
+    assert all(one is shelf for one, _ in each(partial(same, shelf), range(4), apart=True))
+
+
+def test_a_process_has_its_own_way_to_apply_functions(each: Mapper) -> None:
+    shelf = Shelf(np.zeros(1))
+    shelf.each = each
+    assert each(partial(nested, shelf), [1, 2, 3], apart=True) == [[1, 1], [2, 2], [3, 3]]
+
+
+def test_a_class_made_on_the_way_is_made_there_too_and_comes_back_as_itself(each: Mapper) -> None:
+    made = type("Made", (dict,), {"value": 5})
+    assert each(partial(instance_of, made), [1, 2], apart=True) == [(made, 6), (made, 7)]
+
+
+def test_an_error_there_is_raised_here_with_all_its_parts() -> None:
+    with on_processes(PROCESSES) as each:
+        with pytest.raises(InputError) as raised:
+            each(refused, range(4), apart=True)
+        assert (raised.value.source, raised.value.place) == ("file.csv", "row 3")
+        assert any("in refused" in note for note in raised.value.__notes__)
+        # Others were still at work: nobody takes their answers for those of another call.
+        with pytest.raises(RwaMonitorError, match="has ended"):
+            each(abs, range(4), apart=True)
+
+
+def test_a_process_that_is_killed_is_told() -> None:
+    with on_processes(PROCESSES) as each, pytest.raises(RwaMonitorError, match=r"exit code -9.*memory"):
+        each(killed, range(4), apart=True)
+
+
+
+def test_processes_end_with_the_block() -> None:
+    before = {child.pid for child in psutil.Process().children(recursive=True)}
+    with on_processes(PROCESSES) as each:
+        assert each(abs, [-1, -2], apart=True) == [1, 2]
+        assert len({child.pid for child in psutil.Process().children(recursive=True)} - before) >= PROCESSES
+        workers = set(each(process_of, range(4), apart=True))
+    assert not any(psutil.pid_exists(worker) for worker in workers)
+
+
+def process_of(_: int) -> int:
+    return os.getpid()
+
+
+def test_processes_end_when_the_one_that_asked_is_killed(tmp_path: Path) -> None:
+    script = tmp_path / "asks.py"
+    script.write_text(
+        textwrap.dedent("""
+            import time
+            from tests.test_processes import process_of
+            from rwa_monitor.processes import on_processes
+
+            if __name__ == "__main__":
+                with on_processes(2) as each:
+                    print(*each(process_of, range(4), apart=True), flush=True)
+                    time.sleep(600)
+        """),
+        encoding="utf-8",
+    )
+    root = Path(__file__).parents[1]
+    environment = os.environ | {"PYTHONPATH": str(root)}
+    with subprocess.Popen([sys.executable, script], stdout=subprocess.PIPE, text=True, env=environment) as asking:
+        assert asking.stdout is not None
+        workers = {int(word) for word in asking.stdout.readline().split()}
+        assert workers
+        asking.kill()
+    end = time.monotonic() + END_S
+    while any(map(psutil.pid_exists, workers)) and time.monotonic() < end:
+        time.sleep(0.05)
+    assert not [worker for worker in workers if psutil.pid_exists(worker)]
