@@ -27,13 +27,14 @@ def profile_robustly(effect: type[MeanEffect], background: RobustBackground, lev
     """Find the shape on which Tukey's loss of long-lag differences is least: a start that trusts no segmentation."""
     problem, followed = background.problem, followed_level(background.problem, effect, level)
     axes = _axes(problem, effect, None)
+    grid = dict.fromkeys(itertools.product(*(axis.points for axis in axes)))  # the same for every model
 
     def evaluate(values: tuple[float, ...]) -> tuple[Term, float]:
         shape = {axis.name: value for axis, value in zip(axes, values, strict=True)}
-        term = make_term_with(problem, effect, shape, followed)
+        term = make_term_with(problem, effect, shape, followed, keep=values in grid)
         return term, background.cost_with(term)
 
-    best = min(itertools.product(*(axis.points for axis in axes)), key=lambda values: evaluate(values)[1])
+    best = min(grid, key=lambda values: evaluate(values)[1])
     for i, axis in enumerate(axes):
         if axis.refine:
             best = _refine(axis, i, best, lambda values: evaluate(values)[1])
@@ -62,17 +63,18 @@ def profile(
         _Axis(axis.name, (fixed[axis.name],), False, False) if fixed and axis.name in fixed else axis
         for axis in _axes(problem, effect, around)
     ]
+    grid = dict.fromkeys(itertools.product(*(axis.points for axis in axes)))
+    again = grid if around is None else {}  # the same for every model: other shapes are seldom met again
     cache: dict[tuple[float, ...], tuple[Term, float]] = {}
 
     def evaluate(values: tuple[float, ...]) -> tuple[Term, float]:
         if values not in cache:
             shape = {axis.name: value for axis, value in zip(axes, values, strict=True)}
-            term = make_term_with(problem, effect, shape, followed)
+            term = make_term_with(problem, effect, shape, followed, keep=values in again)
             squares = term.columns.T @ term.columns
             cache[values] = term, min(background.criterion_with(term, squares) for background in backgrounds)
         return cache[values]
 
-    grid = list(itertools.product(*(axis.points for axis in axes)))
     best = min(grid, key=lambda values: evaluate(values)[1])
     continuous = [i for i, axis in enumerate(axes) if axis.refine]
     for _ in range(2 if len(continuous) > 1 else 1):

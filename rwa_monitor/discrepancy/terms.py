@@ -175,9 +175,17 @@ def followed_level(problem: Problem, effect: type[MeanEffect], level: FloatArray
 
 
 def make_term_with(
-    problem: Problem, effect: type[MeanEffect], shape: Mapping[str, float], followed: FollowedLevel | None
+    problem: Problem,
+    effect: type[MeanEffect],
+    shape: Mapping[str, float],
+    followed: FollowedLevel | None,
+    *,
+    keep: bool = False,
 ) -> Term:
-    """Evaluate an effect's columns, given the level that they follow: the same for many shapes of the effect."""
+    """Evaluate an effect's columns, given the level that they follow: the same for many shapes of the effect.
+
+    `keep` says that other models will ask for this shape, too.
+    """
     strengths = effect.strength_parameters()
     key = _name(effect, shape)
     columns = problem.columns.get(key)
@@ -187,7 +195,7 @@ def make_term_with(
         by_angle = issubclass(effect, TorqueRipple)
         channels = [record.undrifted if by_angle else record.channels for record in problem.records]
         columns = _evaluate(problem, effect, shape, channels)
-        if not depends_on_level(effect):
+        if keep and not depends_on_level(effect):
             problem.columns.put(key, columns)
     low, high = (np.array([getattr(p, end) for p in strengths]) for end in ("low", "high"))
     return Term(effect, dict(shape), columns, low, high, price=_price(effect, shape))
