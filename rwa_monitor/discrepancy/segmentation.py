@@ -153,11 +153,12 @@ def _fpop(z: FloatArray, weight: FloatArray, penalty: float) -> IntArray:
     pieces, jump = np.zeros((ROWS, ROOM)), np.zeros(ROOM, np.int64)
     begin, end = ROOM // 2, ROOM // 2 + 1
     pieces[EDGE, begin], pieces[EDGE, end] = low, high
+    # Rows are taken out only where the table is another: in each step that would take as long as the rest.
+    a, b, c, edge, at_edge, least = _rows(pieces)
     for t in range(1, z.size + 1):
         if begin == 0 or end + 2 > jump.size - 1:
             pieces, jump, begin, end = _centred(pieces, jump, begin, end)
-        a, b, c = pieces[A], pieces[B], pieces[C]
-        edge, at_edge, least = pieces[EDGE], pieces[AT_EDGE], pieces[LEAST]
+            a, b, c, edge, at_edge, least = _rows(pieces)
         value, w = z[t - 1], weight[t - 1]
         for i in range(begin, end):
             a[i] += w
@@ -182,6 +183,7 @@ def _fpop(z: FloatArray, weight: FloatArray, penalty: float) -> IntArray:
             highest = max(highest, at_edge[i])
         if highest > ceiling:
             pieces, jump, begin, end = _laid_anew(pieces, jump, begin, end, ceiling, t)
+            a, b, c, edge, at_edge, least = _rows(pieces)
             continue
         begin, end = first, final + 1
         if at_edge[end] > ceiling:
@@ -199,6 +201,14 @@ def _fpop(z: FloatArray, weight: FloatArray, penalty: float) -> IntArray:
             a[begin], b[begin], c[begin], jump[begin] = 0.0, 0.0, ceiling, t
             edge[begin], at_edge[begin] = low, ceiling
     return _trace_back(last)
+
+
+@njit(cache=True, nogil=True)
+def _rows(
+    pieces: FloatArray,
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Return the rows of the table of pieces."""
+    return pieces[A], pieces[B], pieces[C], pieces[EDGE], pieces[AT_EDGE], pieces[LEAST]
 
 
 @njit(cache=True, nogil=True)
