@@ -21,12 +21,13 @@ from distributed import Client, LocalCluster
 
 from benchmarks.output import add_output_option, put_out
 from rwa_monitor.evaluation.speed.machine import peak_memory_bytes
-from rwa_monitor.fleet.cluster import cores, each
+from rwa_monitor.fleet.cluster import each
 from rwa_monitor.fleet.tasks import Diagnose
 from rwa_monitor.formats.parquet_table import write_parquet
 from rwa_monitor.physics.scenario import Scenario
 from rwa_monitor.physics.telemetry import simulate
 from rwa_monitor.physics.wheel import built_in_wheel
+from rwa_monitor.processes import cores
 
 WORKERS = (1, 2, 4)
 

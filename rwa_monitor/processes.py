@@ -1,13 +1,15 @@
 """Work side by side in processes, where threads would wait for one another's turn at the interpreter.
 
 Processes begin empty, and all that they need travels. What many calls hold (`SentOnce`) goes to each process once and
-is known by its number from then on, so that what a process has worked out for it stays there too.
+is known by its number from then on, so that what a process has worked out for it stays there too, until it is dropped
+here.
 """
 
 from __future__ import annotations
 
 import io
 import multiprocessing
+import os
 import pickle
 import signal
 import sys
@@ -15,8 +17,11 @@ import traceback
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from itertools import count
+from multiprocessing import forkserver
 from multiprocessing.connection import Connection, wait
 from typing import Any, Final, TypeVar
+from weakref import WeakValueDictionary, finalize
 
 import numpy as np
 
@@ -27,9 +32,10 @@ from rwa_monitor.threads import on_threads, one_thread_of_algebra
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
-END_S: Final = 1.0  # for a process to end whose pipe was closed; it may be in the middle of a candidate
+END_S: Final = 1.0  # for the system to say how a process ended that has closed its pipe
 MAPPER: Final = -1  # the number of what applies functions: each process has its own
-FUNCTION, ITEM, KEEP, VALUE, ERROR = "function", "item", "keep", "value", "error"  # kinds of messages
+FUNCTION, ITEM, KEEP, FORGET, VALUE, ERROR = "function", "item", "keep", "forget", "value", "error"  # messages
+PRELOAD: Final = [__name__, "rwa_monitor.discrepancy.search"]
 
 
 @contextmanager
@@ -37,28 +43,39 @@ def on_processes(processes: int) -> Iterator[Mapper]:
     """Give a way to apply a function to many items in so many processes, values in the order of the items.
 
     Each value depends on its item alone: the number of processes changes the time, never the answer. What is not said
-    to be work `apart` stays here, on as many threads. The processes begin at once, take a second to be ready, and end
-    with the block; they end too if this process is killed.
+    to be work `apart` stays here, on as many threads. One process is this one. Others take a second to be ready, during
+    which this one goes on; they end with the block, and if this process is killed.
 
     Raises
     ------
     RwaMonitorError
         Where it is used: if a process has ended before its work, as when the system had no memory left for it.
     """
-    workers = [_Worker() for _ in range(processes)]
+    if processes == 1:
+        yield in_turn
+        return
+    # They are forked from a server that has imported what is needed, once for all, and has no threads.
+    multiprocessing.set_forkserver_preload(PRELOAD)
+    forkserver.ensure_running()
+    mapper = _OnProcesses(processes)
     try:
-        yield _OnProcesses(workers)
+        yield mapper
     finally:
-        for worker in workers:
-            worker.end()
+        mapper.end()
+
+
+def cores() -> int:
+    """Return how many processes can run at once here."""
+    return len(os.sched_getaffinity(0))
 
 
 class _OnProcesses:
     """Hands out items to workers: to each a stretch of them, and to who is done early the last of the longest left."""
 
-    def __init__(self, workers: Sequence[_Worker]) -> None:
-        self._workers = workers
-        self._here = on_threads(len(workers))
+    def __init__(self, processes: int) -> None:
+        self._processes = processes
+        self._here = on_threads(processes)
+        self._workers: list[_Worker] = []  # started when they are wanted
 
     def __call__(
         self, function: Callable[[Item], Result], items: Iterable[Item], /, *, apart: bool = False
@@ -66,18 +83,24 @@ class _OnProcesses:
         items = list(items)
         if not apart or len(items) < 2:
             return self._here(function, items)
+        if not self._workers:
+            self._workers = [_Worker() for _ in range(self._processes)]
         try:
             return self._apart(function, items)
         except BaseException:
-            for worker in self._workers:  # others may still work: their answers are nobody's
-                worker.end()
+            self.end()  # others may still work: their answers are nobody's
             raise
+
+    def end(self) -> None:
+        """End all processes, whatever they do."""
+        for worker in self._workers:
+            worker.end()
 
     def _apart(self, function: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
         # Neighbours are alike, and the same ones come again: what a process worked out for them, it has kept.
         queues = [deque(stretch) for stretch in np.array_split(np.arange(len(items)), len(self._workers))]
         values: dict[int, Result] = {}
-        busy: dict[Connection, int] = {}  # which worker is behind a pipe
+        busy: dict[object, int] = {}  # which worker is behind a pipe
 
         def go_on(number: int) -> None:
             if any(queues):
@@ -90,7 +113,7 @@ class _OnProcesses:
                 worker.give_function(function)
                 go_on(number)
         while busy:
-            for connection in wait(list(busy)):
+            for connection in wait([self._workers[number].connection for number in busy.values()]):
                 number = busy.pop(connection)
                 index, value = self._workers[number].take()
                 values[index] = value
@@ -102,14 +125,15 @@ class _Worker:
     """A process that applies functions, and what it has been sent for good."""
 
     def __init__(self) -> None:
-        # Forked from a server that has imported what is needed, once for all, and has no threads.
         context = multiprocessing.get_context("forkserver")
-        context.set_forkserver_preload([__name__, "rwa_monitor.discrepancy.search"])
         self.connection, other = context.Pipe()
         self._process = context.Process(target=_serve, args=(other,), daemon=True)
         self._process.start()
         other.close()
-        self._sent: dict[int, object] = {}  # by their identity, which is theirs while they are held here
+        self._count = count()
+        self._numbers: dict[int, int] = {}  # of what was sent once, by its identity, which is its own while it is held
+        self._sent: WeakValueDictionary[int, Any] = WeakValueDictionary()  # by number
+        self._dropped: list[int] = []
 
     def give_function(self, function: Callable[[Any], Any]) -> None:
         """Send the function that is applied from now on."""
@@ -127,31 +151,41 @@ class _Worker:
             raise self._ended() from error
         kind, index, value = _Reader(data, self._sent).load()
         if kind == ERROR:
-            error, lines = value
-            error.add_note(f"in another process:\n{lines}")
-            raise error
+            raised, lines = value
+            raised.add_note(f"in another process:\n{lines}")
+            raise raised
         return index, value
 
     def end(self) -> None:
         """End the process, whatever it does."""
         self.connection.close()
-        self._process.join(END_S)
-        if self._process.is_alive():
-            self._process.kill()
-            self._process.join()
+        self._process.kill()
+        self._process.join()
 
     def _send(self, kind: str, number: int, content: object) -> None:
+        if self.connection.closed:
+            raise self._ended()
         try:
+            if self._dropped:
+                dropped, self._dropped = self._dropped, []
+                self.connection.send_bytes(_written((FORGET, 0, dropped), self._number))
             self.connection.send_bytes(_written((kind, number, content), self._number))
         except (BrokenPipeError, ConnectionResetError) as error:
             raise self._ended() from error
 
     def _number(self, one: object) -> int:
         """Return the number of what is sent once; where it was not yet, it is sent now, before what holds it."""
-        if id(one) not in self._sent:
-            self._sent[id(one)] = one
-            self._send(KEEP, id(one), one)
-        return id(one)
+        if id(one) not in self._numbers:
+            number = self._numbers[id(one)] = next(self._count)
+            self._sent[number] = one
+            finalize(one, self._drop, id(one), number).atexit = False
+            self._send(KEEP, number, one)
+        return self._numbers[id(one)]
+
+    def _drop(self, identity: int, number: int) -> None:
+        """Note that what was sent once is held here no more."""
+        del self._numbers[identity]
+        self._dropped.append(number)
 
     def _ended(self) -> RwaMonitorError:
         self._process.join(END_S)
@@ -174,6 +208,9 @@ def _serve(connection: Connection) -> None:
             if kind == KEEP:
                 kept[number] = content
                 numbers[id(content)] = number
+            elif kind == FORGET:
+                for gone in content:
+                    del numbers[id(kept.pop(gone))]
             elif kind == FUNCTION:
                 function = content
             else:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 import subprocess
@@ -44,6 +45,11 @@ def left_there(shelf: Shelf, item: int) -> tuple[int, list[int]]:
 
 def same(shelf: Shelf, item: int) -> tuple[Shelf, int]:
     return shelf, item
+
+
+def shelves_there(_: int) -> tuple[int, int]:
+    gc.collect()
+    return os.getpid(), sum(isinstance(one, Shelf) for one in gc.get_objects())
 
 
 def nested(shelf: Shelf, item: int) -> list[int]:
@@ -97,6 +103,16 @@ def test_what_is_sent_once_stays_with_what_was_left_on_it(each: Mapper) -> None:
     assert shelf.left == []
 
 
+def test_what_is_dropped_here_is_dropped_there(each: Mapper) -> None:
+    shelf = Shelf(np.zeros(1))
+    before = sum(dict(each(shelves_there, range(4), apart=True)).values())
+    each(partial(left_there, shelf), range(4), apart=True)
+    assert sum(dict(each(shelves_there, range(4), apart=True)).values()) == before + PROCESSES
+    del shelf
+    each(abs, range(4), apart=True)
+    assert sum(dict(each(shelves_there, range(4), apart=True)).values()) == before
+
+
 def test_what_is_sent_once_comes_back_as_the_one_here(each: Mapper) -> None:
     shelf = Shelf(np.zeros(1))
     assert all(one is shelf for one, _ in each(partial(same, shelf), range(4), apart=True))
@@ -127,7 +143,6 @@ def test_an_error_there_is_raised_here_with_all_its_parts() -> None:
 def test_a_process_that_is_killed_is_told() -> None:
     with on_processes(PROCESSES) as each, pytest.raises(RwaMonitorError, match=r"exit code -9.*memory"):
         each(killed, range(4), apart=True)
-
 
 
 def test_processes_end_with_the_block() -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import functools
 import json
-import os
 import sys
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -22,6 +21,7 @@ if TYPE_CHECKING:
 
     from rwa_monitor.cli.recordings import WheelRecordings
     from rwa_monitor.discrepancy.finished_search import Search
+    from rwa_monitor.discrepancy.mapper import Mapper
     from rwa_monitor.discrepancy.next_flight import Plan
     from rwa_monitor.discrepancy.plan import PlannedManoeuvre
     from rwa_monitor.formats.telemetry import Decoding
@@ -123,13 +123,15 @@ def command(
     from rwa_monitor.formats.files import make_folder
     from rwa_monitor.formats.wheel_file import read_wheel
     from rwa_monitor.physics.wheel import built_in_wheel
+    from rwa_monitor.processes import cores, on_processes
 
     tell_of_compiling()
-    wheel = read_wheel(wheel_file) if wheel_file else None
-    if wanted.out is not None:
-        make_folder(wanted.out, "--out")
-    recordings, aside = read_recordings(files, decoding), read_recordings(wanted.held_out, decoding)
-    found = _search(recordings, aside, wheel or recordings.wheel or built_in_wheel(), wanted)
+    with on_processes(cores()) as side_by_side:  # which get ready while the files are read
+        wheel = read_wheel(wheel_file) if wheel_file else None
+        if wanted.out is not None:
+            make_folder(wanted.out, "--out")
+        recordings, aside = read_recordings(files, decoding), read_recordings(wanted.held_out, decoding)
+        found = _search(recordings, aside, wheel or recordings.wheel or built_in_wheel(), wanted, side_by_side)
     planned = plan(found) if wanted.show_plan else None
     if wanted.out is not None:
         _write_report(found, [str(file) for file in files], wanted.out)
@@ -139,21 +141,21 @@ def command(
     ctx.exit(UNREADABLE if recordings.unreadable or aside.unreadable else 0)
 
 
-def _search(recordings: WheelRecordings, aside: WheelRecordings, wheel: Wheel, wanted: ReportOptions) -> Search:
+def _search(
+    recordings: WheelRecordings, aside: WheelRecordings, wheel: Wheel, wanted: ReportOptions, side_by_side: Mapper
+) -> Search:
     """Search the recordings, with what else the report is to hold."""
     from rwa_monitor.cli.progress import status_line
     from rwa_monitor.discrepancy.extended import viscous_in_question
     from rwa_monitor.discrepancy.find import find_discrepancy
     from rwa_monitor.discrepancy.plausible import unusual
     from rwa_monitor.discrepancy.saturation import end_stops_in_words
-    from rwa_monitor.threads import on_threads
 
     with status_line("searching") as progress:
         for name, samples in (*recordings.samples, *aside.samples):
             for words in (unusual(samples, wheel), *end_stops_in_words(samples)):
                 if words is not None:
                     say(f"{name}: {words}")
-        side_by_side = on_threads(os.cpu_count() or 1)
         found = find_discrepancy(recordings.samples, wheel, progress, side_by_side, aside.samples)
         asked = viscous_in_question(found)
         if asked is not None:

@@ -21,7 +21,7 @@ DIGITS: Final = 1e-5  # of the RMS of the friction: what is smaller is no sensor
 NEARLY_CONSTANT: Final = 0.05  # of the mean speed: its spread, below which a slope of the drag is no more than a level
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, weakref_slot=True)
 class Problem(SentOnce):
     """The used samples of one or more records of a wheel, joined; arrays (n,).
 

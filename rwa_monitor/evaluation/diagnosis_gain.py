@@ -6,6 +6,7 @@ the recorded one. Seeds are fixed: the same extension gives the same rates.
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any, Final
 
 import numpy as np
@@ -53,16 +54,15 @@ def diagnosis_gain(search: Search, model: Model | None, windows: int = WINDOWS) 
     crosses = any(np.ptp(record.channels.direction[record.used]) > 0 for record in search.problem.records)
     speed = SpeedProfile(kind="rich" if crosses else "one_direction")
     statuses = [name for anomaly in wheel.anomalies for name in ("nominal", anomaly)]
-
-    def diagnosed(i: int) -> Counts:
-        return _diagnosed(wheel, extended, speed, statuses[i % len(statuses)], SEED + i, model)
-
-    counts = np.sum(search.problem.each(diagnosed, range(windows)), axis=0)
+    tries = [(statuses[i % len(statuses)], SEED + i) for i in range(windows)]
+    diagnosed = partial(_diagnosed, wheel, extended, speed, model)
+    counts = np.sum(search.problem.each(diagnosed, tries, apart=True), axis=0)
     return DiagnosisGain(_rates(counts[0], windows), _rates(counts[1], windows), windows)
 
 
-def _diagnosed(wheel: Wheel, extended: Wheel, speed: SpeedProfile, status: str, seed: int, model: Model) -> Counts:
+def _diagnosed(wheel: Wheel, extended: Wheel, speed: SpeedProfile, model: Model, one: tuple[str, int]) -> Counts:
     """Simulate one window with the effects in it and return the counts without and with them known, int64 (2, 5)."""
+    status, seed = one
     anomalies = {} if status == "nominal" else {status: Anomaly(factor=FACTORS.get(status, FACTOR_OF_SYSTEMS))}
     duration_s = wheel.window.samples * wheel.sample_period_s
     scenario = Scenario(duration_s=duration_s, speed=speed, anomalies=anomalies)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import os
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
@@ -13,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Generic, TypeVar
 
 from rwa_monitor.errors import RwaMonitorError
+from rwa_monitor.processes import cores
 from rwa_monitor.version import SOFTWARE
 
 if TYPE_CHECKING:
@@ -50,11 +50,6 @@ class Outcome(Generic[Result]):
     file: Path
     result: Result | None
     error: str = ""
-
-
-def cores() -> int:
-    """Return how many processes can run at once here."""
-    return len(os.sched_getaffinity(0))
 
 
 def each(

@@ -135,7 +135,7 @@ def test_the_peak_memory_of_a_process_is_not_that_of_the_one_that_started_it() -
 
 
 def test_a_search_in_a_process_of_its_own_says_what_it_cost() -> None:
-    costs = [search.measure_apart(4000, 1, threads=2), search.measure(8000, 1, threads=1)]
+    costs = [search.measure_apart(4000, 1, processes=2), search.measure(8000, 1, processes=1)]
     assert [cost.named for cost in costs] == [("stribeck",), ("stribeck",)]
     assert costs[0].memory_GB < 2.0
     assert search.growth(costs) < SLACK * search.MOST_GROWTH

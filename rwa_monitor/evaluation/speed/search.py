@@ -1,7 +1,7 @@
 """What the discrepancy search costs: processor time, wall-clock time and memory, and how they grow with the record.
 
-Every record is searched in a process of its own, so that its memory is its own. The machine's load changes the
-wall-clock time, hardly the processor time.
+Every record is searched by a process of its own, and by those that it starts, so that its memory is its own. The
+machine's load changes the wall-clock time, hardly the processor time.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from rwa_monitor.physics.scenario import Scenario
 from rwa_monitor.physics.speed import SpeedProfile
 from rwa_monitor.physics.telemetry import simulate
 from rwa_monitor.physics.wheel import EffectBlock, built_in_wheel
-from rwa_monitor.threads import on_threads
+from rwa_monitor.processes import cores, on_processes
 
 SEED: Final = 3
 LENGTHS: Final = (20_000, 80_000, 320_000)  # samples
@@ -45,19 +45,19 @@ class SearchCost:
 
     Attributes
     ----------
-    samples, hidden, threads
+    samples, hidden, processes
         Length of the record, how many effects are hidden in it, and how many candidates are tried at a time.
     wall_s, processor_s
-        Times [s].
+        Times [s], the start of the processes included.
     memory_GB
-        Largest resident memory of the process [GB].
+        Largest resident memory of all processes together [GB]; what they share is counted for each.
     named
         The effects named.
     """
 
     samples: int
     hidden: int
-    threads: int
+    processes: int
     wall_s: float
     processor_s: float
     memory_GB: float
@@ -68,30 +68,41 @@ class SearchCost:
         return f"{self.processor_s:.1f} s of processor time, {self.wall_s:.1f} s by the clock, {self.memory_GB:.2f} GB"
 
 
-def measure(samples: int, hidden: int, threads: int) -> SearchCost:
-    """Search a record of rich motion with so many effects hidden in it, on so many threads, and return what it cost."""
+def measure(samples: int, hidden: int, processes: int) -> SearchCost:
+    """Search a record of rich motion with so many effects hidden in it, in so many processes, and return the cost."""
     wheel = built_in_wheel()
     scenario = Scenario(duration_s=samples * wheel.sample_period_s, speed=SpeedProfile(kind="rich"), anomalies={})
     hiding = wheel.model_copy(update={"effect": HIDDEN[:hidden]})
     record = simulate(scenario, hiding, np.random.default_rng(SEED)).samples
     find_discrepancy([("warm", record[slice(0, WARM)])], wheel)
-    wall, processor = time.perf_counter(), time.process_time()
-    found = find_discrepancy([("record", record)], wheel, each=on_threads(threads))
+    wall, before = time.perf_counter(), time.process_time()
+    with on_processes(processes) as each:
+        found = find_discrepancy([("record", record)], wheel, each=each)
+        wall = time.perf_counter() - wall
+        # Two for each process: one at least comes to every one.
+        used = {of: (processor_s, peak) for of, processor_s, peak in each(_used, range(2 * processes), apart=True)}
+    own, processor_s, peak = _used(0)
+    used[own] = processor_s - before, peak
     return SearchCost(
         samples,
         hidden,
-        threads,
-        time.perf_counter() - wall,
-        time.process_time() - processor,
-        peak_memory_bytes() / GIGA,
+        processes,
+        wall,
+        sum(processor_s for processor_s, _ in used.values()),
+        sum(peak for _, peak in used.values()) / GIGA,
         tuple(effect.name for effect in found.result.effects),
     )
 
 
-def measure_apart(samples: int, hidden: int, threads: int) -> SearchCost:
+def _used(_: int) -> tuple[int, float, int]:
+    """Return the number of this process, and the processor time [s] and largest memory [bytes] that it has used."""
+    return os.getpid(), time.process_time(), peak_memory_bytes()
+
+
+def measure_apart(samples: int, hidden: int, processes: int) -> SearchCost:
     """Measure in a process of its own."""
     with ProcessPoolExecutor(1, get_context("spawn")) as pool:
-        return pool.submit(measure, samples, hidden, threads).result()
+        return pool.submit(measure, samples, hidden, processes).result()
 
 
 def growth(costs: list[SearchCost]) -> float:
@@ -100,11 +111,10 @@ def growth(costs: list[SearchCost]) -> float:
     return (last.processor_s / last.samples) / (first.processor_s / first.samples)
 
 
-def search_costs(threads: int | None = None) -> list[SearchCost]:
-    """Measure records of all lengths with one effect, then one with none and with two; a thread a processor."""
-    threads = threads or os.cpu_count() or 1
+def search_costs() -> list[SearchCost]:
+    """Measure records of all lengths with one effect, then one with none and with two, as the command does it."""
     cases = [*((samples, 1) for samples in LENGTHS), (LENGTH, 0), (LENGTH, 2)]
-    return [measure_apart(samples, hidden, threads) for samples, hidden in cases]
+    return [measure_apart(samples, hidden, cores()) for samples, hidden in cases]
 
 
 def search_section(costs: list[SearchCost]) -> Section:
@@ -112,11 +122,11 @@ def search_section(costs: list[SearchCost]) -> Section:
     by_length = sorted((cost for cost in costs if cost.hidden == 1), key=lambda cost: cost.samples)
     by_hidden = sorted((cost for cost in costs if cost.samples == LENGTH), key=lambda cost: cost.hidden)
     return Section(
-        title=f"The discrepancy search, {costs[0].threads} threads",
+        title=f"The discrepancy search, {costs[0].processes} processes",
         text=(
             f"The whole catalogue on records of rich motion, {' and '.join(effect.name for effect in HIDDEN)} hidden "
-            f"in them in this order, seed {SEED}, each in a process of its own. Times by the clock hold whatever else "
-            "the machine did; processor times are of all threads."
+            f"in them in this order, seed {SEED}, each by a process of its own and those that it starts. Times by the "
+            "clock hold whatever else the machine did; processor times and memory are of all processes."
         ),
         targets=tuple(
             Target(what, reached, most, least=False, absolute=figures)
