@@ -34,7 +34,7 @@ from rwa_monitor.discrepancy.thresholds import best_threshold
 from rwa_monitor.physics.effects.base import MeanEffect
 from rwa_monitor.physics.effects.presliding import Presliding
 from rwa_monitor.physics.effects.speed_dead_zone import SpeedDeadZone
-from rwa_monitor.samples import IntArray
+from rwa_monitor.samples import FloatArray, IntArray
 
 ACCEPT_GAIN: Final = 25.0  # effects.md: no false name in 24 null records at this threshold
 EQUIVALENT_WITHIN: Final = 10.0  # effects.md, step 6
