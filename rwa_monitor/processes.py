@@ -43,8 +43,9 @@ def on_processes(processes: int) -> Iterator[Mapper]:
     """Give a way to apply a function to many items in so many processes, values in the order of the items.
 
     Each value depends on its item alone: the number of processes changes the time, never the answer. What is not said
-    to be work `apart` stays here, on as many threads. One process is this one. Others take a second to be ready, during
-    which this one goes on; they end with the block, and if this process is killed.
+    to be work `apart` stays here, on as many threads, and all of it where the system lets no process be started. One
+    process is this one. Others take a second to be ready, during which this one goes on; they end with the block, and
+    if this process is killed.
 
     Raises
     ------
@@ -56,7 +57,11 @@ def on_processes(processes: int) -> Iterator[Mapper]:
         return
     # They are forked from a server that has imported what is needed, once for all, and has no threads.
     multiprocessing.set_forkserver_preload(PRELOAD)
-    forkserver.ensure_running()
+    try:
+        forkserver.ensure_running()
+    except OSError:  # no folder for its socket, as where all is read-only, or too many processes
+        yield on_threads(processes)
+        return
     mapper = _OnProcesses(processes)
     try:
         yield mapper
@@ -65,7 +70,7 @@ def on_processes(processes: int) -> Iterator[Mapper]:
 
 
 def cores() -> int:
-    """Return how many processes can run at once here."""
+    """Return how many processes can run at once here; Linux only."""
     return len(os.sched_getaffinity(0))
 
 
@@ -230,25 +235,29 @@ def _answer(function: Callable[[Any], Any], index: int, item: object, numbers: M
 
 
 def _written(message: tuple[str, int, object], number: Callable[[object], int | None]) -> memoryview:
-    """Return a message in bytes, with numbers in place of what the other side has; None where it has it not."""
+    """Return a message in bytes, with numbers in place of what is sent once; all of it where that is sent just now.
+
+    `number` gives them; None for what the other side has not.
+    """
+    kind, _, content = message
     data = io.BytesIO()
-    _Writer(data, number, message[2]).dump(message)
+    _Writer(data, number, content if kind == KEEP else None).dump(message)
     return data.getbuffer()
 
 
 class _Writer(pickle.Pickler):
-    """Writes numbers in place of what is sent once, where that is not the content itself."""
+    """Writes numbers in place of what is sent once, but for what is `whole`."""
 
-    def __init__(self, file: io.BytesIO, number: Callable[[object], int | None], content: object) -> None:
+    def __init__(self, file: io.BytesIO, number: Callable[[object], int | None], whole: object) -> None:
         super().__init__(file, pickle.HIGHEST_PROTOCOL)
         self._number_of = number
-        self._content = content
+        self._whole = whole
 
     def persistent_id(self, one: object) -> int | None:
         """Return the number that stands for an object, or None."""
         if isinstance(one, _OnProcesses):
             return MAPPER
-        if one is self._content or not (isinstance(one, SentOnce) or _is_made(one)):
+        if one is self._whole or not (isinstance(one, SentOnce) or _is_made(one)):
             return None
         return self._number_of(one)
 

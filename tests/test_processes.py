@@ -52,6 +52,10 @@ def shelves_there(_: int) -> tuple[int, int]:
     return os.getpid(), sum(isinstance(one, Shelf) for one in gc.get_objects())
 
 
+def itself(shelf: Shelf) -> Shelf:
+    return shelf
+
+
 def nested(shelf: Shelf, item: int) -> list[int]:
     return shelf.each(abs, [-item, item])
 
@@ -116,6 +120,7 @@ def test_what_is_dropped_here_is_dropped_there(each: Mapper) -> None:
 def test_what_is_sent_once_comes_back_as_the_one_here(each: Mapper) -> None:
     shelf = Shelf(np.zeros(1))
     assert all(one is shelf for one, _ in each(partial(same, shelf), range(4), apart=True))
+    assert all(one is shelf for one in each(itself, [shelf, shelf], apart=True))
 
 
 def test_a_process_has_its_own_way_to_apply_functions(each: Mapper) -> None:
@@ -143,6 +148,18 @@ def test_an_error_there_is_raised_here_with_all_its_parts() -> None:
 def test_a_process_that_is_killed_is_told() -> None:
     with on_processes(PROCESSES) as each, pytest.raises(RwaMonitorError, match=r"exit code -9.*memory"):
         each(killed, range(4), apart=True)
+
+
+def test_where_no_process_can_be_started_the_work_stays_here(tmp_path: Path) -> None:
+    long = tmp_path / ("x" * 120)  # a socket's name has room for 107 characters
+    long.mkdir()
+    script = (
+        "import os\nfrom tests.test_processes import process_of\nfrom rwa_monitor.processes import on_processes\n"
+        "with on_processes(2) as each:\n    print({*each(process_of, range(4), apart=True)} == {os.getpid()})"
+    )
+    environment = os.environ | {"PYTHONPATH": str(Path(__file__).parents[1]), "TMPDIR": str(long)}
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, env=environment, check=True)
+    assert done.stdout == "True\n"
 
 
 def test_processes_end_with_the_block() -> None:
