@@ -32,6 +32,7 @@ from rwa_monitor.threads import on_threads, one_thread_of_algebra
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
+MOST_OF_A_SEARCH: Final = 4  # processes: with more the longest candidate decides, and each takes some 400 MB
 END_S: Final = 1.0  # for the system to say how a process ended that has closed its pipe
 MAPPER: Final = -1  # the number of what applies functions: each process has its own
 FUNCTION, ITEM, KEEP, FORGET, VALUE, ERROR = "function", "item", "keep", "forget", "value", "error"  # messages
@@ -72,6 +73,11 @@ def on_processes(processes: int) -> Iterator[Mapper]:
 def cores() -> int:
     """Return how many processes can run at once here; Linux only."""
     return len(os.sched_getaffinity(0))
+
+
+def for_a_search() -> int:
+    """Return how many processes a search is given here."""
+    return min(cores(), MOST_OF_A_SEARCH)
 
 
 class _OnProcesses:

@@ -123,10 +123,10 @@ def command(
     from rwa_monitor.formats.files import make_folder
     from rwa_monitor.formats.wheel_file import read_wheel
     from rwa_monitor.physics.wheel import built_in_wheel
-    from rwa_monitor.processes import cores, on_processes
+    from rwa_monitor.processes import for_a_search, on_processes
 
     tell_of_compiling()
-    with on_processes(cores()) as side_by_side:  # which get ready while the files are read
+    with on_processes(for_a_search()) as side_by_side:  # which get ready while the files are read
         wheel = read_wheel(wheel_file) if wheel_file else None
         if wanted.out is not None:
             make_folder(wanted.out, "--out")

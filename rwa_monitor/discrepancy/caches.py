@@ -10,8 +10,8 @@ from rwa_monitor.samples import FloatArray, IntArray
 
 CACHE_BYTES: Final = 400_000_000
 JUMP_CACHE_BYTES: Final = 50_000_000
-SHARES: Final = 4  # of the room for columns, where several processes keep them
-RECENT: Final = 8  # values that are kept: those of the models that are extended just now
+SHARES: Final = 8  # of the room for columns, where several processes keep them
+RECENT: Final = 4  # values that are kept: those of the models that are extended just now
 
 Value = TypeVar("Value")
 

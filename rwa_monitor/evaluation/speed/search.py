@@ -16,13 +16,13 @@ from typing import Final
 import numpy as np
 
 from rwa_monitor.discrepancy.find import find_discrepancy
-from rwa_monitor.evaluation.speed.machine import peak_memory_bytes
+from rwa_monitor.evaluation.speed.machine import peak_memory_bytes, shared_memory_bytes
 from rwa_monitor.evaluation.speed.report import Section, Target
 from rwa_monitor.physics.scenario import Scenario
 from rwa_monitor.physics.speed import SpeedProfile
 from rwa_monitor.physics.telemetry import simulate
 from rwa_monitor.physics.wheel import EffectBlock, built_in_wheel
-from rwa_monitor.processes import cores, on_processes
+from rwa_monitor.processes import for_a_search, on_processes
 
 SEED: Final = 3
 LENGTHS: Final = (20_000, 80_000, 320_000)  # samples
@@ -50,7 +50,7 @@ class SearchCost:
     wall_s, processor_s
         Times [s], the start of the processes included.
     memory_GB
-        Largest resident memory of all processes together [GB]; what they share is counted for each.
+        Largest resident memory of all processes together [GB], what those that were started share counted once.
     named
         The effects named.
     """
@@ -80,23 +80,24 @@ def measure(samples: int, hidden: int, processes: int) -> SearchCost:
         found = find_discrepancy([("record", record)], wheel, each=each)
         wall = time.perf_counter() - wall
         # Two for each process: one at least comes to every one.
-        used = {of: (processor_s, peak) for of, processor_s, peak in each(_used, range(2 * processes), apart=True)}
-    own, processor_s, peak = _used(0)
-    used[own] = processor_s - before, peak
+        used = {of: figures for of, *figures in each(_used, range(2 * processes), apart=True)}
+    own, processor_s, peak, _ = _used(0)
+    used[own] = [processor_s - before, peak, 0]
+    shared = max(shared for _, _, shared in used.values())
     return SearchCost(
         samples,
         hidden,
         processes,
         wall,
-        sum(processor_s for processor_s, _ in used.values()),
-        sum(peak for _, peak in used.values()) / GIGA,
+        sum(processor_s for processor_s, *_ in used.values()),
+        (shared + sum(peak - of_all for _, peak, of_all in used.values())) / GIGA,
         tuple(effect.name for effect in found.result.effects),
     )
 
 
-def _used(_: int) -> tuple[int, float, int]:
-    """Return the number of this process, and the processor time [s] and largest memory [bytes] that it has used."""
-    return os.getpid(), time.process_time(), peak_memory_bytes()
+def _used(_: int) -> tuple[int, float, int, int]:
+    """Return of this process the number, processor time [s], largest memory, and what it shares of that [bytes]."""
+    return os.getpid(), time.process_time(), peak_memory_bytes(), shared_memory_bytes()
 
 
 def measure_apart(samples: int, hidden: int, processes: int) -> SearchCost:
@@ -114,7 +115,7 @@ def growth(costs: list[SearchCost]) -> float:
 def search_costs() -> list[SearchCost]:
     """Measure records of all lengths with one effect, then one with none and with two, as the command does it."""
     cases = [*((samples, 1) for samples in LENGTHS), (LENGTH, 0), (LENGTH, 2)]
-    return [measure_apart(samples, hidden, cores()) for samples, hidden in cases]
+    return [measure_apart(samples, hidden, for_a_search()) for samples, hidden in cases]
 
 
 def search_section(costs: list[SearchCost]) -> Section:
