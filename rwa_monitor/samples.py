@@ -67,7 +67,7 @@ class Samples:
 
     def __len__(self) -> int:
         """Count the samples."""
-        return int(self.time_ns.size)
+        return self.time_ns.size
 
     def __getitem__(self, selection: slice | IntArray | BoolArray) -> Samples:
         """Select samples by slice, index array or mask; all channels alike."""

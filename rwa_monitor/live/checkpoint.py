@@ -154,7 +154,7 @@ class ChannelState(_Part):
 
     def channel(self) -> Channel:
         """Return the channel as it was."""
-        return Channel(_with_nan(self.recent), _with_nan([getattr(self, name) for name in MEMORY]))
+        return Channel.of(_with_nan(self.recent), _with_nan([getattr(self, name) for name in MEMORY]))
 
 
 class ScreenState(_Part):

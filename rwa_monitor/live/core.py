@@ -121,7 +121,6 @@ class WheelCore:
         InputError
             If `check` does; nothing is taken then.
         """
-        self.check(samples)
         if not self._source:
             self._source = source_of(samples, self.wheel)
             if self._source != self._windows.friction.source:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from operator import attrgetter
 from typing import Final, NamedTuple, Self
 
 import numba
@@ -18,6 +19,8 @@ from rwa_monitor.live.sequencer import Counts
 from rwa_monitor.physics.wheel import Limits
 from rwa_monitor.samples import CHANNELS, BoolArray, FloatArray, IntArray, Samples
 from rwa_monitor.slots import MAX_TIME_NS, MIN_TIME_NS, SlotGrid, is_nearest_slot, nearest_slot
+
+_channels_of: Final = attrgetter(*CHANNELS)  # of samples, all at once: asked of every message
 
 # In SI units: no wheel, with limits of its own or without, has more. Sums of squares stay far from overflow.
 MAX_MAGNITUDE: Final = 1e6
@@ -129,7 +132,7 @@ class OrderGuard:
             "motor_current_A": limits.max_current_A,
             "motor_torque_Nm": max_motor_torque_Nm,
         }
-        self._limits = [(name, MAX_MAGNITUDE if (limit := known.get(name)) is None else limit) for name in CHANNELS]
+        self._limits = [MAX_MAGNITUDE if (limit := known.get(name)) is None else limit for name in CHANNELS]
         self.counts = counts
         self.grid: SlotGrid | None = None
         self.frontier = 0
@@ -139,8 +142,7 @@ class OrderGuard:
         """Tell whether all samples can be telemetry of this wheel, and every value is there."""
         if not _all_times(samples.time_ns):
             return False
-        for name, limit in self._limits:
-            values = getattr(samples, name)
+        for values, limit in zip(_channels_of(samples), self._limits, strict=True):
             if values is not None and not _all_within(values, limit):
                 return False
         return True
@@ -149,8 +151,7 @@ class OrderGuard:
         """Return which samples can be telemetry of this wheel, bool (n,), None for all; count others as rejected."""
         wrong = np.zeros(len(samples), dtype=np.bool_)
         count = _mark_times(samples.time_ns, wrong)
-        for name, limit in self._limits:
-            values = getattr(samples, name)
+        for values, limit in zip(_channels_of(samples), self._limits, strict=True):
             if values is not None:
                 count += _mark_beyond(values, limit, wrong)
         if count == 0:

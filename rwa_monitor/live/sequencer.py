@@ -223,11 +223,12 @@ class Sequencer:
         return ready, events
 
     def _remember_time(self, batch: Batch) -> None:
-        count = len(batch.samples)
-        if count:
+        time_ns = batch.samples.time_ns
+        if time_ns.size:
             # The middle one: a single wild time does not matter.
-            middle_ns = middle(batch.samples.time_ns, count // 2)
-            self.latest_ns = middle_ns if self.latest_ns is None else max(self.latest_ns, middle_ns)
+            middle_ns = middle(time_ns, time_ns.size // 2)
+            if self.latest_ns is None or middle_ns > self.latest_ns:
+                self.latest_ns = middle_ns
 
     def _in_order(self, batch: Batch, frontier_ns: int | None) -> tuple[list[Batch], list[SequenceEvent]]:
         if batch.number is None or self.expected is None:

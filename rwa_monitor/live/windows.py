@@ -189,7 +189,7 @@ class Windows:
         there = _THERE[:count] if count <= _THERE.size else np.ones(count, dtype=np.bool_)  # missing values are NaN
         confirmed = [window.accumulator.append(speed, friction, there) for window in self._open]
         events = self._told(masked, faults) if masked or faults else []
-        if not confirmed:
+        if not confirmed or not confirmed[0]:
             return events
         # Where windows overlap, the first one to hold a slot tells of it.
         first = self._open[0].start
