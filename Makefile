@@ -116,7 +116,7 @@ model: $(VENV)/.installed-dev ## trains the built-in model anew (about two minut
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m rwa_monitor.evaluation.built_in -o rwa_monitor/diagnosis/built_in_model.json
 
 .PHONY: nulls
-nulls: $(VENV)/.installed-dev ## makes the table that p-values are taken from anew (NULLS_ARGS="--workers 4"; ten minutes)
+nulls: $(VENV)/.installed-dev ## makes the table that p-values are taken from anew (NULLS_ARGS="--workers 4"; some minutes)
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m rwa_monitor.evaluation.nulls -o rwa_monitor/discrepancy/nulls.json $(NULLS_ARGS)
 
 # The tables are not part of the project; docs/measured.md says where they come from.

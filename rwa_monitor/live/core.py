@@ -119,7 +119,7 @@ class WheelCore:
         Raises
         ------
         InputError
-            If `check` does; nothing is taken then.
+            If `check` would; nothing is taken then.
         """
         if not self._source:
             self._source = source_of(samples, self.wheel)
