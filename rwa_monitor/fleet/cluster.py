@@ -22,11 +22,11 @@ Result = TypeVar("Result")
 LOCAL: Final = "local"
 # Parcels of recordings that wait at a worker beside the one it works on: it is never idle, and memory does not grow
 # with their number.
-WAITING_PER_WORKER: Final = 2
+WAITING_PER_WORKER: Final = 1
 # Dask's own work for a parcel, some 7 ms of client and scheduler together, is a fifth of diagnosing one short
 # recording; in parcels of several it is lost beside them. Those that take long go one by one.
-PARCEL_S: Final = 0.5
-PARCEL_MOST: Final = 16
+PARCEL_S: Final = 0.6
+PARCEL_MOST: Final = 64
 # Parcels that shall be left for each worker, so that all end at nearly the same time.
 PARCELS_LEFT: Final = 6
 FEW: Final = 4  # recordings for which starting one more process is not worth it: each takes a second or two to start

@@ -177,7 +177,7 @@ class Named:
 
 
 def test_short_recordings_travel_together_long_ones_alone_and_few_are_left_for_all_workers() -> None:
-    assert parcel_size(seconds=0.03, waiting=5_000, workers=4) == PARCEL_MOST
+    assert parcel_size(seconds=0.005, waiting=5_000, workers=4) == PARCEL_MOST
     assert parcel_size(seconds=0.1, waiting=5_000, workers=4) == 5
     assert parcel_size(seconds=20.0, waiting=5_000, workers=4) == 1
     assert parcel_size(seconds=0.0, waiting=8 * PARCELS_LEFT, workers=4) == 2
