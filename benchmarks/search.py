@@ -12,7 +12,7 @@ import math
 from dataclasses import asdict
 
 from rwa_monitor.evaluation.speed.search import LENGTHS, growth, measure_apart
-from rwa_monitor.processes import for_a_search
+from rwa_monitor.processes import MOST_OF_A_SEARCH, cores
 
 
 def main() -> None:
@@ -20,7 +20,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--samples", type=int, nargs="+", default=LENGTHS)
     parser.add_argument("--hidden", type=int, choices=(0, 1, 2), default=1)
-    parser.add_argument("--processes", type=int, default=for_a_search())
+    parser.add_argument("--processes", type=int, default=min(cores(), MOST_OF_A_SEARCH))
     options = parser.parse_args()
     costs = []
     for samples in options.samples:

@@ -20,6 +20,7 @@ from contextlib import contextmanager, suppress
 from itertools import count
 from multiprocessing import forkserver
 from multiprocessing.connection import Connection, wait
+from pathlib import Path
 from typing import Any, Final, TypeVar
 from weakref import WeakValueDictionary, finalize
 
@@ -32,7 +33,11 @@ from rwa_monitor.threads import on_threads, one_thread_of_algebra
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
-MOST_OF_A_SEARCH: Final = 4  # processes: with more the longest candidate decides, and each takes some 400 MB
+MOST_OF_A_SEARCH: Final = 4  # processes: with more the longest candidate decides
+# Of each process of a search, as `benchmark speed` finds it: 0.4 GB at 80,000 samples, 1.2 GB at 320,000.
+BYTES_OF_A_PROCESS: Final = 150_000_000
+BYTES_OF_A_SAMPLE: Final = 3_300
+CGROUP: Final = Path("/sys/fs/cgroup")  # of a container, as it sees its own
 END_S: Final = 1.0  # for the system to say how a process ended that has closed its pipe
 MAPPER: Final = -1  # the number of what applies functions: each process has its own
 FUNCTION, ITEM, KEEP, FORGET, VALUE, ERROR = "function", "item", "keep", "forget", "value", "error"  # messages
@@ -75,9 +80,29 @@ def cores() -> int:
     return len(os.sched_getaffinity(0))
 
 
-def for_a_search() -> int:
-    """Return how many processes a search is given here."""
-    return min(cores(), MOST_OF_A_SEARCH)
+def for_a_search(samples: int) -> int:
+    """Return how many processes a search of so many samples is given here; Linux only."""
+    return processes_of_a_search(samples, cores(), memory_left_bytes())
+
+
+def processes_of_a_search(samples: int, cores: int, memory_bytes: int) -> int:
+    """Return how many processes a search of so many samples is given, with these cores and this memory."""
+    each_bytes = BYTES_OF_A_PROCESS + BYTES_OF_A_SAMPLE * samples
+    return max(1, min(cores, MOST_OF_A_SEARCH, memory_bytes // each_bytes - 1))  # this one takes as much itself
+
+
+def memory_left_bytes() -> int:
+    """Return how much memory is left for processes, by the system and the limit of a container [bytes]; Linux only."""
+    left = _sizes_of(Path("/proc/meminfo"))["MemAvailable:"] * 1024
+    limit, used = CGROUP / "memory.max", CGROUP / "memory.stat"
+    if limit.exists() and (most := limit.read_text(encoding="ascii").strip()) != "max":
+        left = min(left, int(most) - _sizes_of(used)["anon"])
+    return left
+
+
+def _sizes_of(file: Path) -> dict[str, int]:
+    """Return the sizes that a file of the system lists, a name and a number a line."""
+    return {name: int(size) for name, size, *_ in map(str.split, file.read_text(encoding="ascii").splitlines())}
 
 
 class _OnProcesses:

@@ -19,7 +19,7 @@ import pytest
 
 from rwa_monitor.discrepancy.mapper import Mapper, SentOnce, in_turn
 from rwa_monitor.errors import InputError, RwaMonitorError
-from rwa_monitor.processes import on_processes
+from rwa_monitor.processes import memory_left_bytes, on_processes, processes_of_a_search
 
 PROCESSES = 2
 END_S = 20.0  # for a process to end; a loaded machine takes its time
@@ -148,6 +148,20 @@ def test_an_error_there_is_raised_here_with_all_its_parts() -> None:
 def test_a_process_that_is_killed_is_told() -> None:
     with on_processes(PROCESSES) as each, pytest.raises(RwaMonitorError, match=r"exit code -9.*memory"):
         each(killed, range(4), apart=True)
+
+
+@pytest.mark.parametrize(
+    ("samples", "cores", "memory_GB", "processes"),
+    [(80_000, 4, 16.0, 4), (80_000, 2, 16.0, 2), (80_000, 64, 64.0, 4), (80_000, 4, 1.0, 1), (320_000, 4, 4.0, 2)],
+)
+def test_a_search_gets_the_processes_that_cores_and_memory_allow(
+    samples: int, cores: int, memory_GB: float, processes: int
+) -> None:
+    assert processes_of_a_search(samples, cores, int(memory_GB * 1e9)) == processes
+
+
+def test_the_memory_that_is_left_is_what_the_system_says() -> None:
+    assert 0 < memory_left_bytes() <= psutil.virtual_memory().total
 
 
 def test_where_no_process_can_be_started_the_work_stays_here(tmp_path: Path) -> None:

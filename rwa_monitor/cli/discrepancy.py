@@ -126,11 +126,11 @@ def command(
     from rwa_monitor.processes import for_a_search, on_processes
 
     tell_of_compiling()
-    with on_processes(for_a_search()) as side_by_side:  # which get ready while the files are read
-        wheel = read_wheel(wheel_file) if wheel_file else None
-        if wanted.out is not None:
-            make_folder(wanted.out, "--out")
-        recordings, aside = read_recordings(files, decoding), read_recordings(wanted.held_out, decoding)
+    wheel = read_wheel(wheel_file) if wheel_file else None
+    if wanted.out is not None:
+        make_folder(wanted.out, "--out")
+    recordings, aside = read_recordings(files, decoding), read_recordings(wanted.held_out, decoding)
+    with on_processes(for_a_search(sum(len(samples) for _, samples in recordings.samples))) as side_by_side:
         found = _search(recordings, aside, wheel or recordings.wheel or built_in_wheel(), wanted, side_by_side)
     planned = plan(found) if wanted.show_plan else None
     if wanted.out is not None:

@@ -115,7 +115,7 @@ def growth(costs: list[SearchCost]) -> float:
 def search_costs() -> list[SearchCost]:
     """Measure records of all lengths with one effect, then one with none and with two, as the command does it."""
     cases = [*((samples, 1) for samples in LENGTHS), (LENGTH, 0), (LENGTH, 2)]
-    return [measure_apart(samples, hidden, for_a_search()) for samples, hidden in cases]
+    return [measure_apart(samples, hidden, for_a_search(samples)) for samples, hidden in cases]
 
 
 def search_section(costs: list[SearchCost]) -> Section:
