@@ -134,6 +134,7 @@ def sort_out(
     background = make_background(problem, (), np.zeros(0, dtype=np.int64))  # jumps may have swallowed the effect
 
     def lacking(effect: type[MeanEffect]) -> str | None:
+        """Return what an effect lacks to be tested: a channel, or a motion that sets it apart; None for nothing."""
         channel = available(problem, effect)
         if channel is not None:
             return channel
