@@ -10,7 +10,6 @@ from __future__ import annotations
 import io
 import multiprocessing
 import os
-import pickle
 import signal
 import sys
 import traceback
@@ -18,9 +17,11 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from itertools import count
-from multiprocessing import forkserver
+from multiprocessing import forkserver, resource_tracker
 from multiprocessing.connection import Connection, wait
+from multiprocessing.reduction import ForkingPickler
 from pathlib import Path
+from threading import Thread
 from typing import Any, Final, TypeVar
 from weakref import WeakValueDictionary, finalize
 
@@ -38,8 +39,9 @@ MOST_OF_A_SEARCH: Final = 4  # processes: with more the longest candidate decide
 BYTES_OF_A_PROCESS: Final = 150_000_000
 BYTES_OF_A_SAMPLE: Final = 3_300
 CGROUP: Final = Path("/sys/fs/cgroup")  # of a container, as it sees its own
+LIMIT_BEFORE: Final = "memory/memory.limit_in_bytes", "memory/memory.stat"  # where cgroups are of version 1
 END_S: Final = 1.0  # for the system to say how a process ended that has closed its pipe
-MAPPER: Final = -1  # the number of what applies functions: each process has its own
+PROTOCOL: Final = 5  # of what is sent: arrays in one piece
 FUNCTION, ITEM, KEEP, FORGET, VALUE, ERROR = "function", "item", "keep", "forget", "value", "error"  # messages
 PRELOAD: Final = [__name__, "rwa_monitor.discrepancy.search"]
 
@@ -56,23 +58,36 @@ def on_processes(processes: int) -> Iterator[Mapper]:
     Raises
     ------
     RwaMonitorError
-        Where it is used: if a process has ended before its work, as when the system had no memory left for it.
+        Where it is used: if a process has ended before its work, as when the system had no memory left for it. An error
+        of the function is raised as it is; of several, whichever is known first.
     """
-    if processes == 1:
-        yield in_turn
-        return
-    # They are forked from a server that has imported what is needed, once for all, and has no threads.
+    with one_thread_of_algebra():  # as in the processes: the last bit would depend on it
+        if processes == 1:
+            yield in_turn
+            return
+        mapper = _OnProcesses(processes if _start_server() else 0)
+        try:
+            yield mapper
+        finally:
+            mapper.end()
+
+
+def _start_server() -> bool:
+    """Start the process that the others are forked from; False where the system does not let it.
+
+    It imports what is needed, once for all, and has no threads. A signal of the whole terminal is this process's alone.
+    """
     multiprocessing.set_forkserver_preload(PRELOAD)
     try:
-        forkserver.ensure_running()
+        resource_tracker.ensure_running()  # it would be started with the other, and let the signal through
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
+            forkserver.ensure_running()
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
     except OSError:  # no folder for its socket, as where all is read-only, or too many processes
-        yield on_threads(processes)
-        return
-    mapper = _OnProcesses(processes)
-    try:
-        yield mapper
-    finally:
-        mapper.end()
+        return False
+    return True
 
 
 def cores() -> int:
@@ -94,9 +109,9 @@ def processes_of_a_search(samples: int, cores: int, memory_bytes: int) -> int:
 def memory_left_bytes() -> int:
     """Return how much memory is left for processes, by the system and the limit of a container [bytes]; Linux only."""
     left = _sizes_of(Path("/proc/meminfo"))["MemAvailable:"] * 1024
-    limit, used = CGROUP / "memory.max", CGROUP / "memory.stat"
-    if limit.exists() and (most := limit.read_text(encoding="ascii").strip()) != "max":
-        left = min(left, int(most) - _sizes_of(used)["anon"])
+    for limit, used, name in (("memory.max", "memory.stat", "anon"), (*LIMIT_BEFORE, "total_rss")):
+        if (CGROUP / limit).exists() and (most := (CGROUP / limit).read_text(encoding="ascii").strip()) != "max":
+            left = min(left, int(most) - _sizes_of(CGROUP / used)[name])
     return left
 
 
@@ -109,18 +124,16 @@ class _OnProcesses:
     """Hands out items to workers: to each a stretch of them, and to who is done early the last of the longest left."""
 
     def __init__(self, processes: int) -> None:
-        self._processes = processes
-        self._here = on_threads(processes)
+        self._processes = processes  # 0: all work stays here
+        self._here = on_threads(max(processes, 1))
         self._workers: list[_Worker] = []  # started when they are wanted
 
     def __call__(
         self, function: Callable[[Item], Result], items: Iterable[Item], /, *, apart: bool = False
     ) -> list[Result]:
         items = list(items)
-        if not apart or len(items) < 2:
+        if not apart or len(items) < 2 or not self._are_there():
             return self._here(function, items)
-        if not self._workers:
-            self._workers = [_Worker() for _ in range(self._processes)]
         try:
             return self._apart(function, items)
         except BaseException:
@@ -128,9 +141,20 @@ class _OnProcesses:
             raise
 
     def end(self) -> None:
-        """End all processes, whatever they do."""
+        """End all processes, whatever they do; what comes after is done here."""
         for worker in self._workers:
             worker.end()
+        self._workers.clear()
+        self._processes = 0
+
+    def _are_there(self) -> bool:
+        """Start the workers that are still to be started, as many as the system lets; say whether there are any."""
+        try:
+            while len(self._workers) < self._processes:
+                self._workers.append(_Worker())
+        except (OSError, EOFError):  # too many processes, or no memory for one more
+            self._processes = len(self._workers)
+        return bool(self._workers)
 
     def _apart(self, function: Callable[[Item], Result], items: Sequence[Item]) -> list[Result]:
         # Neighbours are alike, and the same ones come again: what a process worked out for them, it has kept.
@@ -164,11 +188,14 @@ class _Worker:
         context = multiprocessing.get_context("forkserver")
         self.connection, other = context.Pipe()
         self._process = context.Process(target=_serve, args=(other,), daemon=True)
-        self._process.start()
-        other.close()
-        self._count = count()
+        try:
+            self._process.start()
+        except BaseException:
+            self.connection.close()
+            raise
+        finally:
+            other.close()
         self._numbers: dict[int, int] = {}  # of what was sent once, by its identity, which is its own while it is held
-        self._sent: WeakValueDictionary[int, Any] = WeakValueDictionary()  # by number
         self._dropped: list[int] = []
 
     def give_function(self, function: Callable[[Any], Any]) -> None:
@@ -182,10 +209,9 @@ class _Worker:
     def take(self) -> tuple[int, Any]:
         """Return the value that has arrived, and which item's it is."""
         try:
-            data = self.connection.recv_bytes()
+            kind, index, value = self.connection.recv()
         except (EOFError, ConnectionResetError) as error:
             raise self._ended() from error
-        kind, index, value = _Reader(data, self._sent).load()
         if kind == ERROR:
             raised, lines = value
             raised.add_note(f"in another process:\n{lines}")
@@ -195,12 +221,11 @@ class _Worker:
     def end(self) -> None:
         """End the process, whatever it does."""
         self.connection.close()
-        self._process.kill()
+        if self._process.is_alive():
+            self._process.kill()
         self._process.join()
 
     def _send(self, kind: str, number: int, content: object) -> None:
-        if self.connection.closed:
-            raise self._ended()
         try:
             if self._dropped:
                 dropped, self._dropped = self._dropped, []
@@ -212,8 +237,8 @@ class _Worker:
     def _number(self, one: object) -> int:
         """Return the number of what is sent once; where it was not yet, it is sent now, before what holds it."""
         if id(one) not in self._numbers:
-            number = self._numbers[id(one)] = next(self._count)
-            self._sent[number] = one
+            number = self._numbers[id(one)] = next(_count)
+            _known[number] = one
             finalize(one, self._drop, id(one), number).atexit = False
             self._send(KEEP, number, one)
         return self._numbers[id(one)]
@@ -226,7 +251,8 @@ class _Worker:
     def _ended(self) -> RwaMonitorError:
         self._process.join(END_S)
         code = self._process.exitcode
-        return RwaMonitorError(f"a process beside this one has ended (exit code {code}): is there memory left for it?")
+        why = ": is there memory left for it?" if code == -signal.SIGKILL else ""
+        return RwaMonitorError(f"a process beside this one has ended (exit code {code}){why}")
 
 
 # ---- in the other process --------------------------------------------------------------------------------------------
@@ -234,15 +260,16 @@ class _Worker:
 
 def _serve(connection: Connection) -> None:
     """Apply the function to the items that come, until the pipe is closed."""
+    Thread(target=_end_with_parent, daemon=True).start()
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # of the whole terminal; who asked closes the pipe
     kept: dict[int, object] = {}
     numbers: dict[int, int] = {}  # of what is kept, by its identity here
     function: Callable[[Any], Any] | None = None
     with one_thread_of_algebra(), suppress(EOFError, BrokenPipeError, ConnectionResetError):
         while True:
-            kind, number, content = _Reader(connection.recv_bytes(), kept).load()
+            kind, number, content = connection.recv()
             if kind == KEEP:
-                kept[number] = content
+                kept[number] = _known[number] = content
                 numbers[id(content)] = number
             elif kind == FORGET:
                 for gone in content:
@@ -254,15 +281,35 @@ def _serve(connection: Connection) -> None:
                 connection.send_bytes(_answer(function, number, content, numbers))
 
 
+def _end_with_parent() -> None:
+    """End this process as soon as the one that asked has ended, in the middle of an item too."""
+    parent = multiprocessing.parent_process()
+    assert parent is not None
+    parent.join()
+    os._exit(1)
+
+
 def _answer(function: Callable[[Any], Any], index: int, item: object, numbers: Mapping[int, int]) -> memoryview:
     """Apply a function and return the value as it is sent, or the error that it raised."""
     try:
         return _written((VALUE, index, function(item)), lambda one: numbers.get(id(one)))
     except Exception as error:  # noqa: BLE001 - raised again where the value was wanted
-        return _written((ERROR, index, (error, traceback.format_exc())), lambda _: None)
+        return _written((ERROR, index, (_that_travels(error), traceback.format_exc())), lambda _: None)
+
+
+def _that_travels(error: Exception) -> Exception:
+    """Return an error that arrives as it is, or its words in one that does."""
+    try:
+        ForkingPickler.loads(ForkingPickler.dumps(error))
+    except Exception:  # noqa: BLE001 - whatever its class does when it is made anew
+        return RwaMonitorError(f"{type(error).__name__}: {error}")
+    return error
 
 
 # ---- on the way ------------------------------------------------------------------------------------------------------
+
+_count = count()  # numbers of what this process sends once
+_known: WeakValueDictionary[int, Any] = WeakValueDictionary()  # what was sent once, here or there, by number
 
 
 def _written(message: tuple[str, int, object], number: Callable[[object], int | None]) -> memoryview:
@@ -276,42 +323,44 @@ def _written(message: tuple[str, int, object], number: Callable[[object], int | 
     return data.getbuffer()
 
 
-class _Writer(pickle.Pickler):
+class _Writer(ForkingPickler):
     """Writes numbers in place of what is sent once, but for what is `whole`."""
 
     def __init__(self, file: io.BytesIO, number: Callable[[object], int | None], whole: object) -> None:
-        super().__init__(file, pickle.HIGHEST_PROTOCOL)
+        super().__init__(file, PROTOCOL)
         self._number_of = number
         self._whole = whole
 
-    def persistent_id(self, one: object) -> int | None:
-        """Return the number that stands for an object, or None."""
-        if isinstance(one, _OnProcesses):
-            return MAPPER
-        if one is self._whole or not (isinstance(one, SentOnce) or _is_made(one)):
-            return None
-        return self._number_of(one)
-
     def reducer_override(self, one: object) -> Any:
-        """Return how a class is made that has no name to import it by."""
-        if not _is_made(one):
-            return NotImplemented
-        assert isinstance(one, type)
-        return type, (one.__name__, one.__bases__, {k: v for k, v in vars(one).items() if not k.startswith("_")})
+        """Return how something is made there that is not written as it is."""
+        if isinstance(one, _OnProcesses):
+            return _mapper_there, ()
+        made = _is_made(one)
+        if one is not self._whole and (made or isinstance(one, SentOnce)):
+            number = self._number_of(one)
+            if number is not None:
+                return _known_as, (number,)
+        if made:
+            assert isinstance(one, type)
+            return type, (one.__name__, one.__bases__, {k: v for k, v in vars(one).items() if not k.startswith("_")})
+        return NotImplemented
+
+
+def _mapper_there() -> Mapper:
+    """Return what applies functions in a process that was started: there is no other beside it."""
+    return in_turn
+
+
+def _known_as(number: int) -> object:
+    """Return what was sent once under a number."""
+    return _known[number]
 
 
 def _is_made(one: object) -> bool:
     """Say whether something is a class that was made on the way: not one that another process can import."""
-    return isinstance(one, type) and getattr(sys.modules[one.__module__], one.__name__, None) is not one
-
-
-class _Reader(pickle.Unpickler):
-    """Puts back what numbers stand for."""
-
-    def __init__(self, data: bytes, kept: Mapping[int, object]) -> None:
-        super().__init__(io.BytesIO(data))
-        self._kept = kept
-
-    def persistent_load(self, number: int) -> object:
-        """Return what a number stands for."""
-        return in_turn if number == MAPPER else self._kept[number]
+    if not isinstance(one, type):
+        return False
+    found: object = sys.modules.get(one.__module__)
+    for name in one.__qualname__.split("."):
+        found = getattr(found, name, None)
+    return found is not one

@@ -17,6 +17,7 @@ import numpy as np
 import psutil
 import pytest
 
+from rwa_monitor import processes
 from rwa_monitor.discrepancy.mapper import Mapper, SentOnce, in_turn
 from rwa_monitor.errors import InputError, RwaMonitorError
 from rwa_monitor.processes import memory_left_bytes, on_processes, processes_of_a_search
@@ -140,9 +141,32 @@ def test_an_error_there_is_raised_here_with_all_its_parts() -> None:
             each(refused, range(4), apart=True)
         assert (raised.value.source, raised.value.place) == ("file.csv", "row 3")
         assert any("in refused" in note for note in raised.value.__notes__)
-        # Others were still at work: nobody takes their answers for those of another call.
-        with pytest.raises(RwaMonitorError, match="has ended"):
-            each(abs, range(4), apart=True)
+        # Others were still at work: nobody takes their answers for those of another call. What comes is done here.
+        assert {process for _, process in each(partial(scaled, Shelf(np.ones(1))), range(4), apart=True)} == {
+            os.getpid()
+        }
+
+
+class TwoWordsError(Exception):
+    """One that cannot be made anew from its arguments."""
+
+    def __init__(self, one: str, other: str) -> None:
+        super().__init__(f"{one} {other}")
+
+
+def raise_two_words(_: int) -> None:
+    raise TwoWordsError("no", "friction")
+
+
+def test_an_error_that_cannot_travel_comes_in_its_words() -> None:
+    with on_processes(PROCESSES) as each, pytest.raises(RwaMonitorError, match="TwoWordsError: no friction"):
+        each(raise_two_words, range(4), apart=True)
+
+
+def test_after_the_block_work_is_done_here() -> None:
+    with on_processes(PROCESSES) as each:
+        pass
+    assert set(each(process_of, range(4), apart=True)) == {os.getpid()}
 
 
 def test_a_process_that_is_killed_is_told() -> None:
@@ -164,25 +188,61 @@ def test_the_memory_that_is_left_is_what_the_system_says() -> None:
     assert 0 < memory_left_bytes() <= psutil.virtual_memory().total
 
 
-def test_where_no_process_can_be_started_the_work_stays_here(tmp_path: Path) -> None:
-    long = tmp_path / ("x" * 120)  # a socket's name has room for 107 characters
-    long.mkdir()
-    script = (
-        "import os\nfrom tests.test_processes import process_of\nfrom rwa_monitor.processes import on_processes\n"
-        "with on_processes(2) as each:\n    print({*each(process_of, range(4), apart=True)} == {os.getpid()})"
-    )
-    environment = os.environ | {"PYTHONPATH": str(Path(__file__).parents[1]), "TMPDIR": str(long)}
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, env=environment, check=True)
-    assert done.stdout == "True\n"
+def test_where_no_server_can_be_started_the_work_stays_here(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refused() -> None:
+        raise OSError("AF_UNIX path too long")
+
+    monkeypatch.setattr(processes.forkserver, "ensure_running", refused)
+    with on_processes(PROCESSES) as each:
+        assert set(each(process_of, range(4), apart=True)) == {os.getpid()}
+
+
+@pytest.mark.parametrize("started", [0, 1])
+def test_where_fewer_processes_can_be_started_they_do_the_work(started: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    worker, made = processes._Worker, []
+
+    def limited() -> object:
+        if len(made) == started:
+            raise EOFError("unexpected EOF")
+        made.append(worker())
+        return made[-1]
+
+    monkeypatch.setattr(processes, "_Worker", limited)
+    with on_processes(PROCESSES) as each:
+        found = set(each(process_of, range(4), apart=True))
+    assert len(found) == 1
+    assert (os.getpid() in found) == (started == 0)
+
+
+@pytest.mark.parametrize(
+    ("limit", "text", "used", "left"),
+    [
+        ("memory.max", "1000000000", "anon 400000000", 600_000_000),
+        ("memory.max", "max", "anon 400000000", None),
+        ("memory/memory.limit_in_bytes", "1000000000", "total_rss 300000000", 700_000_000),
+    ],
+)
+def test_the_limit_of_a_container_counts(
+    limit: str, text: str, used: str, left: int | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / limit).parent.mkdir(exist_ok=True)
+    (tmp_path / limit).write_text(f"{text}\n")
+    (tmp_path / limit).with_name("memory.stat").write_text(f"{used}\nfile 5\n")
+    monkeypatch.setattr(processes, "CGROUP", tmp_path)
+    assert memory_left_bytes() == left if left else memory_left_bytes() > 1e9
 
 
 def test_processes_end_with_the_block() -> None:
-    before = {child.pid for child in psutil.Process().children(recursive=True)}
     with on_processes(PROCESSES) as each:
         assert each(abs, [-1, -2], apart=True) == [1, 2]
-        assert len({child.pid for child in psutil.Process().children(recursive=True)} - before) >= PROCESSES
         workers = set(each(process_of, range(4), apart=True))
+        assert len(workers) == PROCESSES
+        assert os.getpid() not in workers
     assert not any(psutil.pid_exists(worker) for worker in workers)
+
+
+def asleep(_: int) -> None:
+    time.sleep(600)
 
 
 def process_of(_: int) -> int:
@@ -193,14 +253,13 @@ def test_processes_end_when_the_one_that_asked_is_killed(tmp_path: Path) -> None
     script = tmp_path / "asks.py"
     script.write_text(
         textwrap.dedent("""
-            import time
-            from tests.test_processes import process_of
+            from tests.test_processes import asleep, process_of
             from rwa_monitor.processes import on_processes
 
             if __name__ == "__main__":
                 with on_processes(2) as each:
                     print(*each(process_of, range(4), apart=True), flush=True)
-                    time.sleep(600)
+                    each(asleep, range(4), apart=True)
         """),
         encoding="utf-8",
     )

@@ -12,7 +12,6 @@ from typing import Final
 
 import numpy as np
 
-from rwa_monitor.discrepancy.caches import ColumnCache
 from rwa_monitor.discrepancy.finished_search import Search
 from rwa_monitor.discrepancy.search import Progress, extensions, refit
 from rwa_monitor.physics.effects.catalogue import MEAN_EFFECTS
@@ -50,7 +49,7 @@ def _null_gains(search: Search, name: str, draws: int, rng: np.random.Generator,
     gains = np.zeros(draws)
     for i in range(draws):
         progress(f"bootstrap of {name}: {i + 1} of {draws}")
-        simulated = replace(problem, z=fitted + _resampled(model.fit.residual, rng), columns=ColumnCache())
+        simulated = replace(problem.with_empty_caches(), z=fitted + _resampled(model.fit.residual, rng))
         start = refit(simulated, others, [null.fit.jumps])
         rivals = extensions(simulated, start, candidates, lambda _: None)
         if rivals:
