@@ -65,7 +65,9 @@ def on_processes(processes: int) -> Iterator[Mapper]:
         if processes == 1:
             yield in_turn
             return
-        mapper = _OnProcesses(processes if _start_server() else 0)
+        mapper = _OnProcesses(processes)
+        if not _start_server():
+            mapper.end()
         try:
             yield mapper
         finally:
@@ -124,8 +126,8 @@ class _OnProcesses:
     """Hands out items to workers: to each a stretch of them, and to who is done early the last of the longest left."""
 
     def __init__(self, processes: int) -> None:
-        self._processes = processes  # 0: all work stays here
-        self._here = on_threads(max(processes, 1))
+        self._processes = processes  # 0 after the end: all work is done here
+        self._here = on_threads(processes)
         self._workers: list[_Worker] = []  # started when they are wanted
 
     def __call__(
