@@ -17,11 +17,10 @@ from typing import Any
 
 import numpy as np
 import psutil
-from distributed import Client, LocalCluster
 
 from benchmarks.output import add_output_option, put_out
 from rwa_monitor.evaluation.speed.machine import peak_memory_bytes
-from rwa_monitor.fleet.cluster import each
+from rwa_monitor.fleet.cluster import each, local_cluster
 from rwa_monitor.fleet.tasks import Diagnose
 from rwa_monitor.formats.parquet_table import write_parquet
 from rwa_monitor.physics.scenario import Scenario
@@ -55,14 +54,14 @@ def _recording(folder: Path, seed: int) -> Path:
 
 def _measure(files: list[Path], workers: int, repeats: int) -> dict[str, Any]:
     """Return the seconds of each repeat, the peak memory [MB] of a worker, and processor times a recording [ms]."""
-    options = {"host": "127.0.0.1", "dashboard_address": "127.0.0.1:0", "memory_limit": 0}
-    with LocalCluster(n_workers=workers, threads_per_worker=1, **options) as cluster, Client(cluster) as client:
-        list(each(Diagnose(), files[:workers], scheduler=cluster.scheduler_address))  # compiled, imported
+    with local_cluster(workers) as client:
+        scheduler = client.scheduler_info()["address"]
+        list(each(Diagnose(), files[:workers], scheduler=scheduler))  # compiled, imported
         seconds = []
         before, own = client.run(time.process_time), time.process_time()
         for _ in range(repeats):
             began = time.perf_counter()
-            outcomes = list(each(Diagnose(), files, scheduler=cluster.scheduler_address))
+            outcomes = list(each(Diagnose(), files, scheduler=scheduler))
             seconds.append(time.perf_counter() - began)
             assert not any(outcome.error for outcome in outcomes)
         own = time.process_time() - own

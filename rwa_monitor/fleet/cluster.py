@@ -27,10 +27,19 @@ WAITING_PER_WORKER: Final = 1
 # recording; in parcels of several it is lost beside them. Those that take long go one by one.
 PARCEL_S: Final = 0.6
 PARCEL_MOST: Final = 64
-# Parcels that shall be left for each worker, so that all end at nearly the same time.
-PARCELS_LEFT: Final = 6
+# Parcels that shall be left for each worker, so that all end at nearly the same time; none is made shorter for it than
+# what Dask's own work is little beside.
+PARCELS_LEFT: Final = 3
+PARCEL_LEAST_S: Final = 0.08
 FEW: Final = 4  # recordings for which starting one more process is not worth it: each takes a second or two to start
 CONNECT_TIMEOUT_S: Final = 5
+# What Dask does beside the work, many times a second and in every process: samples of where a worker is and of what
+# the machine does, checks that the event loop turns. Nobody looks at them here, and they took 3 % of each core.
+QUIET: Final = {
+    "distributed.worker.profile.enabled": False,
+    "distributed.admin.tick.interval": "2s",
+    "distributed.admin.system-monitor.interval": "5s",
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,20 +112,12 @@ def _guarded(task: Callable[[Path], Result], file: Path) -> Outcome[Result]:
 def _client(scheduler: str, workers: int) -> Iterator[Client]:
     """Connect to the scheduler, or to a local cluster that ends with this."""
     try:
-        import dask
-        from distributed import Client, LocalCluster
+        from distributed import Client
     except ImportError as error:
         raise RwaMonitorError(f"{error}; pip install 'rwa-monitor[fleet]', or use --workers 1") from error
 
     if scheduler == LOCAL:
-        # Loopback only, its status page too; memory is bounded by one recording at a time; faults are ours to report.
-        options = {"host": "127.0.0.1", "dashboard_address": "127.0.0.1:0", "memory_limit": 0}
-        # A recording that kills its worker, by the memory it takes for instance, would do so again.
-        with (
-            dask.config.set({"distributed.scheduler.allowed-failures": 0}),
-            LocalCluster(n_workers=workers, threads_per_worker=1, silence_logs=logging.CRITICAL, **options) as cluster,
-            Client(cluster) as client,
-        ):
+        with local_cluster(workers) as client:
             yield client
         return
     try:
@@ -125,6 +126,23 @@ def _client(scheduler: str, workers: int) -> Iterator[Client]:
         raise RwaMonitorError(f"{scheduler}: no Dask scheduler answers: {error}") from error
     with client:
         _check_release(client, scheduler)
+        yield client
+
+
+@contextmanager
+def local_cluster(workers: int) -> Iterator[Client]:
+    """Start a scheduler and so many processes on this machine, which end with this; yield what is connected to them."""
+    import dask
+    from distributed import Client, LocalCluster
+
+    # Loopback only, its status page too; memory is bounded by one recording at a time; faults are ours to report.
+    options = {"host": "127.0.0.1", "dashboard_address": "127.0.0.1:0", "memory_limit": 0}
+    # A recording that kills its worker, by the memory it takes for instance, would do so again.
+    with (
+        dask.config.set(QUIET | {"distributed.scheduler.allowed-failures": 0}),
+        LocalCluster(n_workers=workers, threads_per_worker=1, silence_logs=logging.CRITICAL, **options) as cluster,
+        Client(cluster) as client,
+    ):
         yield client
 
 
@@ -209,8 +227,10 @@ def _taken(waiting: deque[int], count: int) -> tuple[int, ...]:
 
 def parcel_size(seconds: float, waiting: int, workers: int) -> int:
     """Return how many recordings to send at once, from what one took and how many are left."""
-    short_enough = int(PARCEL_S / max(seconds, PARCEL_S / PARCEL_MOST))
-    return max(1, min(short_enough, waiting // (workers * PARCELS_LEFT)))
+    one = max(seconds, PARCEL_S / PARCEL_MOST)
+    wanted = min(int(PARCEL_S / one), waiting // (workers * PARCELS_LEFT))
+    fair = -(-waiting // workers)
+    return max(1, min(max(wanted, int(PARCEL_LEAST_S / one)), fair))
 
 
 def _parcel(task: Callable[[Path], Result], files: Sequence[Path]) -> tuple[list[Outcome[Result]], float]:

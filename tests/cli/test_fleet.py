@@ -17,7 +17,7 @@ import pytest
 from distributed import LocalCluster
 
 from rwa_monitor.errors import InputError, RwaMonitorError
-from rwa_monitor.fleet.cluster import PARCEL_MOST, PARCELS_LEFT, each, parcel_size
+from rwa_monitor.fleet.cluster import PARCEL_LEAST_S, PARCEL_MOST, PARCELS_LEFT, each, parcel_size
 from rwa_monitor.fleet.store import Store, read_results
 from rwa_monitor.fleet.tasks import Diagnose
 from rwa_monitor.formats.wheel_file import read_wheel
@@ -180,8 +180,11 @@ def test_short_recordings_travel_together_long_ones_alone_and_few_are_left_for_a
     assert parcel_size(seconds=0.005, waiting=5_000, workers=4) == PARCEL_MOST
     assert parcel_size(seconds=0.1, waiting=5_000, workers=4) == 5
     assert parcel_size(seconds=20.0, waiting=5_000, workers=4) == 1
-    assert parcel_size(seconds=0.0, waiting=8 * PARCELS_LEFT, workers=4) == 2
+    assert parcel_size(seconds=0.02, waiting=4 * 10 * PARCELS_LEFT, workers=4) == 10
+    assert parcel_size(seconds=0.02, waiting=20, workers=4) == PARCEL_LEAST_S / 0.02
+    assert parcel_size(seconds=0.02, waiting=7, workers=4) == 2
     assert parcel_size(seconds=0.0, waiting=3, workers=4) == 1
+    assert parcel_size(seconds=0.0, waiting=0, workers=4) == 1
 
 
 def test_what_kills_its_worker_takes_no_other_of_its_parcel_along() -> None:
