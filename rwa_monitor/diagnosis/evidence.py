@@ -38,6 +38,7 @@ from rwa_monitor.diagnosis.evidence_kernel import (
     advance,
     bars,
     judge_confirmed,
+    learn_noise,
     mark_used,
     median_bend,
     median_step,
@@ -47,10 +48,7 @@ from rwa_monitor.diagnosis.noise import (
     BLOCK,
     LAGS,
     SMALLEST_STD,
-    contrast_variances,
     estimate_noise,
-    quiet_levels,
-    scale_variances,
 )
 from rwa_monitor.diagnosis.peaks import PeakList
 from rwa_monitor.diagnosis.results import Candidates, Evidence, Method, NoiseEstimate
@@ -60,7 +58,6 @@ from rwa_monitor.diagnosis.tails import Tails, estimate_tails
 from rwa_monitor.diagnosis.wglr import (
     BINS,
     CHUNK,
-    COUNT_CONFIRMED,
     HISTORY,
     PREFIXES,
     STEP,
@@ -82,7 +79,6 @@ CERTAIN_STATISTIC: Final = 30.0  # peaks that split the window while its slope i
 SMALLEST_SLOPE_SPREAD: Final = 0.05  # [of the slope] the slope known so far is never trusted further than that
 ANY_SLOPE: Final = 3.0  # times the slope learned or nominal: no anomaly of viscous friction is further off
 SMALLEST_SLOPE: Final = 0.1  # of the dry torque at nominal speed, for a wheel with next to no viscous friction
-LEAST_SHARE: Final = 0.8  # of the variance by mean squares that a robust one may be: heavy tails make it smaller
 FAR_AWAY: Final = -(2**40)  # a slot that lies near none
 SPEED_NOISES: Final = 5.0  # dead band in standard deviations of the speed's noise: the sign of ω is certain beyond
 
@@ -390,24 +386,22 @@ class WindowAccumulator:
         step = median_step(self._x[:stop], self._z[:stop], self._used[:stop], self._slope)
         return float(step / (_NORMAL_MEDIAN * np.sqrt(2.0)))
 
-    def _measured_blocks(self) -> tuple[FloatArray, FloatArray]:
-        """Return sums and pairs of the blocks of the noise that are complete."""
-        count = pieces_before(self._done, BLOCK + LAGS, self._hop, self._block_sums.shape[0])
-        return self._block_sums[:count], self._block_pairs[:count]
-
     def _refresh(self) -> tuple[FloatArray, FloatArray, Tails]:
         """Bring the variance of each scale, and what is kept and announced, up to date.
 
         Returns what it learned: levels and counts of `quiet_levels`, and the tails of the noise.
         """
-        start = None if self._start_std is None else self._start_std**2
-        levels, counts = quiet_levels(*self._measured_blocks())
-        # On a coarse lattice neighbours are mostly equal and quantiles say little; mean squares then hold the variance.
-        self._variances = np.maximum(
-            scale_variances(self._state.histogram, self._scales, self._strides, start),
-            LEAST_SHARE * contrast_variances(levels, self._scales),
+        start = math.nan if self._start_std is None else self._start_std**2
+        blocks = pieces_before(self._done, BLOCK + LAGS, self._hop, self._block_sums.shape[0])
+        levels, counts, self._variances, quantiles = learn_noise(
+            self._block_sums[:blocks],
+            self._block_pairs[:blocks],
+            self._state.histogram,
+            self._scales,
+            self._strides,
+            start,
         )
-        tails = self._tails()
+        tails = self._tails(quantiles)
         self._sure, kept = bars(self._variances, self._scales, tails.largest_outlier)
         self._floors = self._sure if self.method == "paper" else kept
         self._settle()
@@ -440,35 +434,26 @@ class WindowAccumulator:
         )
         self._scan_numbers = tuple(self._scan_settings)
         nominal = self.slope_prior.mean if self.slope_prior else 0.0
-        largest = ANY_SLOPE * max(abs(self._slope), abs(nominal), SMALLEST_SLOPE)
-        weights = np.minimum(self._weight, self._variances / largest**2)
-        self._judge = Judge(self._scales, self._sure, weights, self._slope)
+        most_slope = ANY_SLOPE * max(abs(self._slope), abs(nominal), SMALLEST_SLOPE)
+        self._judge = tuple(Judge(self._scales, self._variances, self._sure, self._weight, self._slope, most_slope))
 
-    def _tails(self) -> Tails:
-        if self.method == "paper" or not np.isfinite(self._variances[0]):
-            return Tails(np.inf, 0.0)  # the paper takes the noise as Gaussian
-        return estimate_tails(self._state.histogram[0], float(self._variances[0]), self.slots)
+    def _tails(self, quantiles: tuple[float, int, int]) -> Tails:
+        variance = float(self._variances[0])
+        if self.method == "paper" or not math.isfinite(variance):
+            return Tails(math.inf, 0.0)  # the paper takes the noise as Gaussian
+        return estimate_tails(quantiles, variance, self.slots)
 
     def _announce(self) -> list[ConfirmedCandidate]:
         """Return the newly confirmed peaks, unless a narrower scale has announced the same jump."""
-        confirmed = self._peaks.confirmed() if self.method == "paper" else self._confirmed_for_any_slope()
-        events = []
-        for s, index, statistic, jump in confirmed:
-            normalised = statistic / float(self._variances[s])
-            chance = PEAK_TESTS_PER_SLOT * self.slots * float(special.chdtrc(1, normalised))
-            std = abs(jump) / math.sqrt(normalised)
-            events.append(ConfirmedCandidate(index, jump, std, confidence=max(0.0, 1.0 - chance)))
-        return events
-
-    def _confirmed_for_any_slope(self) -> list[tuple[int, int, float, float]]:
-        """Return the confirmed peaks that are none of a jump announced before, and are peaks for any slope.
-
-        Rows as those of `PeakList.confirmed`.
-        """
-        most = int(self._peaks.arrays.counters[COUNT_CONFIRMED])
-        places, values = np.empty((most, 2), dtype=np.int64), np.empty((most, 2))
-        count = judge_confirmed(self._peaks.arrays, self._judge, self._sums.arrays, self._announced, places, values)
-        return [(*place, *value) for place, value in zip(places[:count].tolist(), values[:count].tolist(), strict=True)]
+        if self.method == "paper":
+            index, values = self._peaks.confirmed(self._variances)
+        else:
+            index, values = judge_confirmed(
+                tuple(self._peaks.arrays), self._judge, tuple(self._sums.arrays), self._announced
+            )
+        chance = PEAK_TESTS_PER_SLOT * self.slots * special.chdtrc(1, values[2])
+        columns = (index, values[0], values[1], np.maximum(1.0 - chance, 0.0))
+        return [ConfirmedCandidate(*row) for row in zip(*(column.tolist() for column in columns), strict=True)]
 
     # ---- at the close ----------------------------------------------------------------------------------------------
 

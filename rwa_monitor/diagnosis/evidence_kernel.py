@@ -14,9 +14,17 @@ import numpy as np
 from scipy import special
 
 from rwa_monitor.diagnosis.changepoints import contrast
-from rwa_monitor.diagnosis.noise import BLOCK, LAGS, block_differences
+from rwa_monitor.diagnosis.noise import (
+    BLOCK,
+    LAGS,
+    block_differences,
+    contrast_variances,
+    quiet_levels,
+    scale_variances,
+)
 from rwa_monitor.diagnosis.running_sums import SumArrays, extend_checkpoints, find_centre
 from rwa_monitor.diagnosis.structure import StructureArrays, count_signs, extend_structure, pieces_before
+from rwa_monitor.diagnosis.tails import quantile_bins
 from rwa_monitor.diagnosis.wglr import (
     CHUNK,
     COUNT_CONFIRMED,
@@ -33,6 +41,7 @@ from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 CONFIRMED_RATE: Final = 1e-9  # false-alarm probability of a sample, as in the paper
 CONFIRMED_STATISTIC: Final = float(special.chdtri(1, CONFIRMED_RATE))
 KEPT_STATISTIC: Final = 12.0  # peaks below are not kept: no threshold at the close is as low
+LEAST_SHARE: Final = 0.8  # of the variance by mean squares that a robust one may be: heavy tails make it smaller
 LARGEST_VALUE: Final = 1e4  # normalised speed or friction beyond is a broken word of telemetry, not a wheel's
 
 
@@ -216,6 +225,38 @@ def median_step(x: FloatArray, z: FloatArray, used: BoolArray, slope: float) -> 
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
+def learn_noise(
+    block_sums: FloatArray,
+    block_pairs: FloatArray,
+    histogram: IntArray,
+    scales: IntArray,
+    strides: IntArray,
+    start_variance: float,
+) -> tuple[FloatArray, FloatArray, FloatArray, tuple[float, int, int]]:
+    """Return what the noise is as far as a window has come.
+
+    Parameters
+    ----------
+    block_sums, block_pairs
+        Of the blocks that are complete, see `block_differences`.
+    histogram, scales, strides, start_variance
+        As for `scale_variances`.
+
+    Returns
+    -------
+    levels, counts, variances, quantiles
+        As `quiet_levels` has them; float64 (S,), the variance of each scale's contrast; and `quantile_bins` of the
+        narrowest scale's statistic.
+    """
+    levels, counts = quiet_levels(block_sums, block_pairs)
+    variances, implied = scale_variances(histogram, scales, strides, start_variance), contrast_variances(levels, scales)
+    for s in range(scales.size):
+        # On a coarse lattice neighbours are mostly equal and quantiles say little; mean squares then hold the variance.
+        variances[s] = max(variances[s], LEAST_SHARE * implied[s])
+    return levels, counts, variances, quantile_bins(histogram[0])
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
 def bars(variances: FloatArray, scales: IntArray, outlier: float) -> tuple[FloatArray, FloatArray]:
     """Return the statistics [torque²] from which a peak of each scale is sure, and from which it is kept, (S,) each.
 
@@ -232,34 +273,60 @@ def bars(variances: FloatArray, scales: IntArray, outlier: float) -> tuple[Float
 
 
 class Judge(NamedTuple):
-    """How confirmed peaks are judged again: scales, sure statistics and weights of the slope's prior, (S,); slope."""
+    """How confirmed peaks are judged again.
+
+    Attributes
+    ----------
+    scales, variances, sure
+        (S,), the scales, the variance of each one's contrast, and the statistic from which it is sure.
+    weight
+        Weight of the slope's prior, as the scan has it.
+    slope, most_slope
+        Centre of the prior, and the largest slope that there may be.
+    """
 
     scales: IntArray
+    variances: FloatArray
     sure: FloatArray
-    weights: FloatArray
+    weight: float
     slope: float
+    most_slope: float
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
 def judge_confirmed(
-    peaks: PeakArrays, judge: Judge, sums: SumArrays, announced: IntArray, places: IntArray, values: FloatArray
-) -> int:
-    """Judge the peaks that the last scan confirmed; return how many are new, and still sure by the weights given.
+    peak_arrays: tuple[Any, ...], judge: tuple[Any, ...], sum_arrays: tuple[Any, ...], announced: IntArray
+) -> tuple[IntArray, FloatArray]:
+    """Judge the peaks that the last scan confirmed; return those that are new, and still sure whatever the slope is.
 
-    Writes their scale's place and index to `places`, statistic and jump to `values`, (n, 2) each. `announced`, int64
-    (STEP + 1,), are the last indices announced, in turns, and how many there were; brought up to date.
+    Parameters
+    ----------
+    peak_arrays, judge, sum_arrays
+        `PeakArrays`, `Judge` and `SumArrays`, as plain tuples.
+    announced
+        int64 (STEP + 1,): the last indices announced, in turns, and how many there were; brought up to date.
+
+    Returns
+    -------
+    index, values
+        int64 (n,), and float64 (3, n): jump, its standard deviation, and the normalised statistic.
     """
+    peaks, by, sums = PeakArrays(*peak_arrays), Judge(*judge), SumArrays(*sum_arrays)
+    most = peaks.counters[COUNT_CONFIRMED]
+    found, values = np.empty(most, dtype=np.int64), np.empty((3, most))
     count = 0
-    for row in range(peaks.counters[COUNT_CONFIRMED]):
+    for row in range(most):
         p = peaks.confirmed[row]
         s, index = peaks.slots[p, PEAK_SCALE], peaks.slots[p, PEAK_INDEX]
-        if np.min(np.abs(announced[:STEP] - index)) <= judge.scales[s]:
+        if np.min(np.abs(announced[:STEP] - index)) <= by.scales[s]:
             continue
-        statistic, jump = contrast(index, judge.scales[s], judge.slope, judge.weights[s], sums)
-        if statistic > judge.sure[s]:
+        weight = min(by.weight, by.variances[s] / by.most_slope**2)
+        statistic, jump = contrast(index, by.scales[s], by.slope, weight, sums)
+        if statistic > by.sure[s]:
             announced[announced[STEP] % STEP] = index
             announced[STEP] += 1
-            places[count, 0], places[count, 1] = s, index
-            values[count, 0], values[count, 1] = statistic, jump
+            normalised = statistic / by.variances[s]
+            found[count] = index
+            values[0, count], values[1, count], values[2, count] = jump, abs(jump) / np.sqrt(normalised), normalised
             count += 1
-    return count
+    return found[:count], values[:, :count]

@@ -12,7 +12,6 @@ How heavy its tails are, `tails` tells from the histogram of neighbour differenc
 
 from __future__ import annotations
 
-from functools import lru_cache
 from typing import Final
 
 import numba
@@ -46,9 +45,8 @@ BIN_EDGES: Final = np.ldexp(1.0 + (_BIN % BINS_PER_OCTAVE) / BINS_PER_OCTAVE, _B
 BIN_WIDTHS: Final = np.ldexp(1.0 / BINS_PER_OCTAVE, _BIN // BINS_PER_OCTAVE + LOWEST_EXPONENT)
 
 
-def scale_variances(
-    histogram: IntArray, scales: IntArray, strides: IntArray, start_variance: float | None
-) -> FloatArray:
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def scale_variances(histogram: IntArray, scales: IntArray, strides: IntArray, start_variance: float) -> FloatArray:
     """Estimate the variance of each scale's contrast from the histogram of its statistic.
 
     Parameters
@@ -60,30 +58,21 @@ def scale_variances(
     strides
         int64 (S,), slots from one counted statistic to the next.
     start_variance
-        Variance expected before any data; None if not known.
+        Variance expected before any data; NaN if not known.
 
     Returns
     -------
     float64 (S,), v with statistic / v ~ χ² with one degree of freedom. With few independent contrasts it leans on the
     next narrower scale's (the narrowest: on `start_variance`). NaN where nothing was counted and nothing is known.
     """
-    borrowed = np.nan if start_variance is None else start_variance
-    return np.asarray(_scale_variances(histogram, strides / scales, borrowed, BIN_EDGES, BIN_WIDTHS))
-
-
-@numba.njit(cache=True, error_model="numpy", nogil=True)
-def _scale_variances(
-    histogram: IntArray, independent: FloatArray, borrowed: float, edges: FloatArray, widths: FloatArray
-) -> FloatArray:
-    """See `scale_variances`; `independent` contrasts a count, float64 (S,), and edges and widths of the bins."""
-    variances = np.empty(independent.size)
-    for s in range(independent.size):
-        total, trimmed = _trimmed_variance(histogram[s], edges, widths)
+    variances, borrowed = np.empty(scales.size), start_variance
+    for s in range(scales.size):
+        total, trimmed = _trimmed_variance(histogram[s])
         if total > 0:
             measured = max(trimmed, SMALLEST_STD**2)
             if np.isnan(borrowed):
                 borrowed = measured
-            borrowed = lean(measured, borrowed, total * independent[s])
+            borrowed = lean(measured, borrowed, total * (strides[s] / scales[s]))
         variances[s] = borrowed
     return variances
 
@@ -112,12 +101,13 @@ def chi_variance(statistic: FloatArray) -> float:
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
-def _trimmed_variance(counts: IntArray, edges: FloatArray, widths: FloatArray) -> tuple[int, float]:
+def _trimmed_variance(counts: IntArray) -> tuple[int, float]:
     """Return how many were counted, and v from the mean of the lowest three quarters, jumps set aside.
 
     A first estimate shows how many statistics lie beyond _JUMPED v; more than the noise's share are jumps, and the
     three quarters are those of the rest.
     """
+    edges, widths = BIN_EDGES, BIN_WIDTHS
     total = counts.sum()
     jumped = 0.0
     variance = 0.0
@@ -127,6 +117,8 @@ def _trimmed_variance(counts: IntArray, edges: FloatArray, widths: FloatArray) -
     before, weight_before = np.empty(counts.size), np.empty(counts.size)
     seen = weighted = 0.0
     place = -1
+    while counts[place + 1] == 0:  # half of all bins, as a rule
+        place += 1
     while seen < _KEPT * total:
         place += 1
         before[place], weight_before[place] = seen, weighted
@@ -223,8 +215,9 @@ def block_differences(
                     pairs[b, lag] += good[i + 1 + lag]
 
 
+@numba.njit(cache=True, error_model="numpy", nogil=True)
 def quiet_levels(sums: FloatArray, pairs: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Average the block differences over the blocks in which nothing jumps.
+    """Average the block differences, in their order, over the full blocks that do not stand out upwards.
 
     Parameters
     ----------
@@ -236,41 +229,43 @@ def quiet_levels(sums: FloatArray, pairs: FloatArray) -> tuple[FloatArray, Float
     levels, counts
         float64 (LAGS,): γ(0) - γ(l) at the lags 1 … LAGS, and the pairs behind it; NaN and 0 without a full block.
     """
-    level, counts = _sum_quiet_blocks(sums, pairs)
-    return level / counts, counts
-
-
-@numba.njit(cache=True, error_model="numpy", nogil=True)
-def _sum_quiet_blocks(sums: FloatArray, pairs: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Add up, in their order, the full blocks that do not stand out upwards, (LAGS,) each; NaN and 0 without any."""
-    blocks, lags = sums.shape
-    score = np.empty(blocks)
+    blocks = sums.shape[0]
+    score, part = np.empty(blocks), np.empty(8)
     for b in range(blocks):
-        total, count, least = 0.0, 0.0, np.inf
-        for lag in range(lags):
-            total += sums[b, lag]
-            count += pairs[b, lag]
-            least = min(least, pairs[b, lag])
-        score[b] = total / count if least >= _LEAST_PAIRS else np.nan
+        count = _sum_of_lags(pairs[b], part)
+        is_full = count == LAGS * BLOCK or pairs[b].min() >= _LEAST_PAIRS
+        score[b] = _sum_of_lags(sums[b], part) / count if is_full else np.nan
     full = score[np.isfinite(score)]
-    level, counts = np.zeros(lags), np.zeros(lags)
+    level, counts = np.zeros(LAGS), np.zeros(LAGS)
     if full.size == 0:
-        return np.full(lags, np.nan), counts
+        return np.full(LAGS, np.nan), counts
     middle = np.median(full)
     most = middle + 4.0 * (1.4826 * np.median(np.abs(full - middle)))
     for b in range(blocks):
         if score[b] <= most:
-            for lag in range(lags):
+            for lag in range(LAGS):  # one array at a time: several lags at once
                 level[lag] += sums[b, lag]
+            for lag in range(LAGS):
                 counts[lag] += pairs[b, lag]
-    return level, counts
+    return level / counts, counts
 
 
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def _sum_of_lags(row: FloatArray, part: FloatArray) -> float:
+    """Return the sum of (LAGS,), as eight side by side; `part`, (8,), is room for these."""
+    for i in range(8):
+        part[i] = ((row[i] + row[8 + i]) + (row[16 + i] + row[24 + i])) + (
+            (row[32 + i] + row[40 + i]) + (row[48 + i] + row[56 + i])
+        )
+    return ((part[0] + part[1]) + (part[2] + part[3])) + ((part[4] + part[5]) + (part[6] + part[7]))
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
 def contrast_variances(levels: FloatArray, scales: IntArray) -> FloatArray:
     """Return the variance v of each scale's contrast that the block differences imply.
 
-    The weights of a contrast add up to nothing, so its variance needs only γ(0) - γ(l): with r(l) the correlation of
-    the weights, v = -w Σ r(l) (γ(0) - γ(l)) over l ≥ 1.
+    The weights of a contrast, -1/w and +1/w w times each, add up to nothing, so its variance needs only γ(0) - γ(l):
+    with r(l) their correlation, v = -w Σ r(l) (γ(0) - γ(l)) over l ≥ 1.
 
     Parameters
     ----------
@@ -283,25 +278,14 @@ def contrast_variances(levels: FloatArray, scales: IntArray) -> FloatArray:
     -------
     float64 (S,); 0 where a contrast is longer than the lags reach, or nothing is known.
     """
-    lacking = _contrast_correlations(tuple(scales.tolist())) @ levels
-    return np.asarray(_contrast_variances(lacking, scales))
-
-
-@numba.njit(cache=True, error_model="numpy", nogil=True)
-def _contrast_variances(lacking: FloatArray, scales: IntArray) -> FloatArray:
-    """See `contrast_variances`; `lacking`, (S,), is w Σ r(l) (γ(0) - γ(l)) of each scale."""
     variances = np.zeros(scales.size)
     for s in range(scales.size):
-        if 2 * scales[s] <= LAGS and np.isfinite(lacking[s]):
-            variances[s] = max(-lacking[s] / scales[s], 0.0)
+        w, lacking = scales[s], 0.0
+        if 2 * w <= LAGS:
+            for lag in range(1, 2 * w):
+                lacking += (2 * w - 3 * lag if lag < w else lag - 2 * w) * levels[lag - 1]  # w² r(l)
+            variances[s] = max(-lacking / w, 0.0) if np.isfinite(lacking) else 0.0
     return variances
-
-
-@lru_cache(maxsize=16)
-def _contrast_correlations(scales: tuple[int, ...]) -> FloatArray:
-    """Return w² r(l) of the weights -1/w (w times), +1/w (w times) at the lags 1 … LAGS, float64 (S, LAGS)."""
-    w, lag = np.array(scales, dtype=np.int64)[:, None], np.arange(1, LAGS + 1)
-    return np.where(lag < w, 2 * w - 3 * lag, np.minimum(lag - 2 * w, 0)).astype(np.float64)
 
 
 def estimate_noise(

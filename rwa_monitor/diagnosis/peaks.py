@@ -94,22 +94,24 @@ class PeakList:
         self.arrays.counters[COUNT_PEAKS] = kept.size
         self.arrays.counters[COUNT_SETTLED] = 0
 
-    def confirmed(self) -> list[tuple[int, int, float, float]]:
-        """Return (scale's place, index, statistic, jump) of the peaks that the last scan confirmed."""
-        count = int(self.arrays.counters[COUNT_CONFIRMED])
-        if count == 0:
-            return []
-        rows = self.arrays.confirmed[:count]
-        slots, values = self.arrays.slots, self.arrays.values
-        return [
-            (
-                int(slots[p, PEAK_SCALE]),
-                int(slots[p, PEAK_INDEX]),
-                float(values[p, PEAK_STATISTIC]),
-                float(values[p, PEAK_JUMP]),
-            )
-            for p in rows
-        ]
+    def confirmed(self, variances: FloatArray) -> tuple[IntArray, FloatArray]:
+        """Return the peaks that the last scan confirmed.
+
+        Parameters
+        ----------
+        variances
+            float64 (S,), of the scales' contrasts.
+
+        Returns
+        -------
+        index, values
+            int64 (n,), and float64 (3, n): jump, its standard deviation, and the normalised statistic.
+        """
+        rows = self.arrays.confirmed[: self.arrays.counters[COUNT_CONFIRMED]]
+        slots, values = self.arrays.slots[rows], self.arrays.values[rows]
+        normalised = values[:, PEAK_STATISTIC] / variances[slots[:, PEAK_SCALE]]
+        jump = values[:, PEAK_JUMP]
+        return slots[:, PEAK_INDEX], np.stack((jump, np.abs(jump) / np.sqrt(normalised), normalised))
 
     def above(self, threshold: float, variances: FloatArray) -> Candidates:
         """Return the peaks whose statistic, over its scale's variance, reaches `threshold`; sorted by slot."""

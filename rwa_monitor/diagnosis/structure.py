@@ -7,6 +7,7 @@ dead band's samples, and how much of the friction repeats with the wheel's angle
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Final, NamedTuple
 
@@ -23,6 +24,7 @@ NEAR_ZERO: Final = 4  # n, Σx, Σz, Σz² of the dead band's samples of a block
 # deviation has five times the power of noise in one of them, short enough that the speed's noise leaves the phase
 # coherent (`torque_ripple.coherent_slots`: 278 slots for the 48th harmonic at 0.01 rad/s and 8 Hz).
 STRETCH: Final = 256
+SIDE: Final = 16  # √STRETCH
 STRETCHES: Final = 20
 # A tachometer's dead zone: readings of exactly zero, then the first other one lies further off than the speed's noise
 # and than the next ones from each other. On a coarse lattice they do not; a reading of zero from full speed is a fault
@@ -35,6 +37,13 @@ HARMONICS: Final = 2 * MAX_HARMONIC  # `torque_ripple` holds a harmonic and its 
 # a jump in a stretch holds at most 0.81 / (STRETCH·turns²) = 13 where noise holds 2, whatever its size. At one speed
 # each stretch shows a harmonic at the same turns: of slower ones, jumps would add up to a ripple.
 SLOWEST_TURNS: Final = 4.0 / STRETCH
+
+# A quarter of a turn in two parts, of which the first has so few digits that any whole multiple of it is exact.
+QUARTER_HIGH: Final = float(np.float32(0.5 * np.pi))
+QUARTER_LOW: Final = 0.5 * np.pi - QUARTER_HIGH
+# (-1)^n / (2n + 1)! and (-1)^n / (2n)!, the highest power first; the next ones are below 1e-16 at an eighth of a turn.
+_SINE_TERMS: Final = tuple((-1.0) ** n / math.factorial(2 * n + 1) for n in range(7, -1, -1))
+_COSINE_TERMS: Final = tuple((-1.0) ** n / math.factorial(2 * n) for n in range(8, -1, -1))
 
 
 @dataclass(frozen=True, slots=True)
@@ -269,30 +278,67 @@ def _ripple_power(x: FloatArray, z: FloatArray, angle_per_x: float, power: Float
         spread += (k - middle) ** 2
     mean /= n
     tilt /= spread
+    angle = np.empty(n)
+    angle[0] = 0.0
+    for k in range(1, n):
+        angle[k] = angle[k - 1] + 0.5 * (x[k - 1] + x[k]) * angle_per_x
     real, imaginary, c, s = np.empty(n), np.empty(n), np.empty(n), np.empty(n)
+    cosines_and_sines(angle, c, s)
     energy = 0.0
-    angle = 0.0
     for k in range(n):
-        if k > 0:
-            angle += 0.5 * (x[k - 1] + x[k]) * angle_per_x
         e = z[k] - mean - tilt * (k - middle)
         energy += e * e
-        c[k], s[k] = np.cos(angle), np.sin(angle)
         real[k], imaginary[k] = e * c[k], e * s[k]
-    # Rows of four, whose columns are summed side by side: no addition waits for the one before it.
-    real_rows, imaginary_rows = real.reshape(n // 4, 4), imaginary.reshape(n // 4, 4)
+    real_square, imaginary_square = real.reshape(SIDE, SIDE), imaginary.reshape(SIDE, SIDE)
+    real_sums, imaginary_sums = np.empty(SIDE), np.empty(SIDE)
     for h in range(power.size):
-        r0, r1, r2, r3 = 0.0, 0.0, 0.0, 0.0
-        i0, i1, i2, i3 = 0.0, 0.0, 0.0, 0.0
-        for j in range(n // 4):
-            r, i = real_rows[j], imaginary_rows[j]
-            r0, r1, r2, r3 = r0 + r[0], r1 + r[1], r2 + r[2], r3 + r[3]
-            i0, i1, i2, i3 = i0 + i[0], i1 + i[1], i2 + i[2], i3 + i[3]
+        _add_up_columns(real_square, real_sums)
+        _add_up_columns(imaginary_square, imaginary_sums)
         # All turn on by one more harmonic.
         for k in range(n):
             turned = real[k] * c[k] - imaginary[k] * s[k]
             imaginary[k] = real[k] * s[k] + imaginary[k] * c[k]
             real[k] = turned
-        turns = (h + 1) * angle / (2.0 * np.pi * (n - 1))
+        turns = (h + 1) * angle[n - 1] / (2.0 * np.pi * (n - 1))
         if abs(turns - np.rint(turns)) >= SLOWEST_TURNS:
-            power[h] = 2.0 * ((r0 + r1 + r2 + r3) ** 2 + (i0 + i1 + i2 + i3) ** 2) / max(energy, 1e-300)
+            r, i = 0.0, 0.0
+            for column in range(SIDE):
+                r += real_sums[column]
+                i += imaginary_sums[column]
+            power[h] = 2.0 * (r * r + i * i) / max(energy, 1e-300)
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True, inline="always")
+def _add_up_columns(square: FloatArray, sums: FloatArray) -> None:
+    """Write the sum of each column of (SIDE, SIDE) to `sums`, all columns side by side and no addition after all."""
+    for c in range(SIDE):
+        sums[c] = (
+            ((square[0, c] + square[1, c]) + (square[2, c] + square[3, c]))
+            + ((square[4, c] + square[5, c]) + (square[6, c] + square[7, c]))
+        ) + (
+            ((square[8, c] + square[9, c]) + (square[10, c] + square[11, c]))
+            + ((square[12, c] + square[13, c]) + (square[14, c] + square[15, c]))
+        )
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def cosines_and_sines(angle: FloatArray, cosine: FloatArray, sine: FloatArray) -> None:
+    """Write cos and sin of each angle [rad], (n,): several at once, and the same on every machine, unlike libm's.
+
+    Taylor's series, to the last digit within an eighth of a turn of the nearest quarter; what the quarters' own
+    rounding adds is below 1e-16 of the angle.
+    """
+    for k in range(angle.size):
+        quarters = np.rint(angle[k] * (2.0 / np.pi))
+        r = (angle[k] - quarters * QUARTER_HIGH) - quarters * QUARTER_LOW
+        y = r * r
+        near_sine, near_cosine = 0.0, 0.0
+        for term in _SINE_TERMS:
+            near_sine = near_sine * y + term
+        for term in _COSINE_TERMS:
+            near_cosine = near_cosine * y + term
+        near_sine *= r
+        place = quarters - 4.0 * np.floor(0.25 * quarters)  # 0, 1, 2 or 3
+        odd = (place == 1.0) | (place == 3.0)
+        sine[k] = (near_cosine if odd else near_sine) * (-1.0 if place >= 2.0 else 1.0)
+        cosine[k] = (near_sine if odd else near_cosine) * (-1.0 if (place == 1.0) | (place == 2.0) else 1.0)

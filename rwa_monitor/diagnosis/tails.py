@@ -49,13 +49,13 @@ class Tails:
     largest_outlier: float
 
 
-def estimate_tails(counts: IntArray, variance: float, samples: int) -> Tails:
+def estimate_tails(quantiles: tuple[float, int, int], variance: float, samples: int) -> Tails:
     """Estimate the tails from the histogram of the statistic at scale 1 (half the squared neighbour difference).
 
     Parameters
     ----------
-    counts
-        int (BINS,).
+    quantiles
+        What `quantile_bins` returns of it.
     variance
         The robust variance of a sample.
     samples
@@ -63,7 +63,7 @@ def estimate_tails(counts: IntArray, variance: float, samples: int) -> Tails:
     """
     level = max(OUTLIERS / max(samples, 2), 1e-9)
     gaussian = Tails(np.inf, math.sqrt(variance) * _gaussian_outlier(level))
-    total, middle, end = _quantile_bins(counts)
+    total, middle, end = quantiles
     if total < 200:
         return gaussian
     median, far = float(_BIN_MIDDLES[middle]), float(_BIN_MIDDLES[end])
@@ -86,14 +86,14 @@ def _gaussian_outlier(level: float) -> float:
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
-def _quantile_bins(counts: IntArray) -> tuple[float, int, int]:
-    """Return how many are counted, and the bins up to which at least 50 % and 99.5 % of them are."""
+def quantile_bins(counts: IntArray) -> tuple[float, int, int]:
+    """Return how many are counted, int (BINS,), and the bins up to which at least 50 % and 99.5 % of them are."""
     total = float(counts.sum())
     seen, middle, end = 0, 0, 0
     for place in range(counts.size):
         seen += counts[place]
-        middle += seen / total < 0.5
-        if seen / total >= 0.995:
+        middle += seen < 0.5 * total
+        if seen >= 0.995 * total:
             end = place
             break
     return total, middle, end

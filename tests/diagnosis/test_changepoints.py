@@ -151,6 +151,16 @@ def test_suppression_takes_narrow_scales_first():
     assert suppress(in_turn(peaks)).tolist() == [100, 300]
 
 
+@given(st.lists(st.tuples(st.integers(0, 9), st.sampled_from([1, 2, 4]), st.sampled_from([5.0, 7.0, np.inf]))))
+def test_peaks_are_tried_by_scale_then_size_then_slot(rows):
+    index, scale, statistic = np.array(rows, dtype=float).reshape(-1, 3).T
+    peaks = _peaks(index.astype(np.int64), scale.astype(np.int64), statistic)
+    order = np.lexsort((peaks.index, -peaks.statistic, peaks.scale))
+    tried = in_turn(peaks)
+    assert tried.index.tolist() == peaks.index[order].tolist()
+    assert tried.statistic.tolist() == peaks.statistic[order].tolist()
+
+
 def _window(z, used=None):
     x = np.ones(z.size)
     used = np.ones(z.size, dtype=np.bool_) if used is None else used

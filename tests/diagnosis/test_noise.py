@@ -19,7 +19,7 @@ from rwa_monitor.diagnosis.noise import (
     sum_up,
 )
 from rwa_monitor.diagnosis.results import NoiseEstimate
-from rwa_monitor.diagnosis.tails import OUTLIERS, estimate_tails
+from rwa_monitor.diagnosis.tails import OUTLIERS, estimate_tails, quantile_bins
 from rwa_monitor.diagnosis.wglr import BINS, BINS_PER_OCTAVE, LOWEST_EXPONENT
 
 N = 80_000
@@ -54,7 +54,7 @@ def _estimate(z, **kwargs):
 def test_variance_of_a_contrast_comes_from_its_histogram(variance):
     rng = np.random.default_rng(1)
     counts = _histogram(variance * rng.chisquare(1, 40_000))
-    [v] = scale_variances(counts[None], np.array([2]), np.array([1]), None)
+    [v] = scale_variances(counts[None], np.array([2]), np.array([1]), np.nan)
     # Relative standard error of the trimmed mean: below 2/√n.
     assert v == pytest.approx(variance, rel=4 * 2 / np.sqrt(40_000))
 
@@ -64,18 +64,18 @@ def test_jumps_hardly_move_the_variance(jumped):
     rng = np.random.default_rng(2)
     values = rng.chisquare(1, 40_000)
     values[: int(jumped * values.size)] *= 1e3
-    [v] = scale_variances(_histogram(values)[None], np.array([2]), np.array([1]), None)
+    [v] = scale_variances(_histogram(values)[None], np.array([2]), np.array([1]), np.nan)
     assert v == pytest.approx(1.0, rel=0.05)
 
 
 def test_with_few_contrasts_a_scale_leans_on_the_narrower_one():
     rng = np.random.default_rng(3)
     many, few = _histogram(rng.chisquare(1, 40_000)), _histogram(5.0 * rng.chisquare(1, 20))
-    v = scale_variances(np.stack((many, few)), np.array([1, 128]), np.array([1, 32]), None)
+    v = scale_variances(np.stack((many, few)), np.array([1, 128]), np.array([1, 32]), np.nan)
     assert v[0] == pytest.approx(1.0, rel=0.05)
     assert 1.0 < v[1] < 2.5
     assert scale_variances(np.zeros((1, BINS), dtype=np.int64), np.array([1]), np.array([1]), 0.25).tolist() == [0.25]
-    assert np.isnan(scale_variances(np.zeros((1, BINS), dtype=np.int64), np.array([1]), np.array([1]), None)).all()
+    assert np.isnan(scale_variances(np.zeros((1, BINS), dtype=np.int64), np.array([1]), np.array([1]), np.nan)).all()
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -127,7 +127,7 @@ def test_heavy_tails_are_measured(freedom):
     rng = np.random.default_rng(7)
     z = rng.standard_t(freedom, N)
     counts = _histogram(np.maximum(np.diff(z) ** 2 / 2, 1e-300))
-    tails = estimate_tails(counts, 1.0, N)
+    tails = estimate_tails(quantile_bins(counts), 1.0, N)
     assert tails.degrees_of_freedom == pytest.approx(freedom, rel=0.25)
     expected = stats.t(freedom).isf(0.5 * OUTLIERS / N)
     assert tails.largest_outlier == pytest.approx(expected, rel=0.5)
@@ -136,7 +136,7 @@ def test_heavy_tails_are_measured(freedom):
 def test_gaussian_noise_has_light_tails_also_with_jumps_in_it():
     rng = np.random.default_rng(8)
     z = rng.standard_normal(N) + 15.0 * (np.arange(N) // 2000 % 2)
-    tails = estimate_tails(_histogram(np.maximum(np.diff(z) ** 2 / 2, 1e-300)), 1.0, N)
+    tails = estimate_tails(quantile_bins(_histogram(np.maximum(np.diff(z) ** 2 / 2, 1e-300))), 1.0, N)
     assert tails.largest_outlier < 6.0
 
 
@@ -187,7 +187,7 @@ def test_block_differences_imply_the_variance_of_each_contrast(phi):
 def test_a_lattice_has_no_heavy_tails():
     z = np.round(np.random.default_rng(14).standard_normal(N) / 5.0)
     counts = _histogram(np.maximum(np.diff(z) ** 2 / 2, 1e-300))
-    assert np.isinf(estimate_tails(counts, 0.05, N).degrees_of_freedom)
+    assert np.isinf(estimate_tails(quantile_bins(counts), 0.05, N).degrees_of_freedom)
 
 
 def test_eight_sums_side_by_side_leave_nothing_out():
