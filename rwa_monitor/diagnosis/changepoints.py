@@ -56,6 +56,13 @@ def in_turn(peaks: Candidates) -> Candidates:
     return Candidates(peaks.index[order], peaks.scale[order], peaks.statistic[order], peaks.jump[order])
 
 
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def order_in_turn(scale: IntArray, statistic: FloatArray) -> IntArray:
+    """Return the order of `in_turn`, for compiled code; of peaks in the order of their slots."""
+    order = np.argsort(-statistic, kind="mergesort")
+    return order[np.argsort(scale[order], kind="mergesort")]
+
+
 def peaks_behind_gaps(sums: RunningSums) -> Candidates:
     """Return a peak behind each long stretch without a used sample: gaps of telemetry, the dead band around zero.
 
@@ -369,8 +376,9 @@ def select_candidates(
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
-def _suppress(index: IntArray, scale: IntArray, taken: IntArray) -> int:
-    """Write the kept of `index`, in the order in which they are tried, to `taken`; return how many."""
+def kept_apart(index: IntArray, scale: IntArray) -> IntArray:
+    """Return the slots of peaks, given in the order in which they are tried, with no kept one within ±w; sorted."""
+    taken = np.empty(index.size, dtype=np.int64)
     count = 0
     for i in range(index.size):
         free = True
@@ -381,11 +389,9 @@ def _suppress(index: IntArray, scale: IntArray, taken: IntArray) -> int:
         if free:
             taken[count] = index[i]
             count += 1
-    return count
+    return np.sort(taken[:count])
 
 
 def suppress(peaks: Candidates) -> IntArray:
     """Return the slots of the peaks, taken `in_turn`, with no kept one within ±w; sorted."""
-    taken = np.empty(len(peaks), dtype=np.int64)
-    count = _suppress(peaks.index, peaks.scale, taken)
-    return np.sort(taken[:count])
+    return np.asarray(kept_apart(peaks.index, peaks.scale))

@@ -227,14 +227,39 @@ def estimate_slope(
 
 def _slope(moments: Moments, noise: NoiseEstimate, prior: SlopePrior | None) -> tuple[float, float]:
     """Return the slope and its standard deviation from the intervals' sums about their means and the prior."""
-    variance = noise.std**2 * noise.long_run_factor
-    information, covariance = _pooled(moments.table)
-    if prior is not None:
-        weight = variance / prior.std**2
-        information, covariance = information + weight, covariance + weight * prior.mean
+    mean, std = (np.nan, np.nan) if prior is None else (prior.mean, prior.std)
+    slope, slope_std = _slope_of(moments.table, noise.std**2 * noise.long_run_factor, mean, std)
+    return slope, slope_std
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def slope_within(
+    slots: int,
+    index: IntArray,
+    exclude: int,
+    sums: SumArrays,
+    variance: float,
+    prior_mean: float,
+    prior_std: float,
+) -> tuple[float, float]:
+    """Return the shared slope and its standard deviation from the slots so far, see `estimate`; for compiled code.
+
+    `variance` is that of the noise, white; mean and standard deviation of the prior are NaN where there is none.
+    """
+    moments = _interval_moments(slots, index, np.full(index.size, exclude), sums)
+    return _slope_of(moments, variance, prior_mean, prior_std)
+
+
+@njit(cache=True, error_model="numpy", nogil=True)
+def _slope_of(moments: FloatArray, variance: float, prior_mean: float, prior_std: float) -> tuple[float, float]:
+    """Return the slope and its standard deviation of the intervals; parameters as those of `slope_within`."""
+    information, covariance = _pooled(moments)
+    if not np.isnan(prior_std):
+        weight = variance / prior_std**2
+        information, covariance = information + weight, covariance + weight * prior_mean
     if information == 0.0:
         return 0.0, np.inf
-    return covariance / information, float(np.sqrt(variance / information))
+    return covariance / information, np.sqrt(variance / information)
 
 
 @njit(cache=True, error_model="numpy", nogil=True)

@@ -15,7 +15,7 @@ import numpy as np
 
 from rwa_monitor.diagnosis.changepoints import TESTS_PER_SLOT, threshold_for
 from rwa_monitor.diagnosis.evidence import FALSE_CANDIDATES, JOINT_SCALES
-from rwa_monitor.diagnosis.evidence_kernel import KEPT_STATISTIC
+from rwa_monitor.diagnosis.evidence_learning import KEPT_STATISTIC
 from rwa_monitor.diagnosis.noise import SMALLEST_STD, chi_variance, lean
 from rwa_monitor.diagnosis.wglr import wglr
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray

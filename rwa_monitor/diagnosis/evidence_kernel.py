@@ -1,8 +1,8 @@
-"""The compiled loops of `evidence`: samples in, and all that a window keeps of them. Plain functions over arrays.
+"""The compiled way of a window's samples: in, through detection, into all that the window keeps of them.
 
-A batch of samples is a call of `take` and one of `advance`: each loop is a function of its own, but the way from Python
-into compiled code costs as much as the work on 100 samples does. Groups of arrays come in as plain tuples, which are
-unpacked in half the time that named ones take, and get their names here.
+A batch of samples is one call of `gather`: the loops are functions of their own, but the way from Python into compiled
+code costs as much as the work on 100 samples does. Groups of arrays come in as plain tuples, which are unpacked in half
+the time that named ones take, and get their names here.
 """
 
 from __future__ import annotations
@@ -13,23 +13,29 @@ import numba
 import numpy as np
 from scipy import special
 
-from rwa_monitor.diagnosis.changepoints import contrast
-from rwa_monitor.diagnosis.noise import (
-    BLOCK,
-    LAGS,
-    block_differences,
-    contrast_variances,
-    quiet_levels,
-    scale_variances,
+from rwa_monitor.diagnosis.evidence_learning import (
+    BAND,
+    CERTAIN,
+    COUNTED,
+    END,
+    MIDDLE,
+    OUTLIER,
+    SLOPE,
+    WEIGHT,
+    Learned,
+    first_weight,
+    learn_noise,
+    learn_slope,
+    set_bars,
+    tell_confirmed,
 )
+from rwa_monitor.diagnosis.noise import BLOCK, LAGS, block_differences
 from rwa_monitor.diagnosis.running_sums import SumArrays, extend_checkpoints, find_centre
 from rwa_monitor.diagnosis.structure import StructureArrays, count_signs, extend_structure, pieces_before
-from rwa_monitor.diagnosis.tails import quantile_bins
+from rwa_monitor.diagnosis.tails import are_heavy
 from rwa_monitor.diagnosis.wglr import (
     CHUNK,
-    COUNT_CONFIRMED,
-    PEAK_INDEX,
-    PEAK_SCALE,
+    COUNT_PEAKS,
     STEP,
     PeakArrays,
     ScanSettings,
@@ -38,11 +44,15 @@ from rwa_monitor.diagnosis.wglr import (
 )
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 
-CONFIRMED_RATE: Final = 1e-9  # false-alarm probability of a sample, as in the paper
-CONFIRMED_STATISTIC: Final = float(special.chdtri(1, CONFIRMED_RATE))
-KEPT_STATISTIC: Final = 12.0  # peaks below are not kept: no threshold at the close is as low
-LEAST_SHARE: Final = 0.8  # of the variance by mean squares that a robust one may be: heavy tails make it smaller
 LARGEST_VALUE: Final = 1e4  # normalised speed or friction beyond is a broken word of telemetry, not a wheel's
+SPEED_NOISES: Final = 5.0  # dead band in standard deviations of the speed's noise: the sign of ω is certain beyond
+# Why `gather` comes back: all is done, there is no room for the peaks of the next chunk, or the tails of the noise look
+# heavy: only Python knows Student's t, and how large an outlier then is.
+ALL_DONE: Final = 0
+NO_ROOM: Final = 1
+HEAVY_TAILS: Final = 2
+
+_NORMAL_MEDIAN: Final = float(special.ndtri(0.75))  # median of |N(0, 1)|
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
@@ -74,7 +84,7 @@ def normalise(
 
 
 class WindowArrays(NamedTuple):
-    """What a window's slots go into, in the order in which `advance` takes it.
+    """What a window's slots go into, in the order in which `gather` takes it.
 
     Attributes
     ----------
@@ -88,6 +98,10 @@ class WindowArrays(NamedTuple):
         float64 (B, LAGS), see `block_differences`.
     prefix, histogram
         See `ScanState`.
+    scales, strides
+        int64 (S,), half-widths of the scales [slots], and slots from one counted statistic of each to the next.
+    variances, floors, sure, announced, numbers
+        See `Learned`.
     """
 
     x: FloatArray
@@ -106,95 +120,225 @@ class WindowArrays(NamedTuple):
     block_pairs: FloatArray
     prefix: FloatArray
     histogram: IntArray
+    scales: IntArray
+    strides: IntArray
+    variances: FloatArray
+    floors: FloatArray
+    sure: FloatArray
+    announced: IntArray
+    numbers: FloatArray
 
 
 class WindowSettings(NamedTuple):
-    """How a window's slots are taken; known once its first chunk is there.
+    """How a window's slots are taken. What nobody knows is NaN.
 
     Attributes
     ----------
-    band, certain
-        Dead band, and the speed from which its sign is certain, normalised.
+    speed_unit, torque_unit
+        What x and z are normalised by [rad/s], [N m].
+    dead_band
+        Normalised; NaN: what the speed's noise asks for.
     angle_per_x
         Angle by which the wheel turns in one slot at x = 1 [rad].
     block_hop, stretch_hop
         Slots from one block of the noise, and one stretch of the structure, to the next.
+    start_std
+        Standard deviation of the noise expected before any data, normalised.
+    prior_mean, prior_std
+        What is known of the slope before the window.
+    nominal_slope
+        0 where there is none.
+    outlier
+        Largest outlier by chance of Gaussian noise, in standard deviations.
+    chunk_peaks
+        As for `scan`.
+    paper
+        Whether to detect as the paper does.
     """
 
-    band: float
-    certain: float
+    speed_unit: float
+    torque_unit: float
+    dead_band: float
     angle_per_x: float
     block_hop: int
     stretch_hop: int
+    start_std: float
+    prior_mean: float
+    prior_std: float
+    nominal_slope: float
+    outlier: float
+    chunk_peaks: int
+    paper: bool
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
-def take(
+def gather(
     speed: FloatArray,
     torque: FloatArray,
     good: BoolArray,
-    first: int,
-    speed_unit: float,
-    torque_unit: float,
-    samples: tuple[FloatArray, FloatArray, BoolArray],
-    turns: tuple[IntArray, IntArray],
+    filled: int,
+    done: int,
+    last: bool,
+    arrays: tuple[Any, ...],
+    settings: tuple[Any, ...],
+    peak_arrays: tuple[Any, ...],
+) -> tuple[int, int, int, int]:
+    """Take new slots into a window, and detect in all that are there.
+
+    Parameters
+    ----------
+    speed, torque, good
+        (n,), the new slots as they were measured.
+    filled, done
+        Slots that the window holds, and those in which it has detected.
+    last
+        Whether no slot will follow: else the last ones wait until a step of STEP is full, the first until a chunk is.
+    arrays, settings, peak_arrays
+        `WindowArrays`, `WindowSettings` and `PeakArrays`, as plain tuples.
+
+    Returns
+    -------
+    tuple[int, int, int, int]
+        How many of the new slots are good, where detection ended, how many jumps it told of (see `tell_confirmed`), and
+        why it ended: ALL_DONE, NO_ROOM or HEAVY_TAILS. In the last two cases it is to be called again, without a slot.
+    """
+    window, by, peaks = WindowArrays(*arrays), WindowSettings(*settings), PeakArrays(*peak_arrays)
+    count = _take(speed, torque, good, filled, window, by) if speed.size else 0
+    filled, told = filled + speed.size, 0
+    ready = filled if last else filled - filled % STEP
+    if np.isnan(window.numbers[BAND]):
+        if ready < CHUNK and not last:
+            return count, done, told, ALL_DONE
+        if _begin(min(ready, CHUNK), window, by, peaks):
+            return count, done, told, HEAVY_TAILS
+    learned, sums = _learned_of(window), _sums_of(window)
+    if not np.isnan(window.numbers[OUTLIER]):
+        set_bars(learned, window.scales, window.numbers[OUTLIER], by.paper)
+        window.numbers[OUTLIER] = np.nan
+    while done < ready:
+        if done % CHUNK == 0 and peaks.counters[COUNT_PEAKS] + by.chunk_peaks > peaks.slots.shape[0]:
+            return count, done, told, NO_ROOM
+        change = CHUNK  # variances, floors and slope change after 1, 2, 4, 8 … chunks
+        while change <= done:
+            change *= 2
+        done = _detect(done, min(ready, change), window, by, peaks)
+        told = tell_confirmed(peaks, learned, sums, window.scales, by.nominal_slope, by.paper, told)
+        if done == change and done > CHUNK:
+            heavy = _refresh(done, window, by)
+            if not by.paper and window.running[0] >= CHUNK and _is_odd_power(done // CHUNK):
+                learn_slope(done, peaks, learned, sums, window.scales, by.prior_mean, by.prior_std)
+            if heavy:
+                return count, done, told, HEAVY_TAILS
+    return count, done, told, ALL_DONE
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def _take(
+    speed: FloatArray, torque: FloatArray, good: BoolArray, first: int, window: WindowArrays, by: WindowSettings
 ) -> int:
     """Take the slots from `first` on into x, z and good of a window, and their directions; return how many are good."""
-    x, z, is_good = samples
-    signs, counts = turns
     new = slice(first, first + speed.size)
-    count = normalise(speed, torque, good, speed_unit, torque_unit, x[new], z[new], is_good[new])
-    count_signs(first, speed, is_good[new], signs, counts)
+    x, z, is_good = window.x[new], window.z[new], window.good[new]
+    count = normalise(speed, torque, good, by.speed_unit, by.torque_unit, x, z, is_good)
+    count_signs(first, speed, is_good, window.signs, window.counts)
     return count
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
-def advance(
-    start: int,
-    stop: int,
-    arrays: tuple[Any, ...],
-    window_settings: tuple[Any, ...],
-    scan_settings: tuple[Any, ...],
-    peak_arrays: tuple[Any, ...],
-    chunk_peaks: int,
-) -> tuple[int, int]:
-    """Detect in the slots [start, stop) of a window and add them to all sums, as far as there is room for peaks.
+def _begin(stop: int, window: WindowArrays, by: WindowSettings, peaks: PeakArrays) -> bool:
+    """Learn dead band, weight of the prior and first variances from the slots [0, stop); return as `_refresh`."""
+    x, z, good, used = window.x, window.z, window.good, window.used
+    # The second difference of a smooth speed is noise, of √6 times its standard deviation.
+    certain = SPEED_NOISES * _median_bend(x[:stop], good[:stop]) / (_NORMAL_MEDIAN * np.sqrt(6.0))
+    band = certain if np.isnan(by.dead_band) else by.dead_band
+    window.numbers[BAND], window.numbers[CERTAIN] = band, certain
+    mark_used(x, good, band, 0, stop, used)
+    std = by.start_std
+    if np.isnan(std):
+        step = _median_step(x[:stop], z[:stop], used[:stop], window.numbers[SLOPE])
+        std = step / (_NORMAL_MEDIAN * np.sqrt(2.0))
+    window.numbers[WEIGHT] = first_weight(std, by.prior_std, by.paper)
+    # The first chunk is scanned twice: for the histogram alone, and when it is known what to look for.
+    state = ScanState(window.prefix, window.histogram)
+    scan(x, z, used, 0, stop, True, _scanning(window, by), state, peaks, by.chunk_peaks)
+    return _refresh(0, window, by)
 
-    Parameters
-    ----------
-    start, stop
-        The new slots, as for `scan`. Those of the first chunk are marked as used, and are in the histogram, already.
-    arrays, window_settings, scan_settings, peak_arrays
-        `WindowArrays`, `WindowSettings`, `ScanSettings` and `PeakArrays`, as plain tuples.
-    chunk_peaks
-        As for `scan`.
 
-    Returns
-    -------
-    tuple[int, int]
-        Where it ended, and the number of peaks that were confirmed.
-    """
-    window, settings = WindowArrays(*arrays), WindowSettings(*window_settings)
-    scanning, peaks = ScanSettings(*scan_settings), PeakArrays(*peak_arrays)
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def _detect(start: int, stop: int, window: WindowArrays, by: WindowSettings, peaks: PeakArrays) -> int:
+    """Detect in the slots [start, stop) and add them to all sums, as far as there is room for peaks; return the end."""
     x, z, good, used = window.x, window.z, window.good, window.used
     if start >= CHUNK:
-        mark_used(x, good, settings.band, start, stop, used)
+        mark_used(x, good, window.numbers[BAND], start, stop, used)
     state = ScanState(window.prefix, window.histogram)
-    end = scan(x, z, used, start, stop, start >= CHUNK, scanning, state, peaks, chunk_peaks)
-    sums = SumArrays(window.checkpoints, x, z, used, window.centre)
+    end = scan(x, z, used, start, stop, start >= CHUNK, _scanning(window, by), state, peaks, by.chunk_peaks)
+    sums = _sums_of(window)
     find_centre(sums, window.running, start, end)
     extend_checkpoints(sums, window.running, start, end)
     structure = StructureArrays(window.signs, window.counts, window.near_zero, window.zeros, window.ripple)
-    extend_structure(
-        x, z, good, used, start, end, settings.certain, settings.angle_per_x, settings.stretch_hop, structure
-    )
-    hop, blocks = settings.block_hop, window.block_sums.shape[0]
-    first, last = pieces_before(start, BLOCK + LAGS, hop, blocks), pieces_before(end, BLOCK + LAGS, hop, blocks)
+    certain = window.numbers[CERTAIN]
+    extend_structure(x, z, good, used, start, end, certain, by.angle_per_x, by.stretch_hop, structure)
+    first, last = _blocks_before(start, window, by), _blocks_before(end, window, by)
     if last > first:
-        block_differences(
-            x, z, used, first, last, hop, scanning.slope, scanning.weight, window.block_sums, window.block_pairs
-        )
-    return end, peaks.counters[COUNT_CONFIRMED]
+        slope, weight = window.numbers[SLOPE], window.numbers[WEIGHT]
+        block_differences(x, z, used, first, last, by.block_hop, slope, weight, window.block_sums, window.block_pairs)
+    return end
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def _refresh(done: int, window: WindowArrays, by: WindowSettings) -> bool:
+    """Bring the variance of each scale, and what is kept and sure, up to date.
+
+    Returns whether the tails of the noise look heavy: then the bars, made for Gaussian ones, are to be set again.
+    """
+    blocks = _blocks_before(done, window, by)
+    _, _, variances, quantiles = learn_noise(
+        window.block_sums[:blocks],
+        window.block_pairs[:blocks],
+        window.histogram,
+        window.scales,
+        window.strides,
+        by.start_std**2,
+    )
+    window.variances[:] = variances
+    window.numbers[COUNTED], window.numbers[MIDDLE], window.numbers[END] = quantiles
+    gaussian = np.isfinite(variances[0]) and not by.paper  # which takes no outlier into account
+    outlier = by.outlier * np.sqrt(variances[0]) if gaussian else 0.0
+    set_bars(_learned_of(window), window.scales, outlier, by.paper)
+    return gaussian and are_heavy(quantiles, variances[0])
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def _is_odd_power(chunks: int) -> bool:
+    """Return whether a power of two is 2, 8, 32 …: after so many chunks the slope is learned."""
+    while chunks > 2:
+        chunks //= 4
+    return chunks == 2
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True, inline="always")
+def _blocks_before(slot: int, window: WindowArrays, by: WindowSettings) -> int:
+    """Count the blocks of the noise that end by `slot`."""
+    return pieces_before(slot, BLOCK + LAGS, by.block_hop, window.block_sums.shape[0])
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True, inline="always")
+def _scanning(window: WindowArrays, by: WindowSettings) -> ScanSettings:
+    """Return how to scan, by what is known now."""
+    numbers = window.numbers
+    return ScanSettings(window.scales, numbers[WEIGHT], numbers[SLOPE], window.floors, window.sure, by.paper)
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True, inline="always")
+def _sums_of(window: WindowArrays) -> SumArrays:
+    """Return the arrays of the running sums."""
+    return SumArrays(window.checkpoints, window.x, window.z, window.used, window.centre)
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True, inline="always")
+def _learned_of(window: WindowArrays) -> Learned:
+    """Return the arrays of what was learned."""
+    return Learned(window.variances, window.floors, window.sure, window.announced, window.numbers)
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
@@ -206,7 +350,7 @@ def mark_used(x: FloatArray, good: BoolArray, band: float, start: int, stop: int
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
-def median_bend(x: FloatArray, good: BoolArray) -> float:
+def _median_bend(x: FloatArray, good: BoolArray) -> float:
     """Return the median size of the second differences of the good samples; 0 with less than three."""
     there = x[good]
     if there.size < 3:
@@ -216,117 +360,9 @@ def median_bend(x: FloatArray, good: BoolArray) -> float:
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
-def median_step(x: FloatArray, z: FloatArray, used: BoolArray, slope: float) -> float:
+def _median_step(x: FloatArray, z: FloatArray, used: BoolArray, slope: float) -> float:
     """Return the median size of the differences of neighbouring used z - slope x; 0 with less than two."""
     residual = z[used] - slope * x[used]
     if residual.size < 2:
         return 0.0
     return float(np.median(np.abs(residual[1:] - residual[:-1])))
-
-
-@numba.njit(cache=True, error_model="numpy", nogil=True)
-def learn_noise(
-    block_sums: FloatArray,
-    block_pairs: FloatArray,
-    histogram: IntArray,
-    scales: IntArray,
-    strides: IntArray,
-    start_variance: float,
-) -> tuple[FloatArray, FloatArray, FloatArray, tuple[float, int, int]]:
-    """Return what the noise is as far as a window has come.
-
-    Parameters
-    ----------
-    block_sums, block_pairs
-        Of the blocks that are complete, see `block_differences`.
-    histogram, scales, strides, start_variance
-        As for `scale_variances`.
-
-    Returns
-    -------
-    levels, counts, variances, quantiles
-        As `quiet_levels` has them; float64 (S,), the variance of each scale's contrast; and `quantile_bins` of the
-        narrowest scale's statistic.
-    """
-    levels, counts = quiet_levels(block_sums, block_pairs)
-    variances, implied = scale_variances(histogram, scales, strides, start_variance), contrast_variances(levels, scales)
-    for s in range(scales.size):
-        # On a coarse lattice neighbours are mostly equal and quantiles say little; mean squares then hold the variance.
-        variances[s] = max(variances[s], LEAST_SHARE * implied[s])
-    return levels, counts, variances, quantile_bins(histogram[0])
-
-
-@numba.njit(cache=True, error_model="numpy", nogil=True)
-def bars(variances: FloatArray, scales: IntArray, outlier: float) -> tuple[FloatArray, FloatArray]:
-    """Return the statistics [torque²] from which a peak of each scale is sure, and from which it is kept, (S,) each.
-
-    A tail is known to a factor: twice the largest outlier by chance is sure, half of it is worth keeping. Infinite
-    where the variance is not known.
-    """
-    sure, kept = np.full(scales.size, np.inf), np.full(scales.size, np.inf)
-    for s in range(scales.size):
-        if np.isfinite(variances[s]):
-            by_chance = outlier**2 / (2.0 * scales[s])
-            sure[s] = max(CONFIRMED_STATISTIC * variances[s], 4.0 * by_chance)
-            kept[s] = max(KEPT_STATISTIC * variances[s], 0.25 * by_chance)
-    return sure, kept
-
-
-class Judge(NamedTuple):
-    """How confirmed peaks are judged again.
-
-    Attributes
-    ----------
-    scales, variances, sure
-        (S,), the scales, the variance of each one's contrast, and the statistic from which it is sure.
-    weight
-        Weight of the slope's prior, as the scan has it.
-    slope, most_slope
-        Centre of the prior, and the largest slope that there may be.
-    """
-
-    scales: IntArray
-    variances: FloatArray
-    sure: FloatArray
-    weight: float
-    slope: float
-    most_slope: float
-
-
-@numba.njit(cache=True, error_model="numpy", nogil=True)
-def judge_confirmed(
-    peak_arrays: tuple[Any, ...], judge: tuple[Any, ...], sum_arrays: tuple[Any, ...], announced: IntArray
-) -> tuple[IntArray, FloatArray]:
-    """Judge the peaks that the last scan confirmed; return those that are new, and still sure whatever the slope is.
-
-    Parameters
-    ----------
-    peak_arrays, judge, sum_arrays
-        `PeakArrays`, `Judge` and `SumArrays`, as plain tuples.
-    announced
-        int64 (STEP + 1,): the last indices announced, in turns, and how many there were; brought up to date.
-
-    Returns
-    -------
-    index, values
-        int64 (n,), and float64 (3, n): jump, its standard deviation, and the normalised statistic.
-    """
-    peaks, by, sums = PeakArrays(*peak_arrays), Judge(*judge), SumArrays(*sum_arrays)
-    most = peaks.counters[COUNT_CONFIRMED]
-    found, values = np.empty(most, dtype=np.int64), np.empty((3, most))
-    count = 0
-    for row in range(most):
-        p = peaks.confirmed[row]
-        s, index = peaks.slots[p, PEAK_SCALE], peaks.slots[p, PEAK_INDEX]
-        if np.min(np.abs(announced[:STEP] - index)) <= by.scales[s]:
-            continue
-        weight = min(by.weight, by.variances[s] / by.most_slope**2)
-        statistic, jump = contrast(index, by.scales[s], by.slope, weight, sums)
-        if statistic > by.sure[s]:
-            announced[announced[STEP] % STEP] = index
-            announced[STEP] += 1
-            normalised = statistic / by.variances[s]
-            found[count] = index
-            values[0, count], values[1, count], values[2, count] = jump, abs(jump) / np.sqrt(normalised), normalised
-            count += 1
-    return found[:count], values[:, :count]

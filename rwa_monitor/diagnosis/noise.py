@@ -257,7 +257,7 @@ def _sum_of_lags(row: FloatArray, part: FloatArray) -> float:
         part[i] = ((row[i] + row[8 + i]) + (row[16 + i] + row[24 + i])) + (
             (row[32 + i] + row[40 + i]) + (row[48 + i] + row[56 + i])
         )
-    return ((part[0] + part[1]) + (part[2] + part[3])) + ((part[4] + part[5]) + (part[6] + part[7]))
+    return float(((part[0] + part[1]) + (part[2] + part[3])) + ((part[4] + part[5]) + (part[6] + part[7])))
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)

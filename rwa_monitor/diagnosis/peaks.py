@@ -10,7 +10,6 @@ import numpy as np
 from rwa_monitor.diagnosis.results import Candidates
 from rwa_monitor.diagnosis.wglr import (
     CHUNK,
-    COUNT_CONFIRMED,
     COUNT_PEAKS,
     COUNT_SETTLED,
     PEAK_CONFIRMED,
@@ -49,6 +48,8 @@ class PeakList:
             open=np.full((scales.size, 3), -1, dtype=np.int64),
             counters=np.zeros(3, dtype=np.int64),
             confirmed=np.empty(self.chunk_peaks, dtype=np.int64),
+            told=np.empty(self.chunk_peaks, dtype=np.int64),
+            told_values=np.empty((3, self.chunk_peaks)),
         )
 
     def __len__(self) -> int:
@@ -75,8 +76,10 @@ class PeakList:
         # Only the rows of peaks are copied: memory that no peak needs is not even touched.
         slots, values = np.empty((room, 3), dtype=np.int64), np.empty((room, 2))
         slots[: len(self)], values[: len(self)] = self.arrays.slots[: len(self)], self.arrays.values[: len(self)]
-        confirmed = np.empty(room, dtype=np.int64)
-        self.arrays = self.arrays._replace(slots=slots, values=values, confirmed=confirmed)
+        confirmed, told = np.empty(room, dtype=np.int64), np.empty(room, dtype=np.int64)
+        self.arrays = self.arrays._replace(
+            slots=slots, values=values, confirmed=confirmed, told=told, told_values=np.empty((3, room))
+        )
 
     def _prune(self, variances: FloatArray) -> None:
         """Keep the strongest peaks, half as many as there are, and those that are still open."""
@@ -94,32 +97,15 @@ class PeakList:
         self.arrays.counters[COUNT_PEAKS] = kept.size
         self.arrays.counters[COUNT_SETTLED] = 0
 
-    def confirmed(self, variances: FloatArray) -> tuple[IntArray, FloatArray]:
-        """Return the peaks that the last scan confirmed.
-
-        Parameters
-        ----------
-        variances
-            float64 (S,), of the scales' contrasts.
-
-        Returns
-        -------
-        index, values
-            int64 (n,), and float64 (3, n): jump, its standard deviation, and the normalised statistic.
-        """
-        rows = self.arrays.confirmed[: self.arrays.counters[COUNT_CONFIRMED]]
-        slots, values = self.arrays.slots[rows], self.arrays.values[rows]
-        normalised = values[:, PEAK_STATISTIC] / variances[slots[:, PEAK_SCALE]]
-        jump = values[:, PEAK_JUMP]
-        return slots[:, PEAK_INDEX], np.stack((jump, np.abs(jump) / np.sqrt(normalised), normalised))
-
     def above(self, threshold: float, variances: FloatArray) -> Candidates:
         """Return the peaks whose statistic, over its scale's variance, reaches `threshold`; sorted by slot."""
-        return Candidates(*_above(self.arrays.slots, self.arrays.values, len(self), self.scales, variances, threshold))
+        return Candidates(
+            *peaks_above(self.arrays.slots, self.arrays.values, len(self), self.scales, variances, threshold)
+        )
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
-def _above(
+def peaks_above(
     slots: IntArray, values: FloatArray, count: int, scales: IntArray, variances: FloatArray, threshold: float
 ) -> tuple[IntArray, IntArray, FloatArray, FloatArray]:
     """Return the fields of the `Candidates` that `PeakList.above` chooses among the first `count` rows."""

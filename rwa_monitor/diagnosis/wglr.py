@@ -26,7 +26,7 @@ from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 
 CHUNK: Final = 1024  # slots after which the prefix sums begin anew: a quarter more work for 50 kB of memory
 STEP: Final = 64  # slots after which peaks are confirmed
-STRETCH: Final = 512  # slots that are evaluated in one go; a multiple of STEP, and CHUNK of it
+STRETCH: Final = 512  # slots that are evaluated in one go at most; a multiple of STEP
 MAX_SCALE: Final = 128
 HISTORY: Final = 2 * MAX_SCALE  # slots before a chunk that its first statistics reach back to
 PREFIXES: Final = 5  # n, x, e, xx, xe
@@ -186,6 +186,9 @@ class PeakArrays(NamedTuple):
         int64 (3,), entries COUNT_….
     confirmed
         int64 (P,): rows of the sure peaks that became final in the last scan, COUNT_CONFIRMED of them.
+    told, told_values
+        int64 (P,) and float64 (3, P): slots of the jumps that became certain, and of each jump, its standard deviation
+        and the normalised statistic. As many as `evidence_kernel.gather` says.
     """
 
     slots: IntArray
@@ -193,6 +196,8 @@ class PeakArrays(NamedTuple):
     open: IntArray
     counters: IntArray
     confirmed: IntArray
+    told: IntArray
+    told_values: FloatArray
 
 
 class ScanState(NamedTuple):
@@ -343,7 +348,7 @@ def scan(
         chunk = begin - begin % CHUNK
         if begin == chunk and begin > start and peaks.counters[COUNT_PEAKS] + chunk_peaks > peaks.slots.shape[0]:
             return begin
-        end = min(begin - begin % STRETCH + STRETCH, stop)
+        end = min(begin + STRETCH, chunk + CHUNK, stop)
         fill_prefix(state.prefix, x, z, used, chunk, begin, end, settings.slope)
         for s in range(scales.size):
             w = scales[s]

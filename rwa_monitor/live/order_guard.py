@@ -140,9 +140,10 @@ class OrderGuard:
 
     def is_clean(self, samples: Samples) -> bool:
         """Tell whether all samples can be telemetry of this wheel, and every value is there."""
-        if not _all_times(samples.time_ns):
+        speed, *others = _channels_of(samples)
+        if not _all_times_within(samples.time_ns, speed, self._limits[0]):
             return False
-        for values, limit in zip(_channels_of(samples), self._limits, strict=True):
+        for values, limit in zip(others, self._limits[1:], strict=True):
             if values is not None and not _all_within(values, limit):
                 return False
         return True
@@ -288,12 +289,12 @@ class OrderGuard:
 
 
 @numba.njit(cache=True, nogil=True)
-def _all_times(time_ns: IntArray) -> bool:
-    """Tell whether the slot arithmetic holds the time of every sample."""
+def _all_times_within(time_ns: IntArray, values: FloatArray, limit: float) -> bool:
+    """Tell whether the slot arithmetic holds the time of every sample, and `_all_within` its values."""
     count = 0
     for k in range(time_ns.size):  # without a way out, so that the compiler can take several at once
         count += (time_ns[k] >= MIN_TIME_NS) & (time_ns[k] <= MAX_TIME_NS)
-    return count == time_ns.size
+    return count == time_ns.size and _all_within(values, limit)
 
 
 @numba.njit(cache=True, nogil=True)

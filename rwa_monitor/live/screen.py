@@ -189,16 +189,18 @@ def _judge(
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
 def _judge_both(
-    slots: tuple[FloatArray, FloatArray],
-    limits: tuple[float, float],
-    states: tuple[FloatArray, FloatArray],
+    first: FloatArray,
+    first_limit: float,
+    first_state: FloatArray,
+    second: FloatArray,
+    second_limit: float,
+    second_state: FloatArray,
     kind: NDArray[np.int8],
     since: NDArray[np.int64],
 ) -> bool:
     """Do the work of `Channel.judge` for two channels: n slots and the one after them; kind and since are (2, n)."""
-    first, second = slots
-    in_first = _judge(first[:-1], first[1:], limits[0], states[0], kind[0], since[0])
-    return _judge(second[:-1], second[1:], limits[1], states[1], kind[1], since[1]) or in_first
+    in_first = _judge(first[:-1], first[1:], first_limit, first_state, kind[0], since[0])
+    return _judge(second[:-1], second[1:], second_limit, second_state, kind[1], since[1]) or in_first
 
 
 def speed_limit(wheel: Wheel) -> float:
@@ -271,9 +273,12 @@ class Screen:
             self._kinds, self._sinces = _nothing(stop - start)
         kinds, sinces = self._kinds, self._sinces
         if not _judge_both(
-            (speed, torque),
-            (self.speed_limit_rad_s, self.torque_limit_Nm),
-            (self.speed.state, self.torque.state),
+            speed,
+            self.speed_limit_rad_s,
+            self.speed.state,
+            torque,
+            self.torque_limit_Nm,
+            self.torque.state,
             kinds,
             sinces,
         ):

@@ -14,7 +14,7 @@ from scipy import signal
 
 from rwa_monitor.diagnosis.estimation import estimate
 from rwa_monitor.diagnosis.evidence import WindowAccumulator
-from rwa_monitor.diagnosis.evidence_kernel import CONFIRMED_RATE, KEPT_STATISTIC
+from rwa_monitor.diagnosis.evidence_learning import CONFIRMED_RATE, KEPT_STATISTIC
 from rwa_monitor.diagnosis.wglr import CHUNK, STEP
 from rwa_monitor.physics.wheel import Wheel, built_in_wheel
 

@@ -10,7 +10,7 @@ import numba
 import numpy as np
 
 from rwa_monitor.diagnosis.evidence import WindowAccumulator
-from rwa_monitor.diagnosis.evidence_kernel import KEPT_STATISTIC
+from rwa_monitor.diagnosis.evidence_learning import KEPT_STATISTIC
 from rwa_monitor.diagnosis.peaks import PeakList
 from rwa_monitor.diagnosis.wglr import BINS, CHUNK, HISTORY, PREFIXES, ScanSettings, ScanState, scan, wglr
 from rwa_monitor.evaluation.speed import plain_paper
