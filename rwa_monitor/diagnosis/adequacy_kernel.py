@@ -8,6 +8,7 @@ import numba
 import numpy as np
 from scipy import special
 
+from rwa_monitor.diagnosis.medians import median
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 
 MIN_INTERVAL: Final = 30  # samples: shorter intervals do not know their slope
@@ -188,7 +189,7 @@ def lasting(
     if np.count_nonzero(usable) < FEWEST_BLOCKS:
         return 0.0, 0.0
     value = residual * np.sqrt(n)
-    scale = _MEDIAN_TO_STD * np.median(np.abs(value[usable]))
+    scale = _MEDIAN_TO_STD * median(np.abs(value[usable]))
     if not scale > 0.0:
         return 0.0, 0.0
     for b in range(value.size):

@@ -17,7 +17,6 @@ from scipy import special
 
 from rwa_monitor.diagnosis.results import Candidates
 from rwa_monitor.diagnosis.running_sums import STRIDE, RunningSums, SumArrays, prefix_moments
-from rwa_monitor.diagnosis.tails import Tails
 from rwa_monitor.diagnosis.wglr import MAX_SCALE
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 
@@ -67,7 +66,7 @@ def peaks_behind_gaps(sums: RunningSums) -> Candidates:
     """Return a peak behind each long stretch without a used sample: gaps of telemetry, the dead band around zero.
 
     No contrast of the fixed scales spans such a stretch, so that a jump in it would never be seen. Its scale reaches
-    MAX_SCALE slots beyond the stretch; whether there is a jump is for `select_candidates` to say. The statistic is
+    MAX_SCALE slots beyond the stretch; whether there is a jump is for `select` to say. The statistic is
     infinite, which only makes it the first of its scale to be tried.
 
     Parameters
@@ -330,54 +329,48 @@ def _settle(
         first, last = max(weakest - 1, 0), min(weakest + 1, count)
 
 
-def select_candidates(
-    peaks: Candidates,
-    sums: RunningSums,
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def select(
+    peak_index: IntArray,
+    peak_scale: IntArray,
+    slots: int,
     slope: float,
-    variances: FloatArray,
-    threshold: float,
-    tails: Tails,
-    correlation: float = 0.0,
-) -> Candidates:
+    correlation: float,
+    sums: SumArrays,
+    bar: Bar,
+) -> tuple[IntArray, IntArray, FloatArray, FloatArray, int]:
     """Choose the candidates of a window among the peaks of all scales.
 
     Parameters
     ----------
-    peaks
-        Peaks of all scales above their thresholds, see `in_turn`.
-    sums
-        Running sums of the window.
+    peak_index, peak_scale
+        int64 (P,), slots and scales of the peaks above their thresholds, see `in_turn`.
+    slots
+        Of the window, all in the sums.
     slope
         f_v of the window, as well as it is known.
-    variances
-        float64 (MAX_SCALE + 1,), see `variance_table`.
-    threshold
-        χ² threshold of a candidate.
-    tails
-        Tails of the noise; outliers of this size by themselves are no candidates.
     correlation
         φ of AR(1) noise, see `ar_coefficient`; 0 where it is not like that.
+    sums
+        Running sums of the window.
+    bar
+        What a jump must clear.
+
+    Returns
+    -------
+    index, scale, statistic, jump, read
+        The fields of their `Candidates`, and how many samples were read.
     """
-    room = min(len(peaks), MOST_CANDIDATES)
-    index = np.empty(room, dtype=np.int64)
-    scale = np.empty(room, dtype=np.int64)
-    values = np.empty((room, 3))
-    bar = Bar(variances, threshold, tails.largest_outlier)
-    arrays, slots = sums.arrays, sums.slots
-    accepted, read = _accept(peaks.index, peaks.scale, slots, slope, arrays, bar, index, scale)
-    count, more = _settle(accepted, slots, slope, correlation, arrays, bar, index, scale, values)
-    sums.samples_read += int(read + more)
-    return Candidates(
-        index=index[:count].copy(),
-        scale=scale[:count].copy(),
-        statistic=values[:count, 0].copy(),
-        jump=values[:count, 1].copy(),
-    )
+    room = min(peak_index.size, MOST_CANDIDATES)
+    index, scale, values = np.empty(room, dtype=np.int64), np.empty(room, dtype=np.int64), np.empty((room, 3))
+    accepted, read = _accept(peak_index, peak_scale, slots, slope, sums, bar, index, scale)
+    count, more = _settle(accepted, slots, slope, correlation, sums, bar, index, scale, values)
+    return index[:count].copy(), scale[:count].copy(), values[:count, 0].copy(), values[:count, 1].copy(), read + more
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
 def kept_apart(index: IntArray, scale: IntArray) -> IntArray:
-    """Return the slots of peaks, given in the order in which they are tried, with no kept one within ±w; sorted."""
+    """Return the slots of peaks, taken `in_turn`, with no kept one within ±w; sorted."""
     taken = np.empty(index.size, dtype=np.int64)
     count = 0
     for i in range(index.size):
@@ -390,8 +383,3 @@ def kept_apart(index: IntArray, scale: IntArray) -> IntArray:
             taken[count] = index[i]
             count += 1
     return np.sort(taken[:count])
-
-
-def suppress(peaks: Candidates) -> IntArray:
-    """Return the slots of the peaks, taken `in_turn`, with no kept one within ±w; sorted."""
-    return np.asarray(kept_apart(peaks.index, peaks.scale))

@@ -213,18 +213,6 @@ def _fill_unseen(level: FloatArray) -> None:
         known = level[i]
 
 
-def estimate_slope(
-    sums: RunningSums,
-    noise: NoiseEstimate,
-    index: IntArray,
-    exclude: IntArray | int = 0,
-    prior: SlopePrior | None = None,
-) -> tuple[float, float]:
-    """Return the shared slope and its standard deviation alone, from the sums so far; see `estimate`."""
-    margin = np.full(index.size, exclude, dtype=np.int64)
-    return _slope(interval_moments(sums, sums.slots, index, margin), noise, prior)
-
-
 def _slope(moments: Moments, noise: NoiseEstimate, prior: SlopePrior | None) -> tuple[float, float]:
     """Return the slope and its standard deviation from the intervals' sums about their means and the prior."""
     mean, std = (np.nan, np.nan) if prior is None else (prior.mean, prior.std)
@@ -236,7 +224,7 @@ def _slope(moments: Moments, noise: NoiseEstimate, prior: SlopePrior | None) -> 
 def slope_within(
     slots: int,
     index: IntArray,
-    exclude: int,
+    exclude: IntArray,
     sums: SumArrays,
     variance: float,
     prior_mean: float,
@@ -244,9 +232,16 @@ def slope_within(
 ) -> tuple[float, float]:
     """Return the shared slope and its standard deviation from the slots so far, see `estimate`; for compiled code.
 
-    `variance` is that of the noise, white; mean and standard deviation of the prior are NaN where there is none.
+    Parameters
+    ----------
+    slots, index, exclude, sums
+        Slots in the sums, changepoints, and slots left out on each side of each, int64 (m,).
+    variance
+        Of the noise, in the long run.
+    prior_mean, prior_std
+        What is known of the slope; NaN where nothing is.
     """
-    moments = _interval_moments(slots, index, np.full(index.size, exclude), sums)
+    moments = _interval_moments(slots, index, exclude, sums)
     return _slope_of(moments, variance, prior_mean, prior_std)
 
 

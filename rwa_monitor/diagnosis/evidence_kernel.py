@@ -29,6 +29,7 @@ from rwa_monitor.diagnosis.evidence_learning import (
     set_bars,
     tell_confirmed,
 )
+from rwa_monitor.diagnosis.medians import median
 from rwa_monitor.diagnosis.noise import BLOCK, LAGS, block_differences
 from rwa_monitor.diagnosis.running_sums import SumArrays, extend_checkpoints, find_centre
 from rwa_monitor.diagnosis.structure import StructureArrays, count_signs, extend_structure, pieces_before
@@ -356,7 +357,7 @@ def _median_bend(x: FloatArray, good: BoolArray) -> float:
     if there.size < 3:
         return 0.0
     steps = there[1:] - there[:-1]
-    return float(np.median(np.abs(steps[1:] - steps[:-1])))
+    return median(np.abs(steps[1:] - steps[:-1]))
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
@@ -365,4 +366,4 @@ def _median_step(x: FloatArray, z: FloatArray, used: BoolArray, slope: float) ->
     residual = z[used] - slope * x[used]
     if residual.size < 2:
         return 0.0
-    return float(np.median(np.abs(residual[1:] - residual[:-1])))
+    return median(np.abs(residual[1:] - residual[:-1]))

@@ -185,7 +185,7 @@ def learn_slope(
     )
     order = order_in_turn(scale, statistic)
     certain = kept_apart(index[order], scale[order])
-    slope, std = slope_within(slots, certain, STEP // 4, sums, variance, prior_mean, prior_std)
+    slope, std = slope_within(slots, certain, np.full(certain.size, STEP // 4), sums, variance, prior_mean, prior_std)
     if np.isfinite(std):
         spread = max(std, SMALLEST_SLOPE_SPREAD * abs(slope), SMALLEST_STD)
         learned.numbers[SLOPE], learned.numbers[WEIGHT] = slope, max(variance / spread**2, SMALLEST_WEIGHT)

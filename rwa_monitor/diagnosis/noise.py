@@ -18,6 +18,7 @@ import numba
 import numpy as np
 from scipy import special
 
+from rwa_monitor.diagnosis.medians import median
 from rwa_monitor.diagnosis.results import NoiseEstimate
 from rwa_monitor.diagnosis.sums import sum_up
 from rwa_monitor.diagnosis.wglr import BINS, BINS_PER_OCTAVE, LOWEST_EXPONENT
@@ -239,8 +240,8 @@ def quiet_levels(sums: FloatArray, pairs: FloatArray) -> tuple[FloatArray, Float
     level, counts = np.zeros(LAGS), np.zeros(LAGS)
     if full.size == 0:
         return np.full(LAGS, np.nan), counts
-    middle = np.median(full)
-    most = middle + 4.0 * (1.4826 * np.median(np.abs(full - middle)))
+    middle = median(full)
+    most = middle + 4.0 * (1.4826 * median(np.abs(full - middle)))
     for b in range(blocks):
         if score[b] <= most:
             for lag in range(LAGS):  # one array at a time: several lags at once

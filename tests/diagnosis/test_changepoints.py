@@ -10,11 +10,12 @@ from hypothesis import strategies as st
 from scipy import signal, stats
 
 from rwa_monitor.diagnosis.changepoints import (
+    Bar,
     contrast,
     in_turn,
+    kept_apart,
     peaks_behind_gaps,
-    select_candidates,
-    suppress,
+    select,
     threshold_for,
     variance_table,
 )
@@ -147,8 +148,8 @@ def _peaks(index, scale, statistic):
 
 
 def test_suppression_takes_narrow_scales_first():
-    peaks = _peaks([100, 103, 60, 300], [2, 4, 64, 64], [50, 80, 900, 40])
-    assert suppress(in_turn(peaks)).tolist() == [100, 300]
+    peaks = in_turn(_peaks([100, 103, 60, 300], [2, 4, 64, 64], [50, 80, 900, 40]))
+    assert kept_apart(peaks.index, peaks.scale).tolist() == [100, 300]
 
 
 @given(st.lists(st.tuples(st.integers(0, 9), st.sampled_from([1, 2, 4]), st.sampled_from([5.0, 7.0, np.inf]))))
@@ -184,7 +185,14 @@ def _choose(sums, threshold=20.0, tails=NO_TAILS):
     scales = np.array([1, 2, 4, 8, 16, 32, 64, 128])
     peaks = _all_peaks(sums, scales, threshold)
     table = variance_table(scales, np.full(scales.size, SIGMA**2))
-    return select_candidates(in_turn(peaks), sums, 0.0, table, threshold, tails)
+    return _select(peaks, sums, table, threshold, tails)
+
+
+def _select(peaks, sums, table, threshold, tails=NO_TAILS, correlation=0.0):
+    tried, bar = in_turn(peaks), Bar(table, threshold, tails.largest_outlier)
+    *fields, read = select(tried.index, tried.scale, sums.slots, 0.0, correlation, sums.arrays, bar)
+    sums.samples_read += read
+    return Candidates(*fields)
 
 
 @pytest.mark.parametrize("sojourn", [1, 2, 3, 10, 200])
@@ -235,7 +243,7 @@ def test_in_coloured_noise_places_are_found_better_with_its_colour():
     peaks = Candidates(jumps + 3, np.full(jumps.size, 32), np.full(jumps.size, 100.0), np.ones(jumps.size))
     table = variance_table(np.array([1, 32]), np.array([0.5, 2.8]) * SIGMA**2)
     exact = [
-        np.isin(jumps, select_candidates(in_turn(peaks), sums, 0.0, table, 20.0, NO_TAILS, correlation).index).sum()
+        np.isin(jumps, _select(peaks, sums, table, 20.0, correlation=correlation).index).sum()
         for correlation in (0.0, phi)
     ]
     # 119 jumps; the white likelihood places about 75 % of them exactly, the right one about 90 %.

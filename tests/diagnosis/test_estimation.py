@@ -11,10 +11,10 @@ from rwa_monitor.diagnosis.estimation import (
     SlopePrior,
     default_exclusion,
     estimate,
-    estimate_slope,
     interval_bounds,
     jump_std,
     nominal_slope_prior,
+    slope_within,
 )
 from rwa_monitor.diagnosis.results import Evidence, NoiseEstimate
 from rwa_monitor.diagnosis.running_sums import RunningSums
@@ -71,7 +71,9 @@ def test_levels_slope_and_stds_are_those_of_least_squares(prior, share, exclude)
     solution, covariance, _ = _least_squares(x, z, used, index, exclude, prior)
     np.testing.assert_allclose([*fit.level, fit.viscous], solution, rtol=1e-9)
     window = _evidence(x, z, used)
-    slope = estimate_slope(window.sums, window.noise, index, exclude, prior)
+    noise, known = window.noise, (np.nan, np.nan) if prior is None else (prior.mean, prior.std)
+    margin, variance = np.full(index.size, exclude), noise.std**2 * noise.long_run_factor
+    slope = slope_within(window.slots, index, margin, window.sums.arrays, variance, *known)
     assert slope == pytest.approx((fit.viscous, fit.viscous_std))
     np.testing.assert_allclose([*fit.level_std, fit.viscous_std], np.sqrt(np.diag(covariance)), rtol=1e-7)
 
