@@ -28,6 +28,7 @@ from rwa_monitor.diagnosis.evidence_learning import (
     KEPT_STATISTIC,
     MIDDLE,
     OUTLIER,
+    VARIANCE,
     learn_noise,
     nothing_learned,
 )
@@ -150,7 +151,6 @@ class WindowAccumulator:
             # Without any idea of the slope, two neighbouring samples say nothing about a jump.
             scales = tuple(w for w in scales if w > 1)
         self._scales: IntArray = np.array(scales, dtype=np.int64)
-        self._strides: IntArray = np.maximum(self._scales // 4, 1)
         self._peaks = PeakList(self._scales)
         self._learned = nothing_learned(len(scales), 0.0 if self.slope_prior is None else self.slope_prior.mean)
         self._state = ScanState(
@@ -187,10 +187,7 @@ class WindowAccumulator:
                 prefix=self._state.prefix,
                 histogram=self._state.histogram,
                 scales=self._scales,
-                strides=self._strides,
-                variances=learned.variances,
-                floors=learned.floors,
-                sure=learned.sure,
+                bars=learned.bars,
                 announced=learned.announced,
                 numbers=learned.numbers,
             )
@@ -283,7 +280,6 @@ class WindowAccumulator:
             self._block_pairs[:blocks],
             self._state.histogram,
             self._scales,
-            self._strides,
             start_variance,
         )
         noise = estimate_noise(levels, counts, self._scales, variances, self._sums.count, self._start_std)
@@ -339,11 +335,11 @@ class WindowAccumulator:
             if why == ALL_DONE:
                 return events
             if why == NO_ROOM:
-                self._peaks.make_room(self._learned.variances)
+                self._peaks.make_room(self._learned.bars[VARIANCE])
             else:
                 numbers = self._learned.numbers
                 quantiles = float(numbers[COUNTED]), int(numbers[MIDDLE]), int(numbers[END])
-                numbers[OUTLIER] = self._tails(self._learned.variances, quantiles).largest_outlier
+                numbers[OUTLIER] = self._tails(self._learned.bars[VARIANCE], quantiles).largest_outlier
             speed_rad_s, torque_Nm, good = _NO_VALUES, _NO_VALUES, _NO_SLOTS
 
     def _tails(self, variances: FloatArray, quantiles: tuple[float, int, int]) -> Tails:

@@ -18,9 +18,12 @@ from rwa_monitor.diagnosis.evidence_learning import (
     CERTAIN,
     COUNTED,
     END,
+    FLOOR,
     MIDDLE,
     OUTLIER,
     SLOPE,
+    SURE,
+    VARIANCE,
     WEIGHT,
     Learned,
     first_weight,
@@ -99,9 +102,9 @@ class WindowArrays(NamedTuple):
         float64 (B, LAGS), see `block_differences`.
     prefix, histogram
         See `ScanState`.
-    scales, strides
-        int64 (S,), half-widths of the scales [slots], and slots from one counted statistic of each to the next.
-    variances, floors, sure, announced, numbers
+    scales
+        int64 (S,), half-widths of the scales [slots].
+    bars, announced, numbers
         See `Learned`.
     """
 
@@ -122,10 +125,7 @@ class WindowArrays(NamedTuple):
     prefix: FloatArray
     histogram: IntArray
     scales: IntArray
-    strides: IntArray
-    variances: FloatArray
-    floors: FloatArray
-    sure: FloatArray
+    bars: FloatArray
     announced: IntArray
     numbers: FloatArray
 
@@ -298,10 +298,9 @@ def _refresh(done: int, window: WindowArrays, by: WindowSettings) -> bool:
         window.block_pairs[:blocks],
         window.histogram,
         window.scales,
-        window.strides,
         by.start_std**2,
     )
-    window.variances[:] = variances
+    window.bars[VARIANCE] = variances
     window.numbers[COUNTED], window.numbers[MIDDLE], window.numbers[END] = quantiles
     gaussian = np.isfinite(variances[0]) and not by.paper  # which takes no outlier into account
     outlier = by.outlier * np.sqrt(variances[0]) if gaussian else 0.0
@@ -327,7 +326,8 @@ def _blocks_before(slot: int, window: WindowArrays, by: WindowSettings) -> int:
 def _scanning(window: WindowArrays, by: WindowSettings) -> ScanSettings:
     """Return how to scan, by what is known now."""
     numbers = window.numbers
-    return ScanSettings(window.scales, numbers[WEIGHT], numbers[SLOPE], window.floors, window.sure, by.paper)
+    floors, sure = window.bars[FLOOR], window.bars[SURE]
+    return ScanSettings(window.scales, numbers[WEIGHT], numbers[SLOPE], floors, sure, by.paper)
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True, inline="always")
@@ -339,7 +339,7 @@ def _sums_of(window: WindowArrays) -> SumArrays:
 @numba.njit(cache=True, error_model="numpy", nogil=True, inline="always")
 def _learned_of(window: WindowArrays) -> Learned:
     """Return the arrays of what was learned."""
-    return Learned(window.variances, window.floors, window.sure, window.announced, window.numbers)
+    return Learned(window.bars, window.announced, window.numbers)
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)

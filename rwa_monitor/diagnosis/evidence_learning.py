@@ -47,10 +47,9 @@ class Learned(NamedTuple):
 
     Attributes
     ----------
-    variances
-        float64 (S,), of the scales' contrasts; NaN where not known.
-    floors, sure
-        float64 (S,), the statistics [torque²] from which a peak is kept, and is sure; infinite where not known.
+    bars
+        float64 (3, S), of each scale: the variance of its contrast, NaN where not known; and the statistics [torque²]
+        from which a peak is kept, and is sure, infinite where not known.
     announced
         int64 (STEP + 1,): the last indices announced, in turns, and how many there were.
     numbers
@@ -59,13 +58,14 @@ class Learned(NamedTuple):
         outlier of heavy tails, as the answer to HEAVY_TAILS, else NaN.
     """
 
-    variances: FloatArray
-    floors: FloatArray
-    sure: FloatArray
+    bars: FloatArray
     announced: IntArray
     numbers: FloatArray
 
 
+VARIANCE: Final = 0  # rows of `Learned.bars`
+FLOOR: Final = 1
+SURE: Final = 2
 SLOPE: Final = 0  # places in `Learned.numbers`
 WEIGHT: Final = 1
 BAND: Final = 2
@@ -81,9 +81,7 @@ def nothing_learned(scales: int, slope: float) -> Learned:
     announced: IntArray = np.full(STEP + 1, FAR_AWAY, dtype=np.int64)
     announced[STEP] = 0
     return Learned(
-        variances=np.full(scales, np.nan),
-        floors=np.full(scales, np.inf),
-        sure=np.full(scales, np.inf),
+        bars=np.repeat([[np.nan], [np.inf], [np.inf]], scales, axis=1),
         announced=announced,
         numbers=np.array([slope, PAPER_WEIGHT, np.nan, np.nan, 0.0, 0.0, 0.0, np.nan]),
     )
@@ -98,7 +96,6 @@ def learn_noise(
     block_pairs: FloatArray,
     histogram: IntArray,
     scales: IntArray,
-    strides: IntArray,
     start_variance: float,
 ) -> tuple[FloatArray, FloatArray, FloatArray, tuple[float, int, int]]:
     """Return what the noise is as far as a window has come.
@@ -107,7 +104,7 @@ def learn_noise(
     ----------
     block_sums, block_pairs
         Of the blocks that are complete, see `block_differences`.
-    histogram, scales, strides, start_variance
+    histogram, scales, start_variance
         As for `scale_variances`.
 
     Returns
@@ -117,7 +114,7 @@ def learn_noise(
         narrowest scale's statistic.
     """
     levels, counts = quiet_levels(block_sums, block_pairs)
-    variances, implied = scale_variances(histogram, scales, strides, start_variance), contrast_variances(levels, scales)
+    variances, implied = scale_variances(histogram, scales, start_variance), contrast_variances(levels, scales)
     for s in range(scales.size):
         # On a coarse lattice neighbours are mostly equal and quantiles say little; mean squares then hold the variance.
         variances[s] = max(variances[s], LEAST_SHARE * implied[s])
@@ -132,13 +129,14 @@ def set_bars(learned: Learned, scales: IntArray, outlier: float, paper: bool) ->
     keeps what is sure.
     """
     for s in range(scales.size):
-        variance = learned.variances[s]
+        variance = learned.bars[VARIANCE, s]
         if not np.isfinite(variance):
-            learned.sure[s] = learned.floors[s] = np.inf
+            learned.bars[FLOOR, s] = learned.bars[SURE, s] = np.inf
             continue
         by_chance = outlier**2 / (2.0 * scales[s])
-        learned.sure[s] = max(CONFIRMED_STATISTIC * variance, 4.0 * by_chance)
-        learned.floors[s] = learned.sure[s] if paper else max(KEPT_STATISTIC * variance, 0.25 * by_chance)
+        sure = max(CONFIRMED_STATISTIC * variance, 4.0 * by_chance)
+        learned.bars[FLOOR, s] = sure if paper else max(KEPT_STATISTIC * variance, 0.25 * by_chance)
+        learned.bars[SURE, s] = sure
 
 
 # ---- slope -----------------------------------------------------------------------------------------------------------
@@ -173,16 +171,14 @@ def learn_slope(
     prior_mean, prior_std
         What was known of the slope before it; NaN where nothing was.
     """
-    variance = 0.0
+    variances, variance = learned.bars[VARIANCE], 0.0
     for s in range(scales.size):
-        if np.isfinite(learned.variances[s]):
-            variance = max(variance, learned.variances[s])
+        if np.isfinite(variances[s]):
+            variance = max(variance, variances[s])
     if variance == 0.0:
         return
     count = peaks.counters[COUNT_PEAKS]
-    index, scale, statistic, _ = peaks_above(
-        peaks.slots, peaks.values, count, scales, learned.variances, CERTAIN_STATISTIC
-    )
+    index, scale, statistic, _ = peaks_above(peaks.slots, peaks.values, count, scales, variances, CERTAIN_STATISTIC)
     order = order_in_turn(scale, statistic)
     certain = kept_apart(index[order], scale[order])
     slope, std = slope_within(slots, certain, np.full(certain.size, STEP // 4), sums, variance, prior_mean, prior_std)
@@ -232,12 +228,16 @@ def tell_confirmed(
     for row in range(peaks.counters[COUNT_CONFIRMED]):
         p = peaks.confirmed[row]
         s, index = peaks.slots[p, PEAK_SCALE], peaks.slots[p, PEAK_INDEX]
-        variance, statistic, jump = learned.variances[s], peaks.values[p, PEAK_STATISTIC], peaks.values[p, PEAK_JUMP]
+        variance, statistic, jump = (
+            learned.bars[VARIANCE, s],
+            peaks.values[p, PEAK_STATISTIC],
+            peaks.values[p, PEAK_JUMP],
+        )
         if not paper:
             if np.min(np.abs(learned.announced[:STEP] - index)) <= scales[s]:
                 continue
             statistic, jump = contrast(index, scales[s], slope, min(weight, variance / most_slope**2), sums)
-            if not statistic > learned.sure[s]:
+            if not statistic > learned.bars[SURE, s]:
                 continue
             learned.announced[learned.announced[STEP] % STEP] = index
             learned.announced[STEP] += 1

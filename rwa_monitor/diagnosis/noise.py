@@ -21,7 +21,7 @@ from scipy import special
 from rwa_monitor.diagnosis.medians import median
 from rwa_monitor.diagnosis.results import NoiseEstimate
 from rwa_monitor.diagnosis.sums import sum_up
-from rwa_monitor.diagnosis.wglr import BINS, BINS_PER_OCTAVE, LOWEST_EXPONENT
+from rwa_monitor.diagnosis.wglr import BINS, BINS_PER_OCTAVE, LOWEST_EXPONENT, counted_every
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 
 LAGS: Final = 64  # lags 1 … 64 of the differences; the autocovariance is given at 0 … 63
@@ -47,7 +47,7 @@ BIN_WIDTHS: Final = np.ldexp(1.0 / BINS_PER_OCTAVE, _BIN // BINS_PER_OCTAVE + LO
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
-def scale_variances(histogram: IntArray, scales: IntArray, strides: IntArray, start_variance: float) -> FloatArray:
+def scale_variances(histogram: IntArray, scales: IntArray, start_variance: float) -> FloatArray:
     """Estimate the variance of each scale's contrast from the histogram of its statistic.
 
     Parameters
@@ -56,8 +56,6 @@ def scale_variances(histogram: IntArray, scales: IntArray, strides: IntArray, st
         int (S, BINS), counts of the unnormalised statistic.
     scales
         int64 (S,), ascending.
-    strides
-        int64 (S,), slots from one counted statistic to the next.
     start_variance
         Variance expected before any data; NaN if not known.
 
@@ -73,7 +71,7 @@ def scale_variances(histogram: IntArray, scales: IntArray, strides: IntArray, st
             measured = max(trimmed, SMALLEST_STD**2)
             if np.isnan(borrowed):
                 borrowed = measured
-            borrowed = lean(measured, borrowed, total * (strides[s] / scales[s]))
+            borrowed = lean(measured, borrowed, total * (counted_every(scales[s]) / scales[s]))
         variances[s] = borrowed
     return variances
 

@@ -126,26 +126,47 @@ def evaluate(
     statistic, jump
         float64, outputs in [:count]; statistic is NOT_EVALUATED where a half has fewer than max(1, w/2) used samples.
     """
+    # Which of the two is decided by single numbers: parts of arrays that both need would cost as much as 300 slots.
+    if prefix[0, column + count - 1] - prefix[0, column - 2 * w] == 2 * w + count - 1:
+        _evaluate_unmasked(prefix, column, count, w, weight, statistic, jump)
+    else:
+        _evaluate_masked(prefix, column, count, w, weight, statistic, jump)
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def _evaluate_unmasked(
+    prefix: FloatArray, column: int, count: int, w: int, weight: float, statistic: FloatArray, jump: FloatArray
+) -> None:
+    """Do the work of `evaluate` where every slot is used: the operations of the other, so that it does not matter."""
+    left, middle, right = column - 2 * w, column - w, column
+    x0, x1, x2 = prefix[1, left : left + count], prefix[1, middle : middle + count], prefix[1, right : right + count]
+    e0, e1, e2 = prefix[2, left : left + count], prefix[2, middle : middle + count], prefix[2, right : right + count]
+    xx0, xx2 = prefix[3, left : left + count], prefix[3, right : right + count]
+    xe0, xe2 = prefix[4, left : left + count], prefix[4, right : right + count]
+    share = 1.0 / w
+    for j in range(count):
+        xl, xr = x1[j] - x0[j], x2[j] - x1[j]
+        el, er = e1[j] - e0[j], e2[j] - e1[j]
+        dx = xr * share - xl * share
+        spread = (xx2[j] - xx0[j]) - xl * (xl * share) - xr * (xr * share)
+        tilt = (xe2[j] - xe0[j]) - xl * (el * share) - xr * (er * share)
+        inverse = 1.0 / (max(spread, 0.0) + weight)
+        difference = (er * share - el * share) - dx * (tilt * inverse)
+        jump[j] = difference
+        statistic[j] = difference * difference / (share + share + dx * dx * inverse)
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def _evaluate_masked(
+    prefix: FloatArray, column: int, count: int, w: int, weight: float, statistic: FloatArray, jump: FloatArray
+) -> None:
+    """Do the work of `evaluate` where slots are masked."""
     left, middle, right = column - 2 * w, column - w, column
     n0, n1, n2 = prefix[0, left : left + count], prefix[0, middle : middle + count], prefix[0, right : right + count]
     x0, x1, x2 = prefix[1, left : left + count], prefix[1, middle : middle + count], prefix[1, right : right + count]
     e0, e1, e2 = prefix[2, left : left + count], prefix[2, middle : middle + count], prefix[2, right : right + count]
     xx0, xx2 = prefix[3, left : left + count], prefix[3, right : right + count]
     xe0, xe2 = prefix[4, left : left + count], prefix[4, right : right + count]
-    if n2[count - 1] - n0[0] == 2 * w + count - 1:
-        # Nothing is masked. The same operations as below, so that it does not matter which branch a slot takes.
-        share = 1.0 / w
-        for j in range(count):
-            xl, xr = x1[j] - x0[j], x2[j] - x1[j]
-            el, er = e1[j] - e0[j], e2[j] - e1[j]
-            dx = xr * share - xl * share
-            spread = (xx2[j] - xx0[j]) - xl * (xl * share) - xr * (xr * share)
-            tilt = (xe2[j] - xe0[j]) - xl * (el * share) - xr * (er * share)
-            inverse = 1.0 / (max(spread, 0.0) + weight)
-            difference = (er * share - el * share) - dx * (tilt * inverse)
-            jump[j] = difference
-            statistic[j] = difference * difference / (share + share + dx * dx * inverse)
-        return
     need = max(1.0, 0.5 * w)
     for j in range(count):
         nl, nr = n1[j] - n0[j], n2[j] - n1[j]
@@ -160,6 +181,12 @@ def evaluate(
         jump[j] = difference
         value = difference * difference / (left_share + right_share + dx * dx * inverse)
         statistic[j] = value if nl >= need and nr >= need else NOT_EVALUATED
+
+
+@numba.njit(cache=True, error_model="numpy", nogil=True)
+def counted_every(w: int) -> int:
+    """Return the slots from one statistic of scale w that goes into the histogram to the next."""
+    return max(1, w // 4)
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)

@@ -21,6 +21,7 @@ from rwa_monitor.samples import CHANNELS, BoolArray, FloatArray, IntArray, Sampl
 from rwa_monitor.slots import MAX_TIME_NS, MIN_TIME_NS, SlotGrid, is_nearest_slot, nearest_slot
 
 _channels_of: Final = attrgetter(*CHANNELS)  # of samples, all at once: asked of every message
+_after_speed_of: Final = attrgetter(*CHANNELS[1:])
 
 # In SI units: no wheel, with limits of its own or without, has more. Sums of squares stay far from overflow.
 MAX_MAGNITUDE: Final = 1e6
@@ -140,10 +141,9 @@ class OrderGuard:
 
     def is_clean(self, samples: Samples) -> bool:
         """Tell whether all samples can be telemetry of this wheel, and every value is there."""
-        speed, *others = _channels_of(samples)
-        if not _all_times_within(samples.time_ns, speed, self._limits[0]):
+        if not _all_times_within(samples.time_ns, samples.speed_rad_s, self._limits[0]):
             return False
-        for values, limit in zip(others, self._limits[1:], strict=True):
+        for values, limit in zip(_after_speed_of(samples), self._limits[1:], strict=True):
             if values is not None and not _all_within(values, limit):
                 return False
         return True
