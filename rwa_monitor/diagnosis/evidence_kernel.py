@@ -39,6 +39,7 @@ from rwa_monitor.diagnosis.structure import StructureArrays, count_signs, extend
 from rwa_monitor.diagnosis.tails import are_heavy
 from rwa_monitor.diagnosis.wglr import (
     CHUNK,
+    COUNT_CONFIRMED,
     COUNT_PEAKS,
     STEP,
     PeakArrays,
@@ -223,7 +224,8 @@ def gather(
         while change <= done:
             change *= 2
         done = _detect(done, min(ready, change), window, by, peaks)
-        told = tell_confirmed(peaks, learned, sums, window.scales, by.nominal_slope, by.paper, told)
+        if peaks.counters[COUNT_CONFIRMED] > 0:
+            told = tell_confirmed(peaks, learned, sums, window.scales, by.nominal_slope, by.paper, told)
         if done == change and done > CHUNK:
             heavy = _refresh(done, window, by)
             if not by.paper and window.running[0] >= CHUNK and _is_odd_power(done // CHUNK):

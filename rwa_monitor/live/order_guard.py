@@ -27,6 +27,10 @@ _after_speed_of: Final = attrgetter(*CHANNELS[1:])
 MAX_MAGNITUDE: Final = 1e6
 # Slots written to the ring buffer, and samples looked at, in one go.
 PIECE_SLOTS: Final = 4_096
+# What `OrderGuard.look` finds.
+NOT_CLEAN: Final = 0
+CLEAN: Final = 1
+NEXT: Final = 2
 # Where the next sample with another time is looked for first.
 NEAR_ROWS: Final = 64
 
@@ -139,14 +143,21 @@ class OrderGuard:
         self.frontier = 0
         self.last_ns: int | None = None
 
-    def is_clean(self, samples: Samples) -> bool:
-        """Tell whether all samples can be telemetry of this wheel, and every value is there."""
-        if not _all_times_within(samples.time_ns, samples.speed_rad_s, self._limits[0]):
-            return False
-        for values, limit in zip(_after_speed_of(samples), self._limits[1:], strict=True):
-            if values is not None and not _all_within(values, limit):
-                return False
-        return True
+    def look(self, samples: Samples) -> int:
+        """Tell whether all samples can be telemetry of this wheel and every value is there, and whether they are next.
+
+        NOT_CLEAN; CLEAN; or NEXT, where besides they come one for each of the next slots, as nearly all do: then there
+        is nothing more to decide, and `take_next` may take them.
+        """
+        time_ns, grid = samples.time_ns, self.grid
+        known = grid is not None and 0 < time_ns.size <= PIECE_SLOTS
+        origin_ns, frontier = (grid.origin_ns, self.frontier) if grid is not None and known else (0, -1)
+        found: int = _look(time_ns, samples.speed_rad_s, self._limits[0], origin_ns, self.period_ns, frontier)
+        if found != NOT_CLEAN:
+            for values, limit in zip(_after_speed_of(samples), self._limits[1:], strict=True):
+                if values is not None and not _all_within(values, limit):
+                    return NOT_CLEAN
+        return found
 
     def reject_beyond_limits(self, samples: Samples) -> BoolArray | None:
         """Return which samples can be telemetry of this wheel, bool (n,), None for all; count others as rejected."""
@@ -161,21 +172,13 @@ class OrderGuard:
         self.counts.queued -= count
         return ~wrong
 
-    def take_next(self, time_ns: IntArray) -> bool:
-        """Take good samples if they come one for each of the next slots, as nearly all do, and count them.
-
-        As one piece that `next_piece` would return; False, and nothing is counted, where there is more to decide.
-        """
+    def take_next(self, time_ns: IntArray) -> None:
+        """Take good samples that `look` found to be NEXT, as one piece that `next_piece` would return; count them."""
         count = time_ns.size
-        if self.grid is None or not 0 < count <= PIECE_SLOTS:
-            return False
-        if not _are_next(time_ns, self.grid.origin_ns, self.grid.period_ns, self.frontier):
-            return False
         self.counts.used += count
         self.counts.queued -= count
         self.frontier += count
         self.last_ns = int(time_ns[-1])
-        return True
 
     def next_piece(
         self,
@@ -288,13 +291,21 @@ class OrderGuard:
         return Piece(start + count, rows=rows, slots=slots)
 
 
+_is_nearest_slot = numba.njit(cache=True, error_model="numpy", nogil=True)(is_nearest_slot)
+
+
 @numba.njit(cache=True, nogil=True)
-def _all_times_within(time_ns: IntArray, values: FloatArray, limit: float) -> bool:
-    """Tell whether the slot arithmetic holds the time of every sample, and `_all_within` its values."""
-    count = 0
+def _look(time_ns: IntArray, speed: FloatArray, limit: float, origin_ns: int, period_ns: int, frontier: int) -> int:
+    """Do the work of `OrderGuard.look` for times and speed; `frontier` is negative where none can be NEXT."""
+    count = following = 0
     for k in range(time_ns.size):  # without a way out, so that the compiler can take several at once
         count += (time_ns[k] >= MIN_TIME_NS) & (time_ns[k] <= MAX_TIME_NS)
-    return count == time_ns.size and _all_within(values, limit)
+    if count < time_ns.size or not _all_within(speed, limit):
+        return NOT_CLEAN
+    if frontier >= 0:
+        for k in range(time_ns.size):
+            following += _is_nearest_slot(frontier + k, time_ns[k], origin_ns, period_ns)
+    return NEXT if frontier >= 0 and following == time_ns.size else CLEAN
 
 
 @numba.njit(cache=True, nogil=True)
@@ -329,18 +340,6 @@ def _mark_beyond(values: FloatArray, limit: float, wrong: BoolArray) -> int:
 
 
 _nearest_slot = numba.njit(cache=True, error_model="numpy", nogil=True)(nearest_slot)
-
-
-_is_nearest_slot = numba.njit(cache=True, error_model="numpy", nogil=True)(is_nearest_slot)
-
-
-@numba.njit(cache=True, nogil=True)
-def _are_next(time_ns: IntArray, origin_ns: int, period_ns: int, frontier: int) -> bool:
-    """Tell whether samples take the slots from `frontier` on, one after the other."""
-    count = 0
-    for k in range(time_ns.size):
-        count += _is_nearest_slot(frontier + k, time_ns[k], origin_ns, period_ns)
-    return count == time_ns.size
 
 
 @numba.njit(cache=True, nogil=True)

@@ -139,7 +139,7 @@ class Sequencer:
         frontier_ns
             Time of the latest sample taken so far, None before the first [ns].
         """
-        count = len(batch.samples)
+        count = batch.samples.time_ns.size
         self.counts.received += count
         self.counts.queued += count
         if self.current is None:
@@ -293,15 +293,14 @@ class Sequencer:
 
 def middle(time_ns: IntArray, rank: int) -> int:
     """Return the time with so many before it."""
-    if _is_sorted(time_ns):  # as nearly all messages are
-        return int(time_ns[rank])
-    return int(np.partition(time_ns, rank)[rank])
+    is_sorted, time = _at_rank_if_sorted(time_ns, rank)  # as nearly all messages are
+    return time if is_sorted else int(np.partition(time_ns, rank)[rank])
 
 
 @numba.njit(cache=True, nogil=True)
-def _is_sorted(values: IntArray) -> bool:
-    """Tell whether no value is smaller than the one before it."""
-    for k in range(1, values.size):  # noqa: SIM110 (a compiled loop)
-        if values[k] < values[k - 1]:
-            return False
-    return True
+def _at_rank_if_sorted(values: IntArray, rank: int) -> tuple[bool, int]:
+    """Tell whether no value is smaller than the one before it, and the value at that rank if so."""
+    descents = 0
+    for k in range(1, values.size):  # without a way out, so that the compiler can take several at once
+        descents += values[k] < values[k - 1]
+    return descents == 0, values[rank]

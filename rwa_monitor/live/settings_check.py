@@ -12,6 +12,7 @@ from typing import Final
 import numba
 import numpy as np
 
+from rwa_monitor.diagnosis.medians import median
 from rwa_monitor.diagnosis.window_diagnosis import WindowDiagnosis
 from rwa_monitor.live.events import Event, SamplePeriodDiffers, SpeedsBeyondLimit
 from rwa_monitor.physics.wheel import Wheel
@@ -47,7 +48,7 @@ class SettingsCheck:
         """Return what these samples show for the first time; `clean` where their speeds are known to be in range."""
         events = [] if self._times is None else self._look_at_times(self._times, samples.time_ns)
         if clean:
-            self._seen += len(samples)
+            self._seen += samples.time_ns.size
         elif not self._speed_said:
             events += self._look_at_speed(samples)
         return events
@@ -61,7 +62,7 @@ class SettingsCheck:
         steps = steps[steps > 0] / NANOSECONDS_PER_SECOND  # repeated messages and clock steps back tell no period
         if steps.size < STEPS // 2:
             return []
-        period_s = float(np.median(steps))
+        period_s = float(median(steps))
         fast = period_s * PERIOD_DIFFERS < self._expected_s
         slow = _come_slowly(steps, self._expected_s)
         return [SamplePeriodDiffers(period_s, self._expected_s)] if fast or slow else []
@@ -93,7 +94,7 @@ def with_sample_period(diagnosis: WindowDiagnosis, good: BoolArray, sample_perio
     steps_s = sample_period_s * np.diff(np.flatnonzero(good))
     if steps_s.size < STEPS or not _come_slowly(steps_s, sample_period_s):
         return diagnosis
-    if float(np.median(steps_s)) > REGULAR * float(np.quantile(steps_s, SLOW_QUANTILE)):
+    if float(np.median(steps_s)) > REGULAR * _short_step(steps_s):
         return diagnosis
     reason = (
         f"{diagnosis.reason.removesuffix('.')}; its samples come every {float(np.median(steps_s)):.3g} s: is"
@@ -105,7 +106,12 @@ def with_sample_period(diagnosis: WindowDiagnosis, good: BoolArray, sample_perio
 
 def _come_slowly(steps_s: FloatArray, expected_s: float) -> bool:
     """Return whether nearly all steps of time are longer than the wheel file's, float64 (n,) [s], not just some."""
-    return float(np.quantile(steps_s, SLOW_QUANTILE)) > expected_s * PERIOD_DIFFERS
+    return _short_step(steps_s) > expected_s * PERIOD_DIFFERS
+
+
+def _short_step(steps_s: FloatArray) -> float:
+    """Return the step that SLOW_QUANTILE of them do not exceed [s]; they are too few to interpolate between."""
+    return float(np.sort(steps_s)[int(SLOW_QUANTILE * (steps_s.size - 1))])
 
 
 @numba.njit(cache=True, nogil=True)

@@ -30,6 +30,7 @@ SEED: Final = 8_129
 RECIPE: Final = "paper"
 HELP_RUNS: Final = 7
 LENGTHS: Final = (1_000, 10_000, 100_000, 1_000_000, 10_000_000)  # samples
+STREAM_WINDOWS: Final = 8  # of one simulated wheel, after which the stream of samples begins again
 FIRST_LENGTH: Final = 100_000
 FLAT: Final = 2.0  # most over least that still counts as flat: a long run also diagnoses
 STEP_SAMPLES: Final = 80_000
@@ -69,10 +70,11 @@ def run(windows: int = WINDOWS, seed: int = SEED, progress: Progress = _untracke
     model = built_in_model()
     times = time_windows(progress(islice(generate(RECIPE, windows, seed), windows), windows), model, fastest)
     live_window = replace(first, wheel=built_in_wheel())  # the monitor's window, whatever the recipe's wheel is
+    stream = live.stream_of(built_in_wheel(), STREAM_WINDOWS, np.random.default_rng(seed))
     sections = (
         detection_section(detection_laps(first, peers)),
         window_section(times, time_hard_window(built_in_wheel(), model, seed)),
-        step_section(live.step_laps(live_window, model), live.cost_by_length(live_window, model, LENGTHS)),
+        step_section(live.step_laps(live_window, model), live.cost_by_length(stream, model, LENGTHS)),
         pipe_section(*live.race_pipes(live_window, PIPE_MESSAGES, PIPE_ROUNDS)),
         memory_section([live.memory_of(live_window, count, all_channels=every) for count, every in MEMORIES]),
         search_section(search_costs()),
@@ -185,8 +187,9 @@ def step_section(laps: list[Lap], cost: dict[int, float]) -> Section:
         title=f"The incremental step, batches of {live.BATCH}",
         text=(
             "A window that stays open: what of a batch is Python around the kernels shows as the difference between "
-            "the lines. The figures below are of one core from its first sample, windows closed and diagnosed; of the "
-            "two shortest the least of three new cores."
+            "the lines. The figures below are of one core from its first sample, windows closed and diagnosed, fed "
+            f"with {STREAM_WINDOWS} windows of one simulated wheel again and again; of the two shortest the least of "
+            "three new cores."
         ),
         targets=(
             Target(

@@ -33,7 +33,9 @@ from rwa_monitor.live.recording import read_recording
 from rwa_monitor.live.run_options import RunOptions
 from rwa_monitor.live.warm_up import warm_up
 from rwa_monitor.messages import SamplesMessage
-from rwa_monitor.physics.wheel import built_in_wheel
+from rwa_monitor.physics.scenario import Scenario
+from rwa_monitor.physics.telemetry import simulate
+from rwa_monitor.physics.wheel import Wheel, built_in_wheel
 from rwa_monitor.samples import Samples
 
 BATCH: Final = 256  # samples of a message
@@ -49,6 +51,14 @@ def samples_of(window: Window, first: int, count: int) -> Samples:
     slots = np.arange(first, first + count)
     place = slots % window.speed_rad_s.size
     return Samples(slots * window.wheel.period_ns, window.speed_rad_s[place], window.torque_Nm[place])
+
+
+def stream_of(wheel: Wheel, windows: int, rng: np.random.Generator) -> Window:
+    """Return so many windows of a simulated wheel in one, for `samples_of` to repeat."""
+    samples = simulate(Scenario(duration_s=windows * wheel.window.samples * wheel.sample_period_s), wheel, rng).samples
+    assert samples.friction_torque_Nm is not None
+    everywhere = np.ones(len(samples), dtype=np.bool_)
+    return Window(wheel, samples.speed_rad_s, samples.friction_torque_Nm, everywhere, np.nan, np.nan)
 
 
 # ---- the step --------------------------------------------------------------------------------------------------------
