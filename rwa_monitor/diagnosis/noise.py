@@ -172,7 +172,8 @@ def block_differences(
         Outputs: float64 (B, LAGS), sum of (e_{k+l} - e_k)²/2 and number of pairs of used samples.
     """
     length = BLOCK + LAGS
-    good, u, v, e = np.empty(length), np.empty(length), np.empty(length), np.empty(length)
+    room = np.empty((4, length))  # in one piece: four pieces take four times as long to get
+    good, u, v, e = room[0], room[1], room[2], room[3]
     total = np.empty(LAGS)
     for b in range(first, last):
         there = slice(b * hop, b * hop + length)

@@ -368,7 +368,8 @@ def scan(
     """
     peaks.counters[COUNT_CONFIRMED] = 0
     scales = settings.scales
-    statistic, jump = np.empty((scales.size, STRETCH)), np.empty((scales.size, STRETCH))
+    both = np.empty((2, scales.size, STRETCH))
+    statistic, jump = both[0], both[1]
     first_right, above = np.empty(scales.size, dtype=np.int64), np.empty(scales.size, dtype=np.bool_)
     begin = start
     while begin < stop:

@@ -131,7 +131,9 @@ class FrictionSource:
 
     # ---- slots → friction ----------------------------------------------------------------------------------------
 
-    def friction(self, ring: RingBuffer, start: int, stop: int) -> tuple[FloatArray, int, list[Fault]]:
+    def friction(
+        self, ring: RingBuffer, start: int, stop: int, torque: FloatArray
+    ) -> tuple[FloatArray, int, list[Fault]]:
         """Return the friction torque of the slots [start, stop), and where it stands out.
 
         Parameters
@@ -140,6 +142,8 @@ class FrictionSource:
             Holds the slots and `reach` more on either side, as far as there are any.
         start, stop
             Go on where the last call ended; both multiples of 64, or borders of windows or of the epoch.
+        torque
+            float64 (stop - start,), what the ring buffer holds of it there.
 
         Returns
         -------
@@ -150,7 +154,6 @@ class FrictionSource:
         faults
             One for each time that derived friction stands out.
         """
-        torque = ring.read("torque_Nm", start, stop)
         if self.reach == 0:
             return torque, 0, []
         around = ring.read("speed_rad_s", start - self.reach, stop + self.reach)

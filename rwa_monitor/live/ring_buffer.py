@@ -47,6 +47,7 @@ class RingBuffer:
         self._filled: NDArray[np.uint8] = np.zeros(capacity, dtype=np.uint8)
         self.channels = (*REQUIRED, *optional)
         self._values: dict[str, FloatArray] = {name: np.zeros(self.values_capacity) for name in self.channels}
+        self._speed, self._torque = (self._values[name] for name in REQUIRED)
 
     @property
     def begin(self) -> int:
@@ -152,6 +153,15 @@ class RingBuffer:
                 result[low - start : low - start + first] = array[at : at + first]
                 result[low - start + first : high - start] = array[: count - first]
         return result
+
+    def read_required(self, start: int, stop: int) -> tuple[FloatArray, FloatArray]:
+        """Return speed and torque of the slots [start, stop), as `read` does."""
+        if self._first <= start < stop <= self.end and start >= self.end - self.values_capacity:
+            at = start % self.values_capacity
+            end = at + stop - start
+            if end <= self.values_capacity:
+                return self._speed[at:end], self._torque[at:end]
+        return self.read("speed_rad_s", start, stop), self.read("torque_Nm", start, stop)
 
     def overwrite(self, name: str, start: int, values: FloatArray) -> None:
         """Replace a channel's slots [start, start + n), whose values must be held."""

@@ -268,7 +268,7 @@ class Screen:
         start, self.done = self.done, max(self.done, stop)
         if stop <= start:
             return 0, []
-        speed, torque = ring.read(SPEED, start, stop + 1), ring.read(TORQUE, start, stop + 1)
+        speed, torque = ring.read_required(start, stop + 1)
         if self._kinds.shape[1] != stop - start:
             self._kinds, self._sinces = _nothing(stop - start)
         kinds, sinces = self._kinds, self._sinces

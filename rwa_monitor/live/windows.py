@@ -183,8 +183,8 @@ class Windows:
     def _work_off(self, stop: int) -> list[Event]:
         """Add the slots [done, stop) to all open windows."""
         start, self._done = self._done, stop
-        speed = self.ring.read("speed_rad_s", start, stop)
-        friction, masked, faults = self.friction.friction(self.ring, start, stop)
+        speed, torque = self.ring.read_required(start, stop)
+        friction, masked, faults = self.friction.friction(self.ring, start, stop, torque)
         count = stop - start
         there = _THERE[:count] if count <= _THERE.size else np.ones(count, dtype=np.bool_)  # missing values are NaN
         confirmed = [window.accumulator.append(speed, friction, there) for window in self._open]
