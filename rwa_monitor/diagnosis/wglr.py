@@ -389,6 +389,7 @@ def scan(
             evaluate(state.prefix, column, count, w, settings.weight, statistic[s], jump[s])
             above[s] = _exceeds(statistic[s, :count], settings.floors[s])  # in few stretches
             if count_bins:
+                # `counted_every(w)`, written out: as a call it made all of stage 1 a quarter slower, 1.8 → 2.3 ms.
                 _count_bins(state.histogram[s], statistic[s].view(np.int64), right - w, count, max(1, w // 4))
         for step in range(begin, end, STEP):
             step_end = min(step + STEP, end)
