@@ -26,7 +26,7 @@ from rwa_monitor.evaluation.speed.detection import Window
 from rwa_monitor.evaluation.speed.live import BATCH, samples_of
 from rwa_monitor.evaluation.speed.machine import describe_machine
 from rwa_monitor.evaluation.speed.windows import window_of
-from rwa_monitor.live import windows
+from rwa_monitor.live import core, windows
 from rwa_monitor.live.core import WheelCore
 from rwa_monitor.live.friction import FrictionSource
 from rwa_monitor.live.monitor import Clock, Monitor
@@ -48,10 +48,10 @@ STAGES: dict[str, tuple[Any, str]] = {
     "lists to arrays": (SamplesMessage, "samples"),
     "record the message: MCAP, zstd": (Recorder, "input"),
     "sequencer": (Sequencer, "put"),
-    "look for values that cannot be": (OrderGuard, "is_clean"),
-    "order guard": (OrderGuard, "take_next"),
-    "ring buffer": (RingBuffer, "append"),
-    "screen for broken sensors": (Screen, "run"),
+    "order guard, ring buffer, screen: clean messages": (core, "enter"),
+    "order guard: other messages": (OrderGuard, "next_piece"),
+    "ring buffer: other messages": (RingBuffer, "extend"),
+    "screen: other messages": (Screen, "run"),
     "friction": (FrictionSource, "friction"),
     "detection: stage 1": (WindowAccumulator, "append"),
     "close: stage 1's end": (WindowAccumulator, "close"),

@@ -140,7 +140,7 @@ class WindowAccumulator:
         self._x: FloatArray = np.empty(self.slots)
         self._z: FloatArray = np.empty(self.slots)
         self._good: BoolArray = np.empty(self.slots, dtype=np.bool_)
-        used: BoolArray = np.zeros(self.slots, dtype=np.bool_)
+        used: BoolArray = np.empty(self.slots, dtype=np.bool_)  # memory is not touched before there are samples for it
         self._sums = RunningSums(self._x, self._z, used)
         self._structure = StructureSums(self.slots, wheel.speed_unit_rad_s * wheel.sample_period_s)
         self._done = 0  # slots that detection has seen
@@ -155,7 +155,7 @@ class WindowAccumulator:
         self._learned = nothing_learned(len(scales), 0.0 if self.slope_prior is None else self.slope_prior.mean)
         self._state = ScanState(
             prefix=np.empty((PREFIXES, HISTORY + CHUNK + 1)),
-            histogram=np.zeros((self._scales.size, BINS), dtype=np.int64),
+            histogram=np.empty((self._scales.size, BINS), dtype=np.int64),
         )
 
         # Short windows let the blocks of the noise estimate overlap.

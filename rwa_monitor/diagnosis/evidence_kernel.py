@@ -262,6 +262,7 @@ def _begin(stop: int, window: WindowArrays, by: WindowSettings, peaks: PeakArray
         std = step / (_NORMAL_MEDIAN * np.sqrt(2.0))
     window.numbers[WEIGHT] = first_weight(std, by.prior_std, by.paper)
     # The first chunk is scanned twice: for the histogram alone, and when it is known what to look for.
+    window.histogram[:] = 0
     state = ScanState(window.prefix, window.histogram)
     scan(x, z, used, 0, stop, True, _scanning(window, by), state, peaks, by.chunk_peaks)
     return _refresh(0, window, by)

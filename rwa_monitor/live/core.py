@@ -25,6 +25,7 @@ from rwa_monitor.live.checkpoint import (
     SequencerState,
     WaitingSample,
 )
+from rwa_monitor.live.entrance import enter
 from rwa_monitor.live.events import (
     ChannelMissing,
     EpochStarted,
@@ -33,7 +34,7 @@ from rwa_monitor.live.events import (
     WindowDiagnosed,
 )
 from rwa_monitor.live.friction import Source, source_of
-from rwa_monitor.live.order_guard import NEXT, NOT_CLEAN, PIECE_SLOTS, OrderGuard, Rows, finite_or_nan
+from rwa_monitor.live.order_guard import PIECE_SLOTS, OrderGuard, Rows, finite_or_nan
 from rwa_monitor.live.sequencer import Batch, Counts, Sequencer
 from rwa_monitor.live.settings_check import SettingsCheck
 from rwa_monitor.live.windows import Windows, forget_positions
@@ -158,10 +159,12 @@ class WheelCore:
 
     def _take(self, message: Batch) -> list[Event]:
         samples, windows = message.samples, self._windows
+        straight = windows.holds_as_measured and self._waiting is None and not message.passed
+        if straight and enter(samples, self._guard, windows.ring, windows.screen):
+            return self._settings_check.look(samples, clean=True) + windows.advance()
         friction = windows.friction
         torque = friction.torque(samples)
-        found = NOT_CLEAN if torque is None else self._guard.look(samples)
-        clean = found != NOT_CLEAN  # nearly always: there is nothing to look for
+        clean = torque is not None and self._guard.is_clean(samples)  # then there is nothing to look for
         events: list[Event] = self._settings_check.look(samples, clean=clean)
         if torque is None:
             torque = np.full(len(samples), np.nan)
@@ -172,10 +175,6 @@ class WheelCore:
         for name in friction.optional:
             measured = friction.motor_torque(samples) if name == "motor_torque_Nm" else getattr(samples, name)
             values[name] = np.full(len(samples), np.nan) if measured is None else measured
-        if found == NEXT and not (friction.derived or message.passed or self._waiting is not None):
-            self._guard.take_next(samples.time_ns)
-            windows.ring.append(samples.time_ns.size, values)
-            return events + windows.advance()
         if not clean:
             values = {name: finite_or_nan(array) for name, array in values.items()}
         rows = Rows(samples.time_ns, values)

@@ -21,16 +21,12 @@ from rwa_monitor.samples import CHANNELS, BoolArray, FloatArray, IntArray, Sampl
 from rwa_monitor.slots import MAX_TIME_NS, MIN_TIME_NS, SlotGrid, is_nearest_slot, nearest_slot
 
 _channels_of: Final = attrgetter(*CHANNELS)  # of samples, all at once: asked of every message
-_after_speed_of: Final = attrgetter(*CHANNELS[1:])
+_others_of: Final = attrgetter(*CHANNELS[2:])  # beside speed and friction
 
 # In SI units: no wheel, with limits of its own or without, has more. Sums of squares stay far from overflow.
 MAX_MAGNITUDE: Final = 1e6
 # Slots written to the ring buffer, and samples looked at, in one go.
 PIECE_SLOTS: Final = 4_096
-# What `OrderGuard.look` finds.
-NOT_CLEAN: Final = 0
-CLEAN: Final = 1
-NEXT: Final = 2
 # Where the next sample with another time is looked for first.
 NEAR_ROWS: Final = 64
 
@@ -143,21 +139,29 @@ class OrderGuard:
         self.frontier = 0
         self.last_ns: int | None = None
 
-    def look(self, samples: Samples) -> int:
-        """Tell whether all samples can be telemetry of this wheel and every value is there, and whether they are next.
+    @property
+    def speed_limit_rad_s(self) -> float:
+        """Speed beyond which a sample is rejected."""
+        return self._limits[0]
 
-        NOT_CLEAN; CLEAN; or NEXT, where besides they come one for each of the next slots, as nearly all do: then there
-        is nothing more to decide, and `take_next` may take them.
-        """
-        time_ns, grid = samples.time_ns, self.grid
-        known = grid is not None and 0 < time_ns.size <= PIECE_SLOTS
-        origin_ns, frontier = (grid.origin_ns, self.frontier) if grid is not None and known else (0, -1)
-        found: int = _look(time_ns, samples.speed_rad_s, self._limits[0], origin_ns, self.period_ns, frontier)
-        if found != NOT_CLEAN:
-            for values, limit in zip(_after_speed_of(samples), self._limits[1:], strict=True):
-                if values is not None and not _all_within(values, limit):
-                    return NOT_CLEAN
-        return found
+    @property
+    def friction_limit_Nm(self) -> float:
+        """Friction torque beyond which a sample is rejected."""
+        return self._limits[1]
+
+    def is_clean(self, samples: Samples) -> bool:
+        """Tell whether all samples can be telemetry of this wheel and every value is there, as nearly always."""
+        if not can_be_telemetry(samples.time_ns, samples.speed_rad_s, self._limits[0]):
+            return False
+        friction = samples.friction_torque_Nm
+        return (friction is None or all_within(friction, self._limits[1])) and self.others_can_be(samples)
+
+    def others_can_be(self, samples: Samples) -> bool:
+        """Tell the same of the channels beside speed and friction."""
+        for values, limit in zip(_others_of(samples), self._limits[2:], strict=True):
+            if values is not None and not all_within(values, limit):
+                return False
+        return True
 
     def reject_beyond_limits(self, samples: Samples) -> BoolArray | None:
         """Return which samples can be telemetry of this wheel, bool (n,), None for all; count others as rejected."""
@@ -172,8 +176,8 @@ class OrderGuard:
         self.counts.queued -= count
         return ~wrong
 
-    def take_next(self, time_ns: IntArray) -> None:
-        """Take good samples that `look` found to be NEXT, as one piece that `next_piece` would return; count them."""
+    def count_next(self, time_ns: IntArray) -> None:
+        """Count good samples that took one of the next slots each, as `next_piece` would: see `entrance.enter`."""
         count = time_ns.size
         self.counts.used += count
         self.counts.queued -= count
@@ -295,26 +299,30 @@ _is_nearest_slot = numba.njit(cache=True, error_model="numpy", nogil=True)(is_ne
 
 
 @numba.njit(cache=True, nogil=True)
-def _look(time_ns: IntArray, speed: FloatArray, limit: float, origin_ns: int, period_ns: int, frontier: int) -> int:
-    """Do the work of `OrderGuard.look` for times and speed; `frontier` is negative where none can be NEXT."""
-    count = following = 0
+def can_be_telemetry(time_ns: IntArray, speed: FloatArray, limit: float) -> bool:
+    """Tell whether the slot arithmetic holds every time, and every speed is there and within `limit`."""
+    count = 0
     for k in range(time_ns.size):  # without a way out, so that the compiler can take several at once
         count += (time_ns[k] >= MIN_TIME_NS) & (time_ns[k] <= MAX_TIME_NS)
-    if count < time_ns.size or not _all_within(speed, limit):
-        return NOT_CLEAN
-    if frontier >= 0:
-        for k in range(time_ns.size):
-            following += _is_nearest_slot(frontier + k, time_ns[k], origin_ns, period_ns)
-    return NEXT if frontier >= 0 and following == time_ns.size else CLEAN
+    return count == time_ns.size and all_within(speed, limit)
 
 
 @numba.njit(cache=True, nogil=True)
-def _all_within(values: FloatArray, limit: float) -> bool:
+def all_within(values: FloatArray, limit: float) -> bool:
     """Tell whether every value is there, and within `limit` in absolute value."""
     count = 0
     for k in range(values.size):
         count += abs(values[k]) <= limit
     return count == values.size
+
+
+@numba.njit(cache=True, nogil=True)
+def all_follow(time_ns: IntArray, frontier: int, origin_ns: int, period_ns: int) -> bool:
+    """Tell whether samples whose times the slot arithmetic holds take one slot each, from `frontier` on."""
+    count = 0
+    for k in range(time_ns.size):
+        count += _is_nearest_slot(frontier + k, time_ns[k], origin_ns, period_ns)
+    return count == time_ns.size
 
 
 @numba.njit(cache=True, nogil=True)

@@ -39,7 +39,6 @@ STEPS_TO_JUDGE: Final = 16  # before roughness is known well enough
 # slot: anomalies of the paper are about twice the nominal friction. A system without given friction counts as one dry
 # torque.
 LARGEST_FACTOR: Final = 2.0
-KEPT_SLOTS: Final = 1024  # for which the room for findings is kept from one message to the next: 18 kB
 LAG_SLOTS: Final = max(HANGING_SLOTS, OUTSTANDING_SLOTS)
 
 SPEED: Final = "speed_rad_s"
@@ -188,19 +187,25 @@ def _judge(
 
 
 @numba.njit(cache=True, error_model="numpy", nogil=True)
-def _judge_both(
-    first: FloatArray,
-    first_limit: float,
-    first_state: FloatArray,
-    second: FloatArray,
-    second_limit: float,
-    second_state: FloatArray,
-    kind: NDArray[np.int8],
-    since: NDArray[np.int64],
-) -> bool:
-    """Do the work of `Channel.judge` for two channels: n slots and the one after them; kind and since are (2, n)."""
-    in_first = _judge(first[:-1], first[1:], first_limit, first_state, kind[0], since[0])
-    return _judge(second[:-1], second[1:], second_limit, second_state, kind[1], since[1]) or in_first
+def pass_next(last: float, values: FloatArray, limit: float, state: FloatArray, judged: FloatArray) -> bool:
+    """Judge the newest slot and those that follow it but for the last one, which only judges; return if all pass.
+
+    Parameters
+    ----------
+    last, values
+        The newest slot so far, and float64 (n,) those that follow, none of them missing.
+    limit
+        As for `Channel.judge`.
+    state
+        `Channel.state` before, which stays as it is.
+    judged
+        float64 (11,): the state after them, output.
+    """
+    piece = np.empty(values.size + 1)
+    piece[0], piece[1:] = last, values
+    kind, since = np.zeros(values.size, dtype=np.int8), np.zeros(values.size, dtype=np.int64)
+    judged[:] = state
+    return not _judge(piece[:-1], piece[1:], limit, judged, kind, since)
 
 
 def speed_limit(wheel: Wheel) -> float:
@@ -238,9 +243,6 @@ class Screen:
     done: int = 0
     speed: Channel = field(default_factory=Channel)
     torque: Channel = field(default_factory=Channel)
-    # What is found of the next slots: nothing. Messages mostly have one length, and it mostly stays nothing.
-    _kinds: NDArray[np.int8] = field(default_factory=lambda: _nothing(0)[0], init=False, repr=False)
-    _sinces: IntArray = field(default_factory=lambda: _nothing(0)[1], init=False, repr=False)
 
     def reset(self) -> None:
         """Begin a new epoch."""
@@ -269,28 +271,18 @@ class Screen:
         if stop <= start:
             return 0, []
         speed, torque = ring.read_required(start, stop + 1)
-        if self._kinds.shape[1] != stop - start:
-            self._kinds, self._sinces = _nothing(stop - start)
-        kinds, sinces = self._kinds, self._sinces
-        if not _judge_both(
-            speed,
-            self.speed_limit_rad_s,
-            self.speed.state,
-            torque,
-            self.torque_limit_Nm,
-            self.torque.state,
-            kinds,
-            sinces,
-        ):
-            if stop - start > KEPT_SLOTS:
-                self._kinds, self._sinces = _nothing(0)
+        in_speed = self.speed.judge(speed[:-1], speed[1:], self.speed_limit_rad_s)
+        in_torque = self.torque.judge(torque[:-1], torque[1:], self.torque_limit_Nm)
+        if in_speed is None and in_torque is None:
             return 0, []
-        self._kinds, self._sinces = _nothing(0)  # these hold something
         turning = speed[:-1] != 0.0  # before anything is masked
         held = max(start - LAG_SLOTS, ring.values_begin)  # the first slot that may still be masked
         good: BoolArray | None = None  # before anything was masked
         faults = []
-        for name, kind, since in zip((SPEED, TORQUE), kinds, sinces, strict=True):
+        for name, judged in ((SPEED, in_speed), (TORQUE, in_torque)):
+            if judged is None:
+                continue
+            kind, since = judged
             # A tachometer at rest shows zero, and so may the current: that is no fault.
             wrong = (kind == STANDS_OUT) | ((kind == HANGS) & turning)
             if not wrong.any():
@@ -305,11 +297,6 @@ class Screen:
             ring.overwrite(name, held, values)
         masked = 0 if good is None else int(good.sum() - _good(ring, held, stop).sum())
         return masked, sorted(faults, key=lambda fault: fault.slot)
-
-
-def _nothing(slots: int) -> tuple[NDArray[np.int8], IntArray]:
-    """Return what `_judge_both` writes to, for so many slots."""
-    return np.zeros((2, slots), dtype=np.int8), np.zeros((2, slots), dtype=np.int64)
 
 
 def _good(ring: RingBuffer, start: int, stop: int) -> BoolArray:

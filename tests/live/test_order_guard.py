@@ -11,7 +11,7 @@ from hypothesis import given, settings
 
 from rwa_monitor.live.core import WheelCore
 from rwa_monitor.live.events import EpochStarted, StraySamples, WindowDiagnosed
-from rwa_monitor.live.order_guard import NEXT, PIECE_SLOTS, OrderGuard
+from rwa_monitor.live.order_guard import PIECE_SLOTS, OrderGuard
 from rwa_monitor.live.sequencer import (
     CHALLENGE_MESSAGES,
     DOUBT_FACTOR,
@@ -379,31 +379,6 @@ def test_samples_take_the_slots_of_the_grid(times: list[int], period_ns: int) ->
     if expected.max() <= PIECE_SLOTS:
         assert piece.slots.tolist() == np.unique(expected).tolist()
     assert piece.slots.tolist() == grid.slot_of(time_ns[piece.rows]).tolist()
-
-
-@given(
-    origin_ns=st.integers(MIN_TIME_NS, MAX_TIME_NS - 10**14),
-    period_ns=st.integers(1_000, 10**12),
-    first=st.integers(0, 50),
-    jitter=st.lists(st.floats(-0.6, 0.6), min_size=1, max_size=20),
-)
-def test_samples_go_straight_on_where_the_grid_gives_them_the_next_slots(
-    origin_ns: int, period_ns: int, first: int, jitter: list[float]
-) -> None:
-    """The short way without a division, against the grid's own arithmetic."""
-    guard = OrderGuard(period_ns, 10**15, Limits(), None, Counts(queued=len(jitter)))
-    guard.grid, guard.frontier = SlotGrid(origin_ns, period_ns), first
-    expected = np.arange(first, first + len(jitter))
-    time_ns = origin_ns + expected * period_ns + (np.array(jitter) * period_ns).astype(np.int64)
-    straight = guard.grid.slot_of(time_ns).tolist() == expected.tolist()
-    found = guard.look(Samples(time_ns, np.zeros(time_ns.size)))
-    assert (found == NEXT) is straight
-    if found == NEXT:
-        guard.take_next(time_ns)
-        assert (guard.frontier, guard.last_ns) == (first + len(jitter), time_ns[-1])
-        assert guard.counts == Counts(used=len(jitter))
-    else:
-        assert (guard.frontier, guard.last_ns, guard.counts) == (first, None, Counts(queued=len(jitter)))
 
 
 @given(times=st.lists(st.integers(-(2**60), 2**60), min_size=1))

@@ -21,7 +21,6 @@ from rwa_monitor.diagnosis.evidence import WindowAccumulator
 from rwa_monitor.diagnosis.model import Model, built_in_model
 from rwa_monitor.evaluation.speed.detection import Window, seven_scales
 from rwa_monitor.evaluation.speed.race import Lap, Runner, laps
-from rwa_monitor.evaluation.speed.windows import REPEATS
 from rwa_monitor.live.bus import BusOptions, Inbox, MonitorBus, open_session
 from rwa_monitor.live.chain import RECORDING_SUFFIX, recordings_of
 from rwa_monitor.live.core import WheelCore
@@ -39,7 +38,8 @@ from rwa_monitor.physics.wheel import Wheel, built_in_wheel
 from rwa_monitor.samples import Samples
 
 BATCH: Final = 256  # samples of a message
-LONGEST_REPEATED: Final = 10_000  # samples up to which a length is run more than once: they take a few milliseconds
+LONGEST_REPEATED: Final = 10_000  # samples up to which a length is run more than once: they take a millisecond
+REPEATED: Final = 20  # new cores then
 STEP_BATCH: Final = f"ours, batches of {BATCH}: guard, ring buffer, detection"
 STEP_AT_ONCE: Final = "ours, the same core, the window at once"
 STEP_STAGE: Final = "ours, stage 1 alone, the window at once"
@@ -95,10 +95,10 @@ def step_laps(window: Window, model: Model) -> list[Lap]:
 def cost_by_length(window: Window, model: Model, lengths: tuple[int, ...]) -> dict[int, float]:
     """Return the time per sample [s] of one core fed in batches, windows closed and diagnosed, by number of samples.
 
-    Of short lengths, which take no longer than a disturbance does, the least of `REPEATS` new cores.
+    Of short lengths, which take no longer than a disturbance does, the least of `REPEATED` new cores.
     """
     return {
-        length: min(_cost(window, model, length) for _ in range(REPEATS if length <= LONGEST_REPEATED else 1))
+        length: min(_cost(window, model, length) for _ in range(REPEATED if length <= LONGEST_REPEATED else 1))
         for length in lengths
     }
 
