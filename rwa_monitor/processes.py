@@ -43,7 +43,7 @@ LIMIT_BEFORE: Final = "memory/memory.limit_in_bytes", "memory/memory.stat"  # wh
 END_S: Final = 1.0  # for the system to say how a process ended that has closed its pipe
 PROTOCOL: Final = 5  # of what is sent: arrays in one piece
 FUNCTION, ITEM, KEEP, FORGET, VALUE, ERROR = "function", "item", "keep", "forget", "value", "error"  # messages
-PRELOAD: Final = [__name__, "rwa_monitor.discrepancy.search"]
+PRELOAD: Final = [__name__, "rwa_monitor.preloaded"]
 
 
 @contextmanager
@@ -77,7 +77,7 @@ def on_processes(processes: int) -> Iterator[Mapper]:
 def _start_server() -> bool:
     """Start the process that the others are forked from; False where the system does not let it.
 
-    It imports what is needed, once for all, and has no threads. A signal of the whole terminal is this process's alone.
+    It imports and loads what is needed, once for all, and has no threads. A signal of the whole terminal is this process's alone.
     """
     multiprocessing.set_forkserver_preload(PRELOAD)
     try:

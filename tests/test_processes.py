@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 import psutil
 import pytest
+from numba.core.dispatcher import Dispatcher
 
 from rwa_monitor import processes
 from rwa_monitor.discrepancy.mapper import Mapper, SentOnce, in_turn
@@ -77,6 +78,12 @@ def killed(item: int) -> int:
     return item
 
 
+def loops_there(_: int) -> tuple[int, int]:
+    """Return the process, and how many of our compiled loops it has, without asking for any."""
+    ours = [one for one in gc.get_objects() if isinstance(one, Dispatcher) and one.py_func.__module__.startswith("rwa")]
+    return os.getpid(), sum(bool(one.signatures) for one in ours)
+
+
 @pytest.fixture(scope="module")
 def each() -> Iterator[Mapper]:
     with on_processes(PROCESSES) as mapper:
@@ -122,6 +129,16 @@ def test_what_is_sent_once_comes_back_as_the_one_here(each: Mapper) -> None:
     shelf = Shelf(np.zeros(1))
     assert all(one is shelf for one, _ in each(partial(same, shelf), range(4), apart=True))
     assert all(one is shelf for one in each(itself, [shelf, shelf], apart=True))
+
+
+def test_processes_begin_with_the_compiled_loops_of_a_search() -> None:
+    with on_processes(PROCESSES) as each:  # new ones
+        there = dict(each(loops_there, range(4), apart=True))
+    assert len(there) == PROCESSES
+    assert min(there.values()) >= 10  # 12 are called in all
+    # What is forked from a process with several threads may stand still.
+    server = psutil.Process(processes.forkserver._forkserver._forkserver_pid)
+    assert server.num_threads() == 1
 
 
 def test_a_process_has_its_own_way_to_apply_functions(each: Mapper) -> None:
