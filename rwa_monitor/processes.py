@@ -77,7 +77,8 @@ def on_processes(processes: int) -> Iterator[Mapper]:
 def _start_server() -> bool:
     """Start the process that the others are forked from; False where the system does not let it.
 
-    It imports and loads what is needed, once for all, and has no threads. A signal of the whole terminal is this process's alone.
+    It imports and loads what is needed, once for all, and has no threads. A signal of the whole terminal is this
+    process's alone.
     """
     multiprocessing.set_forkserver_preload(PRELOAD)
     try:
