@@ -220,6 +220,7 @@ def pipe_section(bare: list[live.PipeRate], ours: list[live.PipeRate]) -> Sectio
     rates = [max(one.rate for one in found) for found in (bare, ours)]
     by_the_clock = [max(one.recorded / one.seconds for one in found) for found in (bare, ours)]
     lost = sum(one.sent - one.recorded for one in (*bare, *ours))
+    account = "; ".join(one.account for one in ours if one.account)
     return Section(
         title="From the bus to the recording",
         text=(
@@ -236,7 +237,13 @@ def pipe_section(bare: list[live.PipeRate], ours: list[live.PipeRate]) -> Sectio
                 least=True,
                 absolute=f"{rates[1]:,.0f} a second, {rates[0]:,.0f} a second",
             ),
-            Target("samples lost on the way", float(lost), 0.0, least=False, absolute=f"{lost} of {len(ours)} runs"),
+            Target(
+                "samples lost on the way",
+                float(lost),
+                0.0,
+                least=False,
+                absolute=f"{lost} of {len(ours)} runs{account and f' ({account})'}",
+            ),
         ),
         figures={
             "bus → recording, samples a second": rates[1],

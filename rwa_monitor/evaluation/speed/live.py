@@ -27,7 +27,7 @@ from rwa_monitor.live.core import WheelCore
 from rwa_monitor.live.monitor import Clock, Monitor
 from rwa_monitor.live.past import Past
 from rwa_monitor.live.publisher import SamplesPublisher
-from rwa_monitor.live.recorder import Recorder
+from rwa_monitor.live.recorder import REFUSED, Recorder
 from rwa_monitor.live.recording import read_recording
 from rwa_monitor.live.run_options import RunOptions
 from rwa_monitor.live.warm_up import warm_up
@@ -97,6 +97,7 @@ def cost_by_length(window: Window, model: Model, lengths: tuple[int, ...]) -> di
 
     Of short lengths, which take no longer than a disturbance does, the least of `REPEATED` new cores.
     """
+    _cost(window, model, window.wheel.window.samples + 2 * BATCH)  # uncounted: what a window's close needs is loaded
     return {
         length: min(_cost(window, model, length) for _ in range(REPEATED if length <= LONGEST_REPEATED else 1))
         for length in lengths
@@ -129,12 +130,15 @@ class PipeRate:
         From the first message that arrived to the last that was written.
     busy_s
         Processor time of the thread that served them, in this time: without waiting for the sender.
+    account
+        What became of messages that were not recorded once each, in words; "" where all were.
     """
 
     sent: int
     recorded: int
     seconds: float
     busy_s: float
+    account: str = ""
 
     @property
     def rate(self) -> float:
@@ -249,12 +253,17 @@ def monitor_pipe(endpoint: str, folder: Path, messages: int) -> PipeRate:
             monitor.tick()
         monitor.close()
         seconds, busy_s = time.perf_counter() - begin, time.thread_time() - busy
-    recorded = 0
-    for path in recordings_of(folder):
-        for found in read_recording(path).messages:
-            if found.topic.endswith(f"/{SamplesMessage.kind}"):
-                recorded += len(SamplesMessage.parse(found.data, found.topic).time_ns)
-    return PipeRate(messages * BATCH, recorded, seconds, busy_s)
+        account = {"lost by the bus": sum(bus.missed.values()), "dropped": bus.inbox.dropped}
+    recordings = [read_recording(path) for path in recordings_of(folder)]
+    found = [message for recording in recordings for message in recording.messages]
+    inputs = [
+        SamplesMessage.parse(one.data, one.topic) for one in found if one.topic.endswith(f"/{SamplesMessage.kind}")
+    ]
+    account["recorded twice"] = len(inputs) - len({one.batch for one in inputs})
+    account["refused"] = sum(one.topic.endswith(f"/{REFUSED}") for one in found)
+    account["parts of the recording not readable"] = sum(len(recording.problems) for recording in recordings)
+    words = ", ".join(f"{count} {what}" for what, count in account.items() if count)
+    return PipeRate(messages * BATCH, sum(len(one.time_ns) for one in inputs), seconds, busy_s, words)
 
 
 def _silent(text: str) -> None:
