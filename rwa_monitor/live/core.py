@@ -2,6 +2,7 @@
 
     messages → sequencer → order guard → ring buffer → screen → friction less known effects → open windows → diagnosis
 
+A clean message takes guard, ring buffer and screen in one step (`entrance`), any other one after the other.
 Live monitor, replay and the diagnosis of tables all feed this one core, so that they agree by construction, and its
 result does not depend on how the samples are cut into messages.
 """
