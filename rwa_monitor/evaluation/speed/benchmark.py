@@ -189,7 +189,7 @@ def step_section(laps: list[Lap], cost: dict[int, float]) -> Section:
             "A window that stays open: what of a batch is Python around the kernels shows as the difference between "
             "the lines. The figures below are of one core from its first sample, windows closed and diagnosed, fed "
             f"with {STREAM_WINDOWS} windows of one simulated wheel again and again; of the two shortest the least of "
-            "three new cores."
+            f"{live.REPEATED} new cores. All that these windows need is loaded before."
         ),
         targets=(
             Target(
