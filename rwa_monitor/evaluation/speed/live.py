@@ -240,7 +240,8 @@ def monitor_pipe(endpoint: str, folder: Path, messages: int) -> PipeRate:
     )
     begin, busy = 0.0, 0.0
     with open_session(options.bus) as session, MonitorBus(session, Inbox()) as bus:
-        monitor = Monitor(options, bus, recorder, _silent, clock)
+        said: list[str] = []
+        monitor = Monitor(options, bus, recorder, said.append, clock)
         monitor.begin(Past())
         bus.subscribe(options.wheels)
         bus.offer_health()
@@ -262,12 +263,9 @@ def monitor_pipe(endpoint: str, folder: Path, messages: int) -> PipeRate:
     account["recorded twice"] = len(inputs) - len({one.batch for one in inputs})
     account["refused"] = sum(one.topic.endswith(f"/{REFUSED}") for one in found)
     account["parts of the recording not readable"] = sum(len(recording.problems) for recording in recordings)
-    words = ", ".join(f"{count} {what}" for what, count in account.items() if count)
-    return PipeRate(messages * BATCH, sum(len(one.time_ns) for one in inputs), seconds, busy_s, words)
-
-
-def _silent(text: str) -> None:
-    del text
+    words = [f"{count} {what}" for what, count in account.items() if count]
+    words += [line for line in said if "refused" in line]
+    return PipeRate(messages * BATCH, sum(len(one.time_ns) for one in inputs), seconds, busy_s, ", ".join(words))
 
 
 def free_endpoint() -> str:
