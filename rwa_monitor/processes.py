@@ -40,6 +40,8 @@ BYTES_OF_A_PROCESS: Final = 150_000_000
 BYTES_OF_A_SAMPLE: Final = 3_300
 CGROUP: Final = Path("/sys/fs/cgroup")  # of a container, as it sees its own
 LIMIT_BEFORE: Final = "memory/memory.limit_in_bytes", "memory/memory.stat"  # where cgroups are of version 1
+CPU_LIMIT_BEFORE: Final = "cpu/cpu.cfs_quota_us", "cpu/cpu.cfs_period_us"
+NO_LIMIT: Final = "max", "-1"
 END_S: Final = 1.0  # for the system to say how a process ended that has closed its pipe
 PROTOCOL: Final = 5  # of what is sent: arrays in one piece
 FUNCTION, ITEM, KEEP, FORGET, VALUE, ERROR = "function", "item", "keep", "forget", "value", "error"  # messages
@@ -94,13 +96,20 @@ def _start_server() -> bool:
 
 
 def cores() -> int:
-    """Return how many processes can run at once here; Linux only."""
-    return len(os.sched_getaffinity(0))
+    """Return how many processes can run at once here, by the system and the limit of a container; Linux only."""
+    allowed = len(os.sched_getaffinity(0))
+    for files in (("cpu.max",), CPU_LIMIT_BEFORE):  # the time that is given [µs], and in which one
+        if all((CGROUP / file).exists() for file in files):
+            given, of = " ".join((CGROUP / file).read_text(encoding="ascii") for file in files).split()
+            if given not in NO_LIMIT:
+                allowed = min(allowed, -(-int(given) // int(of)))
+    return allowed
 
 
-def for_a_search(samples: int) -> int:
-    """Return how many processes a search of so many samples is given here; Linux only."""
-    return processes_of_a_search(samples, cores(), memory_left_bytes())
+def for_a_search(samples: int, held_out: int = 0) -> int:
+    """Return how many processes a search of so many samples is given here, with others held out; Linux only."""
+    # What is held out is this process's alone.
+    return processes_of_a_search(samples, cores(), memory_left_bytes() - BYTES_OF_A_SAMPLE * held_out)
 
 
 def processes_of_a_search(samples: int, cores: int, memory_bytes: int) -> int:

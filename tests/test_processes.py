@@ -249,6 +249,35 @@ def test_the_limit_of_a_container_counts(
     assert memory_left_bytes() == left if left else memory_left_bytes() > 1e9
 
 
+@pytest.mark.parametrize(
+    ("files", "cores"),
+    [
+        ({"cpu.max": "200000 100000"}, 2),
+        ({"cpu.max": "150000 100000"}, 2),  # one would leave half a core idle
+        ({"cpu.max": "50000 100000"}, 1),
+        ({"cpu.max": "max 100000"}, None),
+        ({"cpu/cpu.cfs_quota_us": "200000", "cpu/cpu.cfs_period_us": "100000"}, 2),
+        ({"cpu/cpu.cfs_quota_us": "-1", "cpu/cpu.cfs_period_us": "100000"}, None),
+    ],
+)
+def test_the_processor_time_of_a_container_counts(
+    files: dict[str, str], cores: int | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for name, text in files.items():
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text(f"{text}\n")
+    monkeypatch.setattr(processes, "CGROUP", tmp_path)
+    monkeypatch.setattr(processes.os, "sched_getaffinity", lambda _: set(range(8)))
+    assert processes.cores() == (cores or 8)
+
+
+def test_what_is_held_out_leaves_less_memory_to_others(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(processes, "cores", lambda: 4)
+    monkeypatch.setattr(processes, "memory_left_bytes", lambda: 2_500_000_000)
+    assert processes.for_a_search(80_000) == 4
+    assert processes.for_a_search(80_000, held_out=400_000) == 1
+
+
 def test_processes_end_with_the_block() -> None:
     with on_processes(PROCESSES) as each:
         assert each(abs, [-1, -2], apart=True) == [1, 2]

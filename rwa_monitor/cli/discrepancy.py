@@ -130,7 +130,8 @@ def command(
     if wanted.out is not None:
         make_folder(wanted.out, "--out")
     recordings, aside = read_recordings(files, decoding), read_recordings(wanted.held_out, decoding)
-    with on_processes(for_a_search(sum(len(samples) for _, samples in recordings.samples))) as side_by_side:
+    searched, held_out = (sum(len(samples) for _, samples in read.samples) for read in (recordings, aside))
+    with on_processes(for_a_search(searched, held_out)) as side_by_side:
         found = _search(recordings, aside, wheel or recordings.wheel or built_in_wheel(), wanted, side_by_side)
     planned = plan(found) if wanted.show_plan else None
     if wanted.out is not None:
