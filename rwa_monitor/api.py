@@ -100,7 +100,7 @@ _logger = logging.getLogger("rwa_monitor")
 
 def _tell_of_compiling() -> None:
     tell_of_compiling(
-        lambda: _logger.warning("compiling what this needs, once on this machine: this takes up to a minute")
+        lambda: _logger.warning("compiling what this needs, once on this machine: this takes a minute or two")
     )
 
 

@@ -1,4 +1,4 @@
-"""Tells of the compilation of kernels, which takes up to a minute, once on each machine; then they are kept on disk.
+"""Tells of the compilation of kernels, which takes a minute or two, once on each machine; then they are kept on disk.
 
 Each is compiled when it is first called, so the first use compiles most of them, and the first one of another kind
 those that it needs beside.

@@ -194,7 +194,7 @@ new(1.0)
 new(1)
 """
     done = subprocess.run([sys.executable, "-c", code], check=True, capture_output=True, text=True)
-    assert done.stderr.splitlines() == ["compiling what this needs, once on this machine: this takes up to a minute"]
+    assert done.stderr.splitlines() == ["compiling what this needs, once on this machine: this takes a minute or two"]
 
 
 def test_reading_warns_of_columns_left_out(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Says so when kernels are compiled, which takes up to a minute, once on each machine."""
+"""Says so when kernels are compiled, which takes a minute or two, once on each machine."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import Final
 
 from rwa_monitor.cli.talk import say
 
-MESSAGE: Final = "compiling what this command needs, once on this machine: this takes up to a minute"
+MESSAGE: Final = "compiling what this command needs, once on this machine: this takes a minute or two"
 
 
 def tell_of_compiling(noticeable_s: float | None = None) -> None:

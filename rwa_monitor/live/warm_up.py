@@ -1,7 +1,7 @@
 """Compiles what the core needs, before samples wait for it.
 
 The kernels of the diagnosis are compiled when they are first called, and then kept on disk: once for each kind of array
-that they are called with. On a new machine this takes up to a minute, in which a service would neither hear its stop
+that they are called with. On a new machine this takes a minute or two, in which a service would neither hear its stop
 signal nor take samples, and the compiler some 500 MB, which a process does not give back. So a service has it done by
 another one (`prepare`) and loads from the disk what that has compiled, which takes a second and 100 MB.
 """
