@@ -1,10 +1,12 @@
 """Closes the gaps in what publishers send, before anybody else sees them.
 
-Zenoh's advanced subscriber asks publishers for their history when it starts, and for what it missed. Two things can go
-wrong with that (seen with Zenoh 1.10). Where a live message overtakes the history, the history is thrown away as older:
-one in eight starts while messages flow. And where a question is lost with a connection, it is not asked again. So here
-the messages of a publisher, which Zenoh counts, wait while one before them is missing, and that one is asked for again;
-messages of others pass. What arrives twice is recognised by its batch number further on.
+Zenoh's advanced subscriber asks publishers for their history when it starts, and for what it missed. Three things can
+go wrong with that (seen with Zenoh 1.10). Where a live message overtakes the history, the history is thrown away as
+older: one in eight starts while messages flow. Where a question is lost with a connection, it is not asked again. And
+where a long history comes at once, the end of a message may be the beginning of another one: once in some 30 histories
+of 4,000 messages of 12 kB. So here the messages of a publisher, which Zenoh counts, wait while one before them is
+missing or could not be read, and that one is asked for again; messages of others pass. What arrives twice is recognised
+by its batch number further on.
 
 After an outage, or a start of the monitor, that is so of all publishers of a fleet at once. Their answers, which may be
 whole histories, are not counted before they are here: so a few publishers are asked at a time, the others when those
@@ -35,7 +37,8 @@ class Arrival(NamedTuple):
     """A message that arrived: where it was published, its content, who published it, and as which of its messages.
 
     `source` is zid/eid of the publisher in Zenoh, "" where it does not say; `number` counts from 0. `is_gap` marks what
-    is no message, but tells that all before `number` was sent: the inbox had no room for it.
+    is no message, but tells that all before `number` was sent: the inbox had no room for it. `again` marks what was
+    asked for once more because it could not be read.
     """
 
     key: str
@@ -43,6 +46,7 @@ class Arrival(NamedTuple):
     source: str = ""
     number: int = 0
     is_gap: bool = False
+    again: bool = False
 
 
 # Asks for what a publisher sent before a message, from a number on; calls the first function for each answer, and the
@@ -54,7 +58,8 @@ Ask = Callable[[Arrival, int, Callable[[Arrival], None], Callable[[], None]], No
 class _Gap:
     """Messages first … before - 1 of a publisher are missing; those after them wait.
 
-    `asked_s` is None until the publisher's turn to be asked has come.
+    `asked_s` is None until the publisher's turn to be asked has come. `unread` is the one that is missing because it
+    could not be read, as it came: what there is where the publisher no longer has it.
     """
 
     first: int
@@ -65,6 +70,7 @@ class _Gap:
     found_bytes: int = 0
     answered_s: float | None = None
     held: deque[Arrival] = field(default_factory=deque)
+    unread: Arrival | None = None
 
     def take(self, message: Arrival) -> None:
         """Take an answer, in any thread."""
@@ -111,6 +117,7 @@ class Backfill:
         self._asked: list[_Gap] = []  # and the others
         self._held_bytes = 0
         self._ready: deque[Arrival] = deque()
+        self._no_use: OrderedDict[str, None] = OrderedDict()  # who writes what cannot be read: an ordered set
 
     def __len__(self) -> int:
         """Count the messages that wait here."""
@@ -151,6 +158,34 @@ class Backfill:
         """
         self._sort(Arrival(dropped.key, b"", dropped.source, dropped.number + 1, is_gap=True))
         self._ask_next()
+
+    def ask_again(self, unread: Arrival) -> bool:
+        """Ask once more for a message that could not be read; what follows it waits.
+
+        Returns False where that is no use: its publisher cannot be asked, or it came like this twice. A publisher whose
+        message did so is not asked again for others.
+        """
+        source, number = unread.source, unread.number
+        if unread.again:
+            self._no_use[source] = None
+            if len(self._no_use) > MAX_SOURCES:
+                self._no_use.popitem(last=False)
+        if not source or source in self._no_use:
+            return False
+        gap = _Gap(number, Arrival(unread.key, b"", source, number + 1, is_gap=True), pauses_s=[], unread=unread)
+        following = [arrival for arrival in self._ready if arrival.source == source]
+        self._ready = deque(arrival for arrival in self._ready if arrival.source != source)
+        for arrival in following:
+            self._hold(gap, arrival)
+        if source in self._gaps:  # what is missing further on is found to be missing again
+            later = self._gaps.pop(source)
+            gap.held += later.held
+            (self._unasked if later.asked_s is None else self._asked).remove(later)
+        self._gaps[source] = gap
+        self._unasked.appendleft(gap)
+        self._next[source] = number
+        self._ask_next()
+        return True
 
     def _pass(self, arrival: Arrival) -> None:
         if arrival.is_gap:
@@ -203,6 +238,8 @@ class Backfill:
         del self._gaps[source]
         self._asked.remove(gap)
         found = dict(gap.found)  # a late answer may still come
+        if gap.unread is not None:
+            found = {gap.first: found.get(gap.first, gap.unread)._replace(again=True)}
         lost = gap.before.number - gap.first - len(found)
         if lost > 0 and gap.first > 0:  # what a publisher sent before we ever heard of it, nobody misses
             self.missed[gap.before.key] = self.missed.get(gap.before.key, 0) + lost

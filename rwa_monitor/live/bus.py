@@ -330,6 +330,10 @@ class MonitorBus:
                 self._backfill.miss(dropped)
         return message
 
+    def ask_again(self, message: Arrival) -> bool:
+        """Ask for a message once more that could not be read; False where that is no use: see `Backfill.ask_again`."""
+        return self._backfill.ask_again(message)
+
     @property
     def missed(self) -> dict[str, int]:
         """Messages that publishers no longer had when they were asked for them again, by key."""

@@ -25,7 +25,7 @@ from rwa_monitor.live.recorder import Checkpoints, Recorder
 from rwa_monitor.live.run_options import RunOptions
 from rwa_monitor.live.searches import Searches
 from rwa_monitor.messages import Diagnosis, Health, Message, SamplesMessage, Status, key_of, split_key
-from rwa_monitor.messages.samples import misspelt
+from rwa_monitor.messages.samples import is_json, misspelt
 from rwa_monitor.version import SOFTWARE
 from rwa_monitor.words import counted, time_text
 
@@ -75,6 +75,9 @@ class Bus(Protocol):
 
     def take(self) -> Arrival | None:
         """Return the next message, None when there is none yet."""
+
+    def ask_again(self, message: Arrival) -> bool:
+        """Ask once more for a message that could not be read, and hold back what follows; False if that is no use."""
 
     def waiting(self) -> int:
         """Count the messages that wait."""
@@ -156,7 +159,7 @@ class Monitor:
         if message is None:
             self.bus.inbox.wake.wait(IDLE_WAIT_S)
         else:
-            self.receive(message.key, message.payload)
+            self.receive(message.key, message.payload, partial(self.bus.ask_again, message))
         self.tick()
 
     def tick(self) -> None:
@@ -187,12 +190,25 @@ class Monitor:
 
     # ---- in ------------------------------------------------------------------------------------------------------
 
-    def receive(self, key: str, payload: bytes) -> None:
-        """Process one message from beginning to end: record, diagnose, record, publish."""
+    def receive(self, key: str, payload: bytes, ask_again: Callable[[], bool] = lambda: False) -> bool:
+        """Process one message from beginning to end: record, diagnose, record, publish.
+
+        Parameters
+        ----------
+        key, payload
+            The message.
+        ask_again
+            Called for one that is no JSON, as if it was damaged on its way: asks for it again, False if that is no use.
+
+        Returns
+        -------
+        bool
+            Whether the message is dealt with; False where it will come again.
+        """
         try:
             spacecraft, wheel, _ = split_key(key)
             if not self._is_ours(spacecraft, wheel):
-                return
+                return True
             message = SamplesMessage.parse(payload, key)
             samples = message.samples()
             served = self._serve(spacecraft, wheel)
@@ -201,8 +217,10 @@ class Monitor:
                 core = self._setup.new_core(spacecraft, wheel)
             core.check(samples)
         except InputError as error:
+            if not is_json(payload) and ask_again():
+                return False
             self._refuse(key, payload, error)
-            return
+            return True
         if served.core is None and self.options.own_wheels and (spacecraft, wheel) not in self.options.own_wheels:
             self.say(f"{spacecraft}/{wheel}: has no wheel file of its own; it goes by {core.wheel.name}")
         served.core = core
@@ -216,6 +234,7 @@ class Monitor:
         if any(isinstance(event, WindowDiagnosed) for event in events):
             served.diagnosis_s = self.clock.monotonic_s() - begin_s
         self._handle(served, spacecraft, wheel, events)
+        return True
 
     def _handle(self, served: _Served, spacecraft: str, wheel: str, events: Iterable[Event]) -> None:
         """Record what the core says, bring a diagnosis to the disk, then publish."""

@@ -23,6 +23,7 @@ from typing import Any, Final
 import numpy as np
 
 from rwa_monitor.diagnosis.model import built_in_model
+from rwa_monitor.live.backfill import Arrival
 from rwa_monitor.live.bus import Inbox
 from rwa_monitor.live.chain import recordings_of
 from rwa_monitor.live.monitor import Clock, Monitor
@@ -190,6 +191,11 @@ class SilentBus:
 
     def take(self) -> None:
         """Take from nobody."""
+
+    def ask_again(self, message: Arrival) -> bool:
+        """Ask nobody."""
+        del message
+        return False
 
     def waiting(self) -> int:
         """Count nobody's messages."""

@@ -60,6 +60,15 @@ class SamplesMessage(Message):
         return Samples(time_ns=np.array(self.time_ns, dtype=np.int64), **channels)
 
 
+def is_json(payload: bytes) -> bool:
+    """Tell whether a message is JSON of any kind; one that is not was cut off or damaged, or never was."""
+    try:
+        from_json(payload[:MAX_MESSAGE_BYTES])
+    except ValueError:
+        return False
+    return True
+
+
 def misspelt(payload: bytes) -> str:
     """Return "friction_torque_nm: did you mean friction_torque_Nm?" of a message that cannot be used, or "".
 

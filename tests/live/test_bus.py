@@ -250,6 +250,73 @@ def test_what_was_dropped_is_asked_for_although_nothing_follows() -> None:
     assert (len(backfill), len(history.asked), backfill.missed) == (0, 1, {})
 
 
+def answer(question: tuple[Arrival, int, Callable[[Arrival], None], Callable[[], None]], *found: Arrival) -> None:
+    for message in found:
+        question[2](message)
+    question[3]()
+
+
+def test_what_could_not_be_read_is_asked_for_again_and_what_follows_waits_for_it() -> None:
+    history = History()
+    backfill = history.backfill()
+    sent, other = arrivals("one", range(8)), arrivals("other", range(3))
+    assert drained(backfill, deque([*sent[:3], other[0]])) == [*sent[:3], other[0]]
+    assert backfill.ask_again(sent[2])
+    assert drained(backfill, deque([*sent[3:5], other[1], sent[6]])) == [other[1]]
+    (question,) = history.asked
+    assert (question[0].source, question[0].number, question[1]) == ("one", 3, 2)
+    answer(question, sent[2])
+    assert drained(backfill, deque([other[2]])) == [sent[2]._replace(again=True), *sent[3:5], other[2]]
+    answer(history.asked[1], sent[5])  # what was missing besides
+    assert drained(backfill, deque([sent[7]])) == sent[5:]
+    assert (len(backfill), backfill.missed) == (0, {})
+
+
+def test_what_could_not_be_read_may_be_followed_by_a_gap_that_was_found_before() -> None:
+    history = History()
+    backfill = history.backfill(max_bytes=1_000)
+    sent = arrivals("one", range(9))
+    waiting = deque([*sent[2:5], sent[7]])
+    assert drained(backfill, waiting) == []
+    answer(history.asked[0], *sent[:2])
+    # The first is read while those after it lie ready, and the next gap is known.
+    assert backfill.take(lambda: None) == sent[0]
+    assert backfill.ask_again(sent[0])
+    assert drained(backfill, deque([sent[8]])) == []
+    answer(history.asked[-1], sent[0])
+    out = drained(backfill, deque())
+    assert out == [sent[0]._replace(again=True), *sent[1:5]]
+    answer(history.asked[-1], *sent[5:7])
+    assert drained(backfill, deque()) == sent[5:]
+    assert (len(backfill), backfill.missed) == (0, {})
+
+
+@pytest.mark.parametrize("answers", ["nobody", "without it", "as bad"])
+def test_what_cannot_be_read_twice_is_given_out_as_it_is_and_its_publisher_not_asked_again(answers: str) -> None:
+    history = History()
+    backfill = history.backfill()
+    sent = arrivals("one", range(5))
+    assert drained(backfill, deque(sent[:2])) == sent[:2]
+    assert backfill.ask_again(sent[1])
+    if answers == "nobody":
+        history.now_s += TIMEOUT_S
+    else:
+        answer(history.asked[0], *([sent[1]] if answers == "as bad" else []))
+    out = drained(backfill, deque([sent[2]]))
+    assert out == [sent[1]._replace(again=True), sent[2]]
+    assert not backfill.ask_again(out[0])
+    assert not backfill.ask_again(out[1])
+    assert drained(backfill, deque(sent[3:])) == sent[3:]
+    assert (len(history.asked), backfill.missed) == (1, {})
+
+
+def test_who_does_not_number_messages_cannot_be_asked_again() -> None:
+    history = History()
+    backfill = history.backfill()
+    assert not backfill.ask_again(Arrival("key", b"payload"))
+    assert history.asked == []
+
+
 def test_a_bus_whose_inbox_overflows_gets_everything_in_the_end() -> None:
     with open_session(BusOptions()) as session, MonitorBus(session, Inbox(max_messages=5, patience_s=0.02)) as bus:
         bus.subscribe("rwa/*/*/samples")

@@ -9,6 +9,7 @@ import tempfile
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from multiprocessing import get_context
 from pathlib import Path
 from threading import Event
@@ -245,12 +246,13 @@ def monitor_pipe(endpoint: str, folder: Path, messages: int) -> PipeRate:
         monitor.begin(Past())
         bus.subscribe(options.wheels)
         bus.offer_health()
-        for number in range(messages):
+        left = messages
+        while left:
             while (message := bus.take()) is None:
                 bus.inbox.wake.wait(0.1)
-            if number == 0:
+            if left == messages:
                 begin, busy = time.perf_counter(), time.thread_time()
-            monitor.receive(message.key, message.payload)
+            left -= monitor.receive(message.key, message.payload, partial(bus.ask_again, message))
             monitor.tick()
         monitor.close()
         seconds, busy_s = time.perf_counter() - begin, time.thread_time() - busy
