@@ -11,10 +11,12 @@ import multiprocessing
 import os
 from collections import deque
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from multiprocessing.connection import Connection
 from multiprocessing.context import SpawnProcess
 from pathlib import Path
+from threading import Thread
 from typing import Final
 
 import numpy as np
@@ -33,6 +35,7 @@ PATIENCE: Final = 2  # windows in a row whose model does not fit, before a searc
 NICENESS: Final = 10  # of the child process: it takes what diagnosis leaves
 MAX_KEPT_BYTES: Final = 64_000_000  # of messages kept for searches, all wheels together
 END_S: Final = 1.0  # for a process to end that was killed or has closed its pipe
+HAND_OVER: Final = "rwa-search-job"  # name of the thread that brings a job to its process
 MAX_WAITING: Final = 16  # searches that wait for the one that runs; a fleet gone wrong needs an engineer, not a queue
 
 
@@ -95,9 +98,10 @@ def _search(job: SearchJob, *, with_report: bool = False) -> tuple[Discrepancy, 
     return message, report
 
 
-def _child(job: SearchJob, connection: Connection) -> None:
-    """Run in the child process: search, send the answer, end."""
+def _child(connection: Connection) -> None:
+    """Run in the child process: take the job, search, send the answer, end."""
     os.nice(NICENESS)
+    job: SearchJob = connection.recv()
     try:
         message, report = _search(job, with_report=True)
         connection.send(SearchAnswer(job, message.to_json(), message.end_ns, report))
@@ -105,6 +109,12 @@ def _child(job: SearchJob, connection: Connection) -> None:
         connection.send(SearchAnswer(job, problem=str(error)))
     finally:
         connection.close()
+
+
+def _hand_over(connection: Connection, job: SearchJob) -> None:
+    """Send a job to the child, as it takes it; who polls learns if the child has ended before."""
+    with suppress(OSError):
+        connection.send(job)
 
 
 @dataclass(slots=True)
@@ -139,6 +149,7 @@ class Searches:
         self._waiting: deque[SearchJob] = deque()
         self._process: SpawnProcess | None = None
         self._connection: Connection | None = None
+        self._handing_over: Thread | None = None
 
     def take_input(self, spacecraft: str, wheel: str, payload: bytes) -> None:
         """Keep a message of a wheel that may have to be searched."""
@@ -200,15 +211,29 @@ class Searches:
         if not self._waiting:
             return
         context = multiprocessing.get_context("spawn")  # after a fork the child's Zenoh session would be dead
-        self._connection, childs_end = context.Pipe(duplex=False)
-        self._process = context.Process(target=_child, args=(self._waiting.popleft(), childs_end), daemon=True)
-        self._process.start()
-        childs_end.close()
+        job = self._waiting.popleft()
+        connection, childs_end = context.Pipe()
+        process = context.Process(target=_child, args=(childs_end,), daemon=True)
+        try:
+            process.start()
+        except OSError as error:
+            connection.close()
+            self.say(f"{job.spacecraft}/{job.wheel}: no process for a discrepancy search: {error.strerror or error}")
+            return
+        finally:
+            childs_end.close()
+        self._process, self._connection = process, connection
+        # A window of samples is more than a pipe holds, and the child takes a second until it reads: nobody waits.
+        self._handing_over = Thread(target=_hand_over, args=(connection, job), name=HAND_OVER, daemon=True)
+        self._handing_over.start()
 
     def _end_process(self) -> None:
         if self._process is not None:
             self._process.join(END_S)
             self._process = None
+        if self._handing_over is not None:  # nobody takes anything any more
+            self._handing_over.join(END_S)
+            self._handing_over = None
         if self._connection is not None:
             self._connection.close()
             self._connection = None

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import signal
+import threading
 import time
 from multiprocessing import active_children
+from multiprocessing.context import SpawnProcess
 from multiprocessing.process import BaseProcess
 from pathlib import Path
 from threading import Event, Thread
 
 import numpy as np
+import pytest
 
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.live.bus import BusOptions, open_session
@@ -19,7 +23,7 @@ from rwa_monitor.live.publisher import publish
 from rwa_monitor.live.recording import read_recording
 from rwa_monitor.live.replay import replay
 from rwa_monitor.live.run_options import RunOptions
-from rwa_monitor.live.searches import Searches, SearchJob, search_message
+from rwa_monitor.live.searches import HAND_OVER, Searches, SearchJob, search_message
 from rwa_monitor.live.service import run
 from rwa_monitor.live.wheel_set import WheelSet
 from rwa_monitor.messages import Discrepancy, samples_json
@@ -112,16 +116,48 @@ def test_samples_that_cannot_be_searched_are_told_and_nothing_is_published(tmp_p
         searches.close()
 
 
-def begun(searches: Searches) -> BaseProcess:
-    """Begin a search; returns its process."""
+def begun(searches: Searches, copies: int = 1) -> BaseProcess:
+    """Begin a search of a window that came so many times; returns its process."""
     searches.take_diagnosis("sat", "a", adequate=False)
-    for payload in batches(telemetry(1)):
+    for payload in copies * batches(telemetry(1)):
         searches.take_input("sat", "a", payload)
     searches.take_diagnosis("sat", "a", adequate=False)
     before = set(active_children())
     assert searches.poll() == []
     (child,) = set(active_children()) - before
     return child
+
+
+def test_nobody_waits_until_the_process_takes_its_samples(tmp_path: Path) -> None:
+    searches = Searches(WheelSet(small_wheel()), tmp_path, lambda _: None)
+    try:
+        begun(searches, copies=20)  # more than a pipe holds: its process takes them when it has imported what it needs
+        assert [thread.name for thread in threading.enumerate()].count(HAND_OVER) == 1
+    finally:
+        searches.close()
+    wait_for(lambda: HAND_OVER not in {thread.name for thread in threading.enumerate()}, "the thread to end")
+
+
+def test_where_no_process_can_be_started_that_is_said_and_the_next_one_is_tried(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refused(_: object) -> None:
+        raise BlockingIOError(errno.EAGAIN, "Resource temporarily unavailable")
+
+    said: list[str] = []
+    searches = Searches(WheelSet(small_wheel()), tmp_path, said.append)
+    with monkeypatch.context() as patched:
+        patched.setattr(SpawnProcess, "start", refused)
+        for _ in range(2):
+            searches.take_diagnosis("sat", "a", adequate=False)
+            searches.take_input("sat", "a", b"{}")
+        assert searches.poll() == []
+        assert said[-1] == "sat/a: no process for a discrepancy search: Resource temporarily unavailable"
+    try:
+        searches.take_diagnosis("sat", "a", adequate=True)
+        begun(searches)
+    finally:
+        searches.close()
 
 
 def test_close_ends_a_running_search_at_once(tmp_path: Path) -> None:

@@ -98,7 +98,8 @@ def cost_by_length(window: Window, model: Model, lengths: tuple[int, ...]) -> di
 
     Of short lengths, which take no longer than a disturbance does, the least of `REPEATED` new cores.
     """
-    _cost(window, model, window.speed_rad_s.size + 2 * BATCH)  # uncounted: all that these windows need is loaded
+    # Uncounted: all that these windows need is loaded, and what one does that follows another.
+    _cost(window, model, window.speed_rad_s.size + window.wheel.window.samples + 2 * BATCH)
     return {
         length: min(_cost(window, model, length) for _ in range(REPEATED if length <= LONGEST_REPEATED else 1))
         for length in lengths
