@@ -165,8 +165,9 @@ def test_an_operator_puts_a_retired_wheel_aside_and_sees_it_come_back(
         expect(card.get_by_role("alert")).to_contain_text("Not put aside: sat/wheel_2: has alarms to acknowledge first")
 
         page.keyboard.press("a")
-        page.get_by_label("Your name").fill("Ann")
-        page.get_by_role("button", name="Acknowledge").click()
+        alarm = page.get_by_role("region", name="Alarm viscous of wheel_2")  # the view before has a name, too
+        alarm.get_by_label("Your name").fill("Ann")
+        alarm.get_by_role("button", name="Acknowledge").click()
         expect(page.get_by_text("Acknowledged by Ann")).to_be_visible()
         assert put_aside(running, "wheel_2")[0] == 200
         expect(page.locator("section h2")).to_contain_text("wheel put aside")
