@@ -17,7 +17,7 @@ from rwa_monitor.diagnosis.changepoints import (
     select,
     variance_table,
 )
-from rwa_monitor.diagnosis.estimation import SlopePrior, slope_within
+from rwa_monitor.diagnosis.estimation import SlopePrior, default_exclusion, slope_within
 from rwa_monitor.diagnosis.noise import ar_coefficient
 from rwa_monitor.diagnosis.results import Candidates, Evidence
 from rwa_monitor.diagnosis.running_sums import SumArrays
@@ -92,5 +92,5 @@ def _settle(
         read += more
         if np.array_equal(index, before):
             break
-        exclude = scale // 2  # `estimation.default_exclusion`
+        exclude = default_exclusion(scale)
     return index, scale, statistic, jump, read

@@ -103,6 +103,7 @@ def _interval_moments(slots: int, index: IntArray, exclude: IntArray, sums: SumA
     return table
 
 
+@njit(cache=True, error_model="numpy", nogil=True)
 def default_exclusion(scale: IntArray) -> IntArray:
     """Return Δk_error = w/2 slots of the detecting scale (errata 6)."""
     return scale // 2

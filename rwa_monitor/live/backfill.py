@@ -183,7 +183,6 @@ class Backfill:
             (self._unasked if later.asked_s is None else self._asked).remove(later)
         self._gaps[source] = gap
         self._unasked.appendleft(gap)
-        self._next[source] = number
         self._ask_next()
         return True
 

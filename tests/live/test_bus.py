@@ -310,6 +310,17 @@ def test_what_cannot_be_read_twice_is_given_out_as_it_is_and_its_publisher_not_a
     assert (len(history.asked), backfill.missed) == (1, {})
 
 
+def test_one_that_comes_again_and_cannot_be_read_does_not_let_all_after_it_be_asked_for() -> None:
+    history = History()
+    backfill = history.backfill()
+    sent = arrivals("one", range(8))
+    assert drained(backfill, deque(sent[:6])) == sent[:6]
+    assert backfill.ask_again(sent[1])
+    answer(history.asked[0], sent[1])
+    assert drained(backfill, deque(sent[6:])) == [sent[1]._replace(again=True), *sent[6:]]
+    assert (len(history.asked), backfill.missed) == (1, {})
+
+
 def test_who_does_not_number_messages_cannot_be_asked_again() -> None:
     history = History()
     backfill = history.backfill()
