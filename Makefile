@@ -1,7 +1,8 @@
-# Everything a person does with a checkout, from nothing: Python 3.11 or newer, make and a C compiler are enough.
+# Everything a person does with a checkout, from nothing: Python 3.11 or newer, make and a C++ compiler are enough.
 #
 #   make demo     the main job on an embedded bus, with simulated wheels
 #   make test     linters, types, layers, tests: what must pass before a commit
+#   make test-all the same with the tests that take long
 #   make help     the rest
 
 SHELL := /bin/bash
@@ -15,6 +16,8 @@ BIN := $(VENV)/bin
 CORES := $(shell getconf _NPROCESSORS_ONLN 2>/dev/null || echo 2)
 # Seconds that one test may take before it counts as hung; a slow machine may raise it.
 TEST_TIMEOUT ?= 600
+# Which tests: all but those that take long and show what a shorter one shows in part.
+SELECTED ?= -m "not slow"
 # More words for pytest, for instance PYTEST_ARGS="-k glr -x".
 PYTEST_ARGS ?=
 
@@ -38,13 +41,19 @@ venv: $(VENV)/.installed-dev ## the environment with all tools, in .venv
 venv-runtime: $(VENV)/.installed-runtime ## the environment with only what the program needs
 
 $(BIN)/python:
+	@command -v $(CXX) >/dev/null || { echo "no C++ compiler ($(CXX)), which the kernels are built with: apt-get install g++" >&2; exit 2; }
 	@python="$$(tools/find_python.sh)"; \
 	echo "making $(VENV) with $$python ($$($$python --version))" >&2; \
 	"$$python" -m venv $(VENV)
 
-$(VENV)/.installed-runtime: requirements.txt pyproject.toml | $(BIN)/python
+$(VENV)/.installed-packages: requirements.txt | $(BIN)/python
 	@echo "installing what the program needs (requirements.txt)" >&2
 	@$(PIP_INSTALL) --require-hashes -r requirements.txt
+	@touch $@
+
+# The kernels are compiled here; what has not changed is not compiled again.
+$(VENV)/.installed-runtime: $(VENV)/.installed-packages pyproject.toml CMakeLists.txt $(wildcard rwa_monitor/kernels/*.?pp)
+	@echo "building the kernels" >&2
 	@$(PIP_INSTALL) --no-deps --no-build-isolation --editable .
 	@touch $@
 
@@ -65,7 +74,11 @@ demo: $(VENV)/.installed-runtime ## the main job: simulated wheels, monitor, rec
 # From the quickest to the slowest; the first that fails ends it.
 
 .PHONY: test
-test: lint types layers pytest ## all checks and tests, in that order
+test: lint types layers pytest ## linters, types, layers, tests: what must pass before a commit
+
+.PHONY: test-all
+test-all: lint types layers ## the same with the tests that take long
+	@$(MAKE) pytest SELECTED=
 
 .PHONY: lint
 lint: $(VENV)/.installed-dev ## ruff: rules, then formatting
@@ -84,9 +97,7 @@ layers: $(VENV)/.installed-dev ## import-linter: the rooms stay pure, the arrows
 pytest: export OPENBLAS_NUM_THREADS = 1
 pytest: export OMP_NUM_THREADS = 1
 pytest: $(VENV)/.installed-dev ## only the tests (PYTEST_ARGS="-k word")
-	@# Once, and not in each worker and process of the tests at the same time.
-	$(BIN)/python -m rwa_monitor.live.warm_up
-	$(BIN)/python -m pytest -n $(CORES) --timeout $(TEST_TIMEOUT) $(PYTEST_ARGS)
+	$(BIN)/python -m pytest -n $(CORES) --timeout $(TEST_TIMEOUT) --durations=20 $(SELECTED) $(PYTEST_ARGS)
 
 .PHONY: format
 format: $(VENV)/.installed-dev ## lets ruff mend and format what it can
@@ -227,10 +238,9 @@ LOCK = env -u PIP_FIND_LINKS -u UV_FIND_LINKS $(UV_VENV)/bin/uv pip compile pypr
 .PHONY: lock
 lock: ## writes requirements.txt, -core.txt (no dashboard, no database) and -dev.txt anew from pyproject.toml
 	@test -x $(UV_VENV)/bin/uv || { "$$(tools/find_python.sh)" -m venv $(UV_VENV) && $(UV_VENV)/bin/python -m pip install --quiet uv; }
-	$(LOCK) --extra build --extra dashboard --extra postgresql --output-file requirements.txt
+	$(LOCK) --extra build --extra dashboard --extra postgresql --extra parquet --extra plot --output-file requirements.txt
 	$(LOCK) --extra build --constraint requirements.txt --output-file requirements-core.txt
-	$(LOCK) --extra build --extra dashboard --extra postgresql --extra fleet --extra foxglove --extra ccsds --extra ros2 --extra dev \
-	  --constraint requirements.txt --output-file requirements-dev.txt
+	$(LOCK) --all-extras --constraint requirements.txt --output-file requirements-dev.txt
 	@! grep -nE 'https?://|file:|--(extra-)?index-url|--find-links|(^|[ "])/' requirements.txt requirements-core.txt requirements-dev.txt
 
 .PHONY: clean

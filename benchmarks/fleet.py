@@ -1,9 +1,9 @@
 """How diagnosis of many recordings scales with workers, and what memory each takes: `python -m benchmarks.fleet`.
 
-Simulates recordings of one window of 80,000 samples, diagnoses them on 1, 2 and 4 workers of a local Dask cluster, and
-writes docs/fleet.md. Efficiency is the time with one worker over n times the time with n; clusters are started before
-the clock is, since a fleet of thousands of recordings starts one once. Beside it stand the processor times, which other
-programs on the machine hardly change.
+Simulates recordings of one window of 80,000 samples, diagnoses them on 1, 2 and 4 processes, and writes
+docs/fleet.md. Efficiency is the time with one process over n times the time with n; they are started before the clock
+is, since a fleet of thousands of recordings starts them once. Beside it stand the processor times, which other programs
+on the machine hardly change.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ import psutil
 
 from benchmarks.output import add_output_option, put_out
 from rwa_monitor.evaluation.speed.machine import peak_memory_bytes
-from rwa_monitor.fleet.cluster import each, local_cluster
+from rwa_monitor.fleet.cluster import each
 from rwa_monitor.fleet.tasks import Diagnose
 from rwa_monitor.formats.parquet_table import write_parquet
 from rwa_monitor.physics.scenario import Scenario
 from rwa_monitor.physics.telemetry import simulate
 from rwa_monitor.physics.wheel import built_in_wheel
-from rwa_monitor.processes import cores
+from rwa_monitor.threads import cores
 
 WORKERS = (1, 2, 4)
 
@@ -41,8 +41,8 @@ def main() -> None:
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
         files = [_recording(Path(folder), seed) for seed in range(options.recordings)]
+        few = _measure(files[: options.recordings // 4], max(options.workers), 1)  # first: a peak stays
         measured = {workers: _measure(files, workers, options.repeats) for workers in options.workers}
-        few = _measure(files[: options.recordings // 4], 1, 1)
     put_out(_page(measured, few, options.recordings), options.output)
 
 
@@ -54,31 +54,38 @@ def _recording(folder: Path, seed: int) -> Path:
 
 def _measure(files: list[Path], workers: int, repeats: int) -> dict[str, Any]:
     """Return the seconds of each repeat, the peak memory [MB] of a worker, and processor times a recording [ms]."""
-    with local_cluster(workers) as client:
-        scheduler = client.scheduler_info()["address"]
-        list(each(Diagnose(), files[:workers], scheduler=scheduler))  # compiled, imported
-        seconds = []
-        before, own = client.run(time.process_time), time.process_time()
-        for _ in range(repeats):
-            began = time.perf_counter()
-            outcomes = list(each(Diagnose(), files, scheduler=scheduler))
-            seconds.append(time.perf_counter() - began)
-            assert not any(outcome.error for outcome in outcomes)
-        own = time.process_time() - own
-        after = client.run(time.process_time)
-        peaks = client.run(_peak_MB).values()
+    list(each(Diagnose(), files[: 2 * workers], workers=workers))  # started, imported
+    seconds = []
+    before, own = _worker_s(workers), time.process_time()
+    for _ in range(repeats):
+        began = time.perf_counter()
+        outcomes = list(each(Diagnose(), files, workers=workers))
+        seconds.append(time.perf_counter() - began)
+        assert not any(outcome.error for outcome in outcomes)
+    own = time.process_time() - own
     each_ms = 1e3 / (repeats * len(files))
+    worker_ms = (_worker_s(workers) - before) * each_ms
     return {
         "seconds": seconds,
-        "peak_MB": max(peaks),
-        "worker_ms": sum(after[worker] - before[worker] for worker in after) * each_ms,
-        "around_ms": own * each_ms,
+        "peak_MB": max(peak_memory_bytes(worker.pid) for worker in _workers(workers)) / 1e6,
+        "worker_ms": worker_ms,
+        "around_ms": own * each_ms if workers > 1 else 0.0,
     }
 
 
-def _peak_MB() -> float:
-    """Return the largest memory of this process so far."""
-    return peak_memory_bytes() / 1e6
+def _workers(workers: int) -> list[psutil.Process]:
+    """Return the processes that work: one worker is this process."""
+    this = psutil.Process()
+    return (
+        [this]
+        if workers == 1
+        else [child for child in this.children() if any("popen_loky" in w for w in child.cmdline())]
+    )
+
+
+def _worker_s(workers: int) -> float:
+    """Return the processor time of all workers so far [s]."""
+    return sum(used.user + used.system for used in (worker.cpu_times() for worker in _workers(workers)))
 
 
 def _page(measured: dict[int, dict[str, Any]], few: dict[str, Any], recordings: int) -> str:
@@ -97,16 +104,18 @@ def _page(measured: dict[int, dict[str, Any]], few: dict[str, Any], recordings: 
 
 <!-- Written by `make fleet`. -->
 
-`diagnose`, `train`, and with `--each` also `identify` and `discrepancy`, work on many recordings at once: on a local
-Dask cluster with a process for each core, or with `--scheduler tcp://host:8786` on one that is there.
+`diagnose`, `train`, and with `--each` also `identify` and `discrepancy`, work on many recordings at once: in a
+process for each core, or with `--scheduler tcp://host:8786` on a Dask cluster that is there
+(`pip install 'rwa-monitor[fleet]'`).
 
 ```sh
 rwa-monitor diagnose day/*.parquet --results results --json
 rwa-monitor diagnose day/*.parquet --scheduler tcp://scheduler:8786 --results /shared/results
 ```
 
-- `--results DIR` keeps one Parquet file for each recording. Its name holds a hash of recording, settings and release:
-  what is done is not done again, what changed is. `rwa_monitor.fleet.store.read_results(DIR)` gives all as one table.
+- `--results DIR` keeps one Parquet file for each recording (`pip install 'rwa-monitor[parquet]'`). Its name
+  holds a hash of recording, settings and release: what is done is not done again, what changed is.
+  `rwa_monitor.fleet.store.read_results(DIR)` gives all as one table.
 - What cannot be used is listed in `DIR/failed.csv` with a reason and stops nothing: bad input, a fault of the
   program, a worker that was killed. The exit code is then 2.
 - The lines are those of one recording after the other, byte for byte, in the order of the arguments
@@ -123,15 +132,16 @@ rwa-monitor diagnose day/*.parquet --scheduler tcp://scheduler:8786 --results /s
 |---|---|---|---|---|---|---|
 {chr(10).join(rows)}
 
-The ms are processor time of a recording, the worker's own and that of scheduler and client around it.
+The ms are processor time of a recording, the worker's own and that of the process that hands them out.
 
 The target is an efficiency of 0.85 with 4 workers on 4 cores.{unmeasured}
 
-Whatever else the machine does comes off the efficiency by the clock. By the processor times, where scheduler and client
-share the cores with as many workers, it is {by_processor:.2f}: one worker's ms over all ms with {max(measured)}.
+Whatever else the machine does comes off the efficiency by the clock. By the processor times, where the process
+that hands out shares the cores with as many workers, it is {by_processor:.2f}: one worker's ms over all ms
+with {max(measured)}.
 
 A worker's memory does not grow with the number of recordings: {few["peak_MB"]:.0f} MB after {recordings // 4},
-{measured[1]["peak_MB"]:.0f} MB after {recordings * len(measured[1]["seconds"])}.
+{most["peak_MB"]:.0f} MB after {recordings * len(most["seconds"])}.
 """
 
 

@@ -36,7 +36,7 @@ WHEELS = 4
 RATE_HZ = 8
 FAST_BATCH = 256
 WINDOW = 80_000
-PATIENCE_S = 900.0  # for compiling on a machine that has much else to do
+PATIENCE_S = 900.0  # on a machine that has much else to do
 LIMITS_MB = (384, 512, 768, 1_024, 1_536)
 
 
@@ -47,8 +47,6 @@ class Measured:
     disk_MB: float
     largest: dict[str, float]
     help_s: float
-    first_start_s: float
-    first_resident_MB: float
     start_s: float
     limit_MB: int
     share_of_core: float
@@ -61,19 +59,18 @@ class Measured:
 class Service:
     """`rwa-monitor run` of the fresh environment, pinned to one core and limited."""
 
-    def __init__(self, environment: Path, folder: Path, limit_MB: int, cache: Path) -> None:
+    def __init__(self, environment: Path, folder: Path, limit_MB: int) -> None:
         self.endpoint = free_endpoint()
         command = [str(environment / "bin/rwa-monitor"), "run", "-l", self.endpoint, "--record", str(folder)]
         if shutil.which("taskset"):
             command = ["taskset", "-c", str(max(os.sched_getaffinity(0))), *command]
         self.log = folder.with_suffix(".log")
         limit = limit_MB * 10**6
-        begin_s = time.monotonic()
         with self.log.open("w") as log:
             self.process = subprocess.Popen(
                 command,
                 stderr=log,
-                env={"PATH": os.environ["PATH"], "NUMBA_CACHE_DIR": str(cache)},
+                env={"PATH": os.environ["PATH"]},
                 preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_DATA, (limit, limit)),  # noqa: PLW1509
             )
         self.session = None
@@ -81,7 +78,7 @@ class Service:
             if self.process.poll() is not None:
                 raise MemoryError(self.log.read_text()[-500:])
             Event().wait(0.02)
-        self.start_s = time.monotonic() - begin_s
+        self.start_s = self.cpu_s()
 
     def status(self) -> dict[str, str]:
         """Return the fields of the process's status."""
@@ -137,16 +134,10 @@ def measure(seconds: float) -> Measured:
         packages = next((environment / "lib").iterdir()) / "site-packages"
         sizes = {path.name: _size_MB(path) for path in packages.iterdir() if not path.name.startswith(("pip", "setup"))}
         help_s = min(_seconds([str(environment / "bin/rwa-monitor"), "--help"]) for _ in range(5))
-        cache = folder / "cache"
-        # -P: the installed package, and not that of the working folder.
-        warm_up = [str(environment / "bin/python"), "-P", "-m", "rwa_monitor.live.warm_up"]
-        first_start_s = _seconds(warm_up, NUMBA_CACHE_DIR=str(cache))
-        start_s = _seconds(warm_up, NUMBA_CACHE_DIR=str(cache))
-        first_resident = _resident_after_compiling(environment, folder)
-        limit_MB, fast, full = _least_limit(environment, folder, cache)
-        service = Service(environment, folder / "slow", limit_MB, cache)
+        limit_MB, fast, full = _least_limit(environment, folder)
+        service = Service(environment, folder / "slow", limit_MB)
         try:
-            slot = publish(service, 0, 4, RATE_HZ, 1.0)  # the compiled code is loaded, the first status is out
+            slot = publish(service, 0, 4, RATE_HZ, 1.0)  # the first status is out
             begin_s, cpu_s = time.monotonic(), service.cpu_s()
             publish(service, slot, int(seconds), RATE_HZ, 1.0)
             share = (service.cpu_s() - cpu_s) / (time.monotonic() - begin_s)
@@ -158,9 +149,7 @@ def measure(seconds: float) -> Measured:
         disk_MB=sum(sizes.values()),
         largest=largest,
         help_s=help_s,
-        first_start_s=first_start_s,
-        first_resident_MB=first_resident,
-        start_s=start_s,
+        start_s=service.start_s,
         limit_MB=limit_MB,
         share_of_core=share,
         resident_MB=resident,
@@ -184,21 +173,11 @@ def install(folder: Path) -> Path:
     return environment
 
 
-def _resident_after_compiling(environment: Path, folder: Path) -> float:
-    """Return the memory of a service, windows begun, which found no compiled kernel when it was started."""
-    service = Service(environment, folder / "first", LIMITS_MB[-1], folder / "cold")
-    try:
-        publish(service, 0, 4, RATE_HZ, 1.0)
-        return service.resident_MB()
-    finally:
-        service.stop()
-
-
-def _least_limit(environment: Path, folder: Path, cache: Path) -> tuple[int, float, float]:
+def _least_limit(environment: Path, folder: Path) -> tuple[int, float, float]:
     """Return the least limit with which all wheels fill and diagnose a window, the rate, and the memory then."""
     for limit_MB in LIMITS_MB:
         try:
-            service = Service(environment, folder / f"limit_{limit_MB}", limit_MB, cache)
+            service = Service(environment, folder / f"limit_{limit_MB}", limit_MB)
             try:
                 slot = publish(service, 0, 1, FAST_BATCH, 0.0)
                 begin_s = time.monotonic()
@@ -212,10 +191,10 @@ def _least_limit(environment: Path, folder: Path, cache: Path) -> tuple[int, flo
     raise MemoryError(f"{LIMITS_MB[-1]} MB are not enough")
 
 
-def _seconds(command: list[str], **environment: str) -> float:
+def _seconds(command: list[str]) -> float:
     """Return the processor time of a command: on a machine with nothing else to do, the time it takes."""
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    subprocess.run(command, check=True, stdout=subprocess.DEVNULL, env={"PATH": os.environ["PATH"], **environment})
+    subprocess.run(command, check=True, stdout=subprocess.DEVNULL, env={"PATH": os.environ["PATH"]})
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 
@@ -231,20 +210,12 @@ def page(measured: Measured, seconds: float) -> str:
     rows = [
         ["disk, without extras", f"{measured.disk_MB:.0f} MB"],
         ["`rwa-monitor --help`, processor time", f"{measured.help_s:.2f} s"],
-        [
-            "start with its kernels compiled before, two short windows diagnosed, processor time",
-            f"{measured.start_s:.1f} s",
-        ],
-        ["the same the very first time, which compiles the kernels", f"{measured.first_start_s:.0f} s"],
+        ["start until it monitors, processor time", f"{measured.start_s:.1f} s"],
         [
             f"share of one core, {WHEELS} wheels at {RATE_HZ} Hz, a message a second each",
             f"{measured.share_of_core:.1%}",
         ],
-        [
-            "resident memory, windows begun, of a first start: the compiler is in a process of its own, which ends",
-            f"{measured.first_resident_MB:.0f} MB",
-        ],
-        ["resident memory, windows begun, of any other", f"{measured.resident_MB:.0f} MB"],
+        ["resident memory, windows begun", f"{measured.resident_MB:.0f} MB"],
         ["resident memory after a window of 80,000 slots of each wheel", f"{measured.resident_full_MB:.0f} MB"],
         ["least limit of data with which that worked, of those tried", f"{measured.limit_MB} MB"],
         ["threads", f"{measured.threads}"],
@@ -265,8 +236,7 @@ time.
 
 ## How to install it
 
-From a checkout; every package is checked by its hash, and nothing is fetched past the lock. The first command that
-diagnoses compiles the kernels.
+From a checkout, with a C++ compiler; every package is checked by its hash, and nothing is fetched past the lock.
 
 ```sh
 python3 -m venv core
@@ -281,9 +251,7 @@ As a service of systemd, with what it may touch: `docker/rwa-monitor.service`.
 
 {table(["package", "size"], largest)}
 
-The compiler (`llvmlite`, `numba`) is the largest part. An image can be built with the kernels compiled in (run
-`python -m rwa_monitor.live.warm_up` while it is built, as the container does); the compiler's package is still needed
-to load them. Matplotlib, PyArrow and scikit-learn serve pictures, Parquet and training, and nothing on board.
+Matplotlib, PyArrow and scikit-learn serve pictures, Parquet and training, and nothing on board.
 """
 
 

@@ -156,7 +156,7 @@ def main() -> int:
     )
     count = arguments.windows * window.speed_rad_s.size // BATCH + 1
     messages = [samples_json(samples_of(window, n * BATCH, BATCH), "profile", n) for n in range(count)]
-    run(messages[: window.speed_rad_s.size // BATCH + 1])  # compiles, and fills the caches
+    run(messages[: window.speed_rad_s.size // BATCH + 1])  # fills the caches
     seconds = stages(messages)
     put_out(page(seconds, count, functions(messages, 20), arguments), arguments.output)
     return 0

@@ -1,7 +1,7 @@
 """How the discrepancy search grows with the record: processor time, wall-clock time and memory, as ratios too.
 
 `python -m benchmarks.search` prints one JSON line for each length and one with the growth: that part of
-`rwa-monitor benchmark speed` alone, with lengths, hidden effects and processes of one's own.
+`rwa-monitor benchmark speed` alone, with lengths, hidden effects and threads of one's own.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import math
 from dataclasses import asdict
 
 from rwa_monitor.evaluation.speed.search import LENGTHS, growth, measure_apart
-from rwa_monitor.processes import MOST_OF_A_SEARCH, cores
+from rwa_monitor.threads import cores
 
 
 def main() -> None:
@@ -20,11 +20,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--samples", type=int, nargs="+", default=LENGTHS)
     parser.add_argument("--hidden", type=int, choices=(0, 1, 2), default=1)
-    parser.add_argument("--processes", type=int, default=min(cores(), MOST_OF_A_SEARCH))
+    parser.add_argument("--threads", type=int, default=cores())
     options = parser.parse_args()
     costs = []
     for samples in options.samples:
-        costs.append(measure_apart(samples, options.hidden, options.processes))
+        costs.append(measure_apart(samples, options.hidden, options.threads))
         print(json.dumps(asdict(costs[-1])), flush=True)
     factor, longer = growth(costs), costs[-1].samples / costs[0].samples
     exponent = 1 + math.log(factor) / math.log(longer) if longer > 1 else math.nan

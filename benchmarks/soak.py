@@ -285,8 +285,6 @@ second of it is the age of the status. On {os.cpu_count()} processors, beside it
   and written one by one, while messages go on. When all were made first, that was 140 MB, and took up to ten seconds in
   which 40 MB of messages waited: from one highest peak to the next, memory rose by 8.6 MB a minute.
 - **The index of the recording** that is being written, some 5 MB, until the next file.
-- **The compiler**: nothing. At the first start on a machine it takes some 500 MB, in a process of its own that ends.
-  Only where that process cannot be run do they stay in the monitor until the next start.
 - **Messages of wheels whose model does not fit**, for a search: at most 64 MB.
 
 `tests/live/test_memory.py` counts what Python allocates: nothing is kept of windows that were closed and of files that

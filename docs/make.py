@@ -24,7 +24,7 @@ import rwa_monitor as rwa
 from rwa_monitor.cli import exit_codes, settings
 from rwa_monitor.cli.main import main as program
 from rwa_monitor.diagnosis.changepoints import threshold_for
-from rwa_monitor.diagnosis.wglr import wglr
+from rwa_monitor.kernels.wglr import wglr
 from rwa_monitor.messages import MESSAGES, Message
 from rwa_monitor.physics import durations, scenario, wheel
 from rwa_monitor.physics.effects.base import Effect

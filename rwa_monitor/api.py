@@ -13,13 +13,11 @@ Everything here is thin: it reads files and calls the pure rooms, as the command
 values of those rooms and the messages of the bus, so that a script, the command line and the bus say the same.
 
 While something here computes, linear algebra keeps to one thread (`threads.one_thread_of_algebra`): the same bytes on
-every machine, and several times faster. Kernels that have to be compiled are told of by a warning of the logger
-`rwa_monitor`, once on each machine.
+every machine, and several times faster.
 """
 
 from __future__ import annotations
 
-import logging
 import os
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -29,7 +27,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from rwa_monitor.compiling import tell_of_compiling
 from rwa_monitor.diagnosis.model import Model, built_in_model
 from rwa_monitor.diagnosis.results import Method
 from rwa_monitor.diagnosis.state import CarriedState
@@ -94,14 +91,6 @@ __all__ = [
 
 PathLike = str | os.PathLike[str]
 Recordings = Samples | Sequence[Samples] | Mapping[str, Samples]
-
-_logger = logging.getLogger("rwa_monitor")
-
-
-def _tell_of_compiling() -> None:
-    tell_of_compiling(
-        lambda: _logger.warning("compiling what this needs, once on this machine: this takes a minute or two")
-    )
 
 
 # ---- in --------------------------------------------------------------------------------------------------------------
@@ -331,7 +320,6 @@ def diagnose(
     InputError
         If friction is neither given nor can be derived.
     """
-    _tell_of_compiling()
     monitor = Monitor(wheel, model, method=method, carried=carried)
     return [*monitor.feed(samples), *monitor.finish()]
 
@@ -353,12 +341,12 @@ def frame(diagnoses: Iterable[Diagnosis]) -> DataFrame:
     Raises
     ------
     RwaMonitorError
-        If pandas is not installed (`pip install 'rwa-monitor[fleet]'`).
+        If pandas is not installed (`pip install 'rwa-monitor[pandas]'`).
     """
     try:
         import pandas as pd
     except ImportError as error:
-        raise RwaMonitorError(f"{error.name} is missing: pip install 'rwa-monitor[fleet]'") from error
+        raise RwaMonitorError(f"{error.name} is missing: pip install 'rwa-monitor[pandas]'") from error
     return pd.DataFrame([diagnosis_row(diagnosis) for diagnosis in diagnoses])
 
 
@@ -380,7 +368,6 @@ def replay(recordings: PathLike | Sequence[PathLike]) -> Report:
     InputError
         If a path is no recording, or its attachments cannot be used.
     """
-    _tell_of_compiling()
     paths = Path(recordings) if isinstance(recordings, str | os.PathLike) else [Path(path) for path in recordings]
     with one_thread_of_algebra():
         return replay_recordings(paths)
@@ -414,7 +401,6 @@ def identify(recordings: Recordings, start: Wheel | None = None, *, systems: boo
     named = _named(recordings, "recording")
     if not named:
         raise InputError("recordings", "none given; one is needed")
-    _tell_of_compiling()
     with one_thread_of_algebra():
         return learn_wheel(named, start or bare_wheel("wheel", named[0][1]), systems=systems)
 
@@ -457,7 +443,6 @@ def find_discrepancy(
     named, aside = _named(recordings, "recording"), _named(held_out, "held out")
     if not named:
         raise InputError("recordings", "none given; one is needed")
-    _tell_of_compiling()
     with one_thread_of_algebra():
         return search_recordings(named, wheel or built_in_wheel(), progress, on_threads(threads), aside)
 

@@ -16,6 +16,10 @@ class RwaMonitorError(Exception):
     """Base of all errors that the command line shows as one line, without a traceback (exit code 1)."""
 
 
+class MissingExtraError(RwaMonitorError):
+    """A package that belongs to an extra is not installed."""
+
+
 class InputError(RwaMonitorError):
     """Input that cannot be used: names the source (file or key), the place in it and the reason (exit code 2).
 

@@ -41,22 +41,11 @@ class SlotGrid:
     def slot_of(self, time_ns: IntArray) -> IntArray: ...
     def slot_of(self, time_ns: int | IntArray) -> int | IntArray:
         """Return the slot of each time, int64 (n,), or of one; the nearest, the later when exactly between two."""
-        return nearest_slot(time_ns, self.origin_ns, self.period_ns)
+        return (2 * (time_ns - self.origin_ns) + self.period_ns) // (2 * self.period_ns)
 
     def time_of(self, slot: int) -> int:
         """Return the time of a slot [ns]."""
         return self.origin_ns + slot * self.period_ns
-
-
-def nearest_slot(time_ns: int | IntArray, origin_ns: int, period_ns: int) -> int | IntArray:
-    """Return `SlotGrid.slot_of` of times; loops that are compiled compile this, so that there is one such formula."""
-    return (2 * (time_ns - origin_ns) + period_ns) // (2 * period_ns)
-
-
-def is_nearest_slot(slot: int, time_ns: int, origin_ns: int, period_ns: int) -> bool:
-    """Tell whether `nearest_slot` of a time is this slot, without a division."""
-    beyond = 2 * (time_ns - origin_ns) + period_ns - 2 * period_ns * slot
-    return (beyond >= 0) & (beyond < 2 * period_ns)
 
 
 def period_ns(sample_period_s: float) -> int:

@@ -1,4 +1,4 @@
-"""Work side by side on threads, where arrays and compiled loops leave the interpreter free for one another.
+"""How much of the machine is ours, and work side by side on threads, where arrays and kernels release the interpreter.
 
 And linear algebra on one thread: our matrices are small, threads would only wait for each other, and the order of sums,
 so the last bit, would depend on how many there are.
@@ -6,12 +6,14 @@ so the last bit, would depend on how many there are.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from functools import cache
-from threading import Lock
-from typing import TYPE_CHECKING, Any, TypeVar
+from pathlib import Path
+from threading import Lock, local
+from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 from threadpoolctl import ThreadpoolController
 
@@ -21,17 +23,34 @@ if TYPE_CHECKING:
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
+CGROUP: Final = Path("/sys/fs/cgroup")  # of a container, as it sees its own
+CPU_LIMITS: Final = ("cpu.max",), ("cpu/cpu.cfs_quota_us", "cpu/cpu.cfs_period_us")  # of cgroups, versions 2 and 1
+NO_LIMIT: Final = "max", "-1"
+
+
+def cores() -> int:
+    """Return how many processors can work at once here, by the system and the limit of a container; Linux only."""
+    allowed = len(os.sched_getaffinity(0))
+    for files in CPU_LIMITS:  # the time that is given [µs], and in which one
+        if all((CGROUP / file).exists() for file in files):
+            given, of = " ".join((CGROUP / file).read_text(encoding="ascii") for file in files).split()
+            if given not in NO_LIMIT:
+                allowed = min(allowed, -(-int(given) // int(of)))
+    return allowed
+
 
 def on_threads(threads: int) -> Mapper:
     """Return a way to apply a function to many items on so many threads, values in the order of the items.
 
-    Each value depends on its item alone: the number of threads changes the time, never the answer. A function that is
-    applied so must not apply another so: all threads might then wait for one another.
+    Each value depends on its item alone: the number of threads changes the time, never the answer. Where a function
+    that is applied so applies another, that one is applied in turn: there are never more threads than these.
     """
+    thread = local()
 
-    def apply(function: Callable[[Item], Result], items: Iterable[Item], /, *, apart: bool = False) -> list[Result]:
-        del apart
-        with ThreadPoolExecutor(threads) as pool:
+    def apply(function: Callable[[Item], Result], items: Iterable[Item], /) -> list[Result]:
+        if threads == 1 or hasattr(thread, "working"):
+            return [function(item) for item in items]
+        with ThreadPoolExecutor(threads, initializer=setattr, initargs=(thread, "working", True)) as pool:
             return list(pool.map(function, items))
 
     return apply

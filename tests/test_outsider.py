@@ -136,6 +136,7 @@ def test_a_current_that_is_read_late_is_named_where_the_torque_steps() -> None:
     assert found.gain.changepoints_extended < found.gain.changepoints_base
 
 
+@pytest.mark.slow
 def test_jumps_of_the_viscous_coefficient_by_itself_are_named() -> None:
     """The coefficient jumps where the dry friction stays, up and down again; nothing else is hidden."""
     viscous = np.ones(SLOTS)

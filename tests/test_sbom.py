@@ -14,6 +14,7 @@ ROOT = Path(__file__).parents[1]
 LOCK = ROOT / "requirements.txt"
 
 
+@pytest.mark.slow
 def test_every_locked_package_is_in_it_with_version_licence_and_hashes() -> None:
     bom = bill_of_materials()
     text = json.dumps(bom)

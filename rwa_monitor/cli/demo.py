@@ -13,12 +13,11 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 from pathlib import Path
 from shlex import quote
-from threading import Event, Thread
+from threading import Event
 from typing import TYPE_CHECKING, Final
 
 import click
 
-from rwa_monitor.cli.first_use import tell_of_compiling
 from rwa_monitor.cli.options import FILE, Real, Whole, bus_options, not_nan
 from rwa_monitor.cli.talk import say
 
@@ -28,14 +27,12 @@ if TYPE_CHECKING:
     from rwa_monitor.cli.demo_story import Story
     from rwa_monitor.cli.demo_view import DemoView
     from rwa_monitor.live.bus import BusOptions
-    from rwa_monitor.live.run_options import RunOptions
 
 DEFAULT_DURATION_S: Final = 90.0
 MAX_DURATION_S: Final = 3600.0  # an hour simulates half a month of four wheels; it is all made before it begins
 DEFAULT_SEED: Final = 1
 BATCH_SAMPLES: Final = 256
 SEARCH_PATIENCE_S: Final = 600.0  # how long a search that has begun may still take at the end: others go before it
-STOP_HEARD_S: Final = 0.2  # how late a stop signal may be heard while kernels are compiled
 
 
 @click.command(name="demo", short_help="The main job on simulated wheels, one of them failing.")
@@ -84,7 +81,6 @@ def command(duration: float, no_browser: bool, port: int | None, seed: int, reco
     from rwa_monitor.live.run_options import RunOptions
     from rwa_monitor.live.service import run
 
-    tell_of_compiling()
     # A new satellite each time: what the folder holds of the last one is not carried over to this one's healthy wheels.
     spacecraft = time.strftime("demo-%Y%m%dT%H%M%S", time.gmtime())
     story = tell(spacecraft, duration, start_ns=time.time_ns(), seed=seed)
@@ -103,7 +99,6 @@ def command(duration: float, no_browser: bool, port: int | None, seed: int, reco
     ):
         say(f"four simulated wheels, {story.speed:.0f} times faster than real time; recording in {record}")
         served = _serve_page(page, session, record, port, story, no_browser=no_browser)
-        _compile_kernels(options, stop)
         view = DemoView(session, spacecraft, story.start_ns)
         ended = Event()
         monitor = workers.submit(run, options, ended, session=session, say=say)
@@ -143,16 +138,6 @@ def _serve_page(
     running = page.enter_context(serve(options, session, say))
     show_page(running.address_with_token, no_browser=no_browser)
     return True
-
-
-def _compile_kernels(options: RunOptions, stop: Event) -> None:
-    """Compile what is compiled once for each machine, before the satellite begins to send."""
-    from rwa_monitor.live.warm_up import prepare
-
-    compiling = Thread(target=prepare, args=(options.setup(), stop), daemon=True)
-    compiling.start()
-    while compiling.is_alive() and not stop.is_set():
-        compiling.join(STOP_HEARD_S)
 
 
 def _tell_findings(story: Story, view: DemoView, record: Path) -> None:

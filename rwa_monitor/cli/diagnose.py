@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Final
 import click
 
 from rwa_monitor.cli.exit_codes import UNREADABLE, WRONG_USE
-from rwa_monitor.cli.first_use import tell_of_compiling
 from rwa_monitor.cli.options import (
     FILE,
     FleetOptions,
@@ -63,7 +62,7 @@ def command(
     is said about it. One that cannot be used is named on stderr, the others are done all the same, and the exit code
     is 2; with --carry, where later diagnoses would miss it, the work ends there.
 
-    With --results, --scheduler or --workers many recordings are diagnosed at once, on Dask; the output is the same.
+    With --results, --scheduler or --workers many recordings are diagnosed at once; the output is the same.
 
     Of eight windows of a wheel or more, the last lines say whether its dry or viscous friction grows, and when it will
     leave the nominal range; not with --json.
@@ -72,7 +71,6 @@ def command(
     from rwa_monitor.formats.model_file import read_model
     from rwa_monitor.formats.wheel_file import read_wheel
 
-    tell_of_compiling()
     if carry and fleet.asked_for:
         raise click.UsageError(
             "--carry takes one file after the other, --results, --scheduler and --workers many at once"

@@ -12,7 +12,6 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rwa_monitor.cli.exit_codes import UNREADABLE
-from rwa_monitor.cli.first_use import tell_of_compiling
 from rwa_monitor.cli.options import FILE, Decorated, FleetOptions, Whole, decoding_options, fleet_options, wheel_option
 from rwa_monitor.cli.talk import say
 
@@ -107,7 +106,7 @@ def command(
     The gain is measured on blocks of the recordings that are left out in turn, or, with --held-out, on other
     recordings of the wheel.
 
-    With --each the files are judged one by one, on Dask: a line of verdict and causes, or a JSON object, for each.
+    With --each the files are judged one by one, side by side: a line of verdict and causes, or a JSON object, for each.
     """
     if each:
         if wanted.asked_for:
@@ -123,16 +122,13 @@ def command(
     from rwa_monitor.formats.files import make_folder
     from rwa_monitor.formats.wheel_file import read_wheel
     from rwa_monitor.physics.wheel import built_in_wheel
-    from rwa_monitor.processes import for_a_search, on_processes
+    from rwa_monitor.threads import cores, on_threads
 
-    tell_of_compiling()
     wheel = read_wheel(wheel_file) if wheel_file else None
     if wanted.out is not None:
         make_folder(wanted.out, "--out")
     recordings, aside = read_recordings(files, decoding), read_recordings(wanted.held_out, decoding)
-    searched, held_out = (sum(len(samples) for _, samples in read.samples) for read in (recordings, aside))
-    with on_processes(for_a_search(searched, held_out)) as side_by_side:
-        found = _search(recordings, aside, wheel or recordings.wheel or built_in_wheel(), wanted, side_by_side)
+    found = _search(recordings, aside, wheel or recordings.wheel or built_in_wheel(), wanted, on_threads(cores()))
     planned = plan(found) if wanted.show_plan else None
     if wanted.out is not None:
         _write_report(found, [str(file) for file in files], wanted.out)

@@ -7,14 +7,12 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from threading import Event
 from typing import TYPE_CHECKING, Final
 
 import click
 
 from rwa_monitor import __version__
 from rwa_monitor.cli.exit_codes import FAILED
-from rwa_monitor.cli.first_use import tell_of_compiling
 from rwa_monitor.cli.options import FILE, bus_options, model_option, wheel_option
 from rwa_monitor.errors import InputError, RwaMonitorError
 
@@ -137,7 +135,10 @@ EXTRAS: Final = {
     "dashboard": "the page",
     "postgresql": "its history in PostgreSQL",
     "foxglove": "Foxglove live",
-    "fleet": "many recordings at once, pandas frames",
+    "parquet": "Parquet tables, results of many recordings",
+    "plot": "pictures",
+    "pandas": "data frames",
+    "fleet": "work on a Dask cluster",
     "ccsds": "space packets",
     "ros2": "ROS 2 bags",
 }
@@ -185,29 +186,23 @@ def _missing(names: Iterable[str]) -> list[str]:
 
 
 def _kernels() -> str:
-    """Diagnose a small simulated window: the compiled kernels, and all rooms below them, do their work."""
+    """Diagnose a small simulated window: the kernels, and all rooms that use them, do their work."""
     import time
 
     import numpy as np
 
     from rwa_monitor.diagnosis.model import built_in_model
     from rwa_monitor.live.core import diagnose_samples
-    from rwa_monitor.live.rebuild import Setup
-    from rwa_monitor.live.warm_up import prepare
-    from rwa_monitor.live.wheel_set import WheelSet
     from rwa_monitor.physics.scenario import Scenario
     from rwa_monitor.physics.telemetry import simulate
     from rwa_monitor.physics.wheel import built_in_wheel
 
-    tell_of_compiling()
     wheel, model = built_in_wheel(), built_in_model()
     telemetry = simulate(Scenario(duration_s=250.0), wheel, np.random.default_rng(0))
-    # What the commands need is compiled here, and not with the first file.
-    prepare(Setup(WheelSet(wheel), model, "joint"), Event())
     began = time.perf_counter()
     (window,) = diagnose_samples(telemetry.samples, wheel, model)
     elapsed = time.perf_counter() - began
-    return f"compiled; {window.diagnosis.slots} simulated slots diagnosed in {elapsed:.2f} s"
+    return f"{window.diagnosis.slots} simulated slots diagnosed in {elapsed:.2f} s"
 
 
 def _settings(ctx: click.Context) -> str:

@@ -39,15 +39,18 @@ class Fleet:
 
     def each(self, task: Task, files: Sequence[Path], description: str) -> Iterator[Done]:
         """Yield the results of the recordings that could be used, in order; says what is wrong with the others."""
-        from rwa_monitor.fleet.cluster import LOCAL, each
-        from rwa_monitor.fleet.store import Store
+        from rwa_monitor.fleet.cluster import each
         from rwa_monitor.formats.files import make_folder
+        from rwa_monitor.formats.parquet import parquet
 
-        results = self._options.results
-        store = Store(results, task) if results else None
+        results, store = self._options.results, None
         if results:
+            parquet()  # raises an error that names what to install
+            from rwa_monitor.fleet.store import Store
+
+            store = Store(results, task)
             make_folder(results)
-        outcomes = each(store or task, files, scheduler=self._options.scheduler or LOCAL, workers=self._options.workers)
+        outcomes = each(store or task, files, scheduler=self._options.scheduler, workers=self._options.workers)
         for outcome in track(outcomes, len(files), description):
             if outcome.result is None:
                 self._failures.append((outcome.file, outcome.error))

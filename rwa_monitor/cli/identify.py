@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 import click
 
 from rwa_monitor.cli.exit_codes import UNREADABLE
-from rwa_monitor.cli.first_use import tell_of_compiling
 from rwa_monitor.cli.options import FILE, FleetOptions, decoding_options, fleet_options
 from rwa_monitor.cli.talk import say
 
@@ -49,7 +48,7 @@ def command(
     Where there is too little data to learn a switching system's law, nothing is written and the command says how much
     more is needed. What is learned is taken for nominal, so a failing wheel's recordings hide its failure: the command
     says so where friction drifts, and diagnoses the recordings with the wheel file at the end. With --each the files
-    are learned one by one, on Dask.
+    are learned one by one, side by side.
     """
     from rwa_monitor.cli.progress import status_line
     from rwa_monitor.cli.recordings import read_recordings
@@ -58,7 +57,6 @@ def command(
     from rwa_monitor.formats.wheel_file import read_wheel
     from rwa_monitor.identification.identify import bare_wheel, identify
 
-    tell_of_compiling()
     start = read_wheel(wheel_file) if wheel_file else None
     if each:
         from rwa_monitor.fleet.tasks import Identify

@@ -16,7 +16,6 @@ from typing import Any, Final
 import click
 
 from rwa_monitor.cli.exit_codes import FAILED, INTERRUPTED, WRONG_USE
-from rwa_monitor.cli.kernel_cache import provide_kernel_cache
 from rwa_monitor.cli.lazy import LazyGroup
 from rwa_monitor.cli.options import FILE
 from rwa_monitor.cli.talk import PROGRAM, say
@@ -47,6 +46,8 @@ COMMANDS: Final = (
     "doctor",
     "completion",
 )
+
+EXTRAS: Final = {"matplotlib": "plot", "pyarrow": "parquet"}  # by package: what a part of a command needs
 
 
 class Program(LazyGroup):
@@ -83,7 +84,9 @@ class Program(LazyGroup):
         except ModuleNotFoundError as error:
             if error.name is None or error.name.startswith("rwa_monitor"):
                 raise
-            say(f"the package {error.name} is missing: install rwa-monitor again, with pip install .")
+            wanted = EXTRAS.get(error.name.partition(".")[0])
+            how = f"pip install 'rwa-monitor[{wanted}]'" if wanted else "install rwa-monitor again, with pip install ."
+            say(f"the package {error.name} is missing: {how}")
             status = FAILED
         except click.Abort:
             status = INTERRUPTED
@@ -135,7 +138,6 @@ def main(ctx: click.Context, settings: Path | None) -> None:
     if ctx.invoked_subcommand is None:
         click.echo(ctx.get_help(), err=True)
         ctx.exit(WRONG_USE)
-    provide_kernel_cache()
     if settings is not None or any(name.startswith("RWA_MONITOR_") for name in os.environ):
         from rwa_monitor.cli.settings import near_variable, read_settings, unknown_variables
 

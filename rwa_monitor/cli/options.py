@@ -99,10 +99,10 @@ def decoding_options(command: Decorated) -> Decorated:
 
 
 scheduler_option = click.option(
-    "--scheduler", metavar="ADDR", help="Work on this Dask cluster, such as tcp://host:8786.  [default: local]"
+    "--scheduler", metavar="ADDR", help="Work on this Dask cluster, such as tcp://host:8786.  [default: this machine]"
 )
 workers_option = click.option(
-    "--workers", type=Whole(1, 1024), metavar="N", help="Processes of the local cluster.  [default: cores]"
+    "--workers", type=Whole(1, 1024), metavar="N", help="Processes on this machine.  [default: cores]"
 )
 
 
@@ -133,8 +133,8 @@ def fleet_options(command: Decorated) -> Decorated:
     @workers_option
     @functools.wraps(command)
     def with_fleet(results: Path | None, scheduler: str | None, workers: int | None, **rest: Any) -> Any:
-        if scheduler not in (None, "local") and workers is not None:
-            raise click.UsageError("--workers is for the local cluster; the cluster of --scheduler has its own")
+        if scheduler is not None and workers is not None:
+            raise click.UsageError("--workers is for this machine; the cluster of --scheduler has its own")
         return command(fleet=FleetOptions(results, scheduler, workers), **rest)
 
     return with_fleet  # type: ignore[return-value]

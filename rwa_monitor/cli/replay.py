@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 import click
 
 from rwa_monitor.cli.exit_codes import FAILED, UNREADABLE
-from rwa_monitor.cli.first_use import tell_of_compiling
 from rwa_monitor.cli.moment import Moment
 from rwa_monitor.cli.options import FILE, bus_options, speed_option, warn_if_alone
 from rwa_monitor.cli.progress import counting
@@ -56,7 +55,6 @@ def command(
     """
     from rwa_monitor.live.replay import replay
 
-    tell_of_compiling()
     if publish and (verify or exact):
         raise click.UsageError("--publish only sends; it cannot be combined with --verify or --exact")
     if from_ns is not None and (verify or exact):

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 
 import click
 
-from rwa_monitor.cli.first_use import tell_of_compiling
 from rwa_monitor.cli.options import (
     BYTES_PER_GB,
     FILE,
@@ -93,7 +92,6 @@ def command(
     from rwa_monitor.live.service import run
     from rwa_monitor.live.supervisor import Supervisor
 
-    tell_of_compiling()
     wheel = read_wheel(wheel_file)
     own_wheels = read_wheel_folder(wheel_folder) if wheel_folder else {}
     for note in wheel.missing():

@@ -64,7 +64,8 @@ def recording(scenario_file: Path | None, wheel_file: Path | None, seed: int, ou
     write = table_writer(output)
     window = _simulate(scenario_file, wheel_file, seed, output.stem)
     write(window.telemetry.samples, output)
-    write_truth(window, output, seed=seed)
+    if left_out := write_truth(window, output, seed=seed):
+        say(left_out)
     _write_wheel_beside(window, output)
     say(f"{len(window.telemetry.samples)} samples in {output}, the truth beside it")
 
@@ -97,6 +98,7 @@ def dataset(recipe: str, count: int, seed: int, output: Path, suffix: str) -> No
     windows = track(generate(recipe, count, seed), count, "simulating")
     rows: list[tuple[str, ...]] = []
     header: tuple[str, ...] = ()
+    left_out = ""
     for window in windows:
         if not rows:
             # Only now: a recipe that does not exist leaves no empty folder behind.
@@ -104,10 +106,12 @@ def dataset(recipe: str, count: int, seed: int, output: Path, suffix: str) -> No
             make_folder(output)
         table = output / f"{window.name}.{suffix}"
         table_writer(table)(window.telemetry.samples, table)
-        write_truth(window, table, recipe=recipe, seed=seed)
+        left_out = write_truth(window, table, recipe=recipe, seed=seed)
         _write_wheel_beside(window, table)
         rows.append(label_row(window, table.name))
     write_labels(header, rows, output / "labels.csv")
+    if left_out:
+        say(left_out)
     say(f"{counted(len(rows), 'window')} in {output}, labels in {output / 'labels.csv'}")
 
 

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import click
 
-from rwa_monitor.cli.first_use import tell_of_compiling
 from rwa_monitor.cli.options import FILE, scheduler_option, workers_option
 from rwa_monitor.cli.progress import track
 from rwa_monitor.cli.talk import say
@@ -28,7 +27,7 @@ def command(labels_file: Path, wheel_file: Path, output: Path, scheduler: str | 
     file with a wheel of its own beside it (FILE.wheel.toml, as `simulate dataset` writes it) is read with that one.
     """
     from rwa_monitor.diagnosis.training import LabelledFeatures, train
-    from rwa_monitor.fleet.cluster import LOCAL, each
+    from rwa_monitor.fleet.cluster import each
     from rwa_monitor.fleet.tasks import ReadFeatures
     from rwa_monitor.formats.files import display_name
     from rwa_monitor.formats.labels import read_labels
@@ -36,11 +35,10 @@ def command(labels_file: Path, wheel_file: Path, output: Path, scheduler: str | 
     from rwa_monitor.formats.wheel_file import read_wheel
     from rwa_monitor.words import counted
 
-    tell_of_compiling()
     wheel = read_wheel(wheel_file)
     files = read_labels(labels_file)
     reader = ReadFeatures(wheel)
-    outcomes = each(reader, [file.path for file in files], scheduler=scheduler or LOCAL, workers=workers)
+    outcomes = each(reader, [file.path for file in files], scheduler=scheduler, workers=workers)
     windows, failed = [], 0
     for file, outcome in zip(files, track(outcomes, len(files), "reading windows"), strict=True):
         if outcome.result is None:

@@ -17,25 +17,20 @@ The search of the discrepancy room names the cause from the samples; here only a
 from __future__ import annotations
 
 import functools
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy import special, stats
+from scipy import special
 
-from rwa_monitor.diagnosis.adequacy_kernel import (
-    PERSISTENCE_LAGS,
-    crossing_deviations,
-    deviations_of_slopes,
-    lasting,
-    ripple_power,
-    side_differences,
-)
 from rwa_monitor.diagnosis.noise import ar_coefficient
 from rwa_monitor.diagnosis.residual_blocks import Blocks, residual_blocks
 from rwa_monitor.diagnosis.results import REJECTED, UNATTRIBUTED, Assignment, Estimate, Evidence, NoiseEstimate
-from rwa_monitor.diagnosis.structure import BLOCK, HARMONICS
+from rwa_monitor.diagnosis.structure import HARMONICS
+from rwa_monitor.kernels.adequacy import crossing_deviations, deviations_of_slopes, lasting, side_differences
+from rwa_monitor.kernels.structure import BLOCK
 from rwa_monitor.physics.switching import jumping_chain_law
 from rwa_monitor.physics.wheel import SwitchingSystem
 from rwa_monitor.samples import FloatArray
@@ -52,6 +47,7 @@ EXCESS_SIGMAS: Final = 3.0
 SYSTEMATIC_SHARE: Final = 0.5  # of all jumps unattributed: more than accidents of an assignment
 CLEAR_TREND: Final = 0.6  # rank correlation of slope and speed from which its sign names an effect
 
+PERSISTENCE_LAGS: Final = (2, 8)
 # Blocks whose residuals are compared with those two to eight blocks on: at least as far apart as a block is long. Noise
 # of a shorter memory than that gives a χ² value of seven degrees of freedom; one of AR(1) type is allowed for.
 # Least significance, and least size in standard deviations of the noise: friction derived from speed by a filter of 2 s
@@ -70,6 +66,7 @@ SIDES_ALIKE: Final = 2.0  # the largest of these differences over the smallest: 
 SIDE_SIGMAS: Final = 5.0
 SMALLEST_SIDE: Final = 0.2  # of the noise: a smaller difference is none
 
+RIPPLE_CAP: Final = 40.0  # counts at most, of the power in one stretch: a jump in it looks like any frequency
 RIPPLE_CHANCE: Final = 1e-4  # of any harmonic in a window by chance, for white noise
 # Allowance for the colour of the noise, which may lie at the very frequency that a harmonic is seen at; beyond the
 # largest no ripple could be seen at all.
@@ -128,12 +125,21 @@ def slope_finding(evidence: Evidence, estimate: Estimate) -> Adequacy | None:
     if disagreeing < max(DISAGREEING_INTERVALS, DISAGREEING_SHARE * deviation.size):
         return None
     finding = f"the viscous slope differs between intervals ({disagreeing} of {deviation.size})"
-    trend = float(stats.spearmanr(speed, deviation).statistic) if np.ptp(speed) > 0 else 0.0
+    trend = _rank_correlation(speed, deviation) if np.ptp(speed) > 0 and np.ptp(deviation) > 0 else 0.0
     if trend < -CLEAR_TREND:
         return Adequacy(False, "sublinear_viscous", finding)
     if trend > CLEAR_TREND:
         return Adequacy(False, "quadratic_drag", finding)
     return Adequacy(False, None, finding)
+
+
+def _rank_correlation(x: FloatArray, y: FloatArray) -> float:
+    """Return Spearman's rank correlation, equal values sharing their mean rank."""
+    ranks = []
+    for values in (x, y):
+        _, place, count = np.unique(values, return_inverse=True, return_counts=True)
+        ranks.append((np.cumsum(count) - 0.5 * (count - 1))[place])
+    return float(np.corrcoef(ranks)[1, 0])
 
 
 def _slope_deviations(evidence: Evidence, estimate: Estimate) -> tuple[FloatArray, FloatArray]:
@@ -166,21 +172,19 @@ def side_finding(evidence: Evidence, blocks: Blocks) -> Adequacy | None:
 def half_differences(evidence: Evidence, blocks: Blocks) -> FloatArray:
     """Return half the difference of friction between forward and backward at each crossing, in standard deviations.
 
-    float64 (crossings,). Within `SIDE_BLOCKS` blocks on either side, up to the next changepoint; only jumps in the
+    float64 (crossings,). Within four blocks on either side, up to the next changepoint; only jumps in the
     crossing itself are in it, and they do not follow the direction.
     """
     variance = evidence.noise.std**2 * max(evidence.noise.long_run_factor, 1.0)
     smallest = SMALLEST_SIDE * evidence.noise.std / SIDE_SIGMAS
-    return np.asarray(
-        side_differences(
-            evidence.structure.direction,
-            blocks.n,
-            blocks.friction,
-            blocks.interval,
-            blocks.usable,
-            variance,
-            smallest,
-        )
+    return side_differences(
+        evidence.structure.direction,
+        blocks.n,
+        blocks.friction,
+        blocks.interval,
+        blocks.usable,
+        variance,
+        smallest,
     )
 
 
@@ -228,8 +232,9 @@ def ripple_finding(evidence: Evidence) -> Adequacy | None:
     ripple = evidence.structure.ripple
     if len(ripple) == 0:
         return None
-    power, told = ripple_power(ripple)
-    over_chance = power / _ripple_by_chance(len(ripple))[told]
+    told = np.isfinite(ripple)
+    power = np.where(told, np.minimum(ripple, RIPPLE_CAP), 0.0).sum(axis=0)
+    over_chance = power / _ripple_by_chance(len(ripple))[np.count_nonzero(told, axis=0)]
     strongest = int(np.argmax(over_chance))
     # The least allowance is looked at first: as nearly always, nothing is left to allow for.
     if over_chance[strongest] < RIPPLE_COLOUR[0]:
@@ -319,9 +324,9 @@ def persistence(blocks: Blocks, correlation: float) -> tuple[float, float]:
     """
     expected = _ar_agreements(correlation, blocks.size)
     significance, mean_product = lasting(
-        blocks.residual, blocks.n, blocks.usable, blocks.interval, blocks.intervals, expected
+        blocks.residual, blocks.n, blocks.usable, blocks.interval, blocks.intervals, expected, PERSISTENCE_LAGS[0]
     )
-    return float(significance), float(np.sqrt(mean_product / blocks.size))
+    return significance, math.sqrt(mean_product / blocks.size)
 
 
 def _ar_agreements(correlation: float, size: int) -> FloatArray:

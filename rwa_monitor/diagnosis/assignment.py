@@ -12,15 +12,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
 from rwa_monitor.diagnosis import segments
-from rwa_monitor.diagnosis.assignment_paths import Knowns, add_agreement, weigh
 from rwa_monitor.diagnosis.assignment_search import REJECT, Path, Problem, Sizes, search
 from rwa_monitor.diagnosis.estimation import estimate, jump_std
-from rwa_monitor.diagnosis.friction_model import Posterior, prior_tables, solve_flat
+from rwa_monitor.diagnosis.friction_model import Cases, Posterior, prior_tables, solve_flat
 from rwa_monitor.diagnosis.friction_priors import Priors, law_moments, priors_of
 from rwa_monitor.diagnosis.laws import Onset, law_tables, onsets
 from rwa_monitor.diagnosis.results import (
@@ -36,6 +35,8 @@ from rwa_monitor.diagnosis.results import (
 )
 from rwa_monitor.diagnosis.segments import Level
 from rwa_monitor.diagnosis.state import CarriedState
+from rwa_monitor.kernels.assignment import add_agreement, weigh
+from rwa_monitor.kernels.segments import fit_table
 from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 
@@ -62,12 +63,32 @@ class _Case:
     variance: float  # of the noise, see `segments.effective_variance`
 
 
+class Knowns(NamedTuple):
+    """What is known before a window, as `weigh` takes it.
+
+    Attributes
+    ----------
+    slots
+        Length of the window.
+    table, cases
+        See `friction_model.prior_tables`.
+    variance, scatter
+        See `friction_model.solve`.
+    """
+
+    slots: int
+    table: FloatArray
+    cases: Cases
+    variance: float
+    scatter: float
+
+
 @dataclass(frozen=True, slots=True)
 class _Ranked:
     """The story that a path tells, and its full log-likelihood."""
 
     story: FlatStory
-    system: IntArray  # (m, 2), see `assignment_paths.tell`, as `direction`
+    system: IntArray  # (m, 2), see `kernels.assignment.tell`, as `direction`
     direction: IntArray
     borders: IntArray  # slots at which its segments begin and end
     moments: FloatArray  # of these
@@ -149,7 +170,7 @@ def _problem(case: _Case, level: Level, signs: BoolArray) -> Problem:
     """Tabulate all scores at the present positions, slope and signs."""
     systems, slots = case.wheel.fss, case.evidence.slots
     return Problem(
-        fit=segments.fit_table(level.pairs, level.slope, case.variance, level.spread),
+        fit=fit_table(level.pairs, level.slope, case.variance, level.spread),
         laws=law_tables(systems, level.at, slots, case.onsets),
         configurations=np.array([system.configurations for system in systems], dtype=np.int64),
         signs=signs,
@@ -205,7 +226,8 @@ def _rank(case: _Case, problem: Problem, paths: tuple[Path, ...], level: Level) 
     ranked = []
     for path in paths:
         start = np.array(path.start, dtype=np.int64)
-        ranked.append(_Ranked(*weigh(problem.scores, start, path.actions, level.at, level.pairs, knowns)))
+        weighed = weigh(problem.scores, start, path.actions, level.at, level.pairs, knowns)
+        ranked.append(_Ranked(FlatStory(*weighed[0]), *weighed[1:]))
     return sorted(ranked, key=lambda one: -one.score)
 
 

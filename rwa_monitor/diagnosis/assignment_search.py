@@ -13,8 +13,8 @@ bound survive, and the result says that it was pruned.
 Without the last sum the search is exact. The sizes bring closure into it: a system that returns to rest undoes what it
 added before. A system's friction is a function of its state where it has two configurations, and the search stays
 exact; with more it depends on the path too, and is nearly always right because the few best entries of each state are
-kept, each with its own friction (the tests count). The loops are in `assignment_kernel`, the bounds in
-`assignment_bounds`.
+kept, each with its own friction (the tests count). The loops are in `kernels/assignment_search.cpp`,
+the bounds in `assignment_bounds.cpp` beside it.
 """
 
 from __future__ import annotations
@@ -22,25 +22,43 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from itertools import combinations
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
-from rwa_monitor.diagnosis.assignment_bounds import (
-    NO_SYSTEM,
-    REJECT,
-    STEPS,
-    Scores,
-)
-from rwa_monitor.diagnosis.assignment_paths import find_paths
 from rwa_monitor.diagnosis.laws import LawTables
+from rwa_monitor.kernels.assignment import NO_SYSTEM, REJECT, STEPS, find_paths
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 
-__all__ = ["NO_SYSTEM", "REJECT", "Path", "Problem", "SearchResult", "Sizes", "search", "step_of"]
+__all__ = ["NO_SYSTEM", "REJECT", "Path", "Problem", "Scores", "SearchResult", "Sizes", "search", "step_of"]
 
 QUICK_BUDGET: Final = 16  # width of the first pass, which only finds a good complete path
 KEPT_PER_STATE: Final = 4
 ROUNDING: Final = 1e-6  # bounds and scores add up the same terms in different orders [log-likelihood]
+
+
+class Scores(NamedTuple):
+    """All that the score of a path depends on, as `Problem` and `Sizes` explain it, in the form that kernels take.
+
+    priors: of a rejected candidate, of a jump that no system made, of two systems jumping at once.
+    """
+
+    fit: FloatArray
+    jump: FloatArray
+    stay: FloatArray
+    turn: FloatArray
+    missed: FloatArray
+    configurations: IntArray
+    signs: BoolArray
+    actions: IntArray
+    priors: FloatArray
+    sized: bool
+    size: FloatArray
+    size_variance: FloatArray
+    law_mean: FloatArray
+    law_variance: FloatArray
+    log_range: float
+    unattributed_variance: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,14 +119,14 @@ class Problem:
     def actions(self) -> IntArray:
         """What can happen at a candidate: rows (system, step, second system, step), -1 for none.
 
-        Steps are numbered as in `assignment_kernel.STEPS`; `step_of` tells them apart. The first two rows reject the
+        Steps are numbered from 0 to STEPS - 1; `step_of` tells them apart. The first two rows reject the
         candidate, and accept it as a jump that no system made. Where two jump at once, no jump is missed before.
         """
         return _actions(self.configurations.size)
 
     @cached_property
     def scores(self) -> Scores:
-        """All of it, as compiled code takes it."""
+        """All of it, as kernels take it."""
         laws, sizes, count = self.laws, self.sizes, self.signs.shape[0]
         none = np.zeros(laws.turn.shape[:2])
         return Scores(

@@ -3,29 +3,22 @@
 from __future__ import annotations
 
 import math
-from typing import Final
 
 import numpy as np
-from numba import njit
 
 from rwa_monitor.diagnosis.changepoints import (
     Bar,
     in_turn,
     join,
-    kept_apart,
     peaks_behind_gaps,
-    select,
     variance_table,
 )
-from rwa_monitor.diagnosis.estimation import SlopePrior, default_exclusion, slope_within
+from rwa_monitor.diagnosis.estimation import SlopePrior
 from rwa_monitor.diagnosis.noise import ar_coefficient
 from rwa_monitor.diagnosis.results import Candidates, Evidence
-from rwa_monitor.diagnosis.running_sums import SumArrays
 from rwa_monitor.diagnosis.tails import Tails
-from rwa_monitor.diagnosis.wglr import STEP
+from rwa_monitor.kernels import changepoints as kernel
 from rwa_monitor.samples import FloatArray, IntArray
-
-MOST_ROUNDS: Final = 3  # of slope and candidates in turns; two nearly always agree
 
 
 def choose(
@@ -52,7 +45,7 @@ def choose(
     peaks = in_turn(peaks)
     table = variance_table(scales[known], variances[known])
     noise = evidence.noise
-    index, scale, statistic, jump, read = _settle(
+    index, scale, statistic, jump, read = kernel.choose(
         peaks.index,
         peaks.scale,
         evidence.slots,
@@ -64,33 +57,3 @@ def choose(
     )
     evidence.sums.samples_read += read
     return Candidates(index, scale, statistic, jump)
-
-
-@njit(cache=True, error_model="numpy", nogil=True)
-def _settle(
-    peak_index: IntArray,
-    peak_scale: IntArray,
-    slots: int,
-    sums: SumArrays,
-    bar: Bar,
-    correlation: float,
-    variance: float,
-    prior_mean: float,
-    prior_std: float,
-) -> tuple[IntArray, IntArray, FloatArray, FloatArray, int]:
-    """Estimate the slope and choose candidates in turns, until they agree; parameters as for `select`, `slope_within`.
-
-    Returns what `select` does.
-    """
-    index = kept_apart(peak_index, peak_scale)
-    exclude = np.full(index.size, STEP // 4)
-    scale, statistic, jump, read = peak_scale, np.empty(0), np.empty(0), 0
-    for _ in range(MOST_ROUNDS):
-        before = index
-        slope, _ = slope_within(slots, index, exclude, sums, variance, prior_mean, prior_std)
-        index, scale, statistic, jump, more = select(peak_index, peak_scale, slots, slope, correlation, sums, bar)
-        read += more
-        if np.array_equal(index, before):
-            break
-        exclude = default_exclusion(scale)
-    return index, scale, statistic, jump, read

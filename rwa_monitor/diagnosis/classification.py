@@ -18,7 +18,6 @@ from dataclasses import dataclass, replace
 from typing import Final, TypeGuard
 
 import numpy as np
-from numba import njit
 from scipy import special
 
 from rwa_monitor.diagnosis.features import Features, FeaturesOfStory
@@ -27,7 +26,7 @@ from rwa_monitor.diagnosis.likelihood import stray_probabilities, system_evidenc
 from rwa_monitor.diagnosis.model import AnomalyModel, Model
 from rwa_monitor.diagnosis.shift import Shift, integrate_shift
 from rwa_monitor.diagnosis.state import CarriedState, Tracked, probability_before
-from rwa_monitor.diagnosis.sums import sum_up
+from rwa_monitor.kernels.order_statistics import sum_up
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 
 UNKNOWN: Final = 0.5  # probability of an anomaly about which nothing is known
@@ -181,7 +180,7 @@ def classify(
         base = base and base.believed(shift.held_after(posterior, number))
 
     judged, to_carry = [], {}
-    shares, shares_before = shares_of(combinations, posterior).tolist(), shares_of(combinations, prior).tolist()
+    shares, shares_before = shares_of(combinations, posterior), shares_of(combinations, prior)
     for a, (name, learned, share, before) in enumerate(zip(names, models, shares, shares_before, strict=True)):
         if not _knows(learned):
             judged.append(_not_judged(name))
@@ -211,13 +210,9 @@ def _all_combinations(anomalies: int) -> BoolArray:
     return combinations
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
-def shares_of(combinations: BoolArray, weights: FloatArray) -> FloatArray:
-    """Return the sum of the weights (combinations,) of all combinations that hold each anomaly, (anomalies,)."""
-    shares = np.empty(combinations.shape[1])
-    for a in range(shares.size):
-        shares[a] = sum_up(weights[combinations[:, a]])
-    return shares
+def shares_of(combinations: BoolArray, weights: FloatArray) -> list[float]:
+    """Return the sum of the weights (combinations,) of all combinations that hold each anomaly."""
+    return [sum_up(weights[there]) for there in combinations.T]
 
 
 def _softmax(scores: FloatArray) -> FloatArray:

@@ -16,7 +16,6 @@ from itertools import islice, product
 from typing import Final
 
 import numpy as np
-from numba import njit
 
 from rwa_monitor.diagnosis.friction_model import Posterior, measure, solve
 from rwa_monitor.diagnosis.friction_priors import Priors, priors_of
@@ -229,23 +228,17 @@ def _spread(weights: FloatArray, values: Sequence[Number], stds: Sequence[Number
     return np.asarray(np.sqrt(weights @ (np.array(stds) ** 2 + (np.array(values) - values[0]) ** 2)))
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
 def _of_sojourns(column: IntArray, mean: FloatArray, std: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return a system's friction in each sojourn and its standard deviation, see `Posterior`; 0 where it is by law."""
-    friction, friction_std = np.zeros(column.size), np.zeros(column.size)
-    for sojourn in range(column.size):
-        if column[sojourn] >= 0:
-            friction[sojourn], friction_std[sojourn] = mean[column[sojourn]], std[column[sojourn]]
-    return friction, friction_std
+    return np.where(column >= 0, mean[column], 0.0), np.where(column >= 0, std[column], 0.0)
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
 def _rests(configurations: IntArray, starts: IntArray, borders: IntArray, samples: FloatArray) -> bool:
     """Whether the system is in configuration 0 in any segment that holds samples."""
     sojourn = 0
-    for segment in range(samples.size):
-        while sojourn + 1 < starts.size and starts[sojourn + 1] < borders[segment + 1]:
+    for stop, count in zip(borders[1:].tolist(), samples.tolist(), strict=True):
+        while sojourn + 1 < starts.size and starts[sojourn + 1] < stop:
             sojourn += 1
-        if configurations[sojourn] == 0 and samples[segment] > 0.0:
+        if configurations[sojourn] == 0 and count > 0.0:
             return True
     return False

@@ -22,7 +22,7 @@ import numpy as np
 from rwa_monitor.diagnosis.features import Features
 from rwa_monitor.diagnosis.residual_blocks import Blocks, residual_blocks
 from rwa_monitor.diagnosis.results import Assignment, Components, Estimate, Evidence
-from rwa_monitor.diagnosis.structure import BLOCK
+from rwa_monitor.kernels.structure import BLOCK
 from rwa_monitor.physics.wheel import SwitchingSystem, Wheel
 from rwa_monitor.samples import FloatArray, IntArray
 

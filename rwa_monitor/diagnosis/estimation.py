@@ -10,11 +10,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
-from rwa_monitor.diagnosis.noise import mean_variance_factors
+from rwa_monitor.diagnosis.noise import mean_variance_factor
 from rwa_monitor.diagnosis.results import Estimate, Evidence, NoiseEstimate
-from rwa_monitor.diagnosis.running_sums import MOMENTS, Moments, RunningSums, SumArrays, range_moments
+from rwa_monitor.diagnosis.running_sums import Moments, SumArrays
+from rwa_monitor.kernels.estimation import interval_moments, slope_within
 from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import FloatArray, IntArray
 
@@ -53,57 +53,6 @@ def nominal_slope_prior(wheel: Wheel) -> SlopePrior | None:
     return SlopePrior(nominal, NOMINAL_SLOPE_SPREAD * max(nominal, 0.1))
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
-def interval_bounds(slots: int, index: IntArray, exclude: IntArray) -> tuple[IntArray, IntArray]:
-    """Return first slot and end of the m + 1 intervals, without the slots around each changepoint.
-
-    Parameters
-    ----------
-    slots
-        Length of the window.
-    index
-        int64 (m,), changepoints, ascending.
-    exclude
-        int64 (m,), slots left out on each side of each changepoint (Δk_error of the paper). At least half of every
-        interval stays: an interval gives at most a quarter of its slots at each end.
-
-    Returns
-    -------
-    start, stop
-        int64 (m + 1,).
-    """
-    start, stop = np.empty(index.size + 1, dtype=np.int64), np.empty(index.size + 1, dtype=np.int64)
-    for i in range(start.size):
-        start[i] = index[i - 1] if i > 0 else 0
-        stop[i] = index[i] if i < index.size else slots
-        most = (stop[i] - start[i]) // 4
-        if i > 0:
-            start[i] += min(exclude[i - 1], most)
-        if i < index.size:
-            stop[i] -= min(exclude[i], most)
-    return start, stop
-
-
-def interval_moments(sums: RunningSums, slots: int, index: IntArray, exclude: IntArray) -> Moments:
-    """Return the moments of the m + 1 intervals; one whose kept part has no used sample gets all its slots."""
-    return Moments(_interval_moments(slots, index, exclude, sums.arrays))
-
-
-@njit(cache=True, error_model="numpy", nogil=True)
-def _interval_moments(slots: int, index: IntArray, exclude: IntArray, sums: SumArrays) -> FloatArray:
-    """See `interval_moments`; float64 (6, m + 1)."""
-    start, stop = interval_bounds(slots, index, exclude)
-    table = np.empty((MOMENTS, start.size))
-    range_moments(start, stop, slots, sums, table)
-    for i in range(start.size):
-        if table[0, i] == 0.0:
-            first = index[i - 1 : i] if i > 0 else np.zeros(1, dtype=np.int64)
-            last = index[i : i + 1] if i < index.size else np.full(1, slots)
-            range_moments(first, last, slots, sums, table[:, i : i + 1])
-    return table
-
-
-@njit(cache=True, error_model="numpy", nogil=True)
 def default_exclusion(scale: IntArray) -> IntArray:
     """Return Δk_error = w/2 slots of the detecting scale (errata 6)."""
     return scale // 2
@@ -132,13 +81,11 @@ def estimate(
     infinite standard deviation, and the levels' standard deviations are infinite wherever the speed is not zero.
     """
     index = np.asarray(index, dtype=np.int64)
-    margin = np.full(index.size, exclude, dtype=np.int64)
-    moments = interval_moments(evidence.sums, evidence.slots, index, margin)
-    noise = evidence.noise
-    slope, slope_std = _slope(moments, noise, prior)
-    level, level_std, cost, squared_error = _levels(
-        moments.table, slope, slope_std, noise.std**2, noise.autocovariance, noise.long_run_factor
-    )
+    window, noise = _window(evidence, index, exclude), evidence.noise
+    known = (np.nan, np.nan) if prior is None else (prior.mean, prior.std)
+    slope, slope_std = slope_within(*window, noise.std**2 * noise.long_run_factor, *known)
+    moments = Moments(interval_moments(*window))
+    level, level_std, cost, squared_error = _levels(moments, slope, slope_std, noise)
     total = float(moments.n.sum())
     rmse = float(np.sqrt(max(squared_error, 0.0) / total)) if total else 0.0
     return Estimate(
@@ -153,122 +100,33 @@ def estimate(
     )
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
+def _window(evidence: Evidence, index: IntArray, exclude: IntArray | int) -> tuple[int, IntArray, IntArray, SumArrays]:
+    """Return what the intervals between changepoints are measured from, as `interval_moments` takes it."""
+    return evidence.slots, index, np.full(index.size, exclude, dtype=np.int64), evidence.sums.arrays
+
+
 def _levels(
-    moments: FloatArray,
-    slope: float,
-    slope_std: float,
-    variance: float,
-    autocovariance: FloatArray,
-    long_run_factor: float,
+    moments: Moments, slope: float, slope_std: float, noise: NoiseEstimate
 ) -> tuple[FloatArray, FloatArray, FloatArray, float]:
-    """Return level and standard deviation of each interval, the rejection costs, and the sum of squared residuals.
-
-    Parameters
-    ----------
-    moments
-        float64 (6, intervals).
-    slope, slope_std
-        Of all intervals.
-    variance, autocovariance, long_run_factor
-        See `NoiseEstimate`.
-    """
-    count = moments.shape[1]
-    level, level_std = np.full(count, np.nan), np.full(count, np.inf)
-    factor = mean_variance_factors(moments[0], autocovariance, long_run_factor)
-    squared_error = 0.0
-    for i in range(count):
-        n, x, z, xx, xz, zz = moments[:, i]
-        if n == 0.0:
-            continue
-        x_mean, z_mean = x / n, z / n
-        sxx, sxz, szz = max(xx - x * x_mean, 0.0), xz - x * z_mean, max(zz - z * z_mean, 0.0)
-        squared_error += szz - 2.0 * slope * sxz + slope * slope * sxx
-        level[i] = z_mean - slope * x_mean
-        # An interval at zero speed does not feel the slope, however unknown.
-        shared = x_mean * x_mean * slope_std * slope_std if x_mean != 0.0 else 0.0
-        level_std[i] = np.sqrt(variance * factor[i] / n + shared)
-    cost = np.zeros(count - 1)
-    shorter = np.maximum(np.minimum(moments[0, :-1], moments[0, 1:]), 1.0)
-    colour = mean_variance_factors(shorter, autocovariance, long_run_factor)
-    for i in range(count - 1):
-        left, right = moments[0, i], moments[0, i + 1]
-        if left > 0.0 and right > 0.0:
-            # The fall of log-likelihood, -ΔSSE/2σ² for white noise, with the variance of the shorter interval's mean.
-            jump = level[i + 1] - level[i]
-            cost[i] = -0.5 * jump * jump * left * right / (left + right) / (variance * colour[i])
-    _fill_unseen(level)
-    return level, level_std, cost, squared_error
-
-
-@njit(cache=True, error_model="numpy", nogil=True)
-def _fill_unseen(level: FloatArray) -> None:
-    """Give intervals without samples, NaN, the level of the last seen one before them, or of the first after."""
-    known = 0.0
-    for i in range(level.size - 1, -1, -1):
-        if not np.isnan(level[i]):
-            known = level[i]
-    for i in range(level.size):
-        if np.isnan(level[i]):
-            level[i] = known
-        known = level[i]
-
-
-def _slope(moments: Moments, noise: NoiseEstimate, prior: SlopePrior | None) -> tuple[float, float]:
-    """Return the slope and its standard deviation from the intervals' sums about their means and the prior."""
-    mean, std = (np.nan, np.nan) if prior is None else (prior.mean, prior.std)
-    slope, slope_std = _slope_of(moments.table, noise.std**2 * noise.long_run_factor, mean, std)
-    return slope, slope_std
-
-
-@njit(cache=True, error_model="numpy", nogil=True)
-def slope_within(
-    slots: int,
-    index: IntArray,
-    exclude: IntArray,
-    sums: SumArrays,
-    variance: float,
-    prior_mean: float,
-    prior_std: float,
-) -> tuple[float, float]:
-    """Return the shared slope and its standard deviation from the slots so far, see `estimate`; for compiled code.
-
-    Parameters
-    ----------
-    slots, index, exclude, sums
-        Slots in the sums, changepoints, and slots left out on each side of each, int64 (m,).
-    variance
-        Of the noise, in the long run.
-    prior_mean, prior_std
-        What is known of the slope; NaN where nothing is.
-    """
-    moments = _interval_moments(slots, index, exclude, sums)
-    return _slope_of(moments, variance, prior_mean, prior_std)
-
-
-@njit(cache=True, error_model="numpy", nogil=True)
-def _slope_of(moments: FloatArray, variance: float, prior_mean: float, prior_std: float) -> tuple[float, float]:
-    """Return the slope and its standard deviation of the intervals; parameters as those of `slope_within`."""
-    information, covariance = _pooled(moments)
-    if not np.isnan(prior_std):
-        weight = variance / prior_std**2
-        information, covariance = information + weight, covariance + weight * prior_mean
-    if information == 0.0:
-        return 0.0, np.inf
-    return covariance / information, np.sqrt(variance / information)
-
-
-@njit(cache=True, error_model="numpy", nogil=True)
-def _pooled(moments: FloatArray) -> tuple[float, float]:
-    """Return S_xx and S_xz of all intervals about their own means; both 0 where speed is constant in each."""
-    sxx = sxz = xx = 0.0
-    for i in range(moments.shape[1]):
-        share = 1.0 / max(moments[0, i], 1.0)
-        sxx += max(moments[3, i] - moments[1, i] * moments[1, i] * share, 0.0)
-        sxz += moments[4, i] - moments[1, i] * moments[2, i] * share
-        xx += moments[3, i]
-    # Below this, S_xx is the rounding of Σx².
-    return (sxx, sxz) if sxx > 1e-11 * xx else (0.0, 0.0)
+    """Return level and standard deviation of each interval, the rejection costs, and the sum of squared residuals."""
+    seen, n = moments.n > 0.0, np.maximum(moments.n, 1.0)
+    x_mean, z_mean = moments.x / n, moments.z / n
+    sxx, sxz = np.maximum(moments.xx - moments.x * x_mean, 0.0), moments.xz - moments.x * z_mean
+    errors = np.maximum(moments.zz - moments.z * z_mean, 0.0) - 2.0 * slope * sxz + slope * slope * sxx
+    level = np.where(seen, z_mean - slope * x_mean, np.nan)
+    # An interval at zero speed does not feel the slope, however unknown.
+    felt = np.where(x_mean != 0.0, slope_std, 0.0)
+    own = noise.std**2 * mean_variance_factor(noise, n) / n
+    level_std = np.where(seen, np.sqrt(own + x_mean * x_mean * felt * felt), np.inf)
+    # The fall of log-likelihood, -ΔSSE/2σ² for white noise, with the variance of the shorter interval's mean.
+    left, right, jump = n[:-1], n[1:], level[1:] - level[:-1]
+    variance = noise.std**2 * mean_variance_factor(noise, np.minimum(left, right))
+    with np.errstate(divide="ignore", invalid="ignore"):  # without noise
+        cost = -0.5 * jump * jump * left * right / (left + right) / variance
+    # An interval without samples has the level of the last seen one before it, or of the first.
+    place = np.maximum.accumulate(np.where(seen, np.arange(n.size), np.argmax(seen)))
+    level = level[place] if seen.any() else np.zeros(n.size)
+    return level, level_std, np.where(seen[:-1] & seen[1:], cost, 0.0), float(np.cumsum(errors)[-1])
 
 
 def jump_std(evidence: Evidence, estimate_: Estimate, exclude: IntArray | int = 0) -> FloatArray:
@@ -279,26 +137,9 @@ def jump_std(evidence: Evidence, estimate_: Estimate, exclude: IntArray | int = 
     evidence, estimate_, exclude
         The window, its estimate, and the exclusion it was made with.
     """
-    margin = np.full(estimate_.index.size, exclude, dtype=np.int64)
-    moments = interval_moments(evidence.sums, evidence.slots, estimate_.index, margin)
-    noise = evidence.noise
-    return np.asarray(
-        _jump_std(moments.table, estimate_.viscous_std, noise.std**2, noise.autocovariance, noise.long_run_factor)
-    )
-
-
-@njit(cache=True, error_model="numpy", nogil=True)
-def _jump_std(
-    moments: FloatArray, slope_std: float, variance: float, autocovariance: FloatArray, long_run_factor: float
-) -> FloatArray:
-    """See `jump_std`; parameters as those of `_levels`."""
-    std = np.full(moments.shape[1] - 1, np.inf)
-    n = np.maximum(moments[0], 1.0)
-    factor = mean_variance_factors(n, autocovariance, long_run_factor)
-    for i in range(std.size):
-        if moments[0, i] > 0.0 and moments[0, i + 1] > 0.0:
-            own = variance * (factor[i] / n[i] + factor[i + 1] / n[i + 1])
-            step = moments[1, i + 1] / n[i + 1] - moments[1, i] / n[i]
-            shared = step * step * slope_std**2 if step != 0.0 else 0.0  # however unknown the slope
-            std[i] = np.sqrt(own + shared)
-    return std
+    moments, noise = Moments(interval_moments(*_window(evidence, estimate_.index, exclude))), evidence.noise
+    seen, n = moments.n > 0.0, np.maximum(moments.n, 1.0)
+    step, mean_variance = np.diff(moments.x / n), mean_variance_factor(noise, n) / n
+    shared = step * step * np.where(step != 0.0, estimate_.viscous_std, 0.0) ** 2  # however unknown the slope
+    std = np.sqrt(noise.std**2 * (mean_variance[:-1] + mean_variance[1:]) + shared)
+    return np.where(seen[:-1] & seen[1:], std, np.inf)

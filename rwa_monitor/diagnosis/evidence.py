@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any, Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from scipy import special
@@ -20,25 +20,27 @@ from scipy import special
 from rwa_monitor.diagnosis.candidates import choose
 from rwa_monitor.diagnosis.changepoints import TESTS_PER_SLOT, threshold_for
 from rwa_monitor.diagnosis.estimation import SlopePrior, nominal_slope_prior
-from rwa_monitor.diagnosis.evidence_kernel import ALL_DONE, NO_ROOM, WindowArrays, WindowSettings, gather
-from rwa_monitor.diagnosis.evidence_learning import (
+from rwa_monitor.diagnosis.noise import estimate_noise
+from rwa_monitor.diagnosis.peaks import PeakList, ScanState
+from rwa_monitor.diagnosis.results import Candidates, Evidence, Method, NoiseEstimate
+from rwa_monitor.diagnosis.running_sums import RunningSums, SumArrays
+from rwa_monitor.diagnosis.structure import StructureArrays, StructureSums
+from rwa_monitor.diagnosis.tails import Tails, estimate_tails, gaussian_outlier
+from rwa_monitor.kernels.evidence import (
+    ALL_DONE,
     CONFIRMED_STATISTIC,
     COUNTED,
-    END,
     KEPT_STATISTIC,
-    MIDDLE,
+    NO_ROOM,
     OUTLIER,
+    PAPER_WEIGHT,
     VARIANCE,
+    Window,
+    gather,
     learn_noise,
-    nothing_learned,
 )
-from rwa_monitor.diagnosis.noise import BLOCK, LAGS, estimate_noise
-from rwa_monitor.diagnosis.peaks import PeakList
-from rwa_monitor.diagnosis.results import Candidates, Evidence, Method, NoiseEstimate
-from rwa_monitor.diagnosis.running_sums import RunningSums
-from rwa_monitor.diagnosis.structure import StructureSums, pieces_before
-from rwa_monitor.diagnosis.tails import Tails, estimate_tails, gaussian_outlier
-from rwa_monitor.diagnosis.wglr import BINS, CHUNK, HISTORY, PREFIXES, ScanState
+from rwa_monitor.kernels.noise import BLOCK, LAGS
+from rwa_monitor.kernels.wglr import BINS, CHUNK, HISTORY, PREFIXES, STEP
 from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 
@@ -46,6 +48,7 @@ JOINT_SCALES: Final = (1, 2, 4, 8, 16, 32, 64, 128)
 PAPER_SCALES: Final = (50,)
 
 PEAK_TESTS_PER_SLOT: Final = 1.5  # independent tests that the peaks of all scales are, a slot: Σ 1/w, hardly less
+FAR_AWAY: Final = -(2**40)  # a slot that lies near none
 FALSE_CANDIDATES: Final = 0.3  # bearable in a window without a jump; the assignment sorts them out
 _NO_VALUES: Final[FloatArray] = np.empty(0)
 _NO_SLOTS: Final[BoolArray] = np.empty(0, dtype=np.bool_)
@@ -86,6 +89,111 @@ class Gathered:
     x: FloatArray
     z: FloatArray
     turns: IntArray
+
+
+class Learned(NamedTuple):
+    """What a window has learned of itself so far, brought up to date in place.
+
+    Attributes
+    ----------
+    bars
+        float64 (3, S), of each scale: the variance of its contrast, NaN where not known; and the statistics [torque²]
+        from which a peak is kept, and is sure, infinite where not known.
+    announced
+        int64 (STEP + 1,): the last indices announced, in turns, and how many there were.
+    numbers
+        float64 (8,): centre and weight of the slope's prior, dead band, and speed from which its sign is certain, all
+        normalised, the last two NaN until the first chunk is there; the three of `quantiles_of`; and the largest
+        outlier of heavy tails where `gather` asked for it, else NaN.
+    """
+
+    bars: FloatArray
+    announced: IntArray
+    numbers: FloatArray
+
+
+def nothing_learned(scales: int, slope: float) -> Learned:
+    """Return what is known of a window before its first sample: a centre for its slope."""
+    announced: IntArray = np.full(STEP + 1, FAR_AWAY, dtype=np.int64)
+    announced[STEP] = 0
+    return Learned(
+        bars=np.repeat([[np.nan], [np.inf], [np.inf]], scales, axis=1),
+        announced=announced,
+        numbers=np.array([slope, PAPER_WEIGHT, np.nan, np.nan, 0.0, 0.0, 0.0, np.nan]),
+    )
+
+
+class WindowArrays(NamedTuple):
+    """What a window's slots go into, in the order in which `Window` takes it.
+
+    Attributes
+    ----------
+    x, z, good, used
+        (slots,), the samples, normalised; which are good, and which of those are used.
+    sums, running
+        See `RunningSums`.
+    structure, state, learned
+        See their classes.
+    block_sums, block_pairs
+        float64 (B, LAGS), see `block_differences`.
+    scales
+        int64 (S,), half-widths of the scales [slots].
+    """
+
+    x: FloatArray
+    z: FloatArray
+    good: BoolArray
+    used: BoolArray
+    sums: SumArrays
+    running: FloatArray
+    structure: StructureArrays
+    block_sums: FloatArray
+    block_pairs: FloatArray
+    state: ScanState
+    scales: IntArray
+    learned: Learned
+
+
+class WindowSettings(NamedTuple):
+    """How a window's slots are taken. What is not known is NaN.
+
+    Attributes
+    ----------
+    speed_unit, torque_unit
+        What x and z are normalised by [rad/s], [N m].
+    dead_band
+        Normalised; NaN: what the speed's noise asks for.
+    angle_per_x
+        Angle by which the wheel turns in one slot at x = 1 [rad].
+    block_hop, stretch_hop
+        Slots from one block of the noise, and one stretch of the structure, to the next.
+    start_std
+        Standard deviation of the noise expected before any data, normalised.
+    prior_mean, prior_std
+        What is known of the slope before the window.
+    nominal_slope
+        0 where there is none.
+    outlier
+        Largest outlier by chance of Gaussian noise, in standard deviations.
+    chunk_peaks
+        As for `scan`.
+    paper
+        Whether to detect as the paper does.
+    """
+
+    speed_unit: float
+    torque_unit: float
+    dead_band: float
+    angle_per_x: float
+    block_hop: int
+    stretch_hop: int
+    start_std: float
+    prior_mean: float
+    prior_std: float
+    nominal_slope: float
+    outlier: float
+    chunk_peaks: int
+    paper: bool
 
 
 class WindowAccumulator:
@@ -163,54 +271,39 @@ class WindowAccumulator:
         blocks = max(0, (self.slots - BLOCK - LAGS) // self._hop + 1)
         self._block_sums: FloatArray = np.empty((blocks, LAGS))
         self._block_pairs: FloatArray = np.empty((blocks, LAGS))
-        self._arrays = self._window_arrays(used)
-        self._settings = self._window_settings()
-
-    def _window_arrays(self, used: BoolArray) -> tuple[Any, ...]:
-        structure, learned = self._structure.arrays, self._learned
-        return tuple(
-            WindowArrays(
-                x=self._x,
-                z=self._z,
-                good=self._good,
-                used=used,
-                checkpoints=self._sums.arrays.checkpoints,
-                centre=self._sums.arrays.centre,
-                running=self._sums.running,
-                signs=structure.signs,
-                counts=structure.counts,
-                near_zero=structure.near_zero,
-                zeros=structure.zeros,
-                ripple=structure.ripple,
-                block_sums=self._block_sums,
-                block_pairs=self._block_pairs,
-                prefix=self._state.prefix,
-                histogram=self._state.histogram,
-                scales=self._scales,
-                bars=learned.bars,
-                announced=learned.announced,
-                numbers=learned.numbers,
-            )
+        self._arrays = WindowArrays(
+            x=self._x,
+            z=self._z,
+            good=self._good,
+            used=used,
+            sums=self._sums.arrays,
+            running=self._sums.running,
+            structure=self._structure.arrays,
+            block_sums=self._block_sums,
+            block_pairs=self._block_pairs,
+            state=self._state,
+            scales=self._scales,
+            learned=self._learned,
         )
+        self._settings = self._window_settings()
+        self._window = Window(self._arrays, self._settings, self._peaks.arrays)
 
-    def _window_settings(self) -> tuple[Any, ...]:
+    def _window_settings(self) -> WindowSettings:
         wheel, prior, band = self.wheel, self.slope_prior, self.wheel.window.dead_band_rad_s
-        return tuple(
-            WindowSettings(
-                speed_unit=wheel.speed_unit_rad_s,
-                torque_unit=wheel.torque_unit_Nm,
-                dead_band=math.nan if band is None else band / wheel.speed_unit_rad_s,
-                angle_per_x=self._structure.angle_per_x,
-                block_hop=self._hop,
-                stretch_hop=self._structure.hop,
-                start_std=math.nan if self._start_std is None else self._start_std,
-                prior_mean=prior.mean if prior else math.nan,
-                prior_std=prior.std if prior else math.nan,
-                nominal_slope=prior.mean if prior else 0.0,
-                outlier=gaussian_outlier(self.slots),
-                chunk_peaks=self._peaks.chunk_peaks,
-                paper=self.method == "paper",
-            )
+        return WindowSettings(
+            speed_unit=wheel.speed_unit_rad_s,
+            torque_unit=wheel.torque_unit_Nm,
+            dead_band=math.nan if band is None else band / wheel.speed_unit_rad_s,
+            angle_per_x=self._structure.angle_per_x,
+            block_hop=self._hop,
+            stretch_hop=self._structure.hop,
+            start_std=math.nan if self._start_std is None else self._start_std,
+            prior_mean=prior.mean if prior else math.nan,
+            prior_std=prior.std if prior else math.nan,
+            nominal_slope=prior.mean if prior else 0.0,
+            outlier=gaussian_outlier(self.slots),
+            chunk_peaks=self._peaks.chunk_peaks,
+            paper=self.method == "paper",
         )
 
     # ---- samples in ------------------------------------------------------------------------------------------------
@@ -273,7 +366,7 @@ class WindowAccumulator:
             raise ValueError("the window is closed already")
         self._gather(last=True)
         self._closed = True
-        blocks = pieces_before(self._done, BLOCK + LAGS, self._hop, self._block_sums.shape[0])
+        blocks = max(0, min((self._done - BLOCK - LAGS) // self._hop + 1, self._block_sums.shape[0]))
         start_variance = math.nan if self._start_std is None else self._start_std**2
         levels, counts, variances, quantiles = learn_noise(
             self._block_sums[:blocks],
@@ -317,15 +410,7 @@ class WindowAccumulator:
         events: list[ConfirmedCandidate] = []
         while True:
             count, self._done, told, why = gather(
-                speed_rad_s,
-                torque_Nm,
-                good,
-                self.filled,
-                self._done,
-                last,
-                self._arrays,
-                self._settings,
-                tuple(self._peaks.arrays),
+                self._window, speed_rad_s, torque_Nm, good, self.filled, self._done, last
             )
             self.good += count
             self.filled += speed_rad_s.size
@@ -336,13 +421,15 @@ class WindowAccumulator:
                 return events
             if why == NO_ROOM:
                 self._peaks.make_room(self._learned.bars[VARIANCE])
+                self._window = Window(self._arrays, self._settings, self._peaks.arrays)
             else:
                 numbers = self._learned.numbers
-                quantiles = float(numbers[COUNTED]), int(numbers[MIDDLE]), int(numbers[END])
-                numbers[OUTLIER] = self._tails(self._learned.bars[VARIANCE], quantiles).largest_outlier
+                counted, median, far = numbers[COUNTED:OUTLIER].tolist()
+                tails = self._tails(self._learned.bars[VARIANCE], (counted, median, far))
+                numbers[OUTLIER] = tails.largest_outlier
             speed_rad_s, torque_Nm, good = _NO_VALUES, _NO_VALUES, _NO_SLOTS
 
-    def _tails(self, variances: FloatArray, quantiles: tuple[float, int, int]) -> Tails:
+    def _tails(self, variances: FloatArray, quantiles: tuple[float, float, float]) -> Tails:
         variance = float(variances[0])
         if self.method == "paper" or not math.isfinite(variance):
             return Tails(math.inf, 0.0)  # the paper takes the noise as Gaussian

@@ -15,9 +15,10 @@ import numpy as np
 
 from rwa_monitor.diagnosis.changepoints import TESTS_PER_SLOT, threshold_for
 from rwa_monitor.diagnosis.evidence import FALSE_CANDIDATES, JOINT_SCALES
-from rwa_monitor.diagnosis.evidence_learning import KEPT_STATISTIC
-from rwa_monitor.diagnosis.noise import SMALLEST_STD, chi_variance, lean
-from rwa_monitor.diagnosis.wglr import wglr
+from rwa_monitor.diagnosis.noise import chi_variance
+from rwa_monitor.kernels.evidence import KEPT_STATISTIC
+from rwa_monitor.kernels.noise import SMALLEST_STD, lean
+from rwa_monitor.kernels.wglr import wglr
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 
 # The slope is the window's own, known: W_b so large against any window's Σ(x - x̄)² that it is not estimated again.

@@ -7,15 +7,15 @@ the window (q = 0), its friction is known only up to a shift that is missing fro
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from numba import njit
 
 from rwa_monitor.diagnosis.estimation import SlopePrior
 from rwa_monitor.diagnosis.results import Assignment, Components, Reading
-from rwa_monitor.diagnosis.sums import sum_up
+from rwa_monitor.kernels.order_statistics import sum_up
 from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import FloatArray, IntArray
 
@@ -52,20 +52,13 @@ class SystemFeatures:
 
     def highest(self) -> tuple[int, float, float]:
         """Return the highest configuration visited, the mean friction in it and its standard deviation."""
-        q, friction, std = _highest(self.configuration, self.friction, self.friction_std)
-        return q, friction, std
-
-
-@njit(cache=True, error_model="numpy", nogil=True)
-def _highest(configuration: IntArray, friction: FloatArray, friction_std: FloatArray) -> tuple[int, float, float]:
-    """See `SystemFeatures.highest`."""
-    if configuration.size == 0 or configuration.max() == 0:
-        return 0, 0.0, 0.0
-    q = configuration.max()
-    there = configuration == q
-    count = np.count_nonzero(there)
-    std = np.sqrt(sum_up(np.square(friction_std[there])) / count / count)
-    return q, sum_up(friction[there]) / count, std
+        q = int(self.configuration.max(initial=0))
+        if q == 0:
+            return 0, 0.0, 0.0
+        there = self.configuration == q
+        count = np.count_nonzero(there)
+        std = math.sqrt(sum_up(np.square(self.friction_std[there])) / count / count)
+        return q, sum_up(self.friction[there]) / count, std
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,23 +5,45 @@ configuration 0: a return jump undoes its entry), plus jumps that no system made
 and the evidence have closed forms; both come from the moments of the segments.
 
 The priors are those of `friction_priors`: a mixture of cases, each a Gaussian model of its own. Where the window tells
-the parts apart, all cases agree; where it does not, the mixture is what is known. The loops are in `friction_kernel`.
+the parts apart, all cases agree; where it does not, the mixture is what is known.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
-from rwa_monitor.diagnosis.friction_kernel import Cases, condition, lay_out, solve_cases
 from rwa_monitor.diagnosis.friction_priors import Priors, case_table, law_table
 from rwa_monitor.diagnosis.results import FlatStory, Story
 from rwa_monitor.diagnosis.running_sums import Moments
+from rwa_monitor.kernels.friction import condition, lay_out, solve_cases
 from rwa_monitor.samples import FloatArray, IntArray
 
 FLAT_STD: Final = 30.0  # normalised: a prior so wide says nothing, and the sums keep their digits
+
+
+class Cases(NamedTuple):
+    """The prior as a mixture: the base and each system are in one of a few states, and each case chooses them.
+
+    Attributes
+    ----------
+    states
+        float64 (states, 1 + systems, 2): mean and std of the base and of each system's anomaly in each of its states.
+        A part with fewer states repeats its first.
+    choice
+        int64 (cases, 1 + systems), the state of each part.
+    log_prior
+        float64 (cases,), log-probability of each case.
+    rest
+        Standard deviation of an unattributed jump; mean and standard deviation of the slope.
+    """
+
+    states: FloatArray
+    choice: IntArray
+    log_prior: FloatArray
+    rest: FloatArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,7 +102,7 @@ def solve_flat(
 
 
 def prior_tables(priors: Priors) -> tuple[FloatArray, Cases]:
-    """Return the priors as compiled code takes them: of friction laws, and of everything else."""
+    """Return the priors as kernels take them: of friction laws, and of everything else."""
     rest = np.array([priors.unattributed_std, priors.slope.mean, priors.slope.std])
     return law_table(priors.laws), Cases(*case_table(priors.base, priors.anomaly), rest)
 

@@ -182,7 +182,7 @@ def _choices(base: tuple[Case, ...], anomaly: tuple[tuple[Case, ...], ...]) -> l
 def case_table(
     base: tuple[Case, ...], anomaly: tuple[tuple[Case, ...], ...]
 ) -> tuple[FloatArray, IntArray, FloatArray]:
-    """Return states, choice and log_prior of `friction_kernel.Cases`."""
+    """Return states, choice and log_prior of `friction_model.Cases`."""
     parts, choices = (base, *anomaly), _choices(base, anomaly)
     states = [[part[i if i < len(part) else 0] for part in parts] for i in range(max(map(len, parts)))]
     return (

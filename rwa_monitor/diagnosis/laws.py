@@ -22,23 +22,19 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Final, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from scipy import special
 
 from rwa_monitor.diagnosis.state import CarriedState
+from rwa_monitor.kernels.laws import SOFT_SHARE, add_up, tabulate
 from rwa_monitor.physics.durations import DurationLaw
 from rwa_monitor.physics.switching import jumping_chain_law
 from rwa_monitor.physics.wheel import SwitchingSystem
 from rwa_monitor.samples import FloatArray, IntArray
 
-SOFT_SHARE: Final = 1e-3  # of the broad law in every duration law
-MISSED_SHARE: Final = 1e-2  # probability that a jump leaves no candidate: a sojourn of a few slots, or in a gap
-CARRIED_TRUST: Final = 0.95  # that the last configuration told by an earlier window is right
 Number = float | FloatArray
-DOWN, UP = 0, 1  # last axis of tables over directions
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,20 +92,17 @@ class SoftLaw:
         return (1 - SOFT_SHARE) * _survival_sum(self.law, start) + SOFT_SHARE * broad
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
 def broad_survival(slots: Number, mean: Number) -> Number:
     """Return P(τ ≥ slots) of the broad law; numbers or arrays."""
     share = mean / (mean + slots - 1.0)
     return share * share
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
 def _soft_survival(survival: Number, slots: Number, mean: float) -> Number:
     """Mix a law's P(τ ≥ slots) with that of the broad law."""
     return (1.0 - SOFT_SHARE) * survival + SOFT_SHARE * broad_survival(slots, mean)
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
 def _soft_pmf(survival: Number, following: Number, slots: Number, mean: float) -> Number:
     """Mix a law's P(τ = slots), from P(τ ≥ slots) and P(τ ≥ slots + 1), likewise."""
     broad = broad_survival(slots, mean) - broad_survival(slots + 1.0, mean)
@@ -171,7 +164,7 @@ def law_tables(
 
 
 class Chain(NamedTuple):
-    """What of a system's laws depends on the window's length at most, as compiled code takes it; Q configurations.
+    """What of a system's laws depends on the window's length at most, as kernels take it; Q configurations.
 
     Attributes
     ----------
@@ -212,7 +205,7 @@ def _survivals(laws: tuple[SoftLaw, ...], slots: FloatArray) -> FloatArray:
     return survivals
 
 
-class _Told(NamedTuple):
+class Told(NamedTuple):
     """What an earlier window tells of a first sojourn: its configuration (-1: nothing), and how long it goes on.
 
     `ends`, float64 (points,): probability that it ends after so many slots; `lasts`: that it outlasts the window.
@@ -223,13 +216,13 @@ class _Told(NamedTuple):
     lasts: float
 
 
-def _told_by(first: Onset | None, laws: tuple[SoftLaw, ...], after: FloatArray, slots: int) -> _Told:
+def _told_by(first: Onset | None, laws: tuple[SoftLaw, ...], after: FloatArray, slots: int) -> Told:
     """Return what is known of a first sojourn that would end `after` slots of the window."""
     if first is None:
-        return _Told(-1, after, 0.0)
+        return Told(-1, after, 0.0)
     law = laws[first.configuration]
     alive, gone = law.survival(np.array([first.age + 1.0, float(first.age + slots)]))
-    return _Told(first.configuration, law.pmf(first.age + after) / alive, float(gone / alive))
+    return Told(first.configuration, law.pmf(first.age + after) / alive, float(gone / alive))
 
 
 def _fill(
@@ -245,88 +238,14 @@ def _fill(
     laws, chain = _laws_of(system, slots)
     tables.turn[s, : len(laws)] = chain.turn
     told = _told_by(first, laws, at, slots)
-    _tabulate(at, slots, _survivals(laws, durations), chain, told, tables.jump[s], tables.stay[s], tables.missed[s])
+    tabulate(at, slots, _survivals(laws, durations), chain, told, tables.jump[s], tables.stay[s], tables.missed[s])
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
 def _durations(at: FloatArray, slots: int) -> FloatArray:
-    """Return the durations at which `_tabulate` asks for survival, in its order: float64 (points,)."""
-    count = at.size
-    pairs = count * (count - 1) // 2
-    durations = np.empty(2 * pairs + 2 * count)
-    pair = 0
-    for i in range(count):
-        for j in range(i + 1, count):
-            durations[pair], durations[pairs + pair] = at[j] - at[i], at[j] - at[i] + 1.0
-            pair += 1
-    for k in range(count):
-        durations[2 * pairs + k], durations[2 * pairs + count + k] = at[k], slots - at[k]
-    return durations
-
-
-@njit(cache=True, error_model="numpy", nogil=True)
-def _tabulate(
-    at: FloatArray,
-    slots: int,
-    survivals: FloatArray,
-    chain: Chain,
-    told: _Told,
-    jump: FloatArray,
-    stay: FloatArray,
-    missed: FloatArray,
-) -> None:
-    """Fill the tables of one system; they hold -inf.
-
-    Parameters
-    ----------
-    at, slots
-        float64 (m,), the candidates' slots, and the length of the window.
-    survivals
-        float64 (Q, points), see `_survivals`: at the durations between all pairs of candidates (i < j, row by row), at
-        these + 1, from the window's begin to each candidate, and from each to the window's end.
-    chain, told
-        The system's laws, and what is known of its first sojourn.
-    jump, stay, missed
-        The system's part of `LawTables`.
-    """
-    count, configurations = at.size, chain.means.size
-    pairs = count * (count - 1) // 2
-    begun, left = survivals[:, 2 * pairs : 2 * pairs + count], survivals[:, 2 * pairs + count :]
-    for q in range(configurations):
-        mean = chain.means[q]
-        pair = 0
-        for i in range(count):
-            for j in range(i + 1, count):
-                duration = at[j] - at[i]
-                jump[q, 1 + i, 1 + j] = np.log(
-                    _soft_pmf(survivals[q, pair], survivals[q, pairs + pair], duration, mean)
-                )
-                pair += 1
-        for k in range(count):
-            stay[q, 1 + k] = np.log(_soft_survival(left[q, k], slots - at[k], mean))
-            ended = chain.entered[q] * _soft_survival(begun[q, k], at[k], mean)
-            jump[q, 0, 1 + k] = np.log(_first(ended, told.ends[k], q, told.configuration))
-        stay[q, 0] = np.log(_first(chain.never[q], told.lasts, q, told.configuration))
-        if q + 1 == configurations:
-            continue
-        both = mean + chain.means[q + 1]  # of two sojourns in a row, up or down, seen as one
-        log_up = np.log(MISSED_SHARE) + chain.turn[q, UP] + np.log(2.0 / both)
-        log_down = np.log(MISSED_SHARE) + chain.turn[q + 1, DOWN] + np.log(2.0 / both)
-        for i in range(count):
-            for j in range(i + 1, count):
-                duration = at[j] - at[i]
-                if duration >= 2.0:
-                    longer = 3.0 * np.log1p(duration / both)
-                    missed[q, UP, 1 + i, 1 + j] = log_up - longer
-                    missed[q + 1, DOWN, 1 + i, 1 + j] = log_down - longer
-
-
-@njit(cache=True, error_model="numpy", nogil=True)
-def _first(unknown: float, told: float, q: int, configuration: int) -> float:
-    """Return a probability of the first sojourn, in q: a mixture where earlier windows tell its configuration."""
-    if configuration < 0:
-        return unknown
-    return (1.0 - CARRIED_TRUST) * unknown + (CARRIED_TRUST * told if q == configuration else 0.0)
+    """Return the durations at which `tabulate` takes survival, in its order: float64 (points,)."""
+    first, last = np.triu_indices(at.size, 1)
+    between = at[last] - at[first]
+    return np.concatenate((between, between + 1.0, at, slots - at))
 
 
 def log_probability(
@@ -346,27 +265,4 @@ def log_probability(
     (laws, chain), at = _laws_of(system, slots), starts[1:].astype(np.float64)
     between = at[1:] - at[:-1]
     survivals = _survivals(laws, np.concatenate((between, between + 1.0, at[:1], slots - at[-1:])))
-    return float(_add_up(configurations, at, slots, survivals, chain, _told_by(first, laws, at[:1], slots)))
-
-
-@njit(cache=True, error_model="numpy", nogil=True)
-def _add_up(
-    configurations: IntArray, at: FloatArray, slots: int, survivals: FloatArray, chain: Chain, told: _Told
-) -> float:
-    """Add up the log-probabilities of a system's sojourns in `configurations`, the later ones begun at the slots `at`.
-
-    Parameters as in `_tabulate`, the durations those of the sojourns between its first and last.
-    """
-    first, last = configurations[0], configurations[-1]
-    if at.size == 0:
-        return float(np.log(_first(chain.never[first], told.lasts, first, told.configuration)))
-    ended = chain.entered[first] * _soft_survival(survivals[first, -2], at[0], chain.means[first])
-    total = np.log(_first(ended, told.ends[0], first, told.configuration))
-    total += np.log(_soft_survival(survivals[last, -1], slots - at[-1], chain.means[last]))
-    for j in range(at.size):
-        q = configurations[j]
-        total += chain.turn[q, UP if configurations[j + 1] > q else DOWN]
-        if j > 0:
-            survival, following = survivals[q, j - 1], survivals[q, at.size - 1 + j - 1]
-            total += np.log(_soft_pmf(survival, following, at[j] - at[j - 1], chain.means[q]))
-    return float(total)
+    return add_up(configurations, at, slots, survivals, chain, _told_by(first, laws, at[:1], slots))

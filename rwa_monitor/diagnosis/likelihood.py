@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from rwa_monitor.diagnosis.densities import level_densities, sojourn_densities, strays
 from rwa_monitor.diagnosis.features import SystemFeatures
 from rwa_monitor.diagnosis.model import AnomalyModel, Levels
+from rwa_monitor.kernels.laws import level_densities, sojourn_densities, strays
 from rwa_monitor.samples import FloatArray, IntArray
 
 

@@ -16,8 +16,8 @@ from numpy.typing import ArrayLike
 from pydantic import Field, ValidationError, model_validator
 
 from rwa_monitor.diagnosis.canonical import Rounded, canonical_json, content_sha256
-from rwa_monitor.diagnosis.densities import LEVEL_NUMBERS, band_densities
 from rwa_monitor.errors import InputError
+from rwa_monitor.kernels.laws import LEVEL_NUMBERS, band_densities
 from rwa_monitor.physics.strict import Strict
 from rwa_monitor.physics.wheel import RESERVED_ANOMALIES, SwitchingSystem, Wheel
 from rwa_monitor.samples import FloatArray
@@ -90,7 +90,7 @@ class Levels(Strict):
 
     @cached_property
     def numbers(self) -> FloatArray:
-        """All that densities need, as compiled code takes it: float64 (LEVEL_NUMBERS,)."""
+        """All that densities need, as kernels take it: float64 (LEVEL_NUMBERS,)."""
         nominal, anomalous = self.nominal, self.anomalous
         learned = (anomalous.low, anomalous.high, anomalous.soft) if anomalous else (np.nan,) * 3
         return np.array([nominal.low, nominal.high, nominal.soft, *learned, self.stray, self.reach])
@@ -170,7 +170,7 @@ class AnomalyModel(Strict):
 
     @cached_property
     def numbers(self) -> FloatArray:
-        """All that densities need, as compiled code takes it: float64 (configurations, LEVEL_NUMBERS), NaN for none."""
+        """All that densities need, as kernels take it: float64 (configurations, LEVEL_NUMBERS), NaN for none."""
         unknown = np.full(LEVEL_NUMBERS, np.nan)
         return np.stack([unknown if levels is None else levels.numbers for levels in self.levels])
 

@@ -2,26 +2,89 @@
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Final, NamedTuple
 
-import numba
 import numpy as np
 
 from rwa_monitor.diagnosis.results import Candidates
-from rwa_monitor.diagnosis.wglr import (
+from rwa_monitor.kernels.wglr import (
     CHUNK,
     COUNT_PEAKS,
     COUNT_SETTLED,
     PEAK_CONFIRMED,
-    PEAK_INDEX,
-    PEAK_JUMP,
     PEAK_SCALE,
     PEAK_STATISTIC,
-    PeakArrays,
+    peaks_above,
 )
 from rwa_monitor.samples import FloatArray, IntArray
 
 MOST_PEAKS: Final = 12_288  # rows at most, 0.6 MB; a window with more peaks is pruned to the strongest half
+
+
+class PeakArrays(NamedTuple):
+    """The list of peaks, as the kernels take it; see `PeakList`.
+
+    Attributes
+    ----------
+    slots, values
+        int64 (P, 3) and float64 (P, 2): a row for each peak, columns PEAK_….
+    open
+        int64 (S, 3): for each scale the last peak of each sign, and the last slot above the floor; -1 for none.
+    counters
+        int64 (3,), entries COUNT_….
+    confirmed
+        int64 (P,): rows of the sure peaks that became final in the last scan, COUNT_CONFIRMED of them.
+    told, told_values
+        int64 (P,) and float64 (3, P): slots of the jumps that became certain, and of each jump, its standard deviation
+        and the normalised statistic. As many as `gather` returns.
+    """
+
+    slots: IntArray
+    values: FloatArray
+    open: IntArray
+    counters: IntArray
+    confirmed: IntArray
+    told: IntArray
+    told_values: FloatArray
+
+
+class ScanState(NamedTuple):
+    """What a scan carries from slot to slot.
+
+    Attributes
+    ----------
+    prefix
+        float64 (PREFIXES, HISTORY + CHUNK + 1); column HISTORY + k - chunk holds the sums of (n, x, e, xx, xe) before
+        slot k.
+    histogram
+        int64 (S, BINS), the statistic at every (w/4)-th slot.
+    """
+
+    prefix: FloatArray
+    histogram: IntArray
+
+
+class ScanSettings(NamedTuple):
+    """How a scan looks for peaks; changes at fixed slots of the window only.
+
+    Attributes
+    ----------
+    scales
+        int64 (S,), ascending.
+    weight, slope
+        The slope's prior: W_b and f̃_v.
+    floors, sure
+        float64 (S,), the statistics from which a peak is kept (infinite to keep none), and confirmed.
+    runs
+        Keep the maximum of each contiguous run (the paper) instead of the maxima within ±w.
+    """
+
+    scales: IntArray
+    weight: float
+    slope: float
+    floors: FloatArray
+    sure: FloatArray
+    runs: bool
 
 
 class PeakList:
@@ -102,25 +165,3 @@ class PeakList:
         return Candidates(
             *peaks_above(self.arrays.slots, self.arrays.values, len(self), self.scales, variances, threshold)
         )
-
-
-@numba.njit(cache=True, error_model="numpy", nogil=True)
-def peaks_above(
-    slots: IntArray, values: FloatArray, count: int, scales: IntArray, variances: FloatArray, threshold: float
-) -> tuple[IntArray, IntArray, FloatArray, FloatArray]:
-    """Return the fields of the `Candidates` that `PeakList.above` chooses among the first `count` rows."""
-    chosen, key = np.empty(count, dtype=np.int64), np.empty(count, dtype=np.int64)
-    found = 0
-    for p in range(count):
-        if values[p, PEAK_STATISTIC] / variances[slots[p, PEAK_SCALE]] >= threshold:
-            chosen[found] = p
-            key[found] = slots[p, PEAK_INDEX] * scales.size + slots[p, PEAK_SCALE]  # by slot, then narrow scales first
-            found += 1
-    index, scale = np.empty(found, dtype=np.int64), np.empty(found, dtype=np.int64)
-    statistic, jump = np.empty(found), np.empty(found)
-    order = np.argsort(key[:found], kind="mergesort")
-    for i in range(found):
-        p = chosen[order[i]]
-        index[i], scale[i] = slots[p, PEAK_INDEX], scales[slots[p, PEAK_SCALE]]
-        statistic[i], jump[i] = values[p, PEAK_STATISTIC] / variances[slots[p, PEAK_SCALE]], values[p, PEAK_JUMP]
-    return index, scale, statistic, jump

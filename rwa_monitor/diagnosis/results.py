@@ -19,11 +19,12 @@ import numpy as np
 
 from rwa_monitor.diagnosis.running_sums import RunningSums
 from rwa_monitor.diagnosis.structure import Structure
+from rwa_monitor.kernels import assignment
 from rwa_monitor.samples import FloatArray, IntArray
 
 Method = Literal["joint", "paper"]
-REJECTED: Final = -1  # in Assignment.system: a candidate that is no changepoint
-UNATTRIBUTED: Final = -2  # in Assignment.system: a changepoint that no switching system explains
+REJECTED: Final = assignment.REJECTED  # in Assignment.system: a candidate that is no changepoint
+UNATTRIBUTED: Final = assignment.UNATTRIBUTED  # in Assignment.system: a changepoint that no switching system explains
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,7 +158,7 @@ class Story:
 
 
 class FlatStory(NamedTuple):
-    """A story as compiled code takes it.
+    """A story as kernels take it.
 
     Attributes
     ----------

@@ -17,13 +17,12 @@ from functools import cached_property
 from typing import Annotated, Any, Final, Self
 
 import numpy as np
-from numba import njit
 from pydantic import Field, ValidationError
 
 from rwa_monitor.diagnosis.canonical import Rounded, canonical_json, content_sha256
 from rwa_monitor.diagnosis.results import Assignment, Components
-from rwa_monitor.diagnosis.sums import sum_up
 from rwa_monitor.errors import InputError
+from rwa_monitor.kernels.order_statistics import sum_up
 from rwa_monitor.physics.strict import Strict
 from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import FloatArray, IntArray
@@ -284,7 +283,7 @@ def _next_system(
     configurations, starts = assignment.configurations[s], assignment.starts[s]
     remembered = before.friction if before and before.friction else (None,) * system.configurations
     friction = components.fss_friction[s]
-    seen = _add_up(configurations, friction, system.configurations, learn).tolist()
+    seen = _add_up(configurations, friction, system.configurations, learn)
     memories = tuple(_remember(remembered[q], *sums) for q, sums in enumerate(seen))
     hop = wheel.window.hop_slots
     if configurations.size == 0 or hop > wheel.window.samples:
@@ -298,14 +297,13 @@ def _next_system(
     return SystemState(name=system.name, configuration=int(configurations[current]), age=age, friction=memories)
 
 
-@njit(cache=True, error_model="numpy", nogil=True)
-def _add_up(configuration: IntArray, friction: FloatArray, configurations: int, learn: bool) -> FloatArray:
-    """Return number of sojourns, sums of friction and of its squares, by configuration: float64 (configurations, 3)."""
-    sums = np.zeros((configurations, 3))
-    for q in range(configurations if learn else 0):
-        values = friction[(configuration == q) & np.isfinite(friction)]
-        sums[q, 0], sums[q, 1], sums[q, 2] = values.size, sum_up(values), sum_up(values * values)
-    return sums
+def _add_up(
+    configuration: IntArray, friction: FloatArray, configurations: int, learn: bool
+) -> list[tuple[float, float, float]]:
+    """Return number of sojourns, sums of friction and of its squares, by configuration."""
+    known = np.isfinite(friction) & learn
+    values = [friction[known & (configuration == q)] for q in range(configurations)]
+    return [(own.size, sum_up(own), sum_up(own * own)) for own in values]
 
 
 def _remember(

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy import optimize, special
+from scipy import special
 
 from rwa_monitor.diagnosis.features import Features
 from rwa_monitor.diagnosis.model import AnomalyModel, Band, Levels, LinearSvm, Model, Provenance
@@ -246,7 +246,7 @@ def train_svm(
         return None
     low, high = float(everything.min()), float(everything.max())
     features = np.stack([svm_features(bins, low, high, value) for value in values])
-    from sklearn.svm import LinearSVC  # noqa: PLC0415  - only training needs scikit-learn, which takes a second to import
+    from sklearn.svm import LinearSVC  # takes a second to import
 
     # The primal problem with squared hinge loss is strictly convex: one optimum, on every machine.
     machine = LinearSVC(C=cost, dual=False, tol=SVM_TOLERANCE, max_iter=SVM_ITERATIONS).fit(features, anomalous)
@@ -284,6 +284,8 @@ def _calibrate(decision: FloatArray, anomalous: BoolArray) -> tuple[float, float
     def hessian(parameters: FloatArray) -> FloatArray:
         p = special.expit(parameters @ columns)
         return np.asarray((columns * (p * (1.0 - p))) @ columns.T + np.diag(weight))
+
+    from scipy import optimize
 
     fit = optimize.minimize(
         cost, np.zeros(2), method="trust-exact", jac=gradient, hess=hessian, options={"gtol": 1e-10}

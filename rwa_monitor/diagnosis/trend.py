@@ -21,7 +21,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy import linalg, optimize, stats
+from scipy import linalg, special
 
 from rwa_monitor.errors import InputError
 from rwa_monitor.samples import FloatArray
@@ -96,7 +96,7 @@ class Lines:
     def beyond(self, time_s: float, limit: float, side: int) -> float:
         """Return the probability that the line lies above (side 1) or below (-1) a limit at a time."""
         mean, variance = self.each_at(np.array([time_s]))
-        return float(self.weight @ stats.norm.cdf(side * (mean[:, 0] - limit) / np.sqrt(variance[:, 0])))
+        return float(self.weight @ special.ndtr(side * (mean[:, 0] - limit) / np.sqrt(variance[:, 0])))
 
     def crossing(self, limit: float, side: int, share: float) -> float:
         """Return the time by which a limit is passed with probability `share` [s]; infinite if never."""
@@ -105,6 +105,8 @@ class Lines:
             return self.now_s
         if self.beyond(far, limit, side) < share:
             return float("inf")
+        from scipy import optimize
+
         return float(optimize.brentq(lambda t: self.beyond(t, limit, side) - share, self.now_s, far))
 
 
@@ -256,7 +258,8 @@ def _tone_down(at: FloatArray, hinges: FloatArray, y: FloatArray, variance: Floa
         level, slope = _weighted_line(h, y, weight)
         square = (y - level - slope * h) ** 2 / total
         weight = (DEGREES_OF_FREEDOM + 1.0) / (DEGREES_OF_FREEDOM + square) / total
-    log_density = stats.t.logpdf(np.sqrt(square), DEGREES_OF_FREEDOM) - 0.5 * np.log(total)
+    # Of Student's t, but for what all have in common.
+    log_density = -0.5 * (DEGREES_OF_FREEDOM + 1.0) * np.log1p(square / DEGREES_OF_FREEDOM) - 0.5 * np.log(total)
     best = np.unravel_index(int(np.argmax(log_density.sum(axis=-1))), square.shape[:2])
     excess = np.maximum((DEGREES_OF_FREEDOM + square[best]) / (DEGREES_OF_FREEDOM + 1.0) - 1.0, 0.0)
     growth = slope[best] * np.gradient(at) * (hinges[best[0]] > 0)
@@ -323,5 +326,5 @@ def _fit(
     direction = (h_free / norm)[:, :tested]
     length = float(np.arccos(np.clip((direction[:, 1:] * direction[:, :-1]).sum(axis=0), -1.0, 1.0)).sum())
     highest = float(np.abs(projection[:tested]).max())
-    bound = 2.0 * stats.norm.sf(highest) + length / np.pi * np.exp(-0.5 * highest**2)
+    bound = 2.0 * special.ndtr(-highest) + length / np.pi * np.exp(-0.5 * highest**2)
     return _Fit(log_likelihood, np.column_stack([mean_y - slope * mean_h, slope]), covariances, float(min(bound, 1.0)))

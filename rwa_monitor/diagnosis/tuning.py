@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy import signal, stats
+from scipy import signal, special
 
 from rwa_monitor.errors import InputError
 from rwa_monitor.samples import FloatArray
@@ -175,7 +175,7 @@ def tune(
     shift = terms.shift * slope_error / noise_std
     bar = _bar(shift, terms.std, 1.0 / run_length)
     reached = jump_sigmas * np.sqrt(terms.energy) - shift - bar
-    enough = np.flatnonzero(reached >= float(stats.norm.isf(missed)) * terms.std)
+    enough = np.flatnonzero(reached >= -float(special.ndtri(missed)) * terms.std)
     if enough.size == 0:
         raise InputError(
             "tune", f"no window up to {LONGEST_HALF} slots shows a jump of {jump_sigmas:g} σ at these rates"
@@ -186,20 +186,20 @@ def tune(
         threshold=float(bar[k] ** 2),
         prior_weight=prior_weight,
         information=jump_sigmas**2 * float(terms.energy[k]),
-        missed=float(stats.norm.sf(reached[k] / terms.std[k])),
+        missed=float(special.ndtr(-reached[k] / terms.std[k])),
         run_length=1.0 / float(_above(bar[k], shift[k], terms.std[k])),
     )
 
 
 def _above(bar: FloatArray, shift: FloatArray, std: FloatArray) -> FloatArray:
     """Return the probability that |shift + std · N(0, 1)| exceeds the bar."""
-    return np.asarray(stats.norm.sf((bar - shift) / std) + stats.norm.sf((bar + shift) / std))
+    return np.asarray(special.ndtr((shift - bar) / std) + special.ndtr(-(bar + shift) / std))
 
 
 def _bar(shift: FloatArray, std: FloatArray, probability: float) -> FloatArray:
     """Return the bar that |shift + std · N(0, 1)| exceeds with a probability, by bisection; float64 (n,)."""
     low = np.zeros_like(shift)
-    high = shift + std * float(stats.norm.isf(probability / 2.0))  # enough: both tails are below half of it there
+    high = shift + std * float(-special.ndtri(probability / 2.0))  # enough: both tails are below half of it there
     for _ in range(60):  # bisections of a number of order 10: down to its last bit
         middle = 0.5 * (low + high)
         too_low = _above(middle, shift, std) > probability
@@ -304,7 +304,7 @@ def _false_alarms(
 
 def _mean(values: FloatArray) -> Measured:
     mean = float(values.mean())
-    half = float(stats.norm.isf(0.025) * values.std() / np.sqrt(values.size))
+    half = float(-special.ndtri(0.025) * values.std() / np.sqrt(values.size))
     return Measured(mean, max(mean - half, 0.0), mean + half)
 
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from rwa_monitor.discrepancy.base_fit import Fit
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.record import Record
-from rwa_monitor.physics.effects.recursions import turned_angle
+from rwa_monitor.kernels.effects import turned_angle
 from rwa_monitor.physics.effects.torque_ripple import MAX_HARMONIC, coherent_slots
 from rwa_monitor.samples import FloatArray
 

@@ -17,7 +17,6 @@ from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
-from numba import njit
 
 from rwa_monitor.discrepancy.derived_friction import speed_noise_taps
 from rwa_monitor.discrepancy.mapper import Mapper, in_turn
@@ -25,8 +24,9 @@ from rwa_monitor.discrepancy.moments import Moments
 from rwa_monitor.discrepancy.noise import Noise, clip_outliers, estimate_noise
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.record import Record
-from rwa_monitor.discrepancy.segmentation import segment, segment_sums
+from rwa_monitor.discrepancy.segmentation import segment
 from rwa_monitor.errors import InputError
+from rwa_monitor.kernels.segmentation import segment_sums
 from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 
@@ -284,15 +284,14 @@ def robust_coefficients(problem: Problem, design: FloatArray, low: FloatArray, h
         coefficients = solve_bounded(problem, rise.T @ weighted, weighted.T @ z, low, high)
         residual = z - rise @ coefficients
         scale = max(float(np.median(np.abs(residual))) / 0.6745, 1e-300)
-        weight_by_size(residual, TUKEY * scale, weight)
+        weight = weight_by_size(residual, TUKEY * scale)
     return coefficients
 
 
-@njit(cache=True, nogil=True)
-def weight_by_size(residual: FloatArray, reach: float, weight: FloatArray) -> None:
-    """Write Tukey's weights of residuals, float64 (n,), which are zero from `reach` on."""
-    for k in range(residual.size):
-        weight[k] = max(1.0 - (residual[k] / reach) ** 2, 0.0) ** 2
+def weight_by_size(residual: FloatArray, reach: float) -> FloatArray:
+    """Return Tukey's weights of residuals, float64 (n,), which are zero from `reach` on."""
+    weight: FloatArray = np.square(np.maximum(1.0 - np.square(residual / reach), 0.0))
+    return weight
 
 
 def sharp_jumps(problem: Problem, fitted: Fit, reach: int = 48, threshold: float = 30.0) -> IntArray:

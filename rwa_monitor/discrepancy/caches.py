@@ -5,27 +5,21 @@ from __future__ import annotations
 from collections.abc import Callable, Hashable
 from typing import Any, Final, TypeVar
 
-from rwa_monitor.discrepancy.mapper import SentOnce
 from rwa_monitor.samples import FloatArray, IntArray
 
 CACHE_BYTES: Final = 400_000_000
 JUMP_CACHE_BYTES: Final = 50_000_000
-SHARES: Final = 8  # of the room for columns, where several processes keep them
 RECENT: Final = 4  # values that are kept: those of the models that are extended just now
 
 Value = TypeVar("Value")
 
 
-class ColumnCache(SentOnce):
+class ColumnCache:
     """Columns already evaluated, by effect and shape: the search visits the same shapes many times."""
 
     def __init__(self, room: int = CACHE_BYTES) -> None:
         self._columns: dict[Hashable, FloatArray] = {}
         self._room = room  # bytes
-
-    def __reduce__(self) -> tuple[type[ColumnCache], tuple[int]]:
-        """Begin empty in another process, with a share of the room."""
-        return ColumnCache, (self._room // SHARES,)
 
     def get(self, key: Hashable) -> FloatArray | None:
         """Return the columns, or None where they are not kept."""
@@ -38,17 +32,13 @@ class ColumnCache(SentOnce):
             self._room -= columns.nbytes
 
 
-class JumpCache(SentOnce):
+class JumpCache:
     """Jumps already found, by all that decides them: one model is segmented from many starts, which soon meet."""
 
     def __init__(self) -> None:
         # With the data by identity: an array that is held cannot give its place to another.
         self._jumps: dict[Hashable, tuple[FloatArray, IntArray]] = {}
         self._bytes = 0
-
-    def __reduce__(self) -> tuple[type[JumpCache], tuple[()]]:
-        """Begin empty in another process: data have another identity there."""
-        return JumpCache, ()
 
     def get(self, z: FloatArray, key: Hashable) -> IntArray | None:
         """Return the jumps in `z` less a model, or None where they are not kept."""
@@ -62,16 +52,12 @@ class JumpCache(SentOnce):
             self._bytes += jumps.nbytes
 
 
-class RecentCache(SentOnce):
+class RecentCache:
     """The values asked for last, by all that decides them: many effects follow the same level."""
 
     def __init__(self) -> None:
         # Replaced as a whole: of two threads that add at once one may be forgotten, no more.
         self._values: tuple[tuple[tuple[object, ...], Hashable, Any], ...] = ()
-
-    def __reduce__(self) -> tuple[type[RecentCache], tuple[()]]:
-        """Begin empty in another process: objects have another identity there."""
-        return RecentCache, ()
 
     def get(self, objects: tuple[object, ...], key: Hashable, make: Callable[[], Value]) -> Value:
         """Return what `make` returned for these very objects, which are held, and this key, or what it returns now."""

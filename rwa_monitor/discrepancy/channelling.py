@@ -9,10 +9,10 @@ better than it does; where it wins it is told as unexplained.
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
-from numba import njit
 
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.physics.effects.base import Channels, MeanEffect, Memory, Parameter
@@ -75,17 +75,11 @@ def angles_between_reversals(channels: Channels) -> FloatArray:
     return np.asarray(ends[ends > SHORTEST_RAD], dtype=np.float64)
 
 
-@njit(cache=True)
 def angle_since_reversal(speed_rad_s: FloatArray, period_s: float) -> FloatArray:
     """Return the angle turned since the speed last changed sign [rad], infinite before the first change, (n,)."""
-    angle = np.empty(speed_rad_s.size)
-    turned, sign = np.inf, 0.0
-    for k in range(speed_rad_s.size):
-        now = np.sign(speed_rad_s[k])
-        if now * sign < 0.0:
-            turned = 0.0
-        if now != 0.0:
-            sign = now
-        turned += np.abs(speed_rad_s[k]) * period_s
-        angle[k] = turned
+    steps, moving = np.abs(speed_rad_s) * period_s, np.flatnonzero(speed_rad_s)
+    reversals = moving[1:][np.diff(np.sign(speed_rad_s[moving])) != 0.0].tolist()
+    angle = np.full(speed_rad_s.size, np.inf)
+    for begin, end in pairwise([*reversals, speed_rad_s.size]):
+        np.cumsum(steps[begin:end], out=angle[begin:end])
     return angle

@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 
 from rwa_monitor.discrepancy.caches import ColumnCache, JumpCache, RecentCache
-from rwa_monitor.discrepancy.mapper import Mapper, SentOnce, in_turn
+from rwa_monitor.discrepancy.mapper import Mapper, in_turn
 from rwa_monitor.discrepancy.noise import Noise
 from rwa_monitor.discrepancy.record import Record
 from rwa_monitor.samples import FloatArray, IntArray
@@ -21,8 +21,8 @@ DIGITS: Final = 1e-5  # of the RMS of the friction: what is smaller is no sensor
 NEARLY_CONSTANT: Final = 0.05  # of the mean speed: its spread, below which a slope of the drag is no more than a level
 
 
-@dataclass(frozen=True, slots=True, weakref_slot=True)
-class Problem(SentOnce):
+@dataclass(frozen=True, slots=True)
+class Problem:
     """The used samples of one or more records of a wheel, joined; arrays (n,).
 
     Attributes

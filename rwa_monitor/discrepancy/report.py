@@ -6,7 +6,7 @@ from typing import Any, Final
 
 import jinja2
 
-from rwa_monitor.discrepancy import engineering, figures
+from rwa_monitor.discrepancy import engineering
 from rwa_monitor.discrepancy.extended import extend, laws_in_words
 from rwa_monitor.discrepancy.find import CANDIDATES, candidates
 from rwa_monitor.discrepancy.finished_search import Search
@@ -133,15 +133,24 @@ def html(search: Search, sources: list[str], build: str = "") -> str:
         "noise_gains": noise_gains(search),
         "sure_p": SURE_P,
         "accept_gain": f"{ACCEPT_GAIN:.0f}",
-        "overlay": figures.svg(figures.overlay(search)),
-        "friction_over_speed": figures.svg(figures.friction_over_speed(search)),
+        "overlay": _picture("overlay", search),
+        "friction_over_speed": _picture("friction_over_speed", search),
         "formulas": {
-            effect.name: figures.svg(figures.formula(CATALOGUE[effect.name].formula), tight=True)
+            effect.name: _picture("formula", CATALOGUE[effect.name].formula, tight=True)
             for effect in search.result.effects
         },
-        "ladder_picture": figures.svg(figures.ladder_picture(search)) if extended else "",
-        "views": [(view, figures.svg(figures.view_picture(view, both=extended))) for view in views],
+        "ladder_picture": _picture("ladder_picture", search) if extended else "",
+        "views": [(view, _picture("view_picture", view, both=extended)) for view in views],
         "extended_toml": extension.to_toml() if extended else "",
         "laws": laws_in_words(extension) if extended else [],
     }
     return environment.from_string(PAGE).render(facts)
+
+
+def _picture(name: str, *drawn: Any, tight: bool = False, **options: Any) -> str:
+    """Return a picture of `figures` as SVG; "" where what draws it is not installed."""
+    try:
+        from rwa_monitor.discrepancy import figures  # noqa: PLC0415 - of an extra
+    except ModuleNotFoundError:
+        return ""
+    return figures.svg(getattr(figures, name)(*drawn, **options), tight=tight)

@@ -185,7 +185,7 @@ of what this motion can show, and how much of all friction (rms) that is; to wit
 <h2>The effects named</h2>
 {% for effect in result.effects %}
 <h3>{{ catalogue[effect.name].title }}</h3>
-<figure>{{ formulas[effect.name] | safe }}</figure>
+<figure>{{ formulas[effect.name] | safe or catalogue[effect.name].formula }}</figure>
 <p>{{ catalogue[effect.name].description | replace("`", "") }}
 <span class="small">It shows as: {{ catalogue[effect.name].signature | replace("`", "") }}
 Source: {{ catalogue[effect.name].source | replace("`", "") }}</span></p>
@@ -222,7 +222,11 @@ score of a sample rises by {{
 become {{ rungs[-1].jumps }}.{% endif %}</p>
 
 <h2>Measured and simulated</h2>
+{% if overlay %}
 <figure class="wide">{{ overlay | safe }}</figure>
+{% else %}
+<p>This report has no pictures: matplotlib is missing (<code>pip install 'rwa-monitor[plot]'</code>).</p>
+{% endif %}
 
 <h2>Friction over speed</h2>
 <p class="small">Means over narrow ranges of speed, all jumps taken out: at the lowest level of dry friction. Where it

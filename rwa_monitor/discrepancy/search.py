@@ -174,14 +174,14 @@ def extensions(
     outset = _outset(problem, current)
     tries = [(effect, way) for effect in effects if effect.name not in current.names for way in _ways(effect)]
     screened: dict[str, Model] = {}
-    for model in problem.each(partial(_started, outset), tries, apart=True):
+    for model in problem.each(partial(_started, outset), tries):
         if model is not None:
             known = screened.get(model.names[-1], model)
             screened[model.names[-1]] = min(known, model, key=lambda one: one.fit.criterion)
     best = sorted(screened.values(), key=lambda model: model.fit.criterion)[:MAX_REFITS]
     most = min(most, current.fit.criterion + SCREEN_MARGIN)
     worth = [model for model in best if model.fit.criterion < most]
-    settled = problem.each(partial(_settled, problem), worth, apart=True)
+    settled = problem.each(partial(_settled, problem), worth)
     return sorted(_with_best_choices(problem, settled), key=lambda model: model.fit.criterion)
 
 
@@ -315,7 +315,7 @@ def _with_best_choices(problem: Problem, models: Sequence[Model]) -> list[Model]
     ]
 
     best = list(models)
-    others = problem.each(partial(_with_other_choice, problem, models), tries, apart=True)
+    others = problem.each(partial(_with_other_choice, problem, models), tries)
     for (index, *_), model in zip(tries, others, strict=True):
         best[index] = min(best[index], model, key=lambda one: one.fit.criterion)
     return best
@@ -430,7 +430,7 @@ def _as_good_at_its_level(problem: Problem, model: Model, index: int, effects: S
     chosen = tuple(term for i, term in enumerate(model.terms) if i != index)
     background = make_background(problem, chosen, model.fit.jumps)
     others = [effect for effect in effects if effect.name not in model.names]
-    bounds = problem.each(partial(_bound, background, model.fit.level), others, apart=True)
+    bounds = problem.each(partial(_bound, background, model.fit.level), others)
     most = model.fit.criterion + EQUIVALENT_WITHIN
     return [effect.name for effect, bound in zip(others, bounds, strict=True) if bound < most]
 

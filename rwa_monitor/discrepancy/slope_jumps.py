@@ -13,7 +13,6 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
-from numba import njit
 
 from rwa_monitor.discrepancy.base_fit import JUMP_PENALTY, jump_sets, strong_jumps
 from rwa_monitor.discrepancy.gain import held_out
@@ -23,6 +22,7 @@ from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.result import ParameterValue
 from rwa_monitor.discrepancy.search import ACCEPT_GAIN, refit
 from rwa_monitor.discrepancy.terms import Term
+from rwa_monitor.kernels.segmentation import optimal_lines
 from rwa_monitor.physics.effects.base import Channels, Memory, Parameter
 from rwa_monitor.physics.effects.viscous_jump import ViscousJump
 from rwa_monitor.samples import FloatArray, IntArray
@@ -164,60 +164,14 @@ def _drifting(problem: Problem, term: Term) -> Term:
     return replace(term, columns=hats * problem.speed[:, None])
 
 
-@njit(cache=True, nogil=True)
-def _line_rss(sums: FloatArray, i: int, j: int) -> float:
-    """Return the residual sum of squares of a straight line through blocks i … j-1, of running sums (6, m + 1)."""
-    n = sums[0, j] - sums[0, i]
-    x, z = sums[1, j] - sums[1, i], sums[2, j] - sums[2, i]
-    xx = sums[3, j] - sums[3, i] - x * x / n
-    xz = sums[4, j] - sums[4, i] - x * z / n
-    zz = sums[5, j] - sums[5, i] - z * z / n
-    return float(max(zz - (xz * xz / xx if xx > 0.0 else 0.0), 0.0))
-
-
-@njit(cache=True, nogil=True)
-def _optimal_lines(sums: FloatArray, penalty: float) -> IntArray:
-    """Return the first block of each straight line but the first: optimal partitioning with the pruning of PELT.
-
-    Jackson et al., IEEE Signal Processing Letters 12, 2005; Killick et al., J. Am. Stat. Assoc. 107, 2012.
-    """
-    count = sums.shape[1] - 1
-    best = np.empty(count + 1)
-    best[0] = -penalty
-    previous = np.zeros(count + 1, dtype=np.int64)
-    alive = np.zeros(count + 1, dtype=np.int64)
-    costs = np.empty(count + 1)
-    living = 1
-    for j in range(1, count + 1):
-        least, at = np.inf, 0
-        for a in range(living):
-            costs[a] = best[alive[a]] + _line_rss(sums, alive[a], j)
-            if costs[a] + penalty < least:
-                least, at = costs[a] + penalty, alive[a]
-        best[j], previous[j] = least, at
-        left = 0
-        for a in range(living):
-            if costs[a] <= least:
-                alive[left] = alive[a]
-                left += 1
-        alive[left] = j
-        living = left + 1
-    found = np.empty(count, dtype=np.int64)
-    size, j = 0, count
-    while previous[j] > 0:
-        j = previous[j]
-        found[size] = j
-        size += 1
-    return found[:size][::-1].copy()
-
-
 def _straight_lines(speed: FloatArray, values: FloatArray, width: int, penalty: float) -> IntArray:
     """Return the index at which each straight line over the speed begins, but the first, to a block's width."""
     x, z = speed - speed.mean(), values - values.mean()  # sums of squares then lose few digits
     edges = np.append(np.arange(0, x.size, width), x.size)
     rows = np.stack([np.ones(x.size), x, z, x * x, x * z, z * z])
-    sums = np.concatenate([np.zeros((6, 1)), np.cumsum(rows, axis=1)[:, edges[1:] - 1]], axis=1)
-    return edges[_optimal_lines(sums, penalty)]
+    sums = np.zeros((rows.shape[0], edges.size))
+    sums[:, 1:] = np.cumsum(rows, axis=1)[:, edges[1:] - 1]
+    return edges[optimal_lines(sums, penalty)]
 
 
 def _placed(speed: FloatArray, values: FloatArray, found: IntArray, width: int) -> IntArray:

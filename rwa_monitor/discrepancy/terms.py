@@ -11,7 +11,6 @@ from functools import cached_property
 from typing import Final
 
 import numpy as np
-from numba import njit
 from scipy.ndimage import uniform_filter1d
 
 from rwa_monitor.discrepancy.base_fit import (
@@ -34,7 +33,6 @@ from rwa_monitor.samples import FloatArray, IntArray
 
 ROBUST_PAIRS: Final = 8_000  # differences that the robust start looks at, evenly spread
 ROBUST_ROUNDS: Final = 5  # reweightings; the shape only starts the fit
-LARGEST: Final = float(np.finfo(np.float64).max)  # in place of an infinite value
 EXPLAINED_AWAY: Final = 1e-8  # share of a column's square below which levels and slope already hold it
 
 
@@ -216,24 +214,13 @@ def _price(effect: type[MeanEffect], shape: Mapping[str, float]) -> float | None
 def _evaluate(
     problem: Problem, effect: type[MeanEffect], shape: Mapping[str, float], channels: Sequence[Channels]
 ) -> FloatArray:
-    """Evaluate the columns on the channels of each record, joined and multiplied by s, float64 (n, p)."""
+    """Evaluate the columns on the channels of each record, joined and multiplied by s, zero where unknown, (n, p)."""
     per_record = [effect.columns(of_one, shape)[0] for of_one in channels]
     columns = problem.gather(per_record)
-    _multiply_known(columns, problem.sign)
+    if not np.isfinite(columns).all():
+        np.nan_to_num(columns, copy=False)
+    columns *= problem.sign[:, None]
     return columns
-
-
-@njit(cache=True, nogil=True)
-def _multiply_known(columns: FloatArray, sign: FloatArray) -> None:
-    """Multiply columns by s in place, zero where they are unknown."""
-    for k in range(columns.shape[0]):
-        for j in range(columns.shape[1]):
-            value = columns[k, j]
-            if np.isnan(value):
-                value = 0.0
-            elif np.isinf(value):
-                value = LARGEST if value > 0 else -LARGEST
-            columns[k, j] = value * sign[k]
 
 
 def _name(effect: type[MeanEffect], shape: Mapping[str, float]) -> Hashable:
@@ -373,7 +360,7 @@ class RobustBackground:
             weighted = rise * weight[:, None]
             solution = solve_bounded(self.problem, rise.T @ weighted, weighted.T @ self.z, low, high)
             residual = self.z - rise @ solution
-            weight_by_size(residual, TUKEY * self.scale, weight)
+            weight = weight_by_size(residual, TUKEY * self.scale)
         return float(np.sum(1.0 - np.maximum(1.0 - (residual / (TUKEY * self.scale)) ** 2, 0.0) ** 3))
 
 

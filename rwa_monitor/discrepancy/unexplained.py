@@ -79,7 +79,7 @@ def judge_leftover(problem: Problem, found: SearchResult) -> tuple[SearchResult,
 
 def with_free_curves(problem: Problem, model: Model) -> list[Model]:
     """Return a model extended by each of the free curves."""
-    return problem.each(partial(_with, problem, model), _free_terms(problem, model), apart=True)
+    return problem.each(partial(_with, problem, model), _free_terms(problem, model))
 
 
 def _folded(problem: Problem, model: Model, curve: Term) -> Unexplained:

@@ -98,7 +98,7 @@ class StageTimes:
 def time_stages(windows: Sequence[LabelledWindow], model: Model, method: Method) -> StageTimes:
     """Time the stages on given windows, one after the other in this process.
 
-    The first window is run once before, so that compiling does not count.
+    The first window is run once before, so that what is loaded at first use does not count.
     """
     rows = [_time_window(window, model, method) for window in (windows[0], *windows)][1:]
     seconds = {stage: np.array([row[k] for row in rows]) for k, stage in enumerate(STAGES)}

@@ -56,7 +56,7 @@ def diagnosis_gain(search: Search, model: Model | None, windows: int = WINDOWS) 
     statuses = [name for anomaly in wheel.anomalies for name in ("nominal", anomaly)]
     tries = [(statuses[i % len(statuses)], SEED + i) for i in range(windows)]
     diagnosed = partial(_diagnosed, wheel, extended, speed, model)
-    counts = np.sum(search.problem.each(diagnosed, tries, apart=True), axis=0)
+    counts = np.sum(search.problem.each(diagnosed, tries), axis=0)
     return DiagnosisGain(_rates(counts[0], windows), _rates(counts[1], windows), windows)
 
 

@@ -14,7 +14,6 @@ from dataclasses import replace
 import numpy as np
 
 from rwa_monitor.diagnosis.assignment import assign
-from rwa_monitor.diagnosis.changepoints import refine_in_colour
 from rwa_monitor.diagnosis.components import split
 from rwa_monitor.diagnosis.estimation import estimate
 from rwa_monitor.diagnosis.evidence import WindowAccumulator
@@ -24,6 +23,7 @@ from rwa_monitor.diagnosis.results import Assignment, Candidates, NoiseEstimate
 from rwa_monitor.diagnosis.running_sums import RunningSums
 from rwa_monitor.diagnosis.state import CarriedState
 from rwa_monitor.diagnosis.window_diagnosis import Changepoint
+from rwa_monitor.kernels.changepoints import refine_in_colour
 from rwa_monitor.physics.datasets import LabelledWindow
 from rwa_monitor.physics.telemetry import Truth
 from rwa_monitor.physics.torque_balance import mended_friction

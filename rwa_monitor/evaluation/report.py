@@ -339,6 +339,6 @@ def _time_table(benchmark: Benchmark) -> str:
     count = benchmark.times[0].seconds["all"].size
     header = ["stage", "the paper (laptop)", *(f"{times.method}, median" for times in benchmark.times)]
     return (
-        f"## Time of each stage\n\nOne window of 80,000 samples, {count} windows, one core, after compiling; "
+        f"## Time of each stage\n\nOne window of 80,000 samples, {count} windows, one core; "
         "changepoints include the intake of the samples.\n\n" + table(header, rows)
     )

@@ -1,25 +1,25 @@
-"""Spreads one task over many recordings: in this process, on a local Dask cluster, or on one that is there."""
+"""Spreads one task over many recordings: in this process, in several on this machine (joblib), or on a Dask cluster."""
 
 from __future__ import annotations
 
-import logging
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, Generic, TypeVar
 
 from rwa_monitor.errors import RwaMonitorError
-from rwa_monitor.processes import cores
+from rwa_monitor.threads import cores
 from rwa_monitor.version import SOFTWARE
 
 if TYPE_CHECKING:
     from distributed import Client
 
 Result = TypeVar("Result")
-LOCAL: Final = "local"
+BLOCK: Final = 64  # recordings for each process at a time: what is finished waits in memory for those before it
 # Parcels of recordings that wait at a worker beside the one it works on: it is never idle, and memory does not grow
 # with their number.
 WAITING_PER_WORKER: Final = 1
@@ -32,14 +32,8 @@ PARCEL_MOST: Final = 64
 PARCELS_LEFT: Final = 3
 PARCEL_LEAST_S: Final = 0.08
 FEW: Final = 4  # recordings for which starting one more process is not worth it: each takes a second or two to start
+IDLE_S: Final = 10  # after which a process with nothing to do ends, also where the one that started it was killed
 CONNECT_TIMEOUT_S: Final = 5
-# What Dask does beside the work, many times a second and in every process: samples of where a worker is and of what
-# the machine does, checks that the event loop turns. Nobody looks at them here, and they took 3 % of each core.
-QUIET: Final = {
-    "distributed.worker.profile.enabled": False,
-    "distributed.admin.tick.interval": "2s",
-    "distributed.admin.system-monitor.interval": "5s",
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +56,7 @@ class Outcome(Generic[Result]):
 
 
 def each(
-    task: Callable[[Path], Result], files: Sequence[Path], *, scheduler: str = LOCAL, workers: int | None = None
+    task: Callable[[Path], Result], files: Sequence[Path], *, scheduler: str | None = None, workers: int | None = None
 ) -> Iterator[Outcome[Result]]:
     """Do a task for each recording, and yield what became of it in the order of `files`.
 
@@ -75,10 +69,9 @@ def each(
     files
         As the workers see them: on another machine, below the same path.
     scheduler
-        Address of a Dask scheduler, or "local" for a cluster of processes on this machine while this runs.
+        Address of a Dask scheduler. None: this machine.
     workers
-        Processes of the local cluster; 1: this process, without Dask. None: one for each core, and fewer where there
-        are few recordings.
+        Processes on this machine; 1: this one. None: one for each core, and fewer where there are few recordings.
 
     Raises
     ------
@@ -87,12 +80,14 @@ def each(
     """
     if workers is None:
         workers = max(1, min(cores(), len(files) // FEW))
-    if scheduler == LOCAL and workers == 1:
-        for file in files:
-            yield _guarded(task, file)
-        return
-    with _client(scheduler, workers) as client:
-        yield from _spread(client, task, files)
+    if scheduler is not None:
+        with _client(scheduler) as client:
+            yield from _spread(client, task, files)
+    elif workers == 1:
+        yield from (_guarded(task, file) for file in files)
+    else:
+        for first in range(0, len(files), BLOCK * workers):
+            yield from _in_processes(task, files[first : first + BLOCK * workers], workers)
 
 
 def _guarded(task: Callable[[Path], Result], file: Path) -> Outcome[Result]:
@@ -108,41 +103,53 @@ def _guarded(task: Callable[[Path], Result], file: Path) -> Outcome[Result]:
         )
 
 
+# ---- on this machine -------------------------------------------------------------------------------------------------
+
+
+def _in_processes(task: Callable[[Path], Result], files: Sequence[Path], workers: int) -> Iterator[Outcome[Result]]:
+    """Yield the outcomes in the order of `files`, from so many processes."""
+    given = 0
+    try:
+        for outcome in _parallel(task, files, workers):
+            yield outcome
+            given += 1
+    except BrokenProcessPool:
+        # Which one ended its process is not known: those that are left are done alone, and only that one ends its own.
+        for file in files[given:]:
+            try:
+                yield from _parallel(task, [file], workers)
+            except BrokenProcessPool:
+                reason = "the process that worked on it was terminated: is there memory left for it?"
+                yield Outcome(file, None, f"{file}: {reason}")
+
+
+def _parallel(task: Callable[[Path], Result], files: Sequence[Path], workers: int) -> Iterator[Outcome[Result]]:
+    from joblib import Parallel, delayed, parallel_config
+
+    # One thread of linear algebra, since the last bit depends on their number.
+    with parallel_config("loky", inner_max_num_threads=1, idle_worker_timeout=IDLE_S):
+        parallel = Parallel(workers, return_as="generator", max_nbytes=None)
+    found: Iterator[Outcome[Result]] = parallel(delayed(_guarded)(task, file) for file in files)
+    return found
+
+
+# ---- on a Dask cluster -----------------------------------------------------------------------------------------------
+
+
 @contextmanager
-def _client(scheduler: str, workers: int) -> Iterator[Client]:
-    """Connect to the scheduler, or to a local cluster that ends with this."""
+def _client(scheduler: str) -> Iterator[Client]:
+    """Connect to the scheduler."""
     try:
         from distributed import Client
     except ImportError as error:
-        raise RwaMonitorError(f"{error}; pip install 'rwa-monitor[fleet]', or use --workers 1") from error
+        raise RwaMonitorError(f"{error.name} is missing: pip install 'rwa-monitor[fleet]'") from error
 
-    if scheduler == LOCAL:
-        with local_cluster(workers) as client:
-            yield client
-        return
     try:
         client = Client(scheduler, timeout=CONNECT_TIMEOUT_S)
     except (OSError, ValueError) as error:
         raise RwaMonitorError(f"{scheduler}: no Dask scheduler answers: {error}") from error
     with client:
         _check_release(client, scheduler)
-        yield client
-
-
-@contextmanager
-def local_cluster(workers: int) -> Iterator[Client]:
-    """Start a scheduler and so many processes on this machine, which end with this; yield what is connected to them."""
-    import dask
-    from distributed import Client, LocalCluster
-
-    # Loopback only, its status page too; memory is bounded by one recording at a time; faults are ours to report.
-    options = {"host": "127.0.0.1", "dashboard_address": "127.0.0.1:0", "memory_limit": 0}
-    # A recording that kills its worker, by the memory it takes for instance, would do so again.
-    with (
-        dask.config.set(QUIET | {"distributed.scheduler.allowed-failures": 0}),
-        LocalCluster(n_workers=workers, threads_per_worker=1, silence_logs=logging.CRITICAL, **options) as cluster,
-        Client(cluster) as client,
-    ):
         yield client
 
 

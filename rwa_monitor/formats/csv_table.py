@@ -8,14 +8,14 @@ from __future__ import annotations
 
 import csv
 import decimal
+import io
 import re
+from collections.abc import Iterator, Sequence
+from itertools import islice
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.compute as pc
-import pyarrow.csv as pa_csv
 
 from rwa_monitor.errors import InputError
 from rwa_monitor.formats.columns import (
@@ -27,7 +27,7 @@ from rwa_monitor.formats.columns import (
     lay_out,
     table_of,
 )
-from rwa_monitor.formats.files import atomic_write, decode_utf8, display_name, first_line, read_bytes
+from rwa_monitor.formats.files import atomic_write, decode_utf8, display_name, read_bytes
 from rwa_monitor.formats.foreign import (
     encoding_hint,
     fields_hint,
@@ -43,15 +43,13 @@ MAX_CSV_BYTES: Final = 2_000_000_000
 MAX_HEADER_BYTES: Final = 100_000
 FIRST_DATA_ROW: Final = 2  # as a person counts: the header is row 1
 
-_PLAIN_INTEGER: Final = r"^-?[0-9]{1,18}$"
-# Seconds that fit a 128-bit decimal with 18 places without rounding, and int64 in nanoseconds: below 8e9 s.
-_PLAIN_DECIMAL: Final = r"^[+-]?([0-9]{1,9}|[0-7][0-9]{9})(\.[0-9]{0,18})?$"
+_PLAIN_DECIMAL: Final = re.compile(r"([+-]?[0-9]{1,18})(?:\.([0-9]*))?")
 _ANY_DECIMAL: Final = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]{1,9})?")
 _FIRST_LINE: Final = re.compile(rb"([^\r\n]*)(\r\n|\r|\n|$)")
 _LARGEST_INT64: Final = 2**63 - 1
-
-# Texts of one column; pyarrow has no types of its own.
-Texts = Any
+_PLACES: Final = {"time_s": 9, "time_ns": 0}  # of a nanosecond in the unit of the column
+_CONTEXT: Final = decimal.Context(prec=40, Emax=decimal.MAX_EMAX, Emin=decimal.MIN_EMIN)
+_ROWS_AT_ONCE: Final = 50_000  # as texts, which take 20 times the memory of their values
 
 
 def read_csv(path: Path) -> SampleTable:
@@ -88,14 +86,19 @@ def _others(content: bytes, reason: str) -> str:
 
 def _table(content: bytes, source: str) -> SampleTable:
     """Return what a text says as a table."""
-    names, rows = _header_and_rows(content, source)
+    names, begin = _header(content, source)
     layout = lay_out(names, source)
-    columns = _texts(rows, len(names), [*layout.time.values(), *layout.channels.values()], source)
     ((time_name, time_at),) = layout.time.items()
-    check_rows(len(columns[time_at]), source)
-    time_ns = _nanoseconds(columns[time_at], time_name, source)
-    channels = {name: _numbers(columns[at], name, source) for name, at in layout.channels.items()}
-    return table_of(Samples(time_ns=time_ns, **channels), layout, source, FIRST_DATA_ROW)
+    times, channels = [], {name: [np.zeros(0)] for name in layout.channels}
+    row = FIRST_DATA_ROW
+    for rows in _rows(content, begin, len(names), source):
+        times.append(_nanoseconds([fields[time_at].strip() for fields in rows], time_name, source, row))
+        for name, at in layout.channels.items():
+            channels[name].append(_numbers([fields[at].strip() for fields in rows], name, source, row))
+        row += len(rows)
+    check_rows(row - FIRST_DATA_ROW, source)
+    joined = {name: np.concatenate(parts) for name, parts in channels.items()}
+    return table_of(Samples(time_ns=np.concatenate(times), **joined), layout, source, FIRST_DATA_ROW)
 
 
 def write_csv(samples: Samples, path: Path) -> None:
@@ -104,15 +107,20 @@ def write_csv(samples: Samples, path: Path) -> None:
     Time is written in nanoseconds, values with the fewest digits that give them back, NaN as an empty field.
     """
     names, arrays = zip(*samples.channels(), strict=True)
-    columns = [pa.array(values, from_pandas=True) for values in arrays]  # from_pandas: NaN becomes null
-    options = pa_csv.WriteOptions(include_header=False, quoting_style="none")
-    with atomic_write(path) as part, part.open("wb") as file:
-        file.write(f"{','.join(names)}\n".encode())
-        pa_csv.write_csv(pa.table(columns, names=names), file, options)
+    with atomic_write(path) as part, part.open("w", encoding="ascii", newline="") as file:
+        file.write(f"{','.join(names)}\n")
+        for first in range(0, len(samples), _ROWS_AT_ONCE):
+            columns = [_texts(values[first : first + _ROWS_AT_ONCE]) for values in arrays]
+            file.writelines(f"{','.join(fields)}\n" for fields in zip(*columns, strict=True))
 
 
-def _header_and_rows(content: bytes, source: str) -> tuple[list[str], memoryview]:
-    """Return the names in the first row, and the bytes of all others."""
+def _texts(values: FloatArray | IntArray) -> list[str]:
+    """Return numbers as they are written: the fewest digits, no `.0`, nothing for NaN."""
+    return [repr(value).removesuffix(".0").replace("nan", "") for value in values.tolist()]
+
+
+def _header(content: bytes, source: str) -> tuple[list[str], int]:
+    """Return the names in the first row, and where the others begin."""
     first = _FIRST_LINE.match(content)
     line = first.group(1) if first else b""
     if first is None or not line.strip():
@@ -130,101 +138,70 @@ def _header_and_rows(content: bytes, source: str) -> tuple[list[str], memoryview
         raise InputError(source, hint, "row 1")
     if first.end() == len(content):
         raise InputError(source, _with_hint("has a header and no rows", header_hint(names)))
-    return [name.strip() for name in names], memoryview(content)[first.end() :]
+    return [name.strip() for name in names], first.end()
 
 
-def _texts(rows: memoryview, count: int, wanted: list[int], source: str) -> dict[int, Texts]:
-    """Return the fields of the wanted columns as trimmed texts, by position."""
-    refused: list[Any] = []
-
-    def refuse(row: Any) -> str:
-        refused.append(row)
-        return "error"
-
-    names = [str(position) for position in range(count)]
+def _rows(content: bytes, begin: int, count: int, source: str) -> Iterator[list[list[str]]]:
+    """Yield the rows after the header, many at once, as their fields; an empty line is a row of empty fields."""
+    data = io.BytesIO(content)
+    data.seek(begin)
+    reader = csv.reader(io.TextIOWrapper(data, encoding="utf-8", newline=""), strict=True)
+    done = 0
     try:
-        table = pa_csv.read_csv(
-            pa.BufferReader(rows),
-            # One thread: only then are rows counted.
-            read_options=pa_csv.ReadOptions(column_names=names, use_threads=False),
-            parse_options=pa_csv.ParseOptions(ignore_empty_lines=False, invalid_row_handler=refuse),
-            convert_options=pa_csv.ConvertOptions(
-                column_types=dict.fromkeys(names, pa.string()),
-                include_columns=[str(position) for position in wanted],
-                strings_can_be_null=False,
-                check_utf8=False,  # checked above, with the row named
-            ),
-        )
-    except pa.ArrowInvalid as error:
-        if refused:
-            row = refused[0]
-            reason = f"has {row.actual_columns} fields, the header has {row.expected_columns}"
-            reason = _with_hint(reason, fields_hint(row.text or "", row.expected_columns))
-            raise InputError(source, reason, f"row {row.number + FIRST_DATA_ROW - 1}") from error
-        raise InputError(source, f"is no CSV: {first_line(error)}") from error
-    return {position: pc.utf8_trim_whitespace(table[str(position)]) for position in wanted}
+        while rows := [fields or [""] * count for fields in islice(reader, _ROWS_AT_ONCE)]:
+            for row, fields in enumerate(rows, start=done + FIRST_DATA_ROW):
+                if len(fields) != count:
+                    reason = f"has {len(fields)} fields, the header has {count}"
+                    raise InputError(source, _with_hint(reason, fields_hint(",".join(fields), count)), f"row {row}")
+            if reader.line_num > done + len(rows):
+                at = next(at for at, fields in enumerate(rows) if any({"\n", "\r"} & set(field) for field in fields))
+                raise InputError(source, "a field in quotes has no end in its row", f"row {done + at + FIRST_DATA_ROW}")
+            done += len(rows)
+            yield rows
+    except csv.Error as error:
+        raise InputError(source, f"is no CSV: {error}", f"row {reader.line_num + FIRST_DATA_ROW - 1}") from error
 
 
-def _numbers(texts: Texts, column: str, source: str) -> FloatArray:
-    """Return a column's values; an empty field is NaN."""
-    measured = pc.if_else(pc.equal(texts, ""), "nan", texts)
-    try:
-        values = pc.cast(measured, pa.float64())
-    except pa.ArrowInvalid as error:
-        at = _first_refused(measured)
-        text = texts[at].as_py()[:40]
-        reason = _with_hint(f"{text!r} is not a number", number_hint(text))
-        raise InputError(source, reason, f"row {at + FIRST_DATA_ROW}, column {column}") from error
-    return np.asarray(values.to_numpy(), dtype=np.float64)
-
-
-def _first_refused(texts: Texts) -> int:
-    """Return the position of the first text that is no number, by halving: the conversion itself is the judge."""
-    first, end = 0, len(texts)
-    while end - first > 1:
-        middle = (first + end) // 2
+def _numbers(texts: Sequence[str], column: str, source: str, row: int) -> FloatArray:
+    """Return a column's values from their texts, the first of which stands in `row`; an empty field is NaN."""
+    values = np.empty(len(texts))
+    for at, text in enumerate(texts):
         try:
-            pc.cast(texts.slice(first, middle - first), pa.float64())
-        except pa.ArrowInvalid:
-            end = middle
-        else:
-            first = middle
-    return first
+            # Python's own also takes 1_0 and digits of other scripts.
+            values[at] = float(text or "nan") if text.isascii() and "_" not in text else float("")
+        except ValueError as error:
+            reason = _with_hint(f"{text[:40]!r} is not a number", number_hint(text[:40]))
+            raise InputError(source, reason, f"row {row + at}, column {column}") from error
+    return values
 
 
-def _nanoseconds(texts: Texts, column: str, source: str) -> IntArray:
+def _nanoseconds(texts: Sequence[str], column: str, source: str, row: int) -> IntArray:
     """Return times [ns] from their texts in s or ns; decimal from end to end."""
-    places = 9 if column == "time_s" else 0
-    if places == 0 and pc.all(pc.match_substring_regex(texts, _PLAIN_INTEGER)).as_py():
-        return np.asarray(pc.cast(texts, pa.int64()).to_numpy(), dtype=np.int64)
-    if places == 9 and pc.all(pc.match_substring_regex(texts, _PLAIN_DECIMAL)).as_py():
-        exact = pc.cast(texts, pa.decimal128(28, 18))
-        nearest = pc.cast(pc.round(exact, places, "half_to_even"), pa.decimal128(20, 9))
-        scaled = pc.multiply(nearest, pa.scalar(decimal.Decimal(10**places), pa.decimal128(10, 0)))
-        return np.asarray(pc.cast(scaled, pa.int64()).to_numpy(), dtype=np.int64)
-    # The rare ones, one by one: exponents, more digits, and whatever is no time at all.
     times = np.empty(len(texts), dtype=np.int64)
-    for at, text in enumerate(texts.to_pylist()):
-        time_or_reason = _nanoseconds_of(text, places)
+    for at, text in enumerate(texts):
+        time_or_reason = _nanoseconds_of(text, _PLACES[column])
         if isinstance(time_or_reason, str):
-            raise InputError(source, time_or_reason, f"row {at + FIRST_DATA_ROW}, column {column}")
+            raise InputError(source, time_or_reason, f"row {row + at}, column {column}")
         times[at] = time_or_reason
     return times
 
 
 def _nanoseconds_of(text: str, places: int) -> int | str:
     """Return one time in 10^-places s, rounded to the nearest, or the reason why it is none."""
+    if plain := _PLAIN_DECIMAL.fullmatch(text):
+        whole, parts = plain.groups(default="")
+        time = int(whole + parts.ljust(places, "0"))
+        if len(parts) <= places and abs(time) <= _LARGEST_INT64:
+            return time
     if not text:
         return "is empty; every row needs a time"
     if not _ANY_DECIMAL.fullmatch(text):
         return _with_hint(f"{text[:40]!r} is not a finite number", number_hint(text[:40]))
-    with decimal.localcontext(prec=40, Emax=decimal.MAX_EMAX, Emin=decimal.MIN_EMIN) as context:
-        context.traps[decimal.Inexact] = False
-        value = decimal.Decimal(text).scaleb(places)
-        # Compared before it becomes an integer: 1e999999 would be one of a million digits.
-        if abs(value) > _LARGEST_INT64:
-            return f"{text[:40]} is beyond the times that 64 bits of nanoseconds hold"
-        nearest = value.to_integral_value(decimal.ROUND_HALF_EVEN)
+    value = decimal.Decimal(text).scaleb(places, _CONTEXT)
+    # Compared before it becomes an integer: 1e999999 would be one of a million digits.
+    if value.copy_abs() > _LARGEST_INT64:
+        return f"{text[:40]} is beyond the times that 64 bits of nanoseconds hold"
+    nearest = value.to_integral_value(decimal.ROUND_HALF_EVEN, _CONTEXT)
     if places == 0 and nearest != value:
         return f"{text[:40]} is no whole number of nanoseconds"
     return int(nearest)

@@ -1,13 +1,14 @@
 """labels.csv: which anomalies each recording of a data set holds; what `simulate dataset` writes and `train` reads.
 
 The header is `file,dry,viscous,<names of the switching systems>`, the rest is 0 or 1. File names are relative to the
-folder of the labels and do not lead out of it. A label holds for all windows of its file.
+folder of the labels, or absolute, and do not lead out of that folder. A label holds for all windows of its file.
 """
 
 from __future__ import annotations
 
 import csv
 import io
+import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -80,9 +81,24 @@ def _labelled_file(fields: list[str], names: list[str], labels: Path, row: str) 
         if flag not in ("0", "1"):
             raise InputError(source, f"{flag[:40]!r} is neither 0 nor 1", f"{row}, column {name}")
     path = labels.parent / file
-    # By its text, so that a link inside the folder may still lead to where the data really lie.
-    if Path(file).is_absolute() or ".." in Path(file).parts or "\x00" in file:
-        raise InputError(source, f"{file[:40]!r} leads out of the folder of the labels", f"{row}, column file")
+    if reason := _leads_out(file, labels.parent):
+        raise InputError(source, f"{file[:40]!r} {reason}", f"{row}, column file")
     if not path.is_file():
         raise InputError(source, f"there is no file {display_name(path)}", f"{row}, column file")
     return LabelledFile(path, {name: flag == "1" for name, flag in zip(names, flags, strict=True)})
+
+
+def _leads_out(file: str, folder: Path) -> str:
+    """Return why a name does not stand for a file in the folder, "" where it does.
+
+    By its text, so that a link inside the folder may still lead to where the data really lie.
+    """
+    path = Path(file)
+    if "\x00" in file:
+        return "holds a zero byte"
+    if ".." in path.parts:
+        return "has '..' in it, which leads out of the folder of the labels"
+    real_path, real_folder = map(os.path.realpath, (path, folder))
+    if not path.is_absolute() or path.is_relative_to(folder.absolute()) or Path(real_path).is_relative_to(real_folder):
+        return ""
+    return f"is an absolute path and not in the folder of the labels, {display_name(folder.absolute())}"

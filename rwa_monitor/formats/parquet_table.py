@@ -5,7 +5,7 @@ What a file says of its sizes and types is compared with limits before anything 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
 
@@ -104,8 +104,12 @@ def _is_number(kind: Any) -> bool:
 
 def write_parquet(samples: Samples, path: Path) -> None:
     """Write samples as a Parquet table that `read_parquet` gives back bit for bit; NaN stays NaN."""
-    names, arrays = zip(*samples.channels(), strict=True)
-    table = pa.table([pa.array(values) for values in arrays], names=names)
+    write_columns(dict(samples.channels()), path)
+
+
+def write_columns(columns: Mapping[str, np.ndarray[Any, Any]], path: Path) -> None:
+    """Write arrays of one length as a table."""
+    table = pa.table({name: pa.array(values) for name, values in columns.items()})
     with atomic_write(path) as part:
         # With checksums, a bit that flips on a disk is an error when the table is read, not another number.
         pq.write_table(table, part, compression="zstd", write_page_checksum=True)

@@ -16,7 +16,7 @@ from rwa_monitor.formats.ccsds_example import write_packets
 from rwa_monitor.formats.columns import SampleTable
 from rwa_monitor.formats.csv_table import read_csv, write_csv
 from rwa_monitor.formats.files import display_name, unreadable
-from rwa_monitor.formats.parquet_table import read_parquet, write_parquet
+from rwa_monitor.formats.parquet import parquet
 from rwa_monitor.samples import Samples
 
 PARQUET_MAGIC: Final = b"PAR1"
@@ -28,9 +28,15 @@ _PROFILE_AT: Final = len(MCAP_MAGIC) + 1 + 8
 PACKET_SUFFIXES: Final = (".ccsds", ".bin")  # space packets have no first bytes of their own either
 
 FileFormat = Literal["csv", "parquet", "mcap", "packets", "ros2"]
+
+
+def _write_parquet(samples: Samples, path: Path) -> None:
+    parquet().write_parquet(samples, path)
+
+
 WRITERS: Final[dict[str, Callable[[Samples, Path], None]]] = {
     ".csv": write_csv,
-    ".parquet": write_parquet,
+    ".parquet": _write_parquet,
     ".ccsds": write_packets,
 }
 
@@ -67,8 +73,13 @@ def read_table(path: Path) -> SampleTable:
     ------
     InputError
         If the table cannot be used; names the file, the row, the column and the reason.
+    MissingExtraError
+        If what it takes to read Parquet is not installed.
     """
-    return read_parquet(path) if file_format(path) == "parquet" else read_csv(path)
+    if file_format(path) != "parquet":
+        return read_csv(path)
+    table: SampleTable = parquet().read_parquet(path)
+    return table
 
 
 def table_writer(path: Path) -> Callable[[Samples, Path], None]:

@@ -13,10 +13,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.parquet as pq
 
-from rwa_monitor.formats.files import atomic_write, write_text
+from rwa_monitor.errors import MissingExtraError
+from rwa_monitor.formats.files import write_text
+from rwa_monitor.formats.parquet import parquet
 from rwa_monitor.physics.datasets import LabelledWindow, truth_document
 from rwa_monitor.physics.telemetry import Truth
 
@@ -26,8 +26,8 @@ def beside(recording: Path, suffix: str) -> Path:
     return recording.with_name(recording.name + suffix)
 
 
-def write_truth(window: LabelledWindow, recording: Path, **provenance: Any) -> None:
-    """Write both files of truth beside a recording.
+def write_truth(window: LabelledWindow, recording: Path, **provenance: Any) -> str:
+    """Write both files of truth beside a recording; returns why one is left out, "" where none is.
 
     Parameters
     ----------
@@ -40,10 +40,11 @@ def write_truth(window: LabelledWindow, recording: Path, **provenance: Any) -> N
     """
     document = {**truth_document(window), **provenance}
     write_text(beside(recording, ".truth.json"), json.dumps(document, indent=1, allow_nan=False) + "\n")
-    columns = slot_columns(window.telemetry.truth)
-    table = pa.table({name: pa.array(values) for name, values in columns.items()})
-    with atomic_write(beside(recording, ".truth.pq")) as part:
-        pq.write_table(table, part, compression="zstd", write_page_checksum=True)
+    try:
+        parquet().write_columns(slot_columns(window.telemetry.truth), beside(recording, ".truth.pq"))
+    except MissingExtraError as error:
+        return f"no table of the truth in every slot: {error}"
+    return ""
 
 
 def slot_columns(truth: Truth) -> dict[str, np.ndarray[Any, Any]]:

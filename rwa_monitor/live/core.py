@@ -2,7 +2,6 @@
 
     messages → sequencer → order guard → ring buffer → screen → friction less known effects → open windows → diagnosis
 
-A clean message takes guard, ring buffer and screen in one step (`entrance`), any other one after the other.
 Live monitor, replay and the diagnosis of tables all feed this one core, so that they agree by construction, and its
 result does not depend on how the samples are cut into messages.
 """
@@ -26,7 +25,6 @@ from rwa_monitor.live.checkpoint import (
     SequencerState,
     WaitingSample,
 )
-from rwa_monitor.live.entrance import enter
 from rwa_monitor.live.events import (
     ChannelMissing,
     EpochStarted,
@@ -35,7 +33,7 @@ from rwa_monitor.live.events import (
     WindowDiagnosed,
 )
 from rwa_monitor.live.friction import Source, source_of
-from rwa_monitor.live.order_guard import PIECE_SLOTS, OrderGuard, Rows, finite_or_nan
+from rwa_monitor.live.order_guard import PIECE_SLOTS, OrderGuard, Rows
 from rwa_monitor.live.sequencer import Batch, Counts, Sequencer
 from rwa_monitor.live.settings_check import SettingsCheck
 from rwa_monitor.live.windows import Windows, forget_positions
@@ -159,11 +157,7 @@ class WheelCore:
     # ---- samples into slots -----------------------------------------------------------------------------------------
 
     def _take(self, message: Batch) -> list[Event]:
-        samples, windows = message.samples, self._windows
-        straight = windows.holds_as_measured and self._waiting is None and not message.passed
-        if straight and enter(samples, self._guard, windows.ring, windows.screen):
-            return self._settings_check.look(samples, clean=True) + windows.advance()
-        friction = windows.friction
+        samples, friction = message.samples, self._windows.friction
         torque = friction.torque(samples)
         clean = torque is not None and self._guard.is_clean(samples)  # then there is nothing to look for
         events: list[Event] = self._settings_check.look(samples, clean=clean)
@@ -177,7 +171,7 @@ class WheelCore:
             measured = friction.motor_torque(samples) if name == "motor_torque_Nm" else getattr(samples, name)
             values[name] = np.full(len(samples), np.nan) if measured is None else measured
         if not clean:
-            values = {name: finite_or_nan(array) for name, array in values.items()}
+            values = {name: np.where(np.isfinite(array), array, np.nan) for name, array in values.items()}
         rows = Rows(samples.time_ns, values)
         allowed = None if clean else self._guard.reject_beyond_limits(samples)
         if allowed is not None:

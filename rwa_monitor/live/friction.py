@@ -12,8 +12,9 @@ from typing import Final, Literal
 import numpy as np
 
 from rwa_monitor.errors import InputError
+from rwa_monitor.kernels.ingest import STANDS_OUT
 from rwa_monitor.live.ring_buffer import OPTIONAL, RingBuffer
-from rwa_monitor.live.screen import STANDS_OUT, Channel, Fault, friction_limit
+from rwa_monitor.live.screen import Channel, Fault, friction_limit
 from rwa_monitor.physics.effects.base import Channels, Memory
 from rwa_monitor.physics.effects.catalogue import mean_effects
 from rwa_monitor.physics.effects.removal import effect_torque

@@ -12,16 +12,15 @@ from dataclasses import dataclass
 from operator import attrgetter
 from typing import Final, NamedTuple, Self
 
-import numba
 import numpy as np
 
+from rwa_monitor.kernels.ingest import all_between, assign_slots
 from rwa_monitor.live.sequencer import Counts
 from rwa_monitor.physics.wheel import Limits
 from rwa_monitor.samples import CHANNELS, BoolArray, FloatArray, IntArray, Samples
-from rwa_monitor.slots import MAX_TIME_NS, MIN_TIME_NS, SlotGrid, is_nearest_slot, nearest_slot
+from rwa_monitor.slots import MAX_TIME_NS, MIN_TIME_NS, SlotGrid
 
 _channels_of: Final = attrgetter(*CHANNELS)  # of samples, all at once: asked of every message
-_others_of: Final = attrgetter(*CHANNELS[2:])  # beside speed and friction
 
 # In SI units: no wheel, with limits of its own or without, has more. Sums of squares stay far from overflow.
 MAX_MAGNITUDE: Final = 1e6
@@ -62,7 +61,7 @@ class Rows:
 
     def good(self) -> BoolArray:
         """Return which samples have both values that a diagnosis needs, bool (n,)."""
-        return both_finite(self.values["speed_rad_s"], self.values["torque_Nm"])
+        return np.isfinite(self.values["speed_rad_s"]) & np.isfinite(self.values["torque_Nm"])
 
 
 _NO_SLOTS: Final[IntArray] = np.zeros(0, dtype=np.int64)
@@ -139,50 +138,27 @@ class OrderGuard:
         self.frontier = 0
         self.last_ns: int | None = None
 
-    @property
-    def speed_limit_rad_s(self) -> float:
-        """Speed beyond which a sample is rejected."""
-        return self._limits[0]
-
-    @property
-    def friction_limit_Nm(self) -> float:
-        """Friction torque beyond which a sample is rejected."""
-        return self._limits[1]
-
     def is_clean(self, samples: Samples) -> bool:
         """Tell whether all samples can be telemetry of this wheel and every value is there, as nearly always."""
-        if not can_be_telemetry(samples.time_ns, samples.speed_rad_s, self._limits[0]):
+        if not all_between(samples.time_ns, MIN_TIME_NS, MAX_TIME_NS):
             return False
-        friction = samples.friction_torque_Nm
-        return (friction is None or all_within(friction, self._limits[1])) and self.others_can_be(samples)
-
-    def others_can_be(self, samples: Samples) -> bool:
-        """Tell the same of the channels beside speed and friction."""
-        for values, limit in zip(_others_of(samples), self._limits[2:], strict=True):
-            if values is not None and not all_within(values, limit):
+        for values, limit in zip(_channels_of(samples), self._limits, strict=True):
+            if values is not None and not all_between(values, -limit, limit):
                 return False
         return True
 
     def reject_beyond_limits(self, samples: Samples) -> BoolArray | None:
         """Return which samples can be telemetry of this wheel, bool (n,), None for all; count others as rejected."""
-        wrong = np.zeros(len(samples), dtype=np.bool_)
-        count = _mark_times(samples.time_ns, wrong)
+        wrong = (samples.time_ns < MIN_TIME_NS) | (samples.time_ns > MAX_TIME_NS)
         for values, limit in zip(_channels_of(samples), self._limits, strict=True):
             if values is not None:
-                count += _mark_beyond(values, limit, wrong)
+                wrong |= (np.abs(values) > limit) & np.isfinite(values)
+        count = int(np.count_nonzero(wrong))
         if count == 0:
             return None
         self.counts.rejected += count
         self.counts.queued -= count
         return ~wrong
-
-    def count_next(self, time_ns: IntArray) -> None:
-        """Count good samples that took one of the next slots each, as `next_piece` would: see `entrance.enter`."""
-        count = time_ns.size
-        self.counts.used += count
-        self.counts.queued -= count
-        self.frontier += count
-        self.last_ns = int(time_ns[-1])
 
     def next_piece(
         self,
@@ -269,8 +245,17 @@ class OrderGuard:
         counts = self.counts
         piece_ns, piece_good = time_ns[start : start + PIECE_SLOTS], good[start : start + PIECE_SLOTS]
         slots, ahead = np.empty(piece_ns.size, dtype=np.int64), np.empty(piece_ns.size, dtype=np.bool_)
-        count, ahead_count, used = _lay(
-            piece_ns, piece_good, grid.origin_ns, grid.period_ns, self.frontier, self.window_slots, passed, slots, ahead
+        count, ahead_count, used = assign_slots(
+            piece_ns,
+            piece_good,
+            grid.origin_ns,
+            grid.period_ns,
+            self.frontier,
+            self.frontier + PIECE_SLOTS,
+            self.window_slots,
+            passed,
+            slots,
+            ahead,
         )
         if count == 0:
             return None
@@ -293,126 +278,6 @@ class OrderGuard:
             self.frontier = last + 1
             self.last_ns = int(time_ns[rows][-1])
         return Piece(start + count, rows=rows, slots=slots)
-
-
-_is_nearest_slot = numba.njit(cache=True, error_model="numpy", nogil=True)(is_nearest_slot)
-
-
-@numba.njit(cache=True, nogil=True)
-def can_be_telemetry(time_ns: IntArray, speed: FloatArray, limit: float) -> bool:
-    """Tell whether the slot arithmetic holds every time, and every speed is there and within `limit`."""
-    count = 0
-    for k in range(time_ns.size):  # without a way out, so that the compiler can take several at once
-        count += (time_ns[k] >= MIN_TIME_NS) & (time_ns[k] <= MAX_TIME_NS)
-    return count == time_ns.size and all_within(speed, limit)
-
-
-@numba.njit(cache=True, nogil=True)
-def all_within(values: FloatArray, limit: float) -> bool:
-    """Tell whether every value is there, and within `limit` in absolute value."""
-    count = 0
-    for k in range(values.size):
-        count += abs(values[k]) <= limit
-    return count == values.size
-
-
-@numba.njit(cache=True, nogil=True)
-def all_follow(time_ns: IntArray, frontier: int, origin_ns: int, period_ns: int) -> bool:
-    """Tell whether samples whose times the slot arithmetic holds take one slot each, from `frontier` on."""
-    count = 0
-    for k in range(time_ns.size):
-        count += _is_nearest_slot(frontier + k, time_ns[k], origin_ns, period_ns)
-    return count == time_ns.size
-
-
-@numba.njit(cache=True, nogil=True)
-def _mark_times(time_ns: IntArray, wrong: BoolArray) -> int:
-    """Mark the samples whose time the slot arithmetic does not hold; return how many."""
-    count = 0
-    for k in range(time_ns.size):
-        if not MIN_TIME_NS <= time_ns[k] <= MAX_TIME_NS:
-            wrong[k] = True
-            count += 1
-    return count
-
-
-@numba.njit(cache=True, nogil=True)
-def _mark_beyond(values: FloatArray, limit: float, wrong: BoolArray) -> int:
-    """Mark the samples with a finite value beyond `limit`, in absolute value; return how many were not marked yet."""
-    count = 0
-    for k in range(values.size):
-        if limit < abs(values[k]) < np.inf and not wrong[k]:
-            wrong[k] = True
-            count += 1
-    return count
-
-
-_nearest_slot = numba.njit(cache=True, error_model="numpy", nogil=True)(nearest_slot)
-
-
-@numba.njit(cache=True, nogil=True)
-def _lay(
-    time_ns: IntArray,
-    good: BoolArray,
-    origin_ns: int,
-    period_ns: int,
-    frontier: int,
-    window_slots: int,
-    passed: bool,
-    slots: IntArray,
-    ahead: BoolArray,
-) -> tuple[int, int, int]:
-    """Give samples their slots, as `SlotGrid.slot_of`, and mark which of them go on from all before.
-
-    Parameters
-    ----------
-    time_ns, good
-        int64 and bool (n,).
-    origin_ns, period_ns
-        Of the grid.
-    frontier, window_slots, passed
-        As `OrderGuard` has them. The piece ends before a clock step, and where it gets too long.
-    slots, ahead
-        int64 and bool (n,), output in the piece's part.
-
-    Returns
-    -------
-    tuple[int, int, int]
-        How many samples belong to the piece, how many of them go on, and how many of those are good.
-    """
-    before = frontier - 1  # the last slot so far
-    ahead_count = used = 0
-    for k in range(time_ns.size):
-        slot = int(_nearest_slot(time_ns[k], origin_ns, period_ns))
-        step = slot - before
-        far = abs(step) > window_slots
-        if (far and not passed) or (k > 0 and slot > frontier + PIECE_SLOTS):
-            return k, ahead_count, used
-        slots[k] = slot
-        ahead[k] = step > 0 and not (passed and far)
-        if ahead[k]:
-            ahead_count += 1
-            used += good[k]
-        before = max(before, slot)
-    return time_ns.size, ahead_count, used
-
-
-@numba.njit(cache=True, nogil=True)
-def finite_or_nan(values: FloatArray) -> FloatArray:
-    """Return the values with NaN for what is not finite, float64 (n,)."""
-    result = np.empty(values.size)
-    for k in range(values.size):
-        result[k] = values[k] if np.isfinite(values[k]) else np.nan
-    return result
-
-
-@numba.njit(cache=True, nogil=True)
-def both_finite(first: FloatArray, second: FloatArray) -> BoolArray:
-    """Return where both values are finite, bool (n,)."""
-    result = np.empty(first.size, dtype=np.bool_)
-    for k in range(first.size):
-        result[k] = np.isfinite(first[k]) and np.isfinite(second[k])
-    return result
 
 
 def _next_time(time_ns: IntArray, start: int) -> int:

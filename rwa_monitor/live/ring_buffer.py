@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, Final
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
@@ -38,8 +37,6 @@ class RingBuffer:
         The slots held: [begin, end).
     channels
         Names of the channels kept.
-    filled, speed_rad_s, torque_Nm
-        The arrays themselves, for `put` and `fill`.
     """
 
     def __init__(self, capacity: int, optional: tuple[str, ...] = (), values_capacity: int | None = None) -> None:
@@ -47,10 +44,10 @@ class RingBuffer:
         self.values_capacity = capacity if values_capacity is None else min(values_capacity, capacity)
         self.end = 0
         self._first = 0
-        self.filled: NDArray[np.uint8] = np.zeros(capacity, dtype=np.uint8)
+        self._filled: NDArray[np.uint8] = np.zeros(capacity, dtype=np.uint8)
         self.channels = (*REQUIRED, *optional)
         self._values: dict[str, FloatArray] = {name: np.zeros(self.values_capacity) for name in self.channels}
-        self.speed_rad_s, self.torque_Nm = (self._values[name] for name in REQUIRED)
+        self._speed_rad_s, self._torque_Nm = (self._values[name] for name in REQUIRED)
 
     @property
     def begin(self) -> int:
@@ -65,12 +62,12 @@ class RingBuffer:
     @property
     def nbytes(self) -> int:
         """Memory of the arrays [bytes]."""
-        return self.filled.nbytes + sum(values.nbytes for values in self._values.values())
+        return self._filled.nbytes + sum(values.nbytes for values in self._values.values())
 
     def clear(self, begin: int = 0) -> None:
         """Forget all slots and begin again at slot `begin`."""
         if self.end > self._first:
-            self.filled[:] = 0
+            self._filled[:] = 0
         self.end = self._first = begin
 
     def extend(self, end: int, slots: IntArray, values: Mapping[str, FloatArray]) -> None:
@@ -87,7 +84,7 @@ class RingBuffer:
         """
         start, count = self.end, end - self.end
         if slots.size == count:  # none is empty
-            _put(self.filled, start, np.ones(count, dtype=np.uint8))
+            _put(self._filled, start, np.ones(count, dtype=np.uint8))
             for name, array in self._values.items():
                 _put(array, start, values[name])
             self.end = end
@@ -95,7 +92,7 @@ class RingBuffer:
         rows = slots - start
         filled = np.zeros(count, dtype=np.uint8)
         filled[rows] = 1
-        _put(self.filled, start, filled)
+        _put(self._filled, start, filled)
         for name, array in self._values.items():
             spread = np.full(count, np.nan)
             spread[rows] = values[name]
@@ -116,7 +113,7 @@ class RingBuffer:
         """
         self.clear(begin)
         self.end = begin + filled.size
-        _put(self.filled, begin, filled.astype(np.uint8))
+        _put(self._filled, begin, filled.astype(np.uint8))
         for name, array in self._values.items():
             last = values[name][-self.values_capacity :]
             _put(array, self.end - last.size, last)
@@ -124,7 +121,7 @@ class RingBuffer:
     def is_filled(self, slots: IntArray) -> BoolArray:
         """Return which slots a sample came for, bool (n,); False for slots that are no longer, or not yet, held."""
         held = (slots >= self.begin) & (slots < self.end)
-        return np.asarray(held & (self.filled[slots % self.capacity] == 1), dtype=np.bool_)
+        return np.asarray(held & (self._filled[slots % self.capacity] == 1), dtype=np.bool_)
 
     def read(self, name: str, start: int, stop: int) -> FloatArray:
         """Return a channel's slots [start, stop), float64, to be read only; NaN where empty, not held or not kept.
@@ -152,7 +149,7 @@ class RingBuffer:
             at = start % self.values_capacity
             end = at + stop - start
             if end <= self.values_capacity:
-                return self.speed_rad_s[at:end], self.torque_Nm[at:end]
+                return self._speed_rad_s[at:end], self._torque_Nm[at:end]
         return self.read("speed_rad_s", start, stop), self.read("torque_Nm", start, stop)
 
     def overwrite(self, name: str, start: int, values: FloatArray) -> None:
@@ -169,14 +166,3 @@ def _put(array: NDArray[Any], start: int, values: NDArray[Any]) -> None:
     else:
         array[at:] = values[:first]
         array[: values.size - first] = values[first:]
-
-
-put: Final = numba.njit(cache=True, nogil=True)(_put)  # for compiled code
-
-
-@numba.njit(cache=True, nogil=True)
-def fill(filled: NDArray[np.uint8], start: int, count: int) -> None:
-    """Note that samples came for `count` slots from `start` on, at most the array's size."""
-    at = start % filled.size
-    filled[at : at + count] = 1
-    filled[: max(at + count - filled.size, 0)] = 1

@@ -14,27 +14,14 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Final
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
 
+from rwa_monitor.kernels.ingest import HANGING_SLOTS, HANGS, OUTSTANDING_SLOTS, STANDS_OUT, judge
 from rwa_monitor.live.ring_buffer import RingBuffer
 from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 
-# A channel hangs when it has repeated a value so often in a row. One that is restless (below) repeats a value with a
-# probability of at most one half, so often with 6e-8. Coarser converters are not judged.
-HANGING_SLOTS: Final = 24
-# A channel is restless while its second differences change their sign in more than this share of the last slots: with
-# white noise they do so in 73 %, with a random walk in 67 %, in smooth motion without noise hardly ever.
-RESTLESS: Final = 0.5
-ROUNDING: Final = 1e-9  # smaller second differences, relative to the value, are rounding, not noise
-RECENT_SLOTS: Final = 128  # over which restlessness and roughness are averaged
-# So many slots may stand out together; over each of them the wheel may do its utmost again.
-OUTSTANDING_SLOTS: Final = 3
-# They must differ by so many mean steps between neighbours besides, seven standard deviations of white noise or more.
-ROUGHNESS_FACTOR: Final = 6.0
-STEPS_TO_JUDGE: Final = 16  # before roughness is known well enough
 # Friction of all switching systems together, at so many times their largest nominal friction, may come and go within a
 # slot: anomalies of the paper are about twice the nominal friction. A system without given friction counts as one dry
 # torque.
@@ -43,7 +30,6 @@ LAG_SLOTS: Final = max(HANGING_SLOTS, OUTSTANDING_SLOTS)
 
 SPEED: Final = "speed_rad_s"
 TORQUE: Final = "torque_Nm"
-HANGS, STANDS_OUT = 1, 2
 
 # What is remembered of a channel:
 MEMORY: Final = (
@@ -126,86 +112,8 @@ class Channel:
         None instead of both where nothing is found.
         """
         kind, since = np.zeros(values.size, dtype=np.int8), np.zeros(values.size, dtype=np.int64)
-        found = _judge(values, after, limit, self.state, kind, since)
+        found = judge(values, after, limit, self.state, kind, since)
         return (kind, since) if found else None
-
-
-@numba.njit(cache=True, error_model="numpy", nogil=True)
-def _judge(
-    new: FloatArray,
-    following: FloatArray,
-    limit: float,
-    state: FloatArray,
-    kind: NDArray[np.int8],
-    since: NDArray[np.int64],
-) -> bool:
-    """Do the work of `Channel.judge`; all but `new`, `following` and `limit` are written.
-
-    Returns whether anything is found.
-    """
-    recent, memory = state[:OUTSTANDING_SLOTS], state[OUTSTANDING_SLOTS:]
-    values = np.concatenate((recent, new))
-    recent[:] = values[kind.size :]
-    found = False
-    last, step, bend, restless, repeated, restless_before, rough, steps = memory
-    for k in range(kind.size):
-        at = k + OUTSTANDING_SLOTS
-        value, before, after = values[at], values[at - 1], following[k]
-        if np.isnan(value):
-            continue
-        far = limit + ROUGHNESS_FACTOR * rough / max(steps, 1.0)
-        # Do this slot, and perhaps some before it, stand out from the slot before them and the one after?
-        if steps >= STEPS_TO_JUDGE and abs(value - after) > far:
-            for count in range(1, OUTSTANDING_SLOTS + 1):
-                anchor = values[at - count]
-                if abs(after - anchor) <= 0.5 * far and abs(value - anchor) > count * far:
-                    kind[k], since[k] = STANDS_OUT, count - 1
-                    found = True
-                    break
-        if abs(value - before) <= far:
-            rough += abs(value - before) - rough / RECENT_SLOTS
-            steps += 1.0 - steps / RECENT_SLOTS
-        if not np.isnan(last):
-            if value != last:
-                repeated = 0.0
-            else:
-                if repeated == 0.0:
-                    restless_before = restless
-                repeated += 1.0
-            next_step = value - last
-            next_bend = next_step - step
-            turns = (next_bend * bend < 0.0) & (abs(next_bend) > ROUNDING * abs(value))  # as in noise: do not branch
-            restless += ((1.0 if turns else 0.0) - restless) / RECENT_SLOTS
-            step, bend = next_step, next_bend
-        last = value
-        if repeated >= HANGING_SLOTS and restless_before > RESTLESS:
-            kind[k] = HANGS
-            found = True
-            since[k] = HANGING_SLOTS - 1 if repeated == HANGING_SLOTS else 0
-    memory[:] = (last, step, bend, restless, repeated, restless_before, rough, steps)
-    return found
-
-
-@numba.njit(cache=True, error_model="numpy", nogil=True)
-def pass_next(last: float, values: FloatArray, limit: float, state: FloatArray, judged: FloatArray) -> bool:
-    """Judge the newest slot and those that follow it but for the last one, which only judges; return if all pass.
-
-    Parameters
-    ----------
-    last, values
-        The newest slot so far, and float64 (n,) those that follow, none of them missing.
-    limit
-        As for `Channel.judge`.
-    state
-        `Channel.state` before, which stays as it is.
-    judged
-        float64 (11,): the state after them, output.
-    """
-    piece = np.empty(values.size + 1)
-    piece[0], piece[1:] = last, values
-    kind, since = np.zeros(values.size, dtype=np.int8), np.zeros(values.size, dtype=np.int64)
-    judged[:] = state
-    return not _judge(piece[:-1], piece[1:], limit, judged, kind, since)
 
 
 def speed_limit(wheel: Wheel) -> float:

@@ -21,8 +21,6 @@ from typing import Final
 
 import numpy as np
 
-from rwa_monitor.discrepancy.extended import extend
-from rwa_monitor.discrepancy.find import find_discrepancy
 from rwa_monitor.errors import RwaMonitorError
 from rwa_monitor.formats.files import write_text
 from rwa_monitor.live.outputs import Output
@@ -72,6 +70,8 @@ def search_message(job: SearchJob) -> Discrepancy:
 
 
 def _search(job: SearchJob, *, with_report: bool = False) -> tuple[Discrepancy, dict[str, str]]:
+    from rwa_monitor.discrepancy.find import find_discrepancy  # noqa: PLC0415 - the monitor starts without the search
+
     messages = [SamplesMessage.parse(payload, job.wheel) for payload in job.payloads]
     samples = concatenate([message.samples() for message in messages])
     _, first = np.unique(samples.time_ns, return_index=True)
@@ -89,7 +89,8 @@ def _search(job: SearchJob, *, with_report: bool = False) -> tuple[Discrepancy, 
     )
     if not with_report:
         return message, {}
-    from rwa_monitor.discrepancy.report import html  # noqa: PLC0415 - the monitor starts without the plotting library
+    from rwa_monitor.discrepancy.extended import extend  # noqa: PLC0415
+    from rwa_monitor.discrepancy.report import html  # noqa: PLC0415
 
     report = {
         "report.html": html(search, [f"{job.spacecraft}/{job.wheel}, live"]),

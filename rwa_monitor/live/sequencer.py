@@ -8,10 +8,9 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Final, NamedTuple
 
-import numba
 import numpy as np
 
-from rwa_monitor.samples import IntArray, Samples
+from rwa_monitor.samples import Samples
 
 # A message that overtook others waits for them while at most this many wait. Zenoh keeps the order of one publisher, so
 # only a recovered message comes late, and it comes soon; more would delay every window behind a message that is lost.
@@ -226,7 +225,8 @@ class Sequencer:
         time_ns = batch.samples.time_ns
         if time_ns.size:
             # The middle one: a single wild time does not matter.
-            middle_ns = middle(time_ns, time_ns.size // 2)
+            rank = time_ns.size // 2
+            middle_ns = int(np.partition(time_ns, rank)[rank])
             if self.latest_ns is None or middle_ns > self.latest_ns:
                 self.latest_ns = middle_ns
 
@@ -289,18 +289,3 @@ class Sequencer:
         while len(self.skipped) > MAX_SKIPPED:
             del self.skipped[next(iter(self.skipped))]
         return MessagesMissed(self.current or "", first, number - first)
-
-
-def middle(time_ns: IntArray, rank: int) -> int:
-    """Return the time with so many before it."""
-    is_sorted, time = _at_rank_if_sorted(time_ns, rank)  # as nearly all messages are
-    return time if is_sorted else int(np.partition(time_ns, rank)[rank])
-
-
-@numba.njit(cache=True, nogil=True)
-def _at_rank_if_sorted(values: IntArray, rank: int) -> tuple[bool, int]:
-    """Tell whether no value is smaller than the one before it, and the value at that rank if so."""
-    descents = 0
-    for k in range(1, values.size):  # without a way out, so that the compiler can take several at once
-        descents += values[k] < values[k - 1]
-    return descents == 0, values[rank]

@@ -14,23 +14,19 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
 from pathlib import Path
-from threading import Event, Thread
-from typing import Final
+from threading import Event
 
 import zenoh
 
 from rwa_monitor.build import build
 from rwa_monitor.live.bus import Inbox, MonitorBus, check_wheels, endpoints, open_session
 from rwa_monitor.live.bus_watch import BusNews, BusWatch
-from rwa_monitor.live.monitor import IDLE_WAIT_S, Clock, Monitor
+from rwa_monitor.live.monitor import Clock, Monitor
 from rwa_monitor.live.past import Past, read_past
-from rwa_monitor.live.recorder import FolderLock, Recorder, last_recording
+from rwa_monitor.live.recorder import FolderLock, Recorder
 from rwa_monitor.live.run_options import RunOptions
 from rwa_monitor.live.supervisor import Supervisor
-from rwa_monitor.live.warm_up import prepare
 from rwa_monitor.live.wheel_words import first_verdict
-
-STOP_WAIT_S: Final = 0.5  # for the process that compiles to end, when we are stopped meanwhile
 
 
 def run(
@@ -72,10 +68,6 @@ def run(
     with ExitStack() as stack:
         if options.record is not None:
             stack.enter_context(FolderLock(options.record))
-        # In a thread of its own, so that a stop signal is heard while kernels are compiled on a new machine.
-        compiling = Thread(target=prepare, args=(setup, stop), name="warm-up", daemon=True)
-        compiling.start()
-        stack.callback(compiling.join, STOP_WAIT_S)
         clock = Clock()
 
         def starting() -> None:
@@ -84,8 +76,6 @@ def run(
         recorder: Recorder | None = None
         past = Past()
         if options.record is not None:
-            if last_recording(options.record) is not None:  # the cores are rebuilt with what is being compiled
-                _wait_for(compiling, stop)
             past = read_past(options.record, setup, stop, say, starting)
             if stop.is_set():
                 return
@@ -107,18 +97,8 @@ def run(
         while not stop.is_set():
             supervisor.alive(clock.monotonic_s())
             news.look(clock.monotonic_s())
-            if compiling.is_alive():
-                stop.wait(IDLE_WAIT_S)
-                monitor.tick()
-            else:
-                monitor.step()
+            monitor.step()
         supervisor.stopping()
-
-
-def _wait_for(thread: Thread, stop: Event) -> None:
-    """Wait until a thread has ended, or `stop` is set."""
-    while thread.is_alive() and not stop.is_set():
-        thread.join(IDLE_WAIT_S)
 
 
 def _recorder(options: RunOptions, folder: Path, past: Past, clock: Clock) -> Recorder:

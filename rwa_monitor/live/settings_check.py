@@ -9,11 +9,10 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Final
 
-import numba
 import numpy as np
 
-from rwa_monitor.diagnosis.medians import median
 from rwa_monitor.diagnosis.window_diagnosis import WindowDiagnosis
+from rwa_monitor.kernels.order_statistics import median
 from rwa_monitor.live.events import Event, SamplePeriodDiffers, SpeedsBeyondLimit
 from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, BoolArray, FloatArray, IntArray, Samples
@@ -68,10 +67,11 @@ class SettingsCheck:
         return [SamplePeriodDiffers(period_s, self._expected_s)] if fast or slow else []
 
     def _look_at_speed(self, samples: Samples) -> list[Event]:
-        beyond, largest = _beyond(samples.speed_rad_s, self._limit)
+        sizes = np.abs(samples.speed_rad_s)
+        beyond = sizes[(sizes > self._limit) & np.isfinite(sizes)]
         self._seen += len(samples)
-        self._beyond += beyond
-        self._largest = max(self._largest, largest)
+        self._beyond += beyond.size
+        self._largest = float(beyond.max(initial=self._largest))
         if self._beyond < max(MANY_BEYOND, SHARE_BEYOND * self._seen):
             return []
         self._speed_said = True
@@ -112,15 +112,3 @@ def _come_slowly(steps_s: FloatArray, expected_s: float) -> bool:
 def _short_step(steps_s: FloatArray) -> float:
     """Return the step that SLOW_QUANTILE of them do not exceed [s]; they are too few to interpolate between."""
     return float(np.sort(steps_s)[int(SLOW_QUANTILE * (steps_s.size - 1))])
-
-
-@numba.njit(cache=True, nogil=True)
-def _beyond(values: FloatArray, limit: float) -> tuple[int, float]:
-    """Count the finite values beyond a limit, in absolute value, and return the largest of them; 0 without any."""
-    count, largest = 0, 0.0
-    for value in values:
-        size = abs(value)
-        if limit < size < np.inf:
-            count += 1
-            largest = max(largest, size)
-    return count, largest

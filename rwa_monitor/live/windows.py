@@ -65,8 +65,6 @@ class Windows:
         What the windows closed so far tell the next one.
     ring, screen, friction
         What the slots go through, anew for each source of friction.
-    holds_as_measured
-        Whether the ring buffer holds nothing but speed and friction, as samples have them.
     grid
         The slot grid of the running epoch.
 
@@ -110,7 +108,6 @@ class Windows:
         )
         around = PIECE_SLOTS + LAG_SLOTS + 3 * (self.friction.reach + BLOCK_SLOTS)
         self.ring = RingBuffer(self._samples + around, self.friction.optional, values_capacity=around)
-        self.holds_as_measured = not (self.friction.derived or self.friction.optional)
         self._begin_slots()
 
     def _begin_slots(self) -> None:

@@ -10,7 +10,6 @@ from typing import Annotated, Final, Literal
 
 import numpy as np
 from pydantic import Field
-from scipy import signal
 
 from rwa_monitor.physics.strict import Strict
 from rwa_monitor.physics.wheel import Wheel
@@ -84,6 +83,8 @@ class FrictionNoise(Strict):
         white = std_Nm * rng.standard_normal(slots)
         if self.law == "white":
             return white
+        from scipy import signal
+
         phi = self.ar_coefficient
         white[1:] *= np.sqrt(1.0 - phi * phi)
         coloured: FloatArray = signal.lfilter([1.0], [1.0, -phi], white)
@@ -127,6 +128,8 @@ def bearing_temperature(
     housing: FloatArray = base + swing * np.sin(rate * time_s + rng.uniform(0, 2 * np.pi) - lag)
     if time_s.size < 2:
         return np.asarray(housing + DISSIPATION_K_W * friction_power_W)
+    from scipy import signal
+
     # Exact step of the first-order lag for a power constant over a slot; the record begins in thermal balance.
     stay = float(np.exp(-(time_s[1] - time_s[0]) / ROTOR_TIME_CONSTANT_S))
     target = DISSIPATION_K_W * friction_power_W

@@ -50,7 +50,6 @@ def run_slice(folder: Path) -> list[Outcome]:
 
 
 # One test, since workers that share a module's tests out among them would each run the slice.
-@pytest.mark.slow
 @pytest.mark.timeout(1800)  # of the clock, on a machine that does much else; what counts is the processor's time
 def test_a_slice_of_the_suite(tmp_path: Path) -> None:
     outcomes = run_slice(tmp_path)

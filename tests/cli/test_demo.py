@@ -20,7 +20,6 @@ PROGRAM = [sys.executable, "-m", "rwa_monitor"]
 DURATION_S = 48
 
 
-@pytest.mark.slow
 @pytest.mark.timeout(1200)  # where all cores are busy, the search takes what others leave (demo.SEARCH_PATIENCE_S)
 @pytest.mark.processes
 def test_the_demo_finds_the_failing_wheel_and_the_hidden_effect_and_its_recording_replays(tmp_path: Path) -> None:

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import dask
 import pytest
 from distributed import LocalCluster
 
@@ -51,7 +52,7 @@ def fleet(tmp_path_factory: pytest.TempPathFactory, files: Path) -> Path:
 @pytest.fixture(scope="module")
 def cluster() -> Iterator[LocalCluster]:
     """Yield a Dask cluster of two processes, as somebody else would have started it."""
-    with LocalCluster(**CLUSTER) as cluster:
+    with dask.config.set({"distributed.scheduler.allowed-failures": 0}), LocalCluster(**CLUSTER) as cluster:
         yield cluster
 
 
@@ -112,6 +113,36 @@ def test_training_on_a_cluster_gives_the_bytes_of_training_alone(cluster: LocalC
     assert "mild_00003.parquet: is no readable Parquet file" in refused.stderr
     assert "labels.csv: 1 of 6 files cannot be used; nothing is written" in refused.stderr
     assert not (tmp_path / "none.json").exists()
+
+
+NOT_INSTALLED = ("dask", "distributed", "matplotlib", "pandas", "pyarrow")
+
+
+def test_a_default_installation_trains_and_diagnoses_many_recordings_in_processes(fleet: Path, tmp_path: Path) -> None:
+    days = [fleet / f"day_{seed}.csv" for seed in range(RECORDINGS)]
+    rows = "".join(f"{day},{seed % 2},0,0,0\n" for seed, day in enumerate(days))
+    (fleet / "labels.csv").write_text(f"file,dry,viscous,fss_1,fss_2\n{rows}")
+    wheel = ["--wheel", fleet / "wheel.toml"]
+    (tmp_path / "first").mkdir()
+    for name in NOT_INSTALLED:
+        (tmp_path / "first" / f"{name}.py").write_text(f"raise ModuleNotFoundError('not installed', name={name!r})")
+    path = os.pathsep.join([str(tmp_path / "first"), os.environ.get("PYTHONPATH", "")]).rstrip(os.pathsep)
+
+    def bare(*arguments: object) -> subprocess.CompletedProcess[str]:
+        command = [sys.executable, "-m", "rwa_monitor", *map(str, arguments)]
+        return subprocess.run(
+            command, capture_output=True, text=True, check=False, env=os.environ | {"PYTHONPATH": path}
+        )
+
+    trained = bare("train", fleet / "labels.csv", *wheel, "-o", tmp_path / "model.json", "--workers", 2)
+    assert trained.returncode == 0, trained.stderr
+    done = bare("diagnose", *days, *wheel, "--model", tmp_path / "model.json", "--workers", 2, "--json")
+    assert done.returncode == 0, done.stderr
+    assert len(done.stdout.splitlines()) == 3 * RECORDINGS
+    refused = bare("diagnose", *days, *wheel, "--results", tmp_path / "results")
+    assert refused.stderr == "rwa-monitor: pyarrow is missing: pip install 'rwa-monitor[parquet]'\n"
+    refused = bare("diagnose", *days, *wheel, "--scheduler", "tcp://127.0.0.1:1")
+    assert "pip install 'rwa-monitor[fleet]'" in refused.stderr
 
 
 # ---- what is done already --------------------------------------------------------------------------------------------
@@ -187,10 +218,12 @@ def test_short_recordings_travel_together_long_ones_alone_and_few_are_left_for_a
     assert parcel_size(seconds=0.0, waiting=0, workers=4) == 1
 
 
-def test_what_kills_its_worker_takes_no_other_of_its_parcel_along() -> None:
+@pytest.mark.parametrize("on_a_cluster", [False, True])
+def test_what_kills_its_worker_takes_no_other_along(on_a_cluster: bool, cluster: LocalCluster) -> None:
     names = [f"good {number}" for number in range(200)]
     names[150] = "killed"  # by then several travel together
-    outcomes = list(each(Named(), [Path(name) for name in names], workers=2))
+    where: dict[str, Any] = {"scheduler": cluster.scheduler_address} if on_a_cluster else {"workers": 2}
+    outcomes = list(each(Named(), [Path(name) for name in names], **where))
     assert [outcome.file.name for outcome in outcomes] == names
     assert [outcome.file.name for outcome in outcomes if outcome.error] == ["killed"]
 
@@ -247,6 +280,7 @@ def test_options_that_exclude_each_other_are_refused(words: list[str]) -> None:
 # ---- one report for each ---------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_each_wheel_is_learned_and_searched_by_itself(fleet: Path, cluster: LocalCluster, tmp_path: Path) -> None:
     pair = [fleet / "day_0.csv", fleet / "day_1.csv"]
     words = ("--each", "--scheduler", cluster.scheduler_address, "-o", tmp_path / "wheels")
@@ -273,6 +307,6 @@ def test_each_wheel_is_learned_and_searched_by_itself(fleet: Path, cluster: Loca
 
 def test_help_needs_no_dask() -> None:
     code = "import sys; from rwa_monitor.cli.main import main; main(['diagnose', '--help'], standalone_mode=False)"
-    check = f"{code}; assert not {{'dask', 'distributed', 'numba', 'sklearn'}} & set(sys.modules)"
+    check = f"{code}; assert not {{'dask', 'distributed', 'joblib', 'numpy', 'sklearn'}} & set(sys.modules)"
     done = subprocess.run([sys.executable, "-c", check], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr

@@ -56,7 +56,7 @@ def test_help_loads_nothing_heavy() -> None:
     code = (
         "import sys\nfrom rwa_monitor.cli.main import main\n"
         "try: main(['--help'])\nexcept SystemExit: pass\n"
-        "heavy = {'numba', 'numpy', 'scipy', 'sklearn', 'zenoh', 'matplotlib', 'pyarrow', 'pydantic', 'mcap', 'rich'}\n"
+        "heavy = {'numpy', 'scipy', 'sklearn', 'zenoh', 'matplotlib', 'pyarrow', 'pydantic', 'mcap', 'rich'}\n"
         "print(sorted(heavy & set(sys.modules)), file=sys.stderr)\n"
     )
     began = time.perf_counter()
@@ -147,12 +147,47 @@ def without_package(name: str, *arguments: str) -> subprocess.CompletedProcess[s
 
 @pytest.mark.parametrize("command", [["diagnose", "none.csv"], ["doctor"]])
 def test_a_package_that_is_missing_is_named_in_one_line(command: list[str]) -> None:
-    done = without_package("numba", *command)
+    done = without_package("numpy", *command)
     assert (done.returncode, done.stdout) == (1, "")
-    assert done.stderr == "rwa-monitor: the package numba is missing: install rwa-monitor again, with pip install .\n"
+    assert done.stderr == "rwa-monitor: the package numpy is missing: install rwa-monitor again, with pip install .\n"
 
 
 def test_a_missing_driver_of_the_database_is_told_with_what_installs_it() -> None:
     done = without_package("psycopg", "dashboard", "--history", "postgresql://a@127.0.0.1:1/b", "-l", "tcp/127.0.0.1:0")
     assert done.returncode == 2
     assert "psycopg is missing: pip install 'rwa-monitor[postgresql]'" in done.stderr
+
+
+RUN = """
+import sys
+from rwa_monitor.live import service
+service.run = lambda *given, **options: None
+from rwa_monitor.cli.main import main
+main(["run"], standalone_mode=False)
+
+import numpy as np
+from rwa_monitor.diagnosis.model import built_in_model
+from rwa_monitor.live.core import diagnose_samples
+from rwa_monitor.physics.wheel import built_in_wheel
+from rwa_monitor.samples import Samples
+
+slot = np.arange(4_000)
+speed = 100.0 + 20.0 * np.sin(slot / 300.0)
+friction = 1.5e-3 + 1e-6 * speed + 2e-5 * np.random.default_rng(1).standard_normal(slot.size)
+samples = Samples(slot * 125_000_000, speed, friction)
+assert list(diagnose_samples(samples, built_in_wheel(), built_in_model()))
+print(*sys.modules, sep="\\n")
+"""
+NOT_FOR_A_MONITOR = (
+    "rwa_monitor.api", "rwa_monitor.discrepancy", "rwa_monitor.evaluation", "rwa_monitor.identification",
+    "scipy.ndimage", "scipy.optimize", "scipy.signal", "scipy.stats",
+    "dask", "joblib", "jinja2", "matplotlib", "pandas", "pyarrow", "sklearn",
+)  # fmt: skip
+
+
+def test_a_monitor_loads_nothing_that_it_does_not_use() -> None:
+    done = subprocess.run([sys.executable, "-c", RUN], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    loaded = done.stdout.splitlines()
+    assert "rwa_monitor.live.monitor" in loaded
+    assert [name for name in loaded if any(f"{name}.".startswith(f"{one}.") for one in NOT_FOR_A_MONITOR)] == []

@@ -53,7 +53,6 @@ def test_the_built_in_wheel_is_not_written_beside(tmp_path: Path) -> None:
     assert len(read_table(output).samples) == 80
 
 
-@pytest.mark.slow
 def test_a_data_set_can_be_trained_on_and_the_model_used(tmp_path: Path) -> None:
     """A few windows of the real recipe: enough to go all the way, too few for a good model."""
     made = run("simulate", "dataset", "--recipe", "paper", "--count", 10, "--seed", 2, "-o", tmp_path / "set")

@@ -22,7 +22,7 @@ from rwa_monitor.history.alarms import MONITOR_ALARM
 from rwa_monitor.history.store import History
 from rwa_monitor.live.bus import BusOptions, open_session
 from rwa_monitor.messages import samples_json
-from tests.dashboard.support import COMPILE_S, ask, expect, new_page, reporting, send_windows, wait_until
+from tests.dashboard.support import START_S, ask, expect, new_page, reporting, send_windows, wait_until
 from tests.dashboard.test_recordings import RECORDING
 from tests.dashboard.test_telemetry import with_friction
 from tests.history.support import diagnosis
@@ -115,14 +115,14 @@ def test_a_monitor_that_is_killed_leaves_stale_wheels_and_an_alarm_until_it_is_b
                 session.put("rwa/sat/wheel_1/samples", batch)
                 return "1 of 1 wheel reporting" in page.get_by_role("status").all_inner_texts()[-1]
 
-            wait_until(heard, "the monitor", COMPILE_S)
+            wait_until(heard, "the monitor", START_S)
 
         def monitor_alarm(address: str) -> dict[str, Any] | None:
             found = [alarm for alarm in ask(address, "api/alarms")[1] if alarm["name"] == MONITOR_ALARM]
             return found[0] if found else None
 
         process = stack.enter_context(monitor(port))
-        wait_until(speaks, "the monitor", COMPILE_S)  # its start may take longer than it may then be silent
+        wait_until(speaks, "the monitor", START_S)  # its start may take longer than it may then be silent
         with serve(options, session) as running:
             page.goto(running.address_with_token)
             send_until_heard()

@@ -21,7 +21,7 @@ from rwa_monitor.live.service import run
 from rwa_monitor.messages import Diagnosis, Health, SamplesMessage, health_message, key_of
 from rwa_monitor.physics.wheel import Window, built_in_wheel
 from rwa_monitor.samples import Samples
-from tests.dashboard.support import COMPILE_S, ask, send_windows, wait_until
+from tests.dashboard.support import START_S, ask, send_windows, wait_until
 from tests.dashboard.test_telemetry import with_friction
 from tests.history.support import diagnosis
 
@@ -66,7 +66,7 @@ def test_a_monitor_tells_the_health_at_each_close_and_the_last_one_to_who_asks(s
         def closed() -> bool:
             return len([key for key, _ in heard if key.endswith("/health")]) >= 6
 
-        wait_until(closed, "six windows' health", COMPILE_S)
+        wait_until(closed, "six windows' health", START_S)
         for name in names:
             found = [json.loads(payload) for key, payload in heard if key == f"rwa/sat/{name}/diagnosis"]
             told = [payload for key, payload in heard if key == f"rwa/sat/{name}/health"]

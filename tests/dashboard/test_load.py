@@ -8,6 +8,7 @@ from benchmarks.dashboard_load import measure
 from tests.dashboard.support import CHROMIUM
 
 
+@pytest.mark.slow
 @pytest.mark.browser
 @pytest.mark.processes
 def test_a_small_fleet_is_served_to_several_pages_without_falling_behind() -> None:

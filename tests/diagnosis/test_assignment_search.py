@@ -9,10 +9,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from rwa_monitor.diagnosis.assignment_bounds import free_bounds, priced_bounds
-from rwa_monitor.diagnosis.assignment_kernel import expand
-from rwa_monitor.diagnosis.assignment_paths import add_up_laws
 from rwa_monitor.diagnosis.assignment_search import NO_SYSTEM, REJECT, Problem, search, step_of
+from rwa_monitor.kernels.assignment import add_up_laws, expand, free_bounds, priced_bounds
 from tests.diagnosis.assignment_problems import FREE, LONG, SHORT, random_path, random_problem
 
 
@@ -186,16 +184,16 @@ def test_bounds_are_never_below_what_follows():
         problem = random_problem(rng, (SHORT, LONG), 8, sized=bool(rng.integers(2)))
         paths = search(problem, paths=40, margin=50.0, budget=100_000).paths
         best = paths[0].score
-        free, worth = free_bounds(problem.scores)
+        (rest, *free), worth = free_bounds(problem.scores)
         others = [paths[0], paths[-1], replace(paths[0], actions=np.full(8, NO_SYSTEM)), random_path(rng, problem)]
-        for above in (
+        assert rest[0, 0] >= best
+        for rest_fit, own in (
             free,
-            *(priced_bounds(problem.scores, free.rest, worth, np.array(path.start), path.actions) for path in others),
+            *(priced_bounds(problem.scores, worth, np.array(path.start), path.actions) for path in others),
         ):
-            own = max(above.own[0, q, 0, 0] + above.own[1, p, 0, 0] for q in range(2) for p in range(3))
-            assert above.rest[0, 0] >= best
-            assert above.rest_fit[0, 0] + own >= best - 1e-9
-            slack.append(above.rest_fit[0, 0] + own - best)
+            best_own = max(own[0, q, 0, 0] + own[1, p, 0, 0] for q in range(2) for p in range(3))
+            assert rest_fit[0, 0] + best_own >= best - 1e-9
+            slack.append(rest_fit[0, 0] + best_own - best)
     free_slack, best_slack = np.mean(np.reshape(slack, (-1, 5))[:, :2], axis=0)
     assert best_slack < free_slack
 
@@ -211,9 +209,9 @@ def test_prices_change_the_work_and_not_the_paths():
         cutoff = found.paths[0].score - 10.0
         entries = []
         for path in (found.paths[0], random_path(rng, problem)):
-            priced = priced_bounds(problem.scores, free.rest, worth, np.array(path.start), path.actions)
-            for above in (free, priced):
-                _, _, _, score, expanded, _ = expand(problem.scores, above, cutoff, 100_000, 4)
+            priced = priced_bounds(problem.scores, worth, np.array(path.start), path.actions)
+            for above in (free, (free[0], *priced)):
+                score, expanded = expand(problem.scores, above, cutoff, 100_000, 4)
                 score = np.sort(score[score >= cutoff])[::-1]
                 np.testing.assert_allclose(score[:16], [path.score for path in found.paths], rtol=0, atol=1e-9)
                 entries.append(expanded)
@@ -234,7 +232,6 @@ def test_pruning_is_said_and_still_gives_a_whole_path():
 def test_two_hundred_candidates_and_three_systems(capsys):
     rng = np.random.default_rng(9)
     problem = random_problem(rng, (SHORT, LONG, FREE), 200)
-    search(random_problem(rng, (SHORT, LONG, FREE), 3), paths=2, margin=1.0, budget=100)  # compiles
     begin = time.process_time()
     result = search(problem, paths=16, margin=14.0, budget=4000)
     took = time.process_time() - begin

@@ -1,4 +1,4 @@
-"""The compiled loops of the stages after detection against the same in plain numpy, over the samples themselves."""
+"""The kernels of the stages after detection against the same in plain numpy, over the samples themselves."""
 
 from __future__ import annotations
 
@@ -9,15 +9,16 @@ import pytest
 from scipy import special
 
 from rwa_monitor.diagnosis import segments
-from rwa_monitor.diagnosis.adequacy import persistence
-from rwa_monitor.diagnosis.adequacy_kernel import FEWEST_BLOCKS, LARGEST_BLOCK, PERSISTENCE_LAGS
-from rwa_monitor.diagnosis.densities import OTHER_SIZE, level_densities
+from rwa_monitor.diagnosis.adequacy import PERSISTENCE_LAGS, persistence
 from rwa_monitor.diagnosis.estimation import estimate
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.diagnosis.noise import mean_variance_factor
 from rwa_monitor.diagnosis.residual_blocks import Blocks, residual_blocks
 from rwa_monitor.diagnosis.results import Evidence, NoiseEstimate
 from rwa_monitor.diagnosis.running_sums import RunningSums
+from rwa_monitor.kernels.adequacy import FEWEST_BLOCKS, LARGEST_BLOCK
+from rwa_monitor.kernels.laws import OTHER_SIZE, level_densities
+from rwa_monitor.kernels.segments import LEVEL_SCATTER, PREFERENCE, jumps_of, pair_moments
 from tests.diagnosis.assignment_windows import NO_CANDIDATES, NO_STRUCTURE
 
 SLOTS, STD, SLOPE = 4_000, 0.05, 0.8
@@ -51,7 +52,7 @@ def _error(values: np.ndarray) -> float:
 
 def test_pair_moments_are_the_sums_between_all_pairs(record):
     sums, nodes = _sums(*record), np.concatenate([[0], INDEX, [SLOTS]])
-    pairs = segments.pair_moments(nodes, sums.arrays)
+    pairs = pair_moments(nodes, sums.arrays)
     first, last = np.triu_indices(nodes.size, k=1)
     assert pairs[:, first, last].tobytes() == sums.between(nodes[first], nodes[last]).table.tobytes()
     assert not pairs[:, last, first].any()
@@ -59,19 +60,19 @@ def test_pair_moments_are_the_sums_between_all_pairs(record):
 
 def test_jumps_and_levels_are_those_of_the_samples(record):
     x, z, used = record
-    pairs = segments.pair_moments(np.concatenate([[0], INDEX, [SLOTS]]), _sums(x, z, used).arrays)
+    pairs = pair_moments(np.concatenate([[0], INDEX, [SLOTS]]), _sums(x, z, used).arrays)
     nodes = np.array([0, 1, 3, 6])  # the first and the third candidate are accepted
     borders = np.concatenate([[0], INDEX, [SLOTS]])
     residual = np.where(used, z - SLOPE * x, np.nan)
     levels = segments.levels_of(pairs, nodes, SLOPE)
     plain = [np.nanmean(residual[borders[a] : borders[b]]) for a, b in pairwise(nodes)]
     assert levels == pytest.approx(plain, rel=1e-10)
-    jump, variance = segments.jumps_of(pairs, nodes, SLOPE, 1e4, STD**2)
+    jump, variance = jumps_of(pairs, nodes, SLOPE, 1e4, STD**2)
     for k, (before, after) in enumerate([(0, 3), (1, 3), (1, 6), (3, 6), (3, 6)], start=1):
         left, right = slice(borders[before], borders[k]), slice(borders[k], borders[after])
         assert jump[k - 1] == pytest.approx(np.nanmean(residual[right]) - np.nanmean(residual[left]), rel=1e-9)
         apart = x[right][used[right]].mean() - x[left][used[left]].mean()
-        own = STD**2 * (1.0 / used[left].sum() + 1.0 / used[right].sum() + 2.0 * segments.LEVEL_SCATTER**2)
+        own = STD**2 * (1.0 / used[left].sum() + 1.0 / used[right].sum() + 2.0 * LEVEL_SCATTER**2)
         assert variance[k - 1] == pytest.approx(own + apart**2 / 1e4, rel=1e-9)
 
 
@@ -87,7 +88,7 @@ def test_positions_are_refined_to_the_least_error(record):
         trials = [k for k in range(low, high + 1) if k > low or k == at]
         cost = [
             (_error(residual[left:k][used[left:k]]) + _error(residual[k:right][used[k:right]])) / (2.0 * STD**2)
-            + segments.PREFERENCE * abs(k - at)
+            + PREFERENCE * abs(k - at)
             for k in trials
         ]
         assert refined[i] == trials[int(np.argmin(cost))]

@@ -1,4 +1,4 @@
-"""The compiled loops over paths, stories and levels of stage 3 against the same in plain Python and numpy."""
+"""The kernels over paths, stories and levels of stage 3 against the same in plain Python and numpy."""
 
 from __future__ import annotations
 
@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 
 from rwa_monitor.diagnosis import segments
-from rwa_monitor.diagnosis.assignment_paths import add_agreement, tell
 from rwa_monitor.diagnosis.assignment_search import NO_SYSTEM, REJECT, Path, Problem, search, step_of
-from rwa_monitor.diagnosis.densities import level_densities, sojourn_densities, strays
-from rwa_monitor.diagnosis.friction_kernel import condition
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.diagnosis.results import REJECTED, UNATTRIBUTED, Candidates, FlatStory
 from rwa_monitor.diagnosis.running_sums import RunningSums
+from rwa_monitor.kernels.assignment import add_agreement, tell
+from rwa_monitor.kernels.friction import condition
+from rwa_monitor.kernels.laws import level_densities, sojourn_densities, strays
+from rwa_monitor.kernels.segments import pair_moments
 from tests.diagnosis.assignment_problems import LONG, SHORT, random_path, random_problem
 
 
@@ -49,7 +50,7 @@ def test_a_path_tells_its_story():
             kinds.update(path.actions.tolist())
             story, nodes, system, direction = tell(problem.actions, index, np.array(path.start), path.actions)
             configurations, starts, alone = plain_story(problem, path, index)
-            told = story.story()
+            told = FlatStory(*story).story()
             assert [q.tolist() for q in told.configurations] == configurations
             assert [slots.tolist() for slots in told.starts] == starts
             assert told.unattributed.tolist() == alone
@@ -88,7 +89,7 @@ def test_levels_signs_and_chains_are_those_of_the_samples():
     assert nodes.tolist() == [0, 1, 3, 4, 5]
     found = segments.measure_level(index, nodes, sums.arrays, slots, 0.02**2, 0.0, 1e6)
     borders = np.array([0, 90, 330, 450, 600])
-    chain = segments.chain_of(found.pairs, nodes)
+    chain = found.pairs[:, nodes[:-1], nodes[1:]]
     assert chain == pytest.approx(sums.between(borders[:-1], borders[1:]).table)
     own = np.zeros((used.sum(), 5))
     own[np.arange(used.sum()), np.searchsorted(borders, np.flatnonzero(used), side="right") - 1] = 1.0
@@ -109,7 +110,7 @@ def test_levels_without_samples_leave_the_sign_to_the_contrast():
     sums = RunningSums(x, np.where(np.arange(300) < 150, 1.0, 2.0), used)
     sums.extend(300)
     index, nodes = np.array([100, 200]), np.array([0, 1, 2, 3])
-    pairs = segments.pair_moments(np.array([0, 100, 200, 300]), sums.arrays)
+    pairs = pair_moments(np.array([0, 100, 200, 300]), sums.arrays)
     candidates = Candidates(index, np.full(2, 16), np.full(2, 50.0), np.array([0.5, 0.5]))
     signs = segments.possible_signs(candidates, pairs, nodes, 0.0)
     assert signs.tolist() == [[False, True], [False, True]]

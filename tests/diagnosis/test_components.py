@@ -10,11 +10,11 @@ import pytest
 from rwa_monitor.diagnosis.assignment import assign
 from rwa_monitor.diagnosis.components import split
 from rwa_monitor.diagnosis.estimation import SlopePrior
-from rwa_monitor.diagnosis.friction_kernel import evidence_of_cases
 from rwa_monitor.diagnosis.friction_model import measure, prior_tables, solve
 from rwa_monitor.diagnosis.friction_priors import priors_of
 from rwa_monitor.diagnosis.results import Components, Story
 from rwa_monitor.diagnosis.state import CarriedState, FrictionMemory, SystemState, Tracked
+from rwa_monitor.kernels.friction import evidence_of_cases
 from rwa_monitor.physics.wheel import built_in_wheel
 from tests.diagnosis.assignment_windows import Window, sums_of, window
 

@@ -11,13 +11,12 @@ from rwa_monitor.diagnosis.estimation import (
     SlopePrior,
     default_exclusion,
     estimate,
-    interval_bounds,
     jump_std,
     nominal_slope_prior,
-    slope_within,
 )
 from rwa_monitor.diagnosis.results import Evidence, NoiseEstimate
 from rwa_monitor.diagnosis.running_sums import RunningSums
+from rwa_monitor.kernels.estimation import interval_bounds, slope_within
 from rwa_monitor.physics.wheel import Wheel, built_in_wheel
 from tests.diagnosis.assignment_windows import NO_CANDIDATES, NO_STRUCTURE
 

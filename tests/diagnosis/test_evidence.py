@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy import signal
+from scipy import signal, special
 
 from rwa_monitor.diagnosis.estimation import estimate
 from rwa_monitor.diagnosis.evidence import WindowAccumulator
-from rwa_monitor.diagnosis.evidence_learning import CONFIRMED_RATE, KEPT_STATISTIC
-from rwa_monitor.diagnosis.wglr import CHUNK, STEP
+from rwa_monitor.kernels.evidence import KEPT_STATISTIC
+from rwa_monitor.kernels.wglr import CHUNK, STEP
 from rwa_monitor.physics.wheel import Wheel, built_in_wheel
 
 MEASURED = os.environ.get("RWA_MEASURED_DATA")
@@ -326,8 +326,9 @@ def test_paper_mode_has_one_scale_and_takes_the_maximum_of_each_run():
     evidence, events = _gather(*_telemetry(18, 9000, jumps), method="paper")
     assert set(evidence.candidates.scale.tolist()) == {50}
     assert {3000, 6000} <= {int(k) + d for k in evidence.candidates.index for d in (-1, 0, 1)}
-    assert evidence.threshold == pytest.approx(37.3, abs=0.1)  # χ² at 1e-9
-    assert CONFIRMED_RATE == 1e-9
+    assert evidence.threshold == pytest.approx(
+        special.chdtri(1, 1e-9), rel=1e-15
+    )  # the paper's false-alarm probability
     assert [event.index for event in events] == evidence.candidates.index.tolist()
 
 

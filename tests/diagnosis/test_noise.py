@@ -6,21 +6,20 @@ import numpy as np
 import pytest
 from scipy import signal, stats
 
-from rwa_monitor.diagnosis.noise import (
+from rwa_monitor.diagnosis.noise import ar_coefficient, estimate_noise, mean_variance_factor
+from rwa_monitor.diagnosis.results import NoiseEstimate
+from rwa_monitor.diagnosis.tails import OUTLIERS, estimate_tails
+from rwa_monitor.kernels.noise import (
     BLOCK,
     LAGS,
-    ar_coefficient,
     block_differences,
     contrast_variances,
-    estimate_noise,
-    mean_variance_factor,
     quiet_levels,
     scale_variances,
-    sum_up,
 )
-from rwa_monitor.diagnosis.results import NoiseEstimate
-from rwa_monitor.diagnosis.tails import OUTLIERS, estimate_tails, quantile_bins
-from rwa_monitor.diagnosis.wglr import BINS, BINS_PER_OCTAVE, LOWEST_EXPONENT
+from rwa_monitor.kernels.order_statistics import sum_up
+from rwa_monitor.kernels.outliers import quantiles_of
+from rwa_monitor.kernels.wglr import BINS, BINS_PER_OCTAVE, LOWEST_EXPONENT
 
 N = 80_000
 
@@ -127,7 +126,7 @@ def test_heavy_tails_are_measured(freedom):
     rng = np.random.default_rng(7)
     z = rng.standard_t(freedom, N)
     counts = _histogram(np.maximum(np.diff(z) ** 2 / 2, 1e-300))
-    tails = estimate_tails(quantile_bins(counts), 1.0, N)
+    tails = estimate_tails(quantiles_of(counts), 1.0, N)
     assert tails.degrees_of_freedom == pytest.approx(freedom, rel=0.25)
     expected = stats.t(freedom).isf(0.5 * OUTLIERS / N)
     assert tails.largest_outlier == pytest.approx(expected, rel=0.5)
@@ -136,7 +135,7 @@ def test_heavy_tails_are_measured(freedom):
 def test_gaussian_noise_has_light_tails_also_with_jumps_in_it():
     rng = np.random.default_rng(8)
     z = rng.standard_normal(N) + 15.0 * (np.arange(N) // 2000 % 2)
-    tails = estimate_tails(quantile_bins(_histogram(np.maximum(np.diff(z) ** 2 / 2, 1e-300))), 1.0, N)
+    tails = estimate_tails(quantiles_of(_histogram(np.maximum(np.diff(z) ** 2 / 2, 1e-300))), 1.0, N)
     assert tails.largest_outlier < 6.0
 
 
@@ -151,15 +150,22 @@ def test_variance_of_a_mean_follows_the_colour():
     assert mean_variance_factor(noise, np.array([1e6]))[0] == pytest.approx(3.0, rel=1e-3)
 
 
-def test_kernel_without_the_compiler_gives_the_same_bits():
+@pytest.mark.parametrize("share", [0.9, 1.0])
+def test_block_differences_are_those_of_plain_loops(share):
     rng = np.random.default_rng(10)
-    z, used = rng.standard_normal(300), rng.random(300) < 0.9
-    outputs = []
-    for kernel in (block_differences, block_differences.py_func):
-        sums, pairs = np.zeros((2, LAGS)), np.zeros((2, LAGS))
-        kernel(1.0 + 0.01 * z, z, used, 0, 2, BLOCK, 0.5, 1e-2, sums, pairs)
-        outputs.append(sums.tobytes() + pairs.tobytes())
-    assert outputs[0] == outputs[1]
+    z, used = rng.standard_normal(300), rng.random(300) < share
+    x, slope, weight = 1.0 + 0.01 * z[::-1].copy(), 0.5, 1e-2
+    sums, pairs = np.zeros((2, LAGS)), np.zeros((2, LAGS))
+    block_differences(x, z, used, 0, 2, BLOCK, slope, weight, sums, pairs)
+    for b in range(2):
+        there = slice(b * BLOCK, b * BLOCK + BLOCK + LAGS)
+        good, u, v = used[there], x[there] - x[there][used[there]].mean(), z[there] - z[there][used[there]].mean()
+        e = v - (u[good] @ v[good] + weight * slope) / (u[good] @ u[good] + weight) * u
+        for lag in range(1, LAGS + 1):
+            both = good[:BLOCK] & good[lag : BLOCK + lag]
+            assert pairs[b, lag - 1] == both.sum()
+            half = 0.5 * (e[lag : BLOCK + lag] - e[:BLOCK])[both] ** 2
+            assert sums[b, lag - 1] == pytest.approx(half.sum(), rel=1e-9)
 
 
 def test_colour_is_called_ar_only_where_it_looks_like_it():
@@ -187,7 +193,7 @@ def test_block_differences_imply_the_variance_of_each_contrast(phi):
 def test_a_lattice_has_no_heavy_tails():
     z = np.round(np.random.default_rng(14).standard_normal(N) / 5.0)
     counts = _histogram(np.maximum(np.diff(z) ** 2 / 2, 1e-300))
-    assert np.isinf(estimate_tails(quantile_bins(counts), 0.05, N).degrees_of_freedom)
+    assert np.isinf(estimate_tails(quantiles_of(counts), 0.05, N).degrees_of_freedom)
 
 
 def test_eight_sums_side_by_side_leave_nothing_out():

@@ -9,7 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rwa_monitor.diagnosis.running_sums import CENTRE_BLOCK, MOMENTS, STRIDE, RunningSums, range_moments
+from rwa_monitor.diagnosis.running_sums import RunningSums
+from rwa_monitor.kernels.running_sums import CENTRE_BLOCK, STRIDE
 
 FIELDS = ("n", "x", "z", "xx", "xz", "zz")
 
@@ -111,13 +112,3 @@ def test_a_range_beyond_the_window_is_refused(start, stop):
     sums = _sums(*_record(np.random.default_rng(6), 100))
     with pytest.raises(IndexError, match="100 slots"):
         sums.between(np.array([start]), np.array([stop]))
-
-
-def test_kernel_without_the_compiler_gives_the_same_bits():
-    rng = np.random.default_rng(7)
-    sums = _sums(*_record(rng, 300))
-    start, stop = np.sort(rng.integers(0, 301, (2, 20)), axis=0)
-    compiled, plain = np.empty((MOMENTS, 20)), np.empty((MOMENTS, 20))
-    arguments = (start, stop, sums.slots, sums.arrays)
-    assert range_moments(*arguments, compiled) == range_moments.py_func(*arguments, plain)
-    assert compiled.tobytes() == plain.tobytes()

@@ -8,14 +8,8 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rwa_monitor.diagnosis.structure import (
-    BLOCK,
-    HARMONICS,
-    STRETCH,
-    Structure,
-    StructureSums,
-    cosines_and_sines,
-)
+from rwa_monitor.diagnosis.structure import HARMONICS, Structure, StructureSums
+from rwa_monitor.kernels.structure import BLOCK, STRETCH, cosines_and_sines, count_signs, extend_structure
 from rwa_monitor.samples import BoolArray, FloatArray
 
 SLOTS = 20_000
@@ -31,9 +25,21 @@ def gather(speed: FloatArray, z: FloatArray, good: BoolArray, cuts: list[int]) -
     sums = StructureSums(speed.size, ANGLE)
     edges = [0, *sorted(cuts), speed.size]
     for start, stop in itertools.pairwise(edges):
-        sums.turn(start, speed[start:stop], good[start:stop])
-        sums.extend((x, z, good, used), start, stop, CERTAIN)
+        _extend(sums, speed, (x, z, good, used), start, stop, CERTAIN)
     return sums.close()
+
+
+def _extend(
+    sums: StructureSums,
+    speed: FloatArray,
+    samples: tuple[FloatArray, FloatArray, BoolArray, BoolArray],
+    start: int,
+    stop: int,
+    certain: float,
+) -> None:
+    """Add the slots [start, stop)."""
+    count_signs(start, speed[start:stop], samples[2][start:stop], sums.arrays.signs, sums.arrays.counts)
+    extend_structure(*samples, start, stop, certain, sums.angle_per_x, sums.hop, sums.arrays)
 
 
 def swing(rng: np.random.Generator) -> tuple[FloatArray, FloatArray, BoolArray]:
@@ -41,7 +47,7 @@ def swing(rng: np.random.Generator) -> tuple[FloatArray, FloatArray, BoolArray]:
     return speed, 1.0 + 0.02 * rng.standard_normal(SLOTS), rng.random(SLOTS) > 0.0005
 
 
-@settings(deadline=None)  # the first call compiles
+@settings(deadline=None)
 @given(cuts=st.lists(st.integers(1, SLOTS - 1), max_size=6, unique=True))
 def test_nothing_depends_on_the_pieces(cuts: list[int]) -> None:
     window = swing(np.random.default_rng(1))
@@ -123,8 +129,7 @@ def test_the_ripple_is_the_power_at_multiples_of_the_angle() -> None:
     x, z = 1.0 + 0.01 * rng.standard_normal(STRETCH), rng.standard_normal(STRETCH)
     everywhere = np.ones(STRETCH, dtype=np.bool_)
     sums = StructureSums(STRETCH, angle_per_x=0.61)
-    sums.turn(0, x, everywhere)
-    sums.extend((x, z, everywhere, everywhere), 0, STRETCH, 0.0)
+    _extend(sums, x, (x, z, everywhere, everywhere), 0, STRETCH, 0.0)
     [power] = sums.close().ripple
     slots = np.arange(STRETCH)
     e = z - np.polyval(np.polyfit(slots, z, 1), slots)

@@ -147,7 +147,6 @@ def test_ideal_windows_are_told_apart(method: str, least: float) -> None:
         assert calibration.brier < calibration.brier_base
 
 
-@pytest.mark.slow
 def test_simulated_windows_are_told_apart_by_the_built_in_model() -> None:
     """40 windows of the recipe `mild`, seed not used elsewhere: at most one error is expected (98 % and better)."""
     found = list(outcomes("mild", 40, 90_210, workers=0))
@@ -173,7 +172,6 @@ def test_wilson_interval_of_known_values() -> None:
     assert wilson(0.0, 10)[0] == 0.0
 
 
-@pytest.mark.slow
 def test_jumps_of_hard_windows_are_found_as_well_as_they_can_be() -> None:
     """24 windows of the recipe `hard`: one jump in fifty is ambiguous, half a one a window lies in a gap (docs)."""
     found = list(outcomes("hard", 24, 31_337, workers=0, methods=("joint",)))
@@ -186,7 +184,6 @@ def test_jumps_of_hard_windows_are_found_as_well_as_they_can_be() -> None:
     assert joint.false - joint.hidden <= 0.5 * len(found)
 
 
-@pytest.mark.slow
 def test_friction_worked_out_from_speed_and_current_does_as_well_as_friction_given() -> None:
     model = built_in_model()
     wrong = {}

@@ -12,8 +12,8 @@ from scipy import stats
 
 from rwa_monitor.cli.main import main
 from rwa_monitor.diagnosis.tuning import Measured, check, information, tune
-from rwa_monitor.diagnosis.wglr import wglr
 from rwa_monitor.errors import InputError
+from rwa_monitor.kernels.wglr import wglr
 
 
 def test_the_paper_s_example_comes_out() -> None:

@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rwa_monitor.discrepancy import segmentation
 from rwa_monitor.discrepancy.segmentation import segment
+from rwa_monitor.kernels.segmentation import fpop
 
 Array = np.ndarray[Any, np.dtype[np.float64]]
 
@@ -71,7 +71,7 @@ def test_blocks_and_refinement_find_the_jumps_of_the_exact_search(seed: int) -> 
     rng = np.random.default_rng(seed)
     z, places = stairs(rng, 4000, 12, 3.0)
     penalty = 3 * np.log(z.size)
-    exact = segmentation._fpop(z, np.ones(z.size), penalty)
+    exact = fpop(z, np.ones(z.size), penalty)
     assert segment(z, penalty).tolist() == exact.tolist()
     assert exact.size == len(places)
 
@@ -83,7 +83,7 @@ def test_blocks_cost_little_more_than_the_exact_search(seed: int) -> None:
     rng = np.random.default_rng(seed)
     z = rng.normal(size=3000) + 3 * np.sin(np.arange(3000) / 300)
     penalty = 3 * np.log(z.size)
-    exact = segmentation._fpop(z, np.ones(z.size), penalty)
+    exact = fpop(z, np.ones(z.size), penalty)
     assert cost(z, segment(z, penalty), penalty) <= cost(z, exact, penalty) + penalty
 
 

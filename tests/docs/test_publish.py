@@ -30,7 +30,6 @@ def _file(name: str, folder: Path) -> Path:
 
 
 @pytest.mark.processes
-@pytest.mark.slow
 def test_the_publisher_of_the_page_loses_nothing_to_a_monitor_that_comes_late(tmp_path: Path) -> None:
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     publisher = [sys.executable, str(_file("publisher.py", tmp_path)), endpoint]

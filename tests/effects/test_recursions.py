@@ -1,4 +1,4 @@
-"""The compiled recursions against themselves as plain Python, and the rule for gaps."""
+"""The recursions against plain formulas, and the rule for gaps."""
 
 from __future__ import annotations
 
@@ -7,36 +7,38 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rwa_monitor.physics.effects.coloured_noise import autoregress
-from rwa_monitor.physics.effects.recursions import (
-    backward_difference,
-    dahl_bristle,
-    first_order_lag,
-    start_state,
-    turned_angle,
-)
+from rwa_monitor.kernels.effects import autoregress, backward_difference, dahl_bristle, first_order_lag, turned_angle
 from rwa_monitor.physics.effects.torque_ripple import coherent_slots
+from rwa_monitor.samples import FloatArray
+
+
+def start() -> FloatArray:
+    return np.full(2, np.nan)
+
 
 SPEEDS = np.concatenate([np.linspace(3.0, -3.0, 200), np.zeros(5), np.linspace(0.0, 2.0, 60)])
-USABLE = np.random.default_rng(0).random(SPEEDS.size) > 0.1
 
 
-@pytest.mark.parametrize(
-    ("kernel", "arguments"),
-    [(first_order_lag, (0.125, 4.0)), (dahl_bristle, (0.125, 0.02)), (backward_difference, (0.125,))],
-)
-def test_compiled_and_plain_agree(kernel, arguments) -> None:
-    state, plain_state = start_state() * np.nan, start_state() * np.nan
-    if kernel is backward_difference:
-        state, plain_state = start_state(), start_state()
-    compiled = kernel(SPEEDS, USABLE, *arguments, state)
-    plain = kernel.py_func(SPEEDS, USABLE, *arguments, plain_state)
-    np.testing.assert_allclose(compiled, plain, rtol=1e-13, atol=1e-15)
-    np.testing.assert_allclose(state, plain_state, rtol=1e-13, atol=1e-15)
+def test_noise_is_coloured_by_one_coefficient() -> None:
+    coloured = autoregress(SPEEDS, 0.6)
+    assert coloured[0] == SPEEDS[0]
+    np.testing.assert_allclose(coloured[1:] - 0.6 * coloured[:-1], 0.8 * SPEEDS[1:], rtol=1e-12, atol=1e-12)
 
 
-def test_compiled_and_plain_noise_agree() -> None:
-    np.testing.assert_allclose(autoregress(SPEEDS, 0.7), autoregress.py_func(SPEEDS, 0.7), rtol=1e-13, atol=1e-15)
+def test_a_lag_follows_a_ramp_as_its_equation_says() -> None:
+    """Of u = t begun at x = u: x = t - τ + τ exp(-t/τ)."""
+    time_s = np.arange(200) * 0.125
+    lagged = first_order_lag(time_s, np.ones(200, dtype=bool), 0.125, 4.0, start())
+    np.testing.assert_allclose(lagged, time_s - 4.0 + 4.0 * np.exp(-time_s / 4.0), rtol=1e-9, atol=1e-12)
+
+
+def test_the_bristle_turns_over_exponentially_in_angle() -> None:
+    """After a reversal at constant speed: z/z_c = -1 + 2 exp(-θ/z_c)."""
+    speed = np.full(100, -0.01)
+    state = np.array([1.0, -0.01])
+    bristle = dahl_bristle(speed, np.ones(100, dtype=bool), 0.125, 0.02, state)
+    angle = 0.01 * 0.125 * np.arange(1, 101)
+    np.testing.assert_allclose(bristle, 2.0 * np.exp(-angle / 0.02) - 1.0, rtol=1e-12, atol=1e-12)
 
 
 def test_the_state_is_held_through_a_gap() -> None:
@@ -45,15 +47,15 @@ def test_the_state_is_held_through_a_gap() -> None:
     usable[50:90] = False
     holed = np.where(usable, SPEEDS, np.nan)
     for kernel, arguments in ((first_order_lag, (0.125, 4.0)), (dahl_bristle, (0.125, 0.02))):
-        with_gap = kernel(holed, usable, *arguments, start_state() * np.nan)
-        joined = kernel(SPEEDS[usable], np.ones(usable.sum(), dtype=bool), *arguments, start_state() * np.nan)
+        with_gap = kernel(holed, usable, *arguments, start())
+        joined = kernel(SPEEDS[usable], np.ones(usable.sum(), dtype=bool), *arguments, start())
         assert np.array_equal(with_gap[usable], joined)
         assert (with_gap[50:90] == with_gap[49]).all()
 
 
 def test_a_rate_across_a_gap_is_over_the_time_since() -> None:
     usable = np.array([True, True, False, False, True])
-    rate = backward_difference(np.array([0.0, 1.0, np.nan, np.nan, 7.0]), usable, 0.5, start_state())
+    rate = backward_difference(np.array([0.0, 1.0, np.nan, np.nan, 7.0]), usable, 0.5, np.array([np.nan, 0.0]))
     assert rate[[0, 1, 4]].tolist() == [0.0, 2.0, 4.0]
     assert np.isnan(rate[2:4]).all()
 
@@ -86,7 +88,7 @@ def test_phase_wanders_by_a_radian_over_the_coherent_slots(harmonic: float) -> N
 def test_the_bristle_never_leaves_its_range(speeds: list[float], scale_rad: float, period_s: float) -> None:
     """Explicit integration would blow up at speed; the exact step cannot."""
     values = np.array(speeds)
-    bristle = dahl_bristle(values, np.ones(values.size, dtype=bool), period_s, scale_rad, start_state() * np.nan)
+    bristle = dahl_bristle(values, np.ones(values.size, dtype=bool), period_s, scale_rad, start())
     assert np.isfinite(bristle).all()
     assert (np.abs(bristle) <= 1.0).all()
 
@@ -96,9 +98,7 @@ def test_a_lag_stays_between_the_extremes_of_its_input(
     speeds: list[float], time_constant_s: float, period_s: float
 ) -> None:
     values = np.array(speeds)
-    lagged = first_order_lag(
-        values, np.ones(values.size, dtype=bool), period_s, time_constant_s, start_state() * np.nan
-    )
+    lagged = first_order_lag(values, np.ones(values.size, dtype=bool), period_s, time_constant_s, start())
     slack = 1e-9 * (1.0 + np.abs(values).max())
     assert lagged.max() <= values.max() + slack
     assert lagged.min() >= values.min() - slack

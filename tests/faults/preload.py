@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-from rwa_monitor.live.rebuild import Setup
-from rwa_monitor.live.warm_up import warm_up
-from rwa_monitor.live.wheel_set import WheelSet
-from tests.faults.history import wheel
-from tests.live.support import model
+from rwa_monitor.live.core import diagnose_samples
+from tests.live.support import WINDOW, model, telemetry, wheel
 
-warm_up(Setup(WheelSet(wheel()), model(), "joint"))
+list(diagnose_samples(telemetry(WINDOW), wheel(), model()))

@@ -4,8 +4,8 @@
                         ▲
                      listener (this process)
 
-The link is a proxy that can be cut or frozen. Processes are forked from a server that has imported and compiled
-everything and has no session: they start in a tenth of a second and die like any other.
+The link is a proxy that can be cut or frozen. Processes are forked from a server that has imported everything
+and has no session: they start in a tenth of a second and die like any other.
 """
 
 from __future__ import annotations

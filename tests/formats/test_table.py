@@ -219,11 +219,12 @@ REFUSED = {
     "equal to the nanosecond": (HEAD + "0.1,1,2\n0.1000000001,1,2\n", "row 3, column time_s", "does not increase"),
     "time goes back": (HEAD + "1,1,2\n-0.25,1,2\n", "row 3, column time_s", "(-0.25 s after 1 s)"),
     "a clock of centuries": (HEAD + "-8e9,1,2\n8e9,1,2\n", "time_s", "73 years"),
+    "open quote in the middle": (HEAD + '0,1,"2\n1,1,2"\n2,1,2\n', "row 2", "has no end in its row"),
     "parts of a nanosecond": ("time_ns,speed_rad_s\n0.5,1\n", "row 2, column time_ns", "no whole number"),
     "latin-1": (HEAD.encode() + b"0,1,2\n1,\xe4,2\n", "row 3", "at offset 46); perhaps Latin-1 or Windows-1252; if so"),
     "utf-16": (GOOD.encode("utf-16"), "", "is UTF-16 text; save it as UTF-8, or convert it: iconv -f utf-16 -t utf-8"),
     "zero bytes": (b"\x00" * 100, "row 1", "zero bytes"),
-    "open quote": (HEAD + '0,"1,2\n', "row 2", "fields"),
+    "open quote": (HEAD + '0,"1,2\n', "row 2", "is no CSV"),
     "picture": (b"\x89PNG\r\n\x1a\n\x00\x00\x00\rIHDR", "row 1", "this is no text at all"),
 }
 

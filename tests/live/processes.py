@@ -14,7 +14,7 @@ from typing import Any
 
 import zenoh
 
-PATIENCE_S = 200.0  # for what takes a second or two, but longer where kernels are compiled first
+PATIENCE_S = 200.0  # for what takes a second or two, but longer where all cores are busy
 
 
 def wait_for(condition: Callable[[], bool], what: str) -> None:

@@ -20,7 +20,6 @@ from rwa_monitor.live.sequencer import (
     MessagesMissed,
     PublisherChanged,
     PublisherConflict,
-    middle,
 )
 from rwa_monitor.physics.wheel import Limits, Wheel
 from rwa_monitor.samples import Samples
@@ -381,8 +380,21 @@ def test_samples_take_the_slots_of_the_grid(times: list[int], period_ns: int) ->
     assert piece.slots.tolist() == grid.slot_of(time_ns[piece.rows]).tolist()
 
 
-@given(times=st.lists(st.integers(-(2**60), 2**60), min_size=1))
-def test_the_middle_of_times_in_any_order(times: list[int]) -> None:
-    rank = len(times) // 2
-    for order in (times, sorted(times)):
-        assert middle(np.array(order, dtype=np.int64), rank) == sorted(times)[rank]
+@given(
+    origin_ns=st.integers(MIN_TIME_NS, MAX_TIME_NS - 10**14),
+    period_ns=st.integers(1_000, 10**12),
+    frontier=st.integers(0, 50),
+    jitter=st.lists(st.floats(-3.0, 3.0), min_size=1, max_size=20),
+)
+def test_slots_are_those_of_the_grid(origin_ns: int, period_ns: int, frontier: int, jitter: list[float]) -> None:
+    guard = OrderGuard(period_ns, 100, Limits(), None, Counts())
+    grid = guard.grid = SlotGrid(origin_ns, period_ns)
+    guard.frontier = frontier
+    time_ns = origin_ns + (frontier + np.arange(len(jitter))) * period_ns + (np.array(jitter) * period_ns).astype(int)
+    expected, furthest = [], frontier - 1
+    for slot in grid.slot_of(time_ns).tolist():
+        if slot > furthest:
+            expected.append(slot)
+        furthest = max(furthest, slot)
+    piece = guard.next_piece(time_ns, np.ones(time_ns.size, dtype=np.bool_), 0, lambda s: np.zeros(s.size, np.bool_))
+    assert piece.slots.tolist() == expected

@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from rwa_monitor.kernels.ingest import HANGING_SLOTS, OUTSTANDING_SLOTS
 from rwa_monitor.live.core import WheelCore
 from rwa_monitor.live.events import Event, SensorFault, WindowDiagnosed
 from rwa_monitor.live.outputs import trouble_in
-from rwa_monitor.live.screen import HANGING_SLOTS, OUTSTANDING_SLOTS, Channel, friction_limit, speed_limit
+from rwa_monitor.live.screen import Channel, friction_limit, speed_limit
 from rwa_monitor.physics.scenario import Scenario
 from rwa_monitor.physics.telemetry import simulate
 from rwa_monitor.physics.wheel import built_in_wheel

@@ -70,6 +70,7 @@ def wait_for_output(searches: Searches) -> list[Discrepancy]:
     raise AssertionError("no answer in time")
 
 
+@pytest.mark.slow
 def test_two_inadequate_windows_are_searched_once(tmp_path: Path) -> None:
     said: list[str] = []
     searches = Searches(WheelSet(small_wheel()), tmp_path, said.append)
@@ -177,6 +178,7 @@ def test_a_search_whose_process_is_killed_is_told(tmp_path: Path) -> None:
     searches.close()
 
 
+@pytest.mark.slow
 def test_the_same_job_gives_the_same_message() -> None:
     job = SearchJob("sat", "a", small_wheel().to_toml(), tuple(batches(telemetry(1))))
     assert search_message(job).to_json() == search_message(job).to_json()

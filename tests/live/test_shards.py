@@ -70,6 +70,7 @@ def test_a_shard_that_is_killed_loses_no_window_and_the_other_does_not_notice(tm
     assert [report.compared["rwa.Diagnosis"] for report in reports] == [WHEELS // 2 * WINDOWS] * 2
 
 
+@pytest.mark.slow
 @pytest.mark.processes
 def test_a_fleet_of_publishers_has_the_samples_of_recordings_with_the_same_seeds(
     tmp_path: Path, wheel_file: Path

@@ -269,7 +269,7 @@ def test_a_wheel_of_another_size():
 
 
 def test_eighty_thousand_samples_are_quick():
-    run(duration_s=10_000.0)  # compiled kernels and caches
+    run(duration_s=10_000.0)  # fills the caches
     start = time.process_time()
     run(1, duration_s=10_000.0)
     assert time.process_time() - start < 5 * 0.2

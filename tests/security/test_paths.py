@@ -60,13 +60,21 @@ def test_a_recorded_topic_names_no_wheel_that_leads_out(tmp_path: Path) -> None:
         read_telemetry(tmp_path / "x.mcap")
 
 
-@pytest.mark.parametrize("file", ["../outside.csv", "/etc/hostname", "in/../../outside.csv", "a\x00b"])
-def test_labels_name_no_file_outside_their_folder(file: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("file", "reason"),
+    [
+        ("../outside.csv", "has '..' in it, which leads out of the folder"),
+        ("in/../../outside.csv", "has '..' in it"),
+        ("/etc/hostname", "is an absolute path and not in the folder of the labels"),
+        ("a\x00b", "holds a zero byte"),
+    ],
+)
+def test_labels_name_no_file_outside_their_folder(file: str, reason: str, tmp_path: Path) -> None:
     folder = tmp_path / "labels"
     (folder / "in").mkdir(parents=True)
     (tmp_path / "outside.csv").write_text("")
     (folder / "labels.csv").write_text(f"file,dry,viscous\n{file},0,1\n")
-    with pytest.raises(InputError, match="leads out of the folder"):
+    with pytest.raises(InputError, match=reason):
         read_labels(folder / "labels.csv")
 
 
@@ -77,6 +85,22 @@ def test_labels_name_files_in_their_folder_and_below(tmp_path: Path) -> None:
     (tmp_path / "labels.csv").write_text("file,dry,viscous\nhere.csv,0,1\nin/there.csv,1,0\n")
     read = [entry.path for entry in read_labels(tmp_path / "labels.csv")]
     assert read == [tmp_path / "here.csv", tmp_path / "in" / "there.csv"]
+
+
+def test_labels_may_name_files_in_their_folder_absolutely(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    folder, link = tmp_path / "labels", tmp_path / "link"
+    folder.mkdir()
+    link.symlink_to(folder)
+    named = [folder / "a.csv", link / "b.csv"]
+    for file in named:
+        file.write_text("")
+    (folder / "labels.csv").write_text("file,dry,viscous\n" + "".join(f"{file},0,1\n" for file in named))
+    monkeypatch.chdir(folder)
+    for labels in (folder / "labels.csv", link / "labels.csv", Path("labels.csv")):
+        assert [entry.path for entry in read_labels(labels)] == named
+    (tmp_path / "labels.csv").write_text(f"file,dry,viscous\n{folder}x/a.csv,0,1\n")
+    with pytest.raises(InputError, match="there is no file"):
+        read_labels(tmp_path / "labels.csv")
 
 
 REQUESTS = (

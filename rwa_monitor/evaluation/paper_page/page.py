@@ -278,7 +278,7 @@ def _time_section(found: PaperBenchmark, pictures: str) -> str:
         for stage in (*STAGES, "all")
     ]
     return (
-        f"## Time\n\nMedian of {found.size.timed} windows on one core after compiling; the paper's laptop was another "
+        f"## Time\n\nMedian of {found.size.timed} windows on one core; the paper's laptop was another "
         "machine. `rwa-monitor benchmark speed` measures time with care.\n\n"
         + table(["stage", "the paper", *(f"`{t.method}`" for t in found.times)], rows)
         + "\n\n"

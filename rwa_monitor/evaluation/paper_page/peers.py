@@ -47,7 +47,7 @@ class Detected:
     false
         Changepoints without a true jump within 5 samples, and second ones for a jump.
     seconds
-        Median time of a window [s], after compiling.
+        Median time of a window [s].
     windows
         Number of windows.
     """

@@ -40,7 +40,7 @@ FLEET: Final = 4_096  # wheels
 MEMORIES: Final = ((64, False), (512, False), (64, True))  # wheels, all channels
 NANO: Final = 1e9
 MEGA: Final = 1e6
-FORBIDDEN_AT_HELP: Final = ("numba", "sklearn", "starlette", "uvicorn")
+FORBIDDEN_AT_HELP: Final = ("sklearn", "starlette", "uvicorn")
 
 Progress = Callable[[Iterable[LabelledWindow], int], Iterable[LabelledWindow]]
 

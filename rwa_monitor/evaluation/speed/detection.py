@@ -6,16 +6,16 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
-import numba
 import numpy as np
 
 from rwa_monitor.diagnosis.evidence import WindowAccumulator
-from rwa_monitor.diagnosis.evidence_learning import KEPT_STATISTIC
-from rwa_monitor.diagnosis.peaks import PeakList
-from rwa_monitor.diagnosis.wglr import BINS, CHUNK, HISTORY, PREFIXES, ScanSettings, ScanState, scan, wglr
+from rwa_monitor.diagnosis.peaks import PeakList, ScanSettings, ScanState
 from rwa_monitor.evaluation.speed import plain_paper
 from rwa_monitor.evaluation.speed.peers import Peer
 from rwa_monitor.evaluation.speed.race import Lap, Runner, laps
+from rwa_monitor.kernels.evidence import KEPT_STATISTIC
+from rwa_monitor.kernels.segmentation import five_sums
+from rwa_monitor.kernels.wglr import BINS, CHUNK, HISTORY, PREFIXES, scan, wglr
 from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import BoolArray, FloatArray
 
@@ -129,16 +129,3 @@ def seven_scales(window: Window) -> Callable[[], object]:
         return peaks
 
     return run
-
-
-@numba.njit(cache=True, error_model="numpy", nogil=True)
-def five_sums(x: FloatArray, z: FloatArray, out: FloatArray) -> None:
-    """Write the five running sums x, z, xx, xz, zz to `out`, float64 (5, n): what every method of the kind must do."""
-    sx = sz = sxx = sxz = szz = 0.0
-    for k in range(x.size):
-        sx += x[k]
-        sz += z[k]
-        sxx += x[k] * x[k]
-        sxz += x[k] * z[k]
-        szz += z[k] * z[k]
-        out[0, k], out[1, k], out[2, k], out[3, k], out[4, k] = sx, sz, sxx, sxz, szz

@@ -31,7 +31,6 @@ from rwa_monitor.live.publisher import SamplesPublisher
 from rwa_monitor.live.recorder import REFUSED, Recorder
 from rwa_monitor.live.recording import read_recording
 from rwa_monitor.live.run_options import RunOptions
-from rwa_monitor.live.warm_up import warm_up
 from rwa_monitor.messages import SamplesMessage
 from rwa_monitor.physics.scenario import Scenario
 from rwa_monitor.physics.telemetry import simulate
@@ -230,7 +229,6 @@ def bare_pipe(endpoint: str, folder: Path, messages: int) -> PipeRate:
 def monitor_pipe(endpoint: str, folder: Path, messages: int) -> PipeRate:
     """Let the monitor serve the wheel: record, guard, detect, diagnose, record, publish."""
     options = RunOptions(model=built_in_model(), bus=BusOptions(mode="peer", listen=(endpoint,)))
-    warm_up(options.setup())
     clock = Clock()
     recorder = Recorder(
         folder,
@@ -325,7 +323,7 @@ def _resident(samples: Samples, wheels: int) -> tuple[int, int]:
     """Return the resident memory before and after cores of so many wheels were fed."""
     wheel, model = built_in_wheel(), built_in_model()
     parts = [samples[start : start + FEED] for start in range(0, len(samples), FEED)]
-    _feed(WheelCore(wheel, model), parts)  # everything that the first one needs is loaded and compiled
+    _feed(WheelCore(wheel, model), parts)  # everything that the first one needs is loaded
     before = _resident_now()
     cores = []
     for _ in range(wheels):

@@ -12,7 +12,6 @@ from rwa_monitor.version import SOFTWARE
 
 PACKAGES: Final = (
     "numpy",
-    "numba",
     "scipy",
     "scikit-learn",
     "eclipse-zenoh",
@@ -53,12 +52,6 @@ def peak_memory_bytes(process: int | str = "self") -> int:
         if name == "VmHWM":
             return int(size.split()[0]) * BYTES_PER_KIB
     raise ProcessLookupError(f"process {process} has ended")
-
-
-def shared_memory_bytes() -> int:
-    """Return how much of its resident memory this process shares with others, code and forked data; Linux only."""
-    sizes = dict(line.split(":", 1) for line in Path("/proc/self/smaps_rollup").read_text().splitlines()[1:])
-    return sum(int(sizes[name].split()[0]) for name in ("Shared_Clean", "Shared_Dirty")) * BYTES_PER_KIB
 
 
 def _processor() -> str:

@@ -13,10 +13,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Final
 
-import numba
 import numpy as np
-from scipy import optimize, special
+from scipy import special
 
+from rwa_monitor.kernels.effects import forward, smooth
 from rwa_monitor.samples import BoolArray, FloatArray
 
 BINS: Final = 40  # of |ω|, in each of which the differences have a scale of their own
@@ -104,8 +104,7 @@ def _scale_by_speed(difference: FloatArray, speed: FloatArray, pairs: BoolArray)
     if known.size == 0:
         return None
     middle = 0.5 * (edges[1:] + edges[:-1])
-    smooth: FloatArray = np.exp(np.interp(speed, middle[known], np.log(scale[known])))
-    return smooth
+    return np.exp(np.interp(speed, middle[known], np.log(scale[known])))
 
 
 def _fit(squares: FloatArray, speed: FloatArray, pairs: BoolArray) -> Bursts:
@@ -118,7 +117,7 @@ def _fit(squares: FloatArray, speed: FloatArray, pairs: BoolArray) -> Bursts:
     def plain(x: FloatArray) -> float:
         freedom = _freedom(x[0])
         scaled = squares * np.exp(-2.0 * x[1])
-        log_likelihood = _forward(scaled, nowhere, 0.0, 0.0, freedom, 0.5, 0.5, probability)
+        log_likelihood = forward(scaled, nowhere, 0.0, 0.0, freedom, 0.5, 0.5, probability)
         return float(count * (x[1] - _constant(freedom)) - log_likelihood)
 
     def loss(x: FloatArray) -> float:
@@ -126,8 +125,10 @@ def _fit(squares: FloatArray, speed: FloatArray, pairs: BoolArray) -> Bursts:
         freedom, (on, off) = _freedom(x[0]), _rates(x)
         shaking = x[2] + float(np.exp(x[3]))
         scaled = squares * np.exp(-2.0 * x[1])
-        log_likelihood = _forward(scaled, inside, x[2], shaking, freedom, on, off, probability)
+        log_likelihood = forward(scaled, inside, x[2], shaking, freedom, on, off, probability)
         return float(count * (x[1] - _constant(freedom)) - log_likelihood)
+
+    from scipy import optimize
 
     none = optimize.minimize(plain, [1.5, 0.0], method="Nelder-Mead", options={"xatol": 1e-2, "fatol": 0.1})
     stay = float(np.log(FIRST_STAY - SHORTEST_STAY))
@@ -142,7 +143,7 @@ def _fit(squares: FloatArray, speed: FloatArray, pairs: BoolArray) -> Bursts:
     best = _refined(loss, min((_refined(loss, start, FIRST_EVALUATIONS) for start in starts), key=loss))
     gain = float(none.fun) - loss(best)
     on, off = _rates(best)
-    _smooth(probability, on, off)
+    smooth(probability, on, off)
     half_width = float(min(abs(best[7]), widest))
     inside = np.abs(speed - best[6]) < half_width
     return Bursts(
@@ -159,6 +160,8 @@ def _fit(squares: FloatArray, speed: FloatArray, pairs: BoolArray) -> Bursts:
 
 def _refined(loss: Callable[[FloatArray], float], start: FloatArray, evaluations: int = MOST_EVALUATIONS) -> FloatArray:
     """Return the parameters at the minimum next to a start, or as near as so many evaluations come."""
+    from scipy import optimize
+
     steps = np.array([0.5, 0.1, 0.2, 0.3, 0.7, 0.7, 0.3 * start[7], 0.3 * start[7]])
     simplex = np.vstack([start, start + np.diag(steps)])
     options = {"initial_simplex": simplex, "xatol": 1e-2, "fatol": 0.2, "maxfev": evaluations}
@@ -181,51 +184,3 @@ def _constant(freedom: float) -> float:
     """Return the constant of the logarithm of Student's density."""
     of_gamma = special.gammaln(0.5 * (freedom + 1.0)) - special.gammaln(0.5 * freedom)
     return float(of_gamma - 0.5 * np.log(np.pi * freedom))
-
-
-@numba.njit(cache=True)
-def _forward(
-    squares: FloatArray,
-    inside: BoolArray,
-    quiet: float,
-    shaking: float,
-    freedom: float,
-    on: float,
-    off: float,
-    probability: FloatArray,
-) -> float:
-    """Return the log-likelihood but for its constant; write each slot's probability of a burst given the past.
-
-    `squares` is NaN where a slot does not count; `quiet` and `shaking` are logarithms of scales. Outside the band both
-    states look alike, and the chain goes on unseen.
-    """
-    half = 0.5 * (freedom + 1.0)
-    of_quiet, of_shaking = np.exp(-2.0 * quiet) / freedom, np.exp(-2.0 * shaking) / freedom
-    burst = on / (on + off)
-    total = 0.0
-    for k in range(squares.size):
-        if k > 0:
-            burst = burst * (1.0 - off) + (1.0 - burst) * on
-        if np.isfinite(squares[k]):
-            if inside[k]:
-                log_quiet = -quiet - half * np.log1p(squares[k] * of_quiet)
-                log_shaking = -shaking - half * np.log1p(squares[k] * of_shaking)
-                largest = max(log_quiet, log_shaking)
-                weight = burst * np.exp(log_shaking - largest)
-                both = weight + (1.0 - burst) * np.exp(log_quiet - largest)
-                total += largest + np.log(both)
-                burst = weight / both
-            else:
-                total -= half * np.log1p(squares[k] / freedom)
-        probability[k] = burst
-    return total
-
-
-@numba.njit(cache=True)
-def _smooth(probability: FloatArray, on: float, off: float) -> None:
-    """Turn probabilities of a burst given the past, in place, into those given the whole record (backward pass)."""
-    for k in range(probability.size - 2, -1, -1):
-        ahead = probability[k] * (1.0 - off) + (1.0 - probability[k]) * on
-        to_burst = probability[k + 1] / ahead if ahead > 0.0 else 0.0
-        to_quiet = (1.0 - probability[k + 1]) / (1.0 - ahead) if ahead < 1.0 else 0.0
-        probability[k] *= (1.0 - off) * to_burst + off * to_quiet

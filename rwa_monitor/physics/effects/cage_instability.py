@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from scipy import stats
 
 from rwa_monitor.physics.effects.base import Channels, Parameter
 from rwa_monitor.physics.effects.bursts import PARAMETERS, find_bursts
@@ -86,6 +85,8 @@ class CageInstability(NoiseEffect):
         drag = _drag_of_bursts(residual_Nm * channels.direction, usable, found.on)
         if drag.size < FEWEST_BURSTS:
             return none
+        from scipy import stats
+
         if stats.wilcoxon(drag, alternative="greater").pvalue > DRAG_BY_CHANCE:
             return none  # noise alone is no cage
         middle = max(float(np.median(drag)), 0.0)

@@ -2,25 +2,13 @@
 
 from __future__ import annotations
 
-import numba
 import numpy as np
 
+from rwa_monitor.kernels.effects import autoregress
 from rwa_monitor.physics.effects.base import Channels, Parameter
 from rwa_monitor.physics.effects.likelihood import LikelihoodFit
 from rwa_monitor.physics.effects.noise_base import NoiseEffect, usable_residuals
 from rwa_monitor.samples import BoolArray, FloatArray
-
-
-@numba.njit(cache=True)
-def autoregress(innovation: FloatArray, coefficient: float) -> FloatArray:
-    """Return x_k = φ x_{k-1} + √(1-φ²) e_k, with the variance of e, begun in its stationary law."""
-    coloured = np.empty(innovation.size)
-    fresh = np.sqrt(1.0 - coefficient * coefficient)
-    last = 0.0
-    for k in range(innovation.size):
-        last = innovation[k] if k == 0 else coefficient * last + fresh * innovation[k]
-        coloured[k] = last
-    return coloured
 
 
 class ColouredNoise(NoiseEffect):
@@ -45,8 +33,7 @@ class ColouredNoise(NoiseEffect):
 
     def apply(self, noise_Nm: FloatArray, channels: Channels, rng: np.random.Generator) -> FloatArray:
         del channels, rng
-        coloured: FloatArray = autoregress(noise_Nm, self.values["ar_coefficient"])
-        return coloured
+        return autoregress(noise_Nm, self.values["ar_coefficient"])
 
     @classmethod
     def fit(cls, residual_Nm: FloatArray, channels: Channels, good: BoolArray) -> LikelihoodFit:

@@ -7,9 +7,9 @@ from typing import ClassVar
 
 import numpy as np
 
+from rwa_monitor.kernels.effects import backward_difference
 from rwa_monitor.physics.effects.base import Channels, MeanEffect, Memory, Parameter
 from rwa_monitor.physics.effects.columns import known_or_nan, stack
-from rwa_monitor.physics.effects.recursions import backward_difference, start_state
 from rwa_monitor.samples import FloatArray
 
 
@@ -46,7 +46,7 @@ class CurrentDelay(MeanEffect):
         del shape
         if channels.motor_torque_rate_Nm_s is not None:
             return stack(channels.motor_torque_rate_Nm_s), None
-        state = start_state() if memory is None else memory.copy()
+        state = np.array([np.nan, 0.0]) if memory is None else memory.copy()
         motor_torque = known_or_nan(channels.motor_torque_Nm, channels)
         usable = channels.good & np.isfinite(motor_torque)
         return stack(backward_difference(motor_torque, usable, channels.sample_period_s, state)), state

@@ -7,7 +7,6 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
-from scipy import optimize
 
 from rwa_monitor.physics.effects.base import Channels, Parameter
 from rwa_monitor.physics.effects.columns import stack
@@ -118,6 +117,8 @@ class _Relaxing:
 
     def refine(self) -> None:
         """Fit time constant and sizes of the jumps in turn, beginning from where the coarse search ended."""
+        from scipy import optimize
+
         for _ in range(SIZE_ROUNDS):
             self._jumps = self._resized()
             self._search(np.linspace(self._log_time - 0.6, self._log_time + 0.6, 9))

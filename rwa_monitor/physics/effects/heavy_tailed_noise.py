@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from scipy import optimize, special
+from scipy import special
 
 from rwa_monitor.physics.effects.base import Channels, Parameter
 from rwa_monitor.physics.effects.likelihood import LikelihoodFit, curvature_std
@@ -58,6 +58,8 @@ class HeavyTailedNoise(NoiseEffect):
             return student_log_likelihood(squares, float(np.exp(log_nu))) - float(gaussian)
 
         low, high = (float(np.log(bound)) for bound in (cls.parameters[0].low, cls.parameters[0].high))
+        from scipy import optimize
+
         found = optimize.minimize_scalar(
             lambda x: -gain(x), bounds=(low, high), method="bounded", options={"xatol": 1e-3}
         )

@@ -6,9 +6,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from rwa_monitor.kernels.effects import first_order_lag
 from rwa_monitor.physics.effects.base import Channels, MeanEffect, Memory, Parameter
 from rwa_monitor.physics.effects.columns import stack
-from rwa_monitor.physics.effects.recursions import first_order_lag, start_state
 from rwa_monitor.physics.effects.resolution import duration, narrowed
 from rwa_monitor.samples import FloatArray
 
@@ -41,7 +41,7 @@ class LubricantLag(MeanEffect):
     def columns(
         cls, channels: Channels, shape: Mapping[str, float], memory: Memory = None
     ) -> tuple[FloatArray, Memory]:
-        state = start_state() * np.nan if memory is None else memory.copy()
+        state = np.full(2, np.nan) if memory is None else memory.copy()
         usable = channels.good & np.isfinite(channels.speed_rad_s)
         lagged = first_order_lag(
             channels.speed_rad_s, usable, channels.sample_period_s, shape["time_constant_s"], state

@@ -7,9 +7,9 @@ from typing import Final
 
 import numpy as np
 
+from rwa_monitor.kernels.effects import dahl_bristle
 from rwa_monitor.physics.effects.base import Channels, MeanEffect, Memory, Parameter
 from rwa_monitor.physics.effects.columns import stack
-from rwa_monitor.physics.effects.recursions import dahl_bristle, start_state
 from rwa_monitor.physics.effects.resolution import duration, narrowed, speed_step, used_speed
 from rwa_monitor.samples import FloatArray
 
@@ -47,7 +47,7 @@ class Presliding(MeanEffect):
     def columns(
         cls, channels: Channels, shape: Mapping[str, float], memory: Memory = None
     ) -> tuple[FloatArray, Memory]:
-        state = start_state() * np.nan if memory is None else memory.copy()
+        state = np.full(2, np.nan) if memory is None else memory.copy()
         usable = channels.good & np.isfinite(channels.speed_rad_s)
         bristle = dahl_bristle(
             channels.speed_rad_s, usable, channels.sample_period_s, shape["breakaway_angle_rad"], state

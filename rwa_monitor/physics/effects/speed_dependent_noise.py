@@ -7,7 +7,6 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
-from scipy import optimize
 
 from rwa_monitor.physics.effects.base import Channels, Parameter
 from rwa_monitor.physics.effects.likelihood import LikelihoodFit, curvature_std
@@ -131,6 +130,8 @@ def _fit_growth(binned: _Binned) -> LikelihoodFit:
 
     scale = 1.0 / binned.high
     bounds = (float(np.log(1e-3 * scale)), float(np.log(1e3 * scale)))
+    from scipy import optimize
+
     found = optimize.minimize_scalar(lambda x: -gain(x), bounds=bounds, method="bounded")
     growth = float(np.exp(found.x))
     std = _values(growth * curvature_std(gain, float(found.x), 0.02), _UNKNOWN, _UNKNOWN, _UNKNOWN)
@@ -150,6 +151,8 @@ def _fit_band(binned: _Binned) -> LikelihoodFit:
     starts = [np.array([0.0, at, np.log(width)]) for at in np.linspace(0.02, 0.98, 33) for width in (0.02, 0.06, 0.15)]
     start = min(starts, key=loss)
     bounds = [(-5.0, 3.0), (0.0, 1.0), (float(np.log(0.005)), float(np.log(0.3)))]
+    from scipy import optimize
+
     found = optimize.minimize(loss, start, bounds=bounds, method="L-BFGS-B")
     best = found.x if found.fun < loss(start) else start
     strength, width = float(np.exp(best[0])), span * float(np.exp(best[2]))

@@ -6,7 +6,6 @@ from dataclasses import replace
 from typing import Final
 
 import numpy as np
-from scipy import signal
 
 from rwa_monitor.physics.effects.base import Channels, Parameter
 from rwa_monitor.physics.effects.likelihood import LikelihoodFit
@@ -64,6 +63,8 @@ class TachometerQuantisation(NoiseEffect):
         step = lattice_step(channels.speed_rad_s[usable])
         if step is None or channels.speed_rad_s.size < 2 * SMOOTHING_SLOTS:
             return cls.nothing_found(int(usable.sum()))
+        from scipy import signal
+
         error = channels.speed_rad_s - signal.savgol_filter(channels.speed_rad_s, SMOOTHING_SLOTS, 2)
         if step**2 / 12.0 < SHARE_OF_SCATTER * float(np.nanmedian(error**2)) / MEDIAN_OF_CHI_SQUARE:
             return cls.nothing_found(int(usable.sum()))

@@ -7,9 +7,9 @@ from typing import Final
 
 import numpy as np
 
+from rwa_monitor.kernels.effects import turned_angle
 from rwa_monitor.physics.effects.base import Channels, MeanEffect, Memory, Parameter
 from rwa_monitor.physics.effects.columns import stack
-from rwa_monitor.physics.effects.recursions import turned_angle
 from rwa_monitor.samples import FloatArray
 
 MAX_HARMONIC: Final = 48  # [-] per turn of the wheel: six pulses per electrical turn, up to eight pole pairs

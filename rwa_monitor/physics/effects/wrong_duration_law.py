@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from scipy import optimize, special
+from scipy import special
 
 from rwa_monitor.physics.durations import DurationLaw, Weibull
 from rwa_monitor.physics.effects.base import Parameter
@@ -78,6 +78,8 @@ class WrongDurationLaw(SwitchingEffect):
 
         relative = sojourns.slots / means[sojourns.configuration]
         start = np.array([np.log(np.clip(relative.mean(), 0.011, 99.0)), 0.0])
+        from scipy import optimize
+
         found = optimize.minimize(loss, start, bounds=bounds, method="L-BFGS-B")
         best: FloatArray = found.x
         values = {"duration_factor": float(np.exp(best[0])), "weibull_shape": float(np.exp(best[1]))}

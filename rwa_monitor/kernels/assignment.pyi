@@ -1,0 +1,96 @@
+from typing import Final
+
+from rwa_monitor.diagnosis.assignment import Knowns
+from rwa_monitor.diagnosis.assignment_search import Scores
+from rwa_monitor.samples import FloatArray, IntArray
+
+REJECT: Final[int]
+NO_SYSTEM: Final[int]
+STEPS: Final[int]
+REJECTED: Final[int]
+UNATTRIBUTED: Final[int]
+
+_Bounds = tuple[FloatArray, FloatArray, FloatArray]  # rest, rest_fit, own
+_Worth = tuple[FloatArray, FloatArray, FloatArray, FloatArray]  # single, twice, alone, with_law
+_FlatStory = tuple[IntArray, IntArray, IntArray, IntArray]
+
+def free_bounds(scores: Scores) -> tuple[_Bounds, _Worth]: ...
+def priced_bounds(scores: Scores, worth: _Worth, start: IntArray, taken: IntArray) -> tuple[FloatArray, FloatArray]: ...
+def expand(scores: Scores, bounds: _Bounds, cutoff: float, budget: int, kept: int) -> tuple[FloatArray, int]: ...
+def find_paths(
+    scores: Scores, paths: int, margin: float, budget: int, quick_budget: int, kept: int
+) -> tuple[FloatArray, IntArray, IntArray, int, bool]:
+    """Search twice: with a narrow beam for a good path and the prices of its jumps, then for the best of all.
+
+    Parameters
+    ----------
+    scores, paths, margin, budget
+        As for `assignment_search.search`; the margin with what rounding may take from it.
+    quick_budget, kept
+        Width of the narrow beam, and entries kept per state by the other.
+
+    Returns
+    -------
+    score, start, taken, states, pruned
+        float64 (paths,), best first; int64 (paths, S) and (paths, m), configurations at the window's begin, and the
+        actions; entries expanded; whether the budget cut off what may have held a better path. Where values are wild,
+        and scores differ by millions, the full search may drop every path within its budget; then the path of the
+        narrow beam.
+    """
+
+def add_up_laws(scores: Scores, start: IntArray, taken: IntArray, /) -> float: ...
+def tell(
+    actions: IntArray, index: IntArray, start: IntArray, taken: IntArray
+) -> tuple[_FlatStory, IntArray, IntArray, IntArray]:
+    """Turn a path into sojourns, and into systems and directions per candidate.
+
+    Parameters
+    ----------
+    actions, index
+        Table of actions, and the candidates' slots.
+    start, taken
+        A path as from `find_paths`.
+
+    Returns
+    -------
+    story, nodes, system, direction
+        Who jumped when, see `results.FlatStory`; int64 (segments + 1,), the accepted candidates as nodes, and both ends
+        of the window; int64 (m, 2), who jumped at each candidate and which way: REJECTED or UNATTRIBUTED alone,
+        REJECTED in second place.
+    """
+
+def weigh(
+    scores: Scores, start: IntArray, taken: IntArray, index: IntArray, pairs: FloatArray, knowns: Knowns
+) -> tuple[_FlatStory, IntArray, IntArray, IntArray, FloatArray, float, float]:
+    """Weigh a path by its full likelihood.
+
+    Parameters
+    ----------
+    scores, start, taken, index
+        As for `tell`.
+    pairs
+        The moments between all pairs of nodes, see `segments.Level`.
+    knowns
+        What is known before the window.
+
+    Returns
+    -------
+    story, system, direction, borders, moments, log_evidence, score
+        The first three as from `tell`; slots at which its segments begin and end, and their moments; the samples'
+        log-likelihood, and the same with the laws'.
+    """
+
+def add_agreement(
+    index: IntArray,
+    apart: int,
+    system: IntArray,
+    direction: IntArray,
+    other_system: IntArray,
+    other_direction: IntArray,
+    weight: float,
+    sure: FloatArray,
+) -> None:
+    """Add the weight of another path to each attribution (m, 2) that it shares with the best, in `sure`.
+
+    Shared is the same system and direction at a candidate at most `apart` slots away.
+    """

@@ -1,0 +1,16 @@
+import numpy as np
+from numpy.typing import NDArray
+
+from rwa_monitor.identification.chain_decoding import Laws, Record, States
+from rwa_monitor.samples import IntArray
+
+NEVER: float
+
+def likeliest_path(
+    record: Record, laws: Laws, states: States, moves: IntArray, beam: int
+) -> tuple[IntArray, NDArray[np.uint8], float]:
+    """Return the configurations (stays, systems) of the likeliest path, which stays are outliers, its log-likelihood.
+
+    `moves`, int64 (moves, systems), are the steps -1, 0 or 1 of each system from a stay to the next; `beam` paths are
+    followed. Of paths that are exactly as likely, the first found is kept.
+    """

@@ -1,0 +1,68 @@
+from rwa_monitor.diagnosis.changepoints import Bar
+from rwa_monitor.diagnosis.running_sums import SumArrays
+from rwa_monitor.samples import FloatArray, IntArray
+
+def contrast(k: int, w: int, slope: float, weight: float, sums: SumArrays) -> tuple[float, float]:
+    """Return the wGLR's statistic [torque²] and jump at slot k and scale w, with any centre and weight of the slope.
+
+    Both 0 where a half has no used sample.
+    """
+
+def kept_apart(index: IntArray, scale: IntArray) -> IntArray:
+    """Return the slots of peaks, taken `in_turn`, with no kept one within ±w; sorted."""
+
+def refine_in_colour(
+    k: int, low: int, high: int, reach: int, slope: float, correlation: float, sums: SumArrays
+) -> tuple[int, int]:
+    """Return the most likely slot of a jump near k where the noise is AR(1), and the samples read.
+
+    The levels are those of [low, k) and [k, high); slots within `reach` of k are tried.
+    """
+
+def select(
+    peak_index: IntArray,
+    peak_scale: IntArray,
+    slots: int,
+    slope: float,
+    correlation: float,
+    sums: SumArrays,
+    bar: Bar,
+) -> tuple[IntArray, IntArray, FloatArray, FloatArray, int]:
+    """Choose the candidates of a window among the peaks of all scales.
+
+    Parameters
+    ----------
+    peak_index, peak_scale
+        int64 (P,), slots and scales of the peaks above their thresholds, see `in_turn`.
+    slots
+        Of the window, all in the sums.
+    slope
+        f_v of the window, as well as it is known.
+    correlation
+        φ of AR(1) noise, see `ar_coefficient`; 0 where it is not like that.
+    sums
+        Running sums of the window.
+    bar
+        What a jump must clear.
+
+    Returns
+    -------
+    index, scale, statistic, jump, read
+        The fields of their `Candidates`, and how many samples were read.
+    """
+
+def choose(
+    peak_index: IntArray,
+    peak_scale: IntArray,
+    slots: int,
+    sums: SumArrays,
+    bar: Bar,
+    correlation: float,
+    variance: float,
+    prior_mean: float,
+    prior_std: float,
+) -> tuple[IntArray, IntArray, FloatArray, FloatArray, int]:
+    """Estimate the slope and choose candidates in turns, until they agree; as `select` and `slope_within` do."""
+
+def ends_of_gaps(sums: SumArrays, slots: int) -> tuple[IntArray, IntArray]:
+    """Return slot and scale of each peak of `peaks_behind_gaps`."""

@@ -1,0 +1,64 @@
+"""Effects with memory: recursions over slots, one by one, so that a record cut into pieces gives the same bits.
+
+`state` goes on from piece to piece and is changed in place. At a slot that is not usable, the state is held, as if no
+time had passed, and the next usable slot goes on from there. `values` and `speed_rad_s` are float64 (n,), `usable` is
+bool (n,), results are float64 (n,).
+"""
+
+from rwa_monitor.samples import BoolArray, FloatArray
+
+def first_order_lag(
+    values: FloatArray, usable: BoolArray, period_s: float, time_constant_s: float, state: FloatArray
+) -> FloatArray:
+    """Follow `values` with a first-order lag, dx/dt = (u - x)/τ, exact for values that are linear between slots.
+
+    At the start of a record x equals u: the wheel has run at that speed for long. `state` is x and the last u, NaN at
+    the start. Returns x, NaN before the first usable slot.
+    """
+
+def dahl_bristle(
+    speed_rad_s: FloatArray, usable: BoolArray, period_s: float, scale_rad: float, state: FloatArray
+) -> FloatArray:
+    """Integrate Dahl's bristle dz/dt = ω - |ω| z / z_c by its exact step in angle; ω is linear between slots.
+
+    Explicit Euler steps would be unstable as soon as one slot turns the wheel by more than 2 z_c, which is always so at
+    speed. In angle the solution is an exponential, and a slot in which ω changes sign is two of them. `scale_rad` is
+    z_c; `state` is z/z_c and the last ω, NaN at the start, when the bristle is taken as fully deflected. Returns z/z_c
+    in [-1, 1], NaN before the first usable slot.
+    """
+
+def turned_angle(speed_rad_s: FloatArray, usable: BoolArray, period_s: float, state: FloatArray) -> FloatArray:
+    """Integrate the speed by the trapezoidal rule; across a gap as if the speed had changed evenly.
+
+    The one recursion that does not hold its state through gaps: the wheel turns on. `state` is the angle, the last ω
+    (NaN at the start), and the slots since. Returns the angle [rad], 0 at the first usable slot of a record; NaN where
+    not usable.
+    """
+
+def backward_difference(values: FloatArray, usable: BoolArray, period_s: float, state: FloatArray) -> FloatArray:
+    """Return the rate of change since the last usable slot, 0 at the first of a record; NaN where not usable.
+
+    `state` is the last value (NaN at the start) and the slots since.
+    """
+
+def autoregress(innovation: FloatArray, coefficient: float) -> FloatArray:
+    """Return x_k = φ x_{k-1} + √(1-φ²) e_k, with the variance of e, begun in its stationary law."""
+
+def forward(
+    squares: FloatArray,
+    inside: BoolArray,
+    quiet: float,
+    shaking: float,
+    freedom: float,
+    on: float,
+    off: float,
+    probability: FloatArray,
+) -> float:
+    """Return the log-likelihood of bursts but for its constant; write each slot's probability given the past.
+
+    `squares` is NaN where a slot does not count; `quiet` and `shaking` are logarithms of scales. Outside the band both
+    states look alike, and the chain goes on unseen.
+    """
+
+def smooth(probability: FloatArray, on: float, off: float) -> None:
+    """Turn probabilities given the past, in place, into those given the whole record (backward recursion)."""

@@ -1,0 +1,73 @@
+from typing import Final
+
+from rwa_monitor.diagnosis.evidence import WindowArrays, WindowSettings
+from rwa_monitor.diagnosis.peaks import PeakArrays
+from rwa_monitor.samples import BoolArray, FloatArray, IntArray
+
+CONFIRMED_STATISTIC: Final[float]
+KEPT_STATISTIC: Final[float]
+PAPER_WEIGHT: Final[float]
+ALL_DONE: Final[int]
+NO_ROOM: Final[int]
+VARIANCE: Final[int]
+COUNTED: Final[int]
+OUTLIER: Final[int]
+
+class Window:
+    """The arrays of a window, looked up once: they must not be replaced while it is in use."""
+
+    def __init__(self, arrays: WindowArrays, settings: WindowSettings, peaks: PeakArrays) -> None: ...
+
+def gather(
+    window: Window,
+    speed: FloatArray,
+    torque: FloatArray,
+    good: BoolArray,
+    filled: int,
+    done: int,
+    last: bool,
+) -> tuple[int, int, int, int]:
+    """Take new slots into a window, and detect in all that are there.
+
+    Parameters
+    ----------
+    window
+        The window, changed in place.
+    speed, torque, good
+        (n,), the new slots as they were measured.
+    filled, done
+        Slots that the window holds, and those in which it has detected.
+    last
+        Whether no slot will follow: else the last ones wait until a step of STEP is full, the first until a chunk is.
+
+    Returns
+    -------
+    tuple[int, int, int, int]
+        How many of the new slots are good, where detection ended, how many jumps it reports, see `PeakArrays`, and why
+        it ended: ALL_DONE; NO_ROOM for the peaks of the next chunk; else the tails of the noise look heavy, and
+        `Learned.numbers` is to hold the largest OUTLIER by chance. In the last two cases it is to be called again,
+        without a slot.
+    """
+
+def learn_noise(
+    block_sums: FloatArray,
+    block_pairs: FloatArray,
+    histogram: IntArray,
+    scales: IntArray,
+    start_variance: float,
+) -> tuple[FloatArray, FloatArray, FloatArray, tuple[float, float, float]]:
+    """Return what the noise is as far as a window has come.
+
+    Parameters
+    ----------
+    block_sums, block_pairs
+        Of the blocks that are complete, see `block_differences`.
+    histogram, scales, start_variance
+        As for `scale_variances`.
+
+    Returns
+    -------
+    levels, counts, variances, quantiles
+        As `quiet_levels` has them; float64 (S,), the variance of each scale's contrast; and `quantiles_of` the
+        narrowest scale's statistic.
+    """

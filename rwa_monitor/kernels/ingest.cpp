@@ -1,0 +1,131 @@
+#include "arrays.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace rwa {
+namespace {
+
+constexpr std::int64_t HANGING_SLOTS = 24;     // a value repeated so often in a row: with noise, a chance of 6e-8
+constexpr std::int64_t OUTSTANDING_SLOTS = 3;  // slots that may stand out together, each by the utmost of a wheel
+constexpr int HANGS = 1, STANDS_OUT = 2;
+// A channel is restless while its second differences change their sign in more than this share of the recent slots:
+// they do so in 73 % with white noise, in 67 % with a random walk, hardly ever in smooth motion without noise.
+constexpr double RESTLESS = 0.5;
+constexpr double ROUNDING = 1e-9;        // smaller second differences, relative to the value, are rounding, not noise
+constexpr double RECENT_SLOTS = 128;     // over which restlessness and roughness are averaged
+constexpr double ROUGHNESS_FACTOR = 6;   // mean steps between neighbours: seven standard deviations of white noise
+constexpr double STEPS_TO_JUDGE = 16;    // before roughness is known well enough
+
+// Whether low ≤ value ≤ high for all; NaN is not.
+VECTORISED bool floats_between(const double* values, std::int64_t n, double low, double high) {
+    std::int64_t count = 0;
+    for (std::int64_t k = 0; k < n; ++k) count += (values[k] >= low) & (values[k] <= high);
+    return count == n;
+}
+
+VECTORISED bool times_between(const std::int64_t* values, std::int64_t n, std::int64_t low, std::int64_t high) {
+    std::int64_t count = 0;
+    for (std::int64_t k = 0; k < n; ++k) count += (values[k] >= low) & (values[k] <= high);
+    return count == n;
+}
+
+// Give samples their slots, as SlotGrid.slot_of, up to a clock step or beyond slot `furthest`; mark which are ahead of
+// all before. Returns how many samples belong to the piece, how many of them are ahead, and how many of those are good.
+std::tuple<std::int64_t, std::int64_t, std::int64_t> assign_slots(
+    Vector<const std::int64_t> time_ns, Vector<const bool> good, std::int64_t origin_ns, std::int64_t period_ns,
+    std::int64_t frontier, std::int64_t furthest, std::int64_t window_slots, bool passed, Vector<std::int64_t> slots,
+    Vector<bool> ahead) {
+    std::int64_t before = frontier - 1, ahead_count = 0, used = 0;
+    for (std::int64_t k = 0; k < time_ns.size(); ++k) {
+        const std::int64_t doubled = 2 * (time_ns[k] - origin_ns) + period_ns;
+        std::int64_t slot = before + 1;  // nearly always: spare the division
+        const std::int64_t beyond = doubled - 2 * period_ns * slot;
+        if (beyond < 0 || beyond >= 2 * period_ns) slot = floor_divide(doubled, 2 * period_ns);
+        const std::int64_t step = slot - before;
+        const bool far = std::abs(step) > window_slots;
+        if ((far && !passed) || (k > 0 && slot > furthest)) return {k, ahead_count, used};
+        slots[k] = slot;
+        ahead[k] = step > 0 && !(passed && far);
+        ahead_count += ahead[k];
+        used += ahead[k] && good[k];
+        before = std::max(before, slot);
+    }
+    return {time_ns.size(), ahead_count, used};
+}
+
+// Judge the next slots of a channel, each by the one after it (see screen.Channel); returns whether anything is found.
+bool judge(
+    Vector<const double> values, Vector<const double> following, double limit, Vector<double> state,
+    Vector<std::int8_t> kind, Vector<std::int64_t> since) {
+    double* const memory = &state[OUTSTANDING_SLOTS];
+    double last = memory[0], step = memory[1], bend = memory[2], restless = memory[3], repeated = memory[4];
+    double restless_before = memory[5], rough = memory[6], steps = memory[7];
+    double recent[OUTSTANDING_SLOTS];
+    std::copy_n(state.data, OUTSTANDING_SLOTS, recent);
+    const auto at = [&](std::int64_t k) { return k < 0 ? recent[k + OUTSTANDING_SLOTS] : values[k]; };
+    const std::int64_t n = values.size();
+    bool found = false;
+    for (std::int64_t k = 0; k < n; ++k) {
+        const double value = values[k];
+        if (std::isnan(value)) continue;
+        const double after = following[k], far = limit + ROUGHNESS_FACTOR * rough / std::max(steps, 1.0);
+        // Do this slot, and perhaps some before it, stand out from the slot before them and the one after?
+        if (steps >= STEPS_TO_JUDGE && std::abs(value - after) > far) {
+            for (int count = 1; count <= OUTSTANDING_SLOTS; ++count) {
+                const double anchor = at(k - count);
+                if (std::abs(after - anchor) <= 0.5 * far && std::abs(value - anchor) > count * far) {
+                    kind[k] = STANDS_OUT, since[k] = count - 1;
+                    found = true;
+                    break;
+                }
+            }
+        }
+        const double distance = std::abs(value - at(k - 1));
+        if (distance <= far) {
+            rough += distance - rough / RECENT_SLOTS;
+            steps += 1.0 - steps / RECENT_SLOTS;
+        }
+        if (!std::isnan(last)) {
+            if (value != last) {
+                repeated = 0.0;
+            } else {
+                if (repeated == 0.0) restless_before = restless;
+                repeated += 1.0;
+            }
+            const double next_step = value - last, next_bend = next_step - step;
+            // As in noise: do not branch.
+            const bool turns = (next_bend * bend < 0.0) & (std::abs(next_bend) > ROUNDING * std::abs(value));
+            restless += (static_cast<double>(turns) - restless) / RECENT_SLOTS;
+            step = next_step, bend = next_bend;
+        }
+        last = value;
+        if (repeated >= HANGING_SLOTS && restless_before > RESTLESS) {
+            kind[k] = HANGS, since[k] = repeated == HANGING_SLOTS ? HANGING_SLOTS - 1 : 0;
+            found = true;
+        }
+    }
+    for (std::int64_t i = 0; i < OUTSTANDING_SLOTS; ++i) state[i] = at(n - OUTSTANDING_SLOTS + i);
+    memory[0] = last, memory[1] = step, memory[2] = bend, memory[3] = restless, memory[4] = repeated;
+    memory[5] = restless_before, memory[6] = rough, memory[7] = steps;
+    return found;
+}
+
+}  // namespace
+
+void bind_ingest(nanobind::module_& module) {
+    kernel(module, "all_between", [](Vector<const double> values, double low, double high) {
+        return floats_between(values.data, values.size(), low, high);
+    });
+    kernel(module, "all_between", [](Vector<const std::int64_t> values, std::int64_t low, std::int64_t high) {
+        return times_between(values.data, values.size(), low, high);
+    });
+    kernel(module, "assign_slots", &assign_slots);
+    kernel(module, "judge", &judge);
+    module.attr("HANGING_SLOTS") = HANGING_SLOTS;
+    module.attr("OUTSTANDING_SLOTS") = OUTSTANDING_SLOTS;
+    module.attr("HANGS") = HANGS;
+    module.attr("STANDS_OUT") = STANDS_OUT;
+}
+
+}  // namespace rwa

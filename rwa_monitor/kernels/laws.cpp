@@ -1,0 +1,238 @@
+// Laws of sojourns, and densities of measured values (see rwa_monitor/diagnosis/laws.py, densities.py).
+#include "arrays.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace rwa {
+namespace {
+using std::int64_t;
+
+// ---- sojourns ----
+
+constexpr double SOFT_SHARE = 1e-3;     // of the broad law in every duration law
+constexpr double MISSED_SHARE = 1e-2;   // probability that a jump leaves no candidate: a short sojourn, or in a gap
+constexpr double CARRIED_TRUST = 0.95;  // that the last configuration given by an earlier window is right
+constexpr int DOWN = 0, UP = 1;
+
+// See laws.Chain.
+struct Chain {
+    Vector<const double> means, entered, never;
+    Matrix<const double> turn;
+    auto fields() { return std::tie(means, entered, never, turn); }
+};
+
+// See laws.Told.
+struct Told {
+    int64_t configuration;
+    Vector<const double> ends;
+    double lasts;
+    auto fields() { return std::tie(configuration, ends, lasts); }
+};
+
+// P(τ ≥ slots) of the broad law of this mean: (1 + (slots - 1) / mean)^-2.
+double broad_survival(double slots, double mean) {
+    const double share = mean / (mean + slots - 1.0);
+    return share * share;
+}
+
+// P(τ ≥ slots), from the law's own, mixed with the broad law's.
+double soft_survival(double survival, double slots, double mean) {
+    return (1.0 - SOFT_SHARE) * survival + SOFT_SHARE * broad_survival(slots, mean);
+}
+
+// P(τ = slots), from the law's P(τ ≥ slots) and P(τ ≥ slots + 1), likewise.
+double soft_pmf(double survival, double following, double slots, double mean) {
+    const double broad = broad_survival(slots, mean) - broad_survival(slots + 1.0, mean);
+    return (1.0 - SOFT_SHARE) * (survival - following) + SOFT_SHARE * broad;
+}
+
+// A log-probability of the first sojourn, in q: of a mixture where earlier windows give its configuration.
+double log_first(double unknown, double told, int64_t q, int64_t configuration) {
+    if (configuration < 0) return std::log(unknown);
+    return std::log((1.0 - CARRIED_TRUST) * unknown + (q == configuration ? CARRIED_TRUST * told : 0.0));
+}
+
+// Fill the tables of one system, which hold -inf, from the survivals (Q, points), see laws.pyi.
+void tabulate(
+    Vector<const double> at, int64_t slots, Matrix<const double> survivals, const Chain& chain, const Told& told,
+    Array<double, 3> jump, Matrix<double> stay, Array<double, 4> missed) {
+    const int64_t count = at.size(), configurations = chain.means.size(), pairs = count * (count - 1) / 2;
+    for (int64_t q = 0; q < configurations; ++q) {
+        const double mean = chain.means[q];
+        const double *survival = survivals.row(q).data, *following = survival + pairs;
+        const double *begun = following + pairs, *left = begun + count;
+        for (int64_t i = 0; i < count; ++i) {
+            double* row = &jump(q, 1 + i, 1);
+            for (int64_t j = i + 1; j < count; ++j) {
+                row[j] = std::log(soft_pmf(*survival++, *following++, at[j] - at[i], mean));
+            }
+        }
+        for (int64_t k = 0; k < count; ++k) {
+            stay(q, 1 + k) = std::log(soft_survival(left[k], static_cast<double>(slots) - at[k], mean));
+            const double ended = chain.entered[q] * soft_survival(begun[k], at[k], mean);
+            jump(q, 0, 1 + k) = log_first(ended, told.ends[k], q, told.configuration);
+        }
+        stay(q, 0) = log_first(chain.never[q], told.lasts, q, told.configuration);
+        if (q + 1 == configurations) continue;
+        const double both = mean + chain.means[q + 1];  // of two sojourns in a row, up or down, seen as one
+        const double log_up = std::log(MISSED_SHARE) + chain.turn(q, UP) + std::log(2.0 / both);
+        const double log_down = std::log(MISSED_SHARE) + chain.turn(q + 1, DOWN) + std::log(2.0 / both);
+        for (int64_t i = 0; i < count; ++i) {
+            double *up = &missed(q, UP, 1 + i, 1), *down = &missed(q + 1, DOWN, 1 + i, 1);
+            for (int64_t j = i + 1; j < count; ++j) {
+                const double duration = at[j] - at[i];
+                if (!(duration >= 2.0)) continue;
+                const double longer = 3.0 * std::log1p(duration / both);
+                up[j] = log_up - longer;
+                down[j] = log_down - longer;
+            }
+        }
+    }
+}
+
+// The log-probability of a system's sojourns in `configurations`, the later ones begun at the slots `at`; survivals at
+// the durations of those between the first and the last, at these + 1, of the first, and of the last.
+double add_up(
+    Vector<const int64_t> configurations, Vector<const double> at, int64_t slots, Matrix<const double> survivals,
+    const Chain& chain, const Told& told) {
+    const int64_t count = at.size(), between = count - 1, first = configurations[0], last = configurations[count];
+    if (count == 0) return log_first(chain.never[first], told.lasts, first, told.configuration);
+    const double ended = chain.entered[first] * soft_survival(survivals(first, 2 * between), at[0], chain.means[first]);
+    double total = log_first(ended, told.ends[0], first, told.configuration);
+    const double left = static_cast<double>(slots) - at[between];
+    total += std::log(soft_survival(survivals(last, 2 * between + 1), left, chain.means[last]));
+    for (int64_t j = 0; j < count; ++j) {
+        const int64_t q = configurations[j];
+        total += chain.turn(q, configurations[j + 1] > q ? UP : DOWN);
+        if (j == 0) continue;
+        const double survival = survivals(q, j - 1), following = survivals(q, between + j - 1);
+        total += std::log(soft_pmf(survival, following, at[j] - at[j - 1], chain.means[q]));
+    }
+    return total;
+}
+
+// ---- densities ----
+
+constexpr double OTHER_SIZE = 0.05;      // share of anomalies that have another size than those learned
+constexpr double GAUSSIAN_WIDTH = 1e-3;  // of its softness, below which a band is a Gaussian
+constexpr int LEVEL_NUMBERS = 8;
+
+// The standard normal distribution function.
+double below(double x) { return 0.5 * std::erfc(-x * std::sqrt(0.5)); }
+
+// The density of a uniform value on [low, high] with Gaussian noise sigma, `soft` of it the band's own.
+double density_in(double value, double sigma, double low, double high, double soft) {
+    const double width = high - low, distance = std::abs(value - 0.5 * (low + high));
+    // A band narrower than its softness is a Gaussian; the difference below would lose all digits.
+    if (width < GAUSSIAN_WIDTH * soft) {
+        const double deviation = distance / sigma;
+        return std::exp(-0.5 * (deviation * deviation)) / (sigma * std::sqrt(2.0 * M_PI));
+    }
+    // The tail with both arguments of one sign, so that the difference keeps its digits on either side.
+    return (below((0.5 * width - distance) / sigma) - below((-0.5 * width - distance) / sigma)) / width;
+}
+
+Table<double, 1> band_densities(
+    Vector<const double> value, Vector<const double> std, double low, double high, double soft) {
+    auto density = Table<double, 1>::zeros(value.size());
+    for (int64_t i = 0; i < value.size(); ++i) {
+        density[i] = density_in(value[i], std::hypot(soft, std[i]), low, high, soft);
+    }
+    return density;
+}
+
+// A configuration's learned bands (`model.Levels.numbers`), softened by a measurement's standard deviation.
+struct Softened {
+    const double* numbers;
+    double reach, nominal, anomalous;
+
+    Softened(double std, const double* of)
+        : numbers(of), reach(std::hypot(of[7], std)), nominal(std::hypot(of[2], std)),
+          anomalous(std::hypot(of[5], std)) {}
+};
+
+// Of a measured value: under nominal and under anomalous, and the sum in the learned bands alone.
+struct Densities {
+    double nominal, anomalous, inside;
+};
+
+Densities level_density(double value, const Softened& level) {
+    const double low = level.numbers[0], high = level.numbers[1], soft = level.numbers[2];
+    const double stray_share = level.numbers[6], reach = level.reach;
+    const double far = 1.0 + std::abs(value - 0.5 * (low + high)) / reach;
+    const double stray = 0.5 / reach / (far * far);
+    const double excess = value - (high + 2.0 * soft), beyond = 1.0 + std::max(excess, 0.0) / reach;
+    const double other = below(excess / level.nominal) / reach / (beyond * beyond);
+    const double nominal = density_in(value, level.nominal, low, high, soft);
+    double learned = other, inside = nominal;
+    if (!std::isnan(level.numbers[3])) {
+        learned = density_in(value, level.anomalous, level.numbers[3], level.numbers[4], level.numbers[5]);
+        inside = nominal + learned;
+    }
+    return {
+        (1.0 - stray_share) * nominal + stray_share * stray,
+        (1.0 - stray_share - OTHER_SIZE) * learned + OTHER_SIZE * other + stray_share * stray, inside};
+}
+
+Table<double, 2> level_densities(Vector<const double> value, Vector<const double> std, Vector<const double> numbers) {
+    auto densities = Table<double, 2>::zeros(3, value.size());
+    for (int64_t i = 0; i < value.size(); ++i) {
+        const auto [nominal, anomalous, inside] = level_density(value[i], {std[i], numbers.data});
+        densities(0, i) = nominal, densities(1, i) = anomalous, densities(2, i) = inside;
+    }
+    return densities;
+}
+
+// Whether a measured value is finite and its configuration was learned.
+bool is_known(int64_t q, double value, double std, Matrix<const double> numbers) {
+    return std::isfinite(value) && std::isfinite(std) && q < numbers.extent(0) && !std::isnan(numbers(q, 0));
+}
+
+// Nominal and anomalous densities (2, n, shifts) of a system's sojourns with each shift added; 1 where not known.
+Table<double, 3> sojourn_densities(
+    Vector<const int64_t> configuration, Vector<const double> friction, Vector<const double> std,
+    Vector<const double> shift, Matrix<const double> numbers) {
+    auto densities = Table<double, 3>::full(1.0, 2, configuration.size(), shift.size());
+    for (int64_t i = 0; i < configuration.size(); ++i) {
+        const int64_t q = configuration[i];
+        if (!is_known(q, friction[i], std[i], numbers)) continue;
+        const Softened level(std[i], numbers.row(q).data);
+        for (int64_t j = 0; j < shift.size(); ++j) {
+            const auto density = level_density(friction[i] + shift[j], level);
+            densities(0, i, j) = density.nominal, densities(1, i, j) = density.anomalous;
+        }
+    }
+    return densities;
+}
+
+// Of each known value: the probability that it lies in no learned band, and its standard deviation over reach.
+std::tuple<Table<double, 1>, Table<double, 1>> strays(
+    Vector<const int64_t> configuration, Vector<const double> value, Vector<const double> std,
+    Matrix<const double> numbers) {
+    std::vector<double> stray, relative;
+    for (int64_t i = 0; i < value.size(); ++i) {
+        const int64_t q = configuration[i];
+        if (!is_known(q, value[i], std[i], numbers)) continue;
+        const auto [nominal, anomalous, inside] = level_density(value[i], {std[i], numbers.row(q).data});
+        const double everything = 0.5 * (nominal + anomalous);
+        stray.push_back(everything > 0.0 ? std::max(0.0, 1.0 - 0.5 * inside / everything) : 1.0);
+        relative.push_back(std[i] / numbers(q, LEVEL_NUMBERS - 1));
+    }
+    return {Table<double, 1>::from(std::move(stray)), Table<double, 1>::from(std::move(relative))};
+}
+}  // namespace
+
+void bind_laws(nanobind::module_& module) {
+    module.attr("SOFT_SHARE") = SOFT_SHARE;
+    module.attr("OTHER_SIZE") = OTHER_SIZE;
+    module.attr("LEVEL_NUMBERS") = LEVEL_NUMBERS;
+    kernel(module, "tabulate", &tabulate);
+    kernel(module, "add_up", &add_up);
+    kernel(module, "band_densities", &band_densities);
+    kernel(module, "level_densities", &level_densities);
+    kernel(module, "sojourn_densities", &sojourn_densities);
+    kernel(module, "strays", &strays);
+}
+
+}  // namespace rwa

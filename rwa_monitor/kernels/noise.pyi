@@ -1,0 +1,86 @@
+from typing import Final
+
+from rwa_monitor.samples import BoolArray, FloatArray, IntArray
+
+LAGS: Final[int]
+BLOCK: Final[int]
+SMALLEST_STD: Final[float]
+KEPT: Final[float]
+KEPT_MEAN: Final[float]
+JUMPED: Final[float]
+JUMPED_RATE: Final[float]
+MOST_JUMPED: Final[float]
+
+def lean(measured: float, borrowed: float, independent: float) -> float:
+    """Return a scale's variance, measured on so many independent contrasts, leaning on the next narrower scale's."""
+
+def scale_variances(histogram: IntArray, scales: IntArray, start_variance: float) -> FloatArray:
+    """Estimate the variance of each scale's contrast from the histogram of its statistic.
+
+    Parameters
+    ----------
+    histogram
+        int64 (S, BINS), counts of the unnormalised statistic.
+    scales
+        int64 (S,), ascending.
+    start_variance
+        Variance expected before any data; NaN if not known.
+
+    Returns
+    -------
+    float64 (S,), v with statistic / v ~ χ² with one degree of freedom. With few independent contrasts it leans on the
+    next narrower scale's (the narrowest: on `start_variance`). NaN where nothing was counted and nothing is known.
+    """
+
+def block_differences(
+    x: FloatArray,
+    z: FloatArray,
+    used: BoolArray,
+    first: int,
+    last: int,
+    hop: int,
+    slope: float,
+    weight: float,
+    sums: FloatArray,
+    pairs: FloatArray,
+) -> None:
+    """Sum the squared differences of blocks first … last - 1 at lags 1 … LAGS.
+
+    Parameters
+    ----------
+    x, z, used
+        (slots,), the window's samples.
+    first, last
+        Blocks; block b reads the slots [b·hop, b·hop + BLOCK + LAGS).
+    hop
+        Slots from one block to the next.
+    slope, weight
+        Prior of the block's own slope, which is taken out: a slew is not noise.
+    sums, pairs
+        Outputs: float64 (B, LAGS), sum of (e_{k+l} - e_k)²/2 and number of pairs of used samples.
+    """
+
+def quiet_levels(sums: FloatArray, pairs: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Average the block differences, see `block_differences`, over the full blocks that do not stand out upwards.
+
+    Returns
+    -------
+    levels, counts
+        float64 (LAGS,): γ(0) - γ(l) at the lags 1 … LAGS, and the pairs behind it; NaN and 0 without a full block.
+    """
+
+def contrast_variances(levels: FloatArray, scales: IntArray) -> FloatArray:
+    """Return the variance v of each scale's contrast that the levels of `quiet_levels` imply, float64 (S,).
+
+    The weights of a contrast, -1/w and +1/w w times each, add up to nothing, so its variance needs only γ(0) - γ(l):
+    with r(l) their correlation, v = -w Σ r(l) (γ(0) - γ(l)) over l ≥ 1. 0 where it is longer than the lags reach, or
+    nothing is known.
+    """
+
+def combine(
+    levels: FloatArray, counts: FloatArray, scales: IntArray, variances: FloatArray, samples: int
+) -> tuple[float, FloatArray, float]:
+    """Return the fields of the `NoiseEstimate` where there are blocks; parameters as those of `estimate_noise`."""
+
+def mean_variance_factors(count: FloatArray, autocovariance: FloatArray, long_run_factor: float) -> FloatArray:
+    """See `mean_variance_factor`; float64 (n,)."""

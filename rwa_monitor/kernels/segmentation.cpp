@@ -1,0 +1,314 @@
+// Exact penalised segmentation (see rwa_monitor/discrepancy/segmentation.py), and the running sums that it reads.
+#include "arrays.hpp"
+
+#include <algorithm>
+#include <cmath>
+#include <limits>
+
+namespace rwa {
+namespace {
+
+constexpr std::int64_t COARSE_FROM = 2000;  // samples from which jumps are first looked for between blocks
+constexpr std::int64_t BLOCK = 4;           // samples to a block
+constexpr std::int64_t REFINE = 6;          // slots to each side of a coarse jump that are tried
+constexpr std::int64_t ROOM = 64;           // pieces: more are hardly ever alive
+
+// On [edge, edge of the next) the least cost is a μ² - 2 b μ + c, that of a last jump at `jump`.
+struct Piece {
+    double a, b, c, edge;
+    double at_edge;  // the envelope there
+    double least;    // within the piece
+    std::int64_t jump;
+};
+
+// The least cost of all partitions as a function of the last level μ: pieces [begin, end) with room on both sides, so
+// that new ones are added in place; of that at `end`, only the edge counts.
+struct Envelope {
+    double low, high;
+    std::vector<Piece> pieces, spare;
+    std::int64_t begin, end;
+
+    Envelope(double lowest, double highest)
+        : low(lowest), high(highest), pieces(ROOM), begin(ROOM / 2), end(ROOM / 2 + 1) {
+        pieces[begin].edge = low;
+        pieces[end].edge = high;
+    }
+};
+
+void make_room(Envelope& envelope) {
+    const std::int64_t count = envelope.end - envelope.begin;
+    if (envelope.begin > 0 && envelope.end + 2 < static_cast<std::int64_t>(envelope.pieces.size())) return;
+    const std::int64_t room = std::max(ROOM, 4 * count), at = (room - count) / 2;
+    envelope.spare.assign(room, Piece{});
+    std::copy_n(&envelope.pieces[envelope.begin], count + 1, &envelope.spare[at]);
+    envelope.pieces.swap(envelope.spare);
+    envelope.begin = at;
+    envelope.end = at + count;
+}
+
+// Add weight · (value - μ)²; returns the piece of the least cost.
+const Piece& add_sample(Envelope& envelope, double value, double weight) {
+    Piece* const end = &envelope.pieces[envelope.end];
+    Piece* best = &envelope.pieces[envelope.begin];
+    for (Piece* p = best; p < end; ++p) {
+        p->a += weight;
+        p->b += weight * value;
+        p->c += weight * value * value;
+        const double mu = std::min(std::max(p->b / p->a, p->edge), p[1].edge);
+        p->least = p->c + mu * (p->a * mu - 2.0 * p->b);
+        p->at_edge += weight * ((value - p->edge) * (value - p->edge));
+        if (p->least < best->least) best = p;
+    }
+    end->at_edge += weight * ((value - envelope.high) * (value - envelope.high));
+    return *best;
+}
+
+// `cap` where the parts above the ceiling may lie anywhere: all pieces are laid anew.
+void cap_anywhere(Envelope& envelope, double ceiling, std::int64_t t) {
+    const std::int64_t count = envelope.end - envelope.begin, room = std::max(ROOM, 6 * count);  // each may become three
+    envelope.spare.assign(room, Piece{});
+    const std::int64_t start = room / 4;
+    Piece* const first = &envelope.spare[start];
+    Piece* next = first;
+    for (std::int64_t i = envelope.begin; i < envelope.end; ++i) {
+        const Piece& old = envelope.pieces[i];
+        const double left = old.edge, right = envelope.pieces[i + 1].edge;
+        double keep_left = left, keep_right = right;
+        if (old.least >= ceiling) {
+            keep_right = left;
+        } else {
+            const double middle = old.b / old.a;
+            const double half = std::sqrt(std::max(ceiling - (old.c - old.b * old.b / old.a), 0.0) / old.a);
+            if (old.at_edge > ceiling) keep_left = std::min(std::max(middle - half, left), right);
+            if (envelope.pieces[i + 1].at_edge > ceiling) {
+                keep_right = std::max(std::min(middle + half, right), keep_left);
+            }
+        }
+        const auto lay = [&](const Piece& piece, double from, double to) {
+            if (to <= from || (next > first && next[-1].jump == piece.jump)) return;
+            *next = piece;
+            next->edge = from;
+            next->at_edge = from == left ? std::min(old.at_edge, ceiling) : ceiling;
+            ++next;
+        };
+        const Piece fresh{0.0, 0.0, ceiling, 0.0, 0.0, 0.0, t};
+        lay(fresh, left, keep_left);
+        lay(old, keep_left, keep_right);
+        lay(fresh, keep_right, right);
+    }
+    next->edge = envelope.pieces[envelope.end].edge;
+    next->at_edge = std::min(envelope.pieces[envelope.end].at_edge, ceiling);
+    envelope.pieces.swap(envelope.spare);
+    envelope.begin = start;
+    envelope.end = start + (next - first);
+}
+
+// Take the minimum of the envelope and a constant: parts above the ceiling belong to a last jump at t from now on. What
+// lies below is nearly always one stretch in the middle; its pieces stay in place.
+void cap(Envelope& envelope, double ceiling, std::int64_t t) {
+    Piece* const pieces = envelope.pieces.data();
+    Piece* first = pieces + envelope.begin;
+    Piece* final = pieces + envelope.end - 1;  // first and last of those below the ceiling somewhere
+    while (first < final && first->least >= ceiling) ++first;
+    while (final > first && final->least >= ceiling) --final;
+    for (const Piece* p = first + 1; p <= final; ++p) {
+        if (p->at_edge > ceiling) return cap_anywhere(envelope, ceiling, t);
+    }
+    const auto half = [&](const Piece& p) { return std::sqrt(std::max(p.b * p.b - p.a * (p.c - ceiling), 0.0)); };
+    Piece* end = final + 1;
+    if (end->at_edge > ceiling) {
+        const double right = (final->b + half(*final)) / final->a;
+        *end = {0.0, 0.0, ceiling, std::max(std::min(right, end->edge), final->edge), ceiling, 0.0, t};
+        ++end;
+        end->edge = envelope.high;
+        end->at_edge = ceiling;
+    }
+    if (first->at_edge > ceiling) {
+        const double left = (first->b - half(*first)) / first->a;
+        first->edge = std::min(std::max(left, first->edge), first[1].edge);
+        first->at_edge = ceiling;
+        *--first = {0.0, 0.0, ceiling, envelope.low, ceiling, 0.0, t};
+    }
+    envelope.begin = first - pieces;
+    envelope.end = end - pieces;
+}
+
+// The mean of each block of samples of the sum of rows, and how many samples it has.
+VECTORISED void block_means(
+    const Matrix<const double>& running, const Vector<const double>& factors, std::int64_t block,
+    std::vector<double>& means, std::vector<double>& weights) {
+    const std::int64_t size = running.extent(1) - 1, count = (size + block - 1) / block;
+    means.assign(count, 0.0);
+    weights.assign(count, static_cast<double>(block));
+    weights[count - 1] = static_cast<double>(size - (count - 1) * block);
+    double* __restrict mean = means.data();
+    for (std::int64_t row = 0; row < factors.size(); ++row) {
+        const double* __restrict sums = &running(row, 0);
+        const double factor = factors[row];
+        for (std::int64_t i = 0; i < count - 1; ++i) mean[i] += factor * (sums[(i + 1) * block] - sums[i * block]);
+        mean[count - 1] += factor * (sums[size] - sums[(count - 1) * block]);
+    }
+    for (std::int64_t i = 0; i < count; ++i) mean[i] /= weights[i];
+}
+
+// Jumps between the ends of the sequence, and the running sum of the sum of rows at each of both.
+struct Edges {
+    std::vector<std::int64_t> at;
+    std::vector<double> sums;
+    std::int64_t count() const { return static_cast<std::int64_t>(at.size()) - 2; }
+};
+
+double sum_until(const Matrix<const double>& running, const Vector<const double>& factors, std::int64_t index) {
+    double total = 0.0;
+    for (std::int64_t row = 0; row < factors.size(); ++row) total += factors[row] * running(row, index);
+    return total;
+}
+
+// Move each jump, in order, to the best sample around it.
+void move_jumps(const Matrix<const double>& running, const Vector<const double>& factors, Edges& edges) {
+    auto& [at, sums] = edges;
+    for (std::int64_t i = 1; i <= edges.count(); ++i) {
+        const std::int64_t before = at[i - 1], after = at[i + 1];
+        const std::int64_t last = std::min(at[i] + REFINE, after - 1);
+        double best = -std::numeric_limits<double>::infinity(), at_best = sums[i];
+        std::int64_t place = at[i];
+        for (std::int64_t k = std::max(at[i] - REFINE, before + 1); k <= last; ++k) {
+            const double until = sum_until(running, factors, k);
+            const double left = until - sums[i - 1], right = sums[i + 1] - until;
+            const double explained =
+                left * left / static_cast<double>(k - before) + right * right / static_cast<double>(after - k);
+            if (explained > best) best = explained, place = k, at_best = until;
+        }
+        at[i] = place;
+        sums[i] = at_best;
+    }
+}
+
+// Drop, weakest first, the jumps that are not worth the penalty; returns whether there was one.
+bool drop_jumps(Edges& edges, double penalty) {
+    auto& [at, sums] = edges;
+    for (bool dropped = false;; dropped = true) {
+        std::int64_t weakest = 0;
+        double least = penalty;
+        for (std::int64_t i = 1; i <= edges.count(); ++i) {
+            const auto n1 = static_cast<double>(at[i] - at[i - 1]), n2 = static_cast<double>(at[i + 1] - at[i]);
+            const double step = (sums[i + 1] - sums[i]) / n2 - (sums[i] - sums[i - 1]) / n1;
+            const double worth = step * step * n1 * n2 / (n1 + n2);
+            if (worth < least) weakest = i, least = worth;
+        }
+        if (weakest == 0) return dropped;
+        at.erase(at.begin() + weakest);
+        sums.erase(sums.begin() + weakest);
+    }
+}
+
+}  // namespace
+
+// The jumps of weighted values: FPOP.
+Table<std::int64_t, 1> fpop(Vector<const double> z, Vector<const double> weight, double penalty) {
+    std::vector<std::int64_t> found;
+    const double low = *std::min_element(z.begin(), z.end()), high = *std::max_element(z.begin(), z.end());
+    if (low == high) return {};  // no level but one
+    Envelope envelope(low, high);
+    std::vector<std::int64_t> last(z.size() + 1);
+    for (std::int64_t t = 1; t <= z.size(); ++t) {
+        make_room(envelope);
+        const Piece& best = add_sample(envelope, z[t - 1], weight[t - 1]);
+        last[t] = best.jump;
+        cap(envelope, best.least + penalty, t);
+    }
+    for (std::int64_t t = last.back(); t > 0; t = last[t]) found.push_back(t);
+    std::reverse(found.begin(), found.end());
+    return Table<std::int64_t, 1>::from(std::move(found));
+}
+
+// The jumps of a sum of rows, each times its factor, from the rows' running sums; long ones between blocks, each jump
+// then moved to its best sample, and the second dropped of two that framed one block with a jump in it.
+Table<std::int64_t, 1> segment_sums(Matrix<const double> running, Vector<const double> factors, double penalty) {
+    const std::int64_t n = running.extent(1) - 1, block = n + 1 > COARSE_FROM ? BLOCK : 1;
+    std::vector<double> means, weights;
+    block_means(running, factors, block, means, weights);
+    const auto view = [](const auto& values) { return Vector<const double>{values.data(), {values.size()}}; };
+    auto jumps = fpop(view(means), view(weights), penalty);
+    if (block == 1) return jumps;
+    Edges edges{{0}, {}};
+    for (auto jump : jumps.values) edges.at.push_back(jump * block);
+    edges.at.push_back(n);
+    for (auto edge : edges.at) edges.sums.push_back(sum_until(running, factors, edge));
+    for (int round = 0; round < 3; ++round) {
+        move_jumps(running, factors, edges);
+        if (!drop_jumps(edges, penalty)) break;
+    }
+    return Table<std::int64_t, 1>::from({edges.at.begin() + 1, edges.at.end() - 1});
+}
+
+// The first block of each straight line but the first, of running sums (6, blocks + 1) of 1, x, z, xx, xz, zz: optimal
+// partitioning (Jackson et al., IEEE Signal Processing Letters 12, 2005) with the pruning of PELT (Killick et al.,
+// J. Am. Stat. Assoc. 107, 2012).
+Table<std::int64_t, 1> optimal_lines(Matrix<const double> sums, double penalty) {
+    const std::int64_t count = sums.extent(1) - 1;
+    std::vector<double> best(count + 1, -penalty), costs(count + 1);
+    std::vector<std::int64_t> previous(count + 1), alive{0}, found;
+    for (std::int64_t j = 1; j <= count; ++j) {
+        double least = std::numeric_limits<double>::infinity();
+        for (std::size_t k = 0; k < alive.size(); ++k) {
+            const std::int64_t i = alive[k];
+            const auto between = [&](std::int64_t row) { return sums(row, j) - sums(row, i); };
+            const double n = between(0), x = between(1), z = between(2);
+            const double xx = between(3) - x * x / n, xz = between(4) - x * z / n, zz = between(5) - z * z / n;
+            costs[k] = best[i] + std::max(zz - (xx > 0.0 ? xz * xz / xx : 0.0), 0.0);
+            if (costs[k] + penalty < least) least = costs[k] + penalty, previous[j] = i;
+        }
+        best[j] = least;
+        std::size_t left = 0;
+        for (std::size_t k = 0; k < alive.size(); ++k) {
+            if (costs[k] <= least) alive[left++] = alive[k];
+        }
+        alive.resize(left);
+        alive.push_back(j);
+    }
+    for (std::int64_t j = previous[count]; j > 0; j = previous[j]) found.push_back(j);
+    std::reverse(found.begin(), found.end());
+    return Table<std::int64_t, 1>::from(std::move(found));
+}
+
+// Subtract each column's mean in place and write its running sums to a row.
+void centred_sums(Matrix<double> samples, Matrix<double> running) {
+    const std::int64_t count = samples.extent(0), columns = samples.extent(1);
+    std::vector<double> mean(columns), sum(columns);
+    for (std::int64_t k = 0; k < count; ++k) {
+        for (std::int64_t i = 0; i < columns; ++i) mean[i] += samples(k, i);
+    }
+    for (std::int64_t i = 0; i < columns; ++i) {
+        mean[i] /= static_cast<double>(count);
+        running(i, 0) = 0.0;
+    }
+    for (std::int64_t k = 0; k < count; ++k) {
+        for (std::int64_t i = 0; i < columns; ++i) running(i, k + 1) = sum[i] += samples(k, i) -= mean[i];
+    }
+}
+
+// The running sums x, z, xx, xz, zz, (5, n): what every detection of changepoints must do, for the benchmark.
+void five_sums(Vector<const double> x, Vector<const double> z, Matrix<double> out) {
+    double sx = 0.0, sz = 0.0, sxx = 0.0, sxz = 0.0, szz = 0.0;
+    double* __restrict row[5];
+    for (int i = 0; i < 5; ++i) row[i] = &out(i, 0);
+    for (std::int64_t k = 0; k < x.size(); ++k) {
+        const double u = x[k], v = z[k];
+        row[0][k] = sx += u;
+        row[1][k] = sz += v;
+        row[2][k] = sxx += u * u;
+        row[3][k] = sxz += u * v;
+        row[4][k] = szz += v * v;
+    }
+}
+
+void bind_segmentation(nanobind::module_& module) {
+    kernel(module, "fpop", &fpop);
+    kernel(module, "segment_sums", &segment_sums);
+    kernel(module, "optimal_lines", &optimal_lines);
+    kernel(module, "centred_sums", &centred_sums);
+    kernel(module, "five_sums", &five_sums);
+}
+
+}  // namespace rwa

@@ -1,0 +1,142 @@
+#include "segments.hpp"
+
+#include "running_sums.hpp"
+
+#include <algorithm>
+#include <cmath>
+
+namespace rwa {
+namespace {
+using std::int64_t;
+
+constexpr double PREFERENCE = 1e-6;     // log-likelihood of a slot nearer to the detected one: decides ties in gaps
+constexpr double LEVEL_SCATTER = 0.15;  // of levels that should be equal, in standard deviations of a sample's noise
+constexpr double INFINITE = std::numeric_limits<double>::infinity();
+
+std::vector<Sums> prefixes(Vector<const int64_t> nodes, const SumArrays& sums) {
+    std::vector<Sums> prefix;
+    for (const int64_t slot : nodes) prefix.push_back(prefix_moments(slot, sums));
+    return prefix;
+}
+
+// The moments between all pairs of nodes, (6, m + 2, m + 2), zero on and below the diagonal.
+Table<double, 3> pair_moments(Vector<const int64_t> nodes, const SumArrays& sums) {
+    const int64_t count = nodes.size(), plane = count * count;
+    auto table = Table<double, 3>::zeros(6, count, count);
+    const auto prefix = prefixes(nodes, sums);
+    for (int64_t i = 0; i < count; ++i) {
+        for (int64_t j = i + 1; j < count; ++j) {
+            const Sums sum = moments_between(prefix[i], prefix[j], sums.centre);
+            double* at = &table.values[i * count + j];
+            at[0] = sum.n, at[plane] = sum.x, at[2 * plane] = sum.z;
+            at[3 * plane] = sum.xx, at[4 * plane] = sum.xz, at[5 * plane] = sum.zz;
+        }
+    }
+    return table;
+}
+
+// The slope that the segments between consecutive nodes share beside their own levels, and its information (inverse
+// variance), with a Gaussian prior.
+std::tuple<double, double> shared_slope(
+    Array<const double, 3> pairs, Vector<const int64_t> nodes, double variance, double prior_mean, double prior_std) {
+    const double weight = variance / (prior_std * prior_std);
+    double sxx = weight, sxz = weight * prior_mean;
+    for (int64_t i = 0; i + 1 < nodes.size(); ++i) {
+        const auto sum = [&](int64_t k) { return pairs(k, nodes[i], nodes[i + 1]); };
+        const double n = std::max(sum(0), 1.0);
+        sxx += sum(3) - sum(1) * sum(1) / n;
+        sxz += sum(4) - sum(1) * sum(2) / n;
+    }
+    return {sxz / sxx, sxx / variance};
+}
+
+// Size and variance of the jump at each candidate, between the accepted nodes beside it; 0 and inf beside a segment
+// without samples. The variance holds that of both means, of their slope, and of levels that are not quite constant.
+std::tuple<Table<double, 1>, Table<double, 1>> jumps_of(
+    Array<const double, 3> pairs, Vector<const int64_t> nodes, double slope, double information, double variance) {
+    const int64_t count = pairs.extent(1) - 2;
+    auto jump = Table<double, 1>::zeros(count), spread = Table<double, 1>::full(INFINITE, count);
+    const double scatter = LEVEL_SCATTER * LEVEL_SCATTER * variance;
+    int64_t place = 1;  // of the first accepted node at or after the candidate
+    for (int64_t at = 1; at <= count; ++at) {
+        if (nodes[place] < at) ++place;
+        const int64_t before = nodes[place - 1], after = nodes[nodes[place] == at ? place + 1 : place];
+        const double left = pairs(0, before, at), right = pairs(0, at, after);
+        if (left == 0.0 || right == 0.0) continue;
+        const double speed = pairs(1, at, after) / right - pairs(1, before, at) / left;
+        const double friction = pairs(2, at, after) / right - pairs(2, before, at) / left;
+        jump[at - 1] = friction - slope * speed;
+        spread[at - 1] = variance * (1.0 / left + 1.0 / right) + speed * speed / information + 2.0 * scatter;
+    }
+    return {std::move(jump), std::move(spread)};
+}
+
+// Σ (z - level - slope x)² of a segment about its own level.
+double squared_error(const Sums& sum, double slope) {
+    const double y = sum.z - slope * sum.x;
+    const double yy = sum.zz - 2.0 * slope * sum.xz + slope * slope * sum.xx;
+    return std::max(yy - y * y / std::max(sum.n, 1.0), 0.0);
+}
+
+// The log-likelihood of one level between all pairs of nodes, integrated over a flat prior of width `range`: it charges
+// each level log(range √(n / 2π variance)), so that a jump must gain more than its own parameter costs.
+Table<double, 2> fit_table(Array<const double, 3> pairs, double slope, double variance, double range) {
+    const int64_t count = pairs.extent(1), plane = count * count;
+    const double log_range = std::log(range);
+    auto table = Table<double, 2>::zeros(count, count);
+    for (int64_t i = 0; i < count; ++i) {
+        for (int64_t j = i + 1; j < count; ++j) {
+            const double* at = &pairs(0, i, j);
+            const Sums sum{at[0], at[plane], at[2 * plane], at[3 * plane], at[4 * plane], at[5 * plane]};
+            if (!(sum.n > 0.0)) continue;
+            const double charge = log_range - 0.5 * std::log(2.0 * M_PI * variance / sum.n);
+            table(i, j) = -squared_error(sum, slope) / (2.0 * variance) - std::max(charge, 0.0);
+        }
+    }
+    return table;
+}
+
+// Each inner node moved to the slot within its reach, and no further than half way to a neighbour, that splits the two
+// intervals beside it best.
+Table<int64_t, 1> refine_nodes(
+    Vector<const int64_t> nodes, Vector<const int64_t> reach, double slope, double variance, const SumArrays& sums) {
+    const int64_t count = nodes.size() - 2;
+    auto refined = Table<int64_t, 1>::zeros(count);
+    const auto prefix = prefixes(nodes, sums);
+    for (int64_t i = 0; i < count; ++i) {
+        const int64_t left = nodes[i], at = nodes[i + 1], right = nodes[i + 2];
+        const int64_t low = std::max(left + (at - left) / 2, at - reach[i]);  // exclusive unless it is `at`
+        const int64_t high = std::min(at + (right - at) / 2, at + reach[i]);
+        double best = -INFINITE;
+        refined[i] = at;
+        for (int64_t trial = std::min(low + 1, at); trial <= high; ++trial) {
+            const Sums here = prefix_moments(trial, sums);
+            double error = squared_error(moments_between(prefix[i], here, sums.centre), slope);
+            error += squared_error(moments_between(here, prefix[i + 2], sums.centre), slope);
+            const double score = -error / (2.0 * variance) - PREFERENCE * static_cast<double>(std::abs(trial - at));
+            if (score > best) best = score, refined[i] = trial;
+        }
+    }
+    return refined;
+}
+}  // namespace
+
+Table<double, 2> chain_of(Array<const double, 3> pairs, Vector<const int64_t> nodes) {
+    auto chain = Table<double, 2>::zeros(pairs.extent(0), nodes.size() - 1);
+    for (int64_t k = 0; k < pairs.extent(0); ++k) {
+        for (int64_t i = 0; i + 1 < nodes.size(); ++i) chain(k, i) = pairs(k, nodes[i], nodes[i + 1]);
+    }
+    return chain;
+}
+
+void bind_segments(nanobind::module_& module) {
+    module.attr("PREFERENCE") = PREFERENCE;
+    module.attr("LEVEL_SCATTER") = LEVEL_SCATTER;
+    kernel(module, "pair_moments", &pair_moments);
+    kernel(module, "shared_slope", &shared_slope);
+    kernel(module, "jumps_of", &jumps_of);
+    kernel(module, "fit_table", &fit_table);
+    kernel(module, "refine_nodes", &refine_nodes);
+}
+
+}  // namespace rwa

@@ -1,0 +1,41 @@
+from typing import Final
+
+from rwa_monitor.diagnosis.structure import StructureArrays
+from rwa_monitor.samples import BoolArray, FloatArray, IntArray
+
+BLOCK: Final[int]
+STRETCH: Final[int]
+
+def count_signs(first: int, speed: FloatArray, good: BoolArray, signs: IntArray, counts: IntArray) -> None:
+    """Add the slots from `first` on that are good, and those forward less those backward, to their blocks."""
+
+def extend_structure(
+    x: FloatArray,
+    z: FloatArray,
+    good: BoolArray,
+    used: BoolArray,
+    start: int,
+    stop: int,
+    certain: float,
+    angle_per_x: float,
+    hop: int,
+    arrays: StructureArrays,
+) -> None:
+    """Add the slots [start, stop), which follow those added before.
+
+    Parameters
+    ----------
+    x, z, good, used
+        The whole window, (slots,) each, filled up to `stop`.
+    start, stop
+        The new slots.
+    certain
+        |ω|, normalised, from which its sign is certain.
+    angle_per_x, hop
+        See `StructureSums`.
+    arrays
+        What they are added to; not their directions.
+    """
+
+def cosines_and_sines(angle: FloatArray, cosine: FloatArray, sine: FloatArray) -> None:
+    """Write cos and sin of each angle [rad], (n,): the same on every machine, unlike libm's."""
