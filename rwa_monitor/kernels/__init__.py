@@ -1,7 +1,7 @@
 """The compiled loops: C++ with one file for each stage, in the order of the flow; `module.cpp` lists them.
 
-Arrays in, arrays out; no state, clock, file or network. A stage NAME is imported as `rwa_monitor.kernels.NAME`; its types
-and units are in NAME.pyi. `CMakeLists.txt` builds them when the package is installed.
+Arrays in, arrays out; no state, clock, file or network. A stage NAME is imported as `rwa_monitor.kernels.NAME`; types
+and units stand in NAME.pyi. `CMakeLists.txt` builds them when the package is installed.
 """
 
 import rwa_monitor.kernels._kernels  # noqa: F401

@@ -6,7 +6,6 @@ import json
 from pathlib import Path
 
 import pyarrow.parquet as pq
-import pytest
 
 from rwa_monitor.formats.labels import read_labels
 from rwa_monitor.formats.model_file import read_model
