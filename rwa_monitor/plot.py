@@ -19,7 +19,7 @@ from rwa_monitor.errors import InputError
 from rwa_monitor.live.friction import source_of
 from rwa_monitor.live.trends import CoefficientTrend, WindowFriction, wheel_trends
 from rwa_monitor.messages import Diagnosis
-from rwa_monitor.physics.torque_balance import mended_friction, torque_constant_of
+from rwa_monitor.physics.torque_balance import mended_friction, torque_constant_of, without_motor
 from rwa_monitor.physics.wheel import Wheel, built_in_wheel
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, SECONDS_PER_HOUR, FloatArray, IntArray, Samples
 
@@ -85,6 +85,7 @@ def window(samples: Samples, diagnosis: Diagnosis, wheel: Wheel | None = None) -
 
 def _friction(samples: Samples, wheel: Wheel) -> FloatArray:
     """Return the friction torque of samples [N m], derived where it is not given; around gaps only roughly then."""
+    samples = without_motor(samples, wheel)
     source = source_of(samples, wheel)
     given: FloatArray = getattr(samples, source)
     if source == "friction_torque_Nm":

@@ -12,7 +12,16 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from rwa_monitor.cli.exit_codes import UNREADABLE
-from rwa_monitor.cli.options import FILE, Decorated, FleetOptions, Whole, decoding_options, fleet_options, wheel_option
+from rwa_monitor.cli.options import (
+    FILE,
+    Decorated,
+    FleetOptions,
+    Whole,
+    decoding_options,
+    fleet_options,
+    motor_off_option,
+    wheel_option,
+)
 from rwa_monitor.cli.talk import say
 
 if TYPE_CHECKING:
@@ -82,6 +91,7 @@ def report_options(command: Decorated) -> Decorated:
 @click.command(name="discrepancy", short_help="Show what the simulation gets wrong, and name the cause.")
 @click.argument("files", nargs=-1, required=True, type=FILE, metavar="FILE...")
 @wheel_option
+@motor_off_option
 @click.option("--json", "as_json", is_flag=True, help="Print the report as one JSON object (rwa.Discrepancy).")
 @report_options
 @click.option("--each", is_flag=True, help="Each file is a wheel of its own: a report for each, many at once.")
@@ -92,6 +102,7 @@ def command(
     ctx: click.Context,
     files: tuple[Path, ...],
     wheel_file: Path | None,
+    motor_off: bool,
     as_json: bool,
     wanted: ReportOptions,
     each: bool,
@@ -108,25 +119,27 @@ def command(
 
     With --each the files are judged one by one, side by side: a line of verdict and causes, or a JSON object, for each.
     """
+    from rwa_monitor.cli.recordings import read_recordings, with_motor_off
+    from rwa_monitor.formats.wheel_file import read_wheel
+
+    wheel = with_motor_off(read_wheel(wheel_file) if wheel_file else None, motor_off=motor_off)
     if each:
         if wanted.asked_for:
             raise click.UsageError(
                 "--each gives a short report for each file; --out, --bootstrap, --held-out, --no-diagnosis and --plan"
                 " are for the report on one wheel"
             )
-        ctx.exit(_each(files, wheel_file, as_json, decoding, fleet))
+        ctx.exit(_each(files, wheel, as_json, decoding, fleet))
     if fleet.asked_for:
         raise click.UsageError("--results, --scheduler and --workers need --each: several files are one joint report")
-    from rwa_monitor.cli.recordings import read_recordings
     from rwa_monitor.discrepancy.next_flight import plan
     from rwa_monitor.formats.files import make_folder
-    from rwa_monitor.formats.wheel_file import read_wheel
     from rwa_monitor.physics.wheel import built_in_wheel
     from rwa_monitor.threads import cores, on_threads
 
-    wheel = read_wheel(wheel_file) if wheel_file else None
     if wanted.out is not None:
         make_folder(wanted.out, "--out")
+    decoding = decoding.of_wheel(wheel)
     recordings, aside = read_recordings(files, decoding), read_recordings(wanted.held_out, decoding)
     found = _search(recordings, aside, wheel or recordings.wheel or built_in_wheel(), wanted, on_threads(cores()))
     planned = plan(found) if wanted.show_plan else None
@@ -143,11 +156,14 @@ def _search(
 ) -> Search:
     """Search the recordings, with what else the report is to hold."""
     from rwa_monitor.cli.progress import status_line
+    from rwa_monitor.discrepancy.bench import as_measured
     from rwa_monitor.discrepancy.extended import viscous_in_question
     from rwa_monitor.discrepancy.find import find_discrepancy
     from rwa_monitor.discrepancy.plausible import unusual
     from rwa_monitor.discrepancy.saturation import end_stops_in_words
 
+    for note in as_measured([*recordings.samples, *aside.samples], wheel).notes:
+        say(note)
     with status_line("searching") as progress:
         for name, samples in (*recordings.samples, *aside.samples):
             for words in (unusual(samples, wheel), *end_stops_in_words(samples)):
@@ -181,15 +197,14 @@ def _print(found: Search, planned: Plan | None, as_json: bool) -> None:
 
 
 def _each(
-    files: tuple[Path, ...], wheel_file: Path | None, as_json: bool, decoding: Decoding, options: FleetOptions
+    files: tuple[Path, ...], wheel: Wheel | None, as_json: bool, decoding: Decoding, options: FleetOptions
 ) -> int:
     """Judge each file by itself, and return the exit code."""
     from rwa_monitor.cli.fleet import Fleet
     from rwa_monitor.fleet.tasks import FindDiscrepancy
-    from rwa_monitor.formats.wheel_file import read_wheel
 
     fleet = Fleet(options)
-    task = FindDiscrepancy(read_wheel(wheel_file) if wheel_file else None, decoding)
+    task = FindDiscrepancy(wheel, decoding)
     for done in fleet.each(task, files, "searching"):
         for row in done.rows:
             if as_json:
@@ -232,6 +247,7 @@ def _print_details(found: Search) -> None:
     from rich.console import Console
     from rich.table import Table
 
+    from rwa_monitor.discrepancy.bench import SCALED_ONLY
     from rwa_monitor.discrepancy.extended import extend, laws_in_words
     from rwa_monitor.discrepancy.find import CANDIDATES
     from rwa_monitor.discrepancy.lattice import steps_in_words
@@ -285,8 +301,9 @@ def _print_details(found: Search) -> None:
         console.print(f"tested and not seen, down to about: {'; '.join(not_seen)}")
     beyond = not_testable(found.problem, CANDIDATES, result.untested)
     for name, missing in sorted(result.untested, key=lambda entry: entry[0] in beyond):
-        why = "not testable" if name in beyond else "not excited"
-        console.print(f"{why}: {name} (needs {as_a_part(missing)})")
+        off = missing.startswith(SCALED_ONLY)
+        why = "not testable" if off or name in beyond else "not excited"
+        console.print(f"{why}: {name} ({'' if off else 'needs '}{as_a_part(missing)})")
 
 
 def _print_plan(planned: Plan) -> None:

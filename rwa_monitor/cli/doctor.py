@@ -119,15 +119,21 @@ def _python() -> str:
     return f"{version}, rwa-monitor {__version__}"
 
 
+# What requirements-monitor.txt leaves out of what the program needs: see docs/onboard.md.
+NOT_ON_BOARD: Final = frozenset({"jinja2", "joblib", "scikit-learn"})
+
+
 def _packages() -> str:
     """Check that every package that the program needs is there."""
     from importlib.metadata import version
 
     needed = _required()[""]
     missing = _missing(needed)
-    if missing:
+    if not NOT_ON_BOARD.issuperset(missing):
         raise RwaMonitorError(f"{', '.join(missing)} missing; run `pip install .` again")
-    return ", ".join(f"{name} {version(name)}" for name in needed)
+    there = [f"{name} {version(name)}" for name in needed if name not in missing]
+    without = [f"no {', '.join(missing)} (a monitor alone needs none)"] if missing else []
+    return ", ".join(there + without)
 
 
 # What each extra is for, in the order in which a person meets them.

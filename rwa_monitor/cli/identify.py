@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import click
 
 from rwa_monitor.cli.exit_codes import UNREADABLE
-from rwa_monitor.cli.options import FILE, FleetOptions, decoding_options, fleet_options
+from rwa_monitor.cli.options import FILE, FleetOptions, decoding_options, fleet_options, motor_off_option
 from rwa_monitor.cli.talk import say
 
 if TYPE_CHECKING:
@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     metavar="START.toml",
     help="What is known already: name, motor constants, limits.  [default: name and sample period from the data]",
 )
+@motor_off_option
 @click.option("--no-systems", is_flag=True, help="Learn nominal friction and noise only, for short recordings.")
 @click.option("--each", is_flag=True, help="Each file is a wheel of its own: a wheel file for each, many at once.")
 @decoding_options
@@ -38,6 +39,7 @@ def command(
     files: tuple[Path, ...],
     output: Path,
     wheel_file: Path | None,
+    motor_off: bool,
     no_systems: bool,
     each: bool,
     decoding: Decoding,
@@ -51,30 +53,34 @@ def command(
     are learned one by one, side by side.
     """
     from rwa_monitor.cli.progress import status_line
-    from rwa_monitor.cli.recordings import read_recordings
+    from rwa_monitor.cli.recordings import read_recordings, with_motor_off
+    from rwa_monitor.discrepancy.bench import as_measured
     from rwa_monitor.fleet.tasks import not_nominal
     from rwa_monitor.formats.files import write_text
     from rwa_monitor.formats.wheel_file import read_wheel
     from rwa_monitor.identification.identify import bare_wheel, identify
 
-    start = read_wheel(wheel_file) if wheel_file else None
+    start = with_motor_off(read_wheel(wheel_file) if wheel_file else None, motor_off=motor_off)
     if each:
         from rwa_monitor.fleet.tasks import Identify
 
         ctx.exit(_each(files, output, Identify(start, not no_systems, decoding), fleet))
     if fleet.asked_for:
         raise click.UsageError("--results, --scheduler and --workers need --each: several files are one wheel")
-    recordings = read_recordings(files, decoding)
+    recordings = read_recordings(files, decoding.of_wheel(start))
     start = start or recordings.wheel or bare_wheel(files[0].stem, recordings.samples[0][1])
+    bench = as_measured(recordings.samples, start)
+    for note in bench.notes:
+        say(note)
     with status_line("learning"):
-        learned = identify(recordings.samples, start, systems=not no_systems)
+        learned = identify(bench.recordings, bench.wheel, systems=not no_systems)
     head = "".join(f"# {note}\n" for note in learned.notes)
     write_text(output, head + learned.wheel.to_toml())
     for note in learned.notes:
         say(note)
     say(f"written to {output}")
     with status_line("diagnosing what was learned from"):
-        doubt = not_nominal(recordings.samples, learned.wheel)
+        doubt = not_nominal(bench.recordings, learned.wheel)
     if doubt:
         say(doubt)
     ctx.exit(UNREADABLE if recordings.unreadable else 0)

@@ -64,6 +64,11 @@ wheel_option = click.option(
 model_option = click.option(
     "--model", "model_file", type=FILE, metavar="M.json", help="Trained classifiers.  [default: the built-in model]"
 )
+motor_off_option = click.option(
+    "--motor-off",
+    is_flag=True,
+    help="The wheel runs down with its motor off: friction is -J dω/dt, speed and inertia_kg_m2 are enough.",
+)
 method_option = click.option(
     "--method",
     type=click.Choice(["joint", "paper"]),

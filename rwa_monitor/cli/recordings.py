@@ -34,6 +34,23 @@ class WheelRecordings:
     unreadable: bool
 
 
+def with_motor_off(wheel: Wheel | None, *, motor_off: bool) -> Wheel | None:
+    """Return the wheel with its motor off where that is asked for; a wheel of which nothing is known has no inertia.
+
+    Raises
+    ------
+    InputError
+        If it is asked for and no inertia is known.
+    """
+    from rwa_monitor.errors import InputError
+
+    if not motor_off:
+        return wheel
+    if wheel is None or wheel.inertia_kg_m2 is None:
+        raise InputError("--motor-off", "needs inertia_kg_m2 under [wheel] of the file given with --wheel")
+    return wheel.model_copy(update={"friction": wheel.friction.model_copy(update={"motor_off": True})})
+
+
 def read_recordings(files: Sequence[Path], decoding: Decoding) -> WheelRecordings:
     """Read files that are recordings of one wheel; with `decoding` where they do not name their channels.
 

@@ -225,7 +225,9 @@ def _spread(weights: FloatArray, values: Sequence[Number], stds: Sequence[Number
     """Return the root mean square distance from the first view's values to all that may be; one entry a view."""
     if weights.size == 1:
         return np.asarray(stds[0])
-    return np.asarray(np.sqrt(weights @ (np.array(stds) ** 2 + (np.array(values) - values[0]) ** 2)))
+    squares = np.array(stds) ** 2 + (np.array(values) - values[0]) ** 2
+    # Not weights @ squares: with BLAS the order of the sum, and whether it is fused, depends on the processor.
+    return np.asarray(np.sqrt((squares.T * weights).sum(axis=-1)))
 
 
 def _of_sojourns(column: IntArray, mean: FloatArray, std: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -18,6 +18,7 @@ from rwa_monitor.diagnosis.features import Features
 from rwa_monitor.diagnosis.history import Coefficient
 from rwa_monitor.diagnosis.likelihood import system_evidence
 from rwa_monitor.diagnosis.model import AnomalyModel
+from rwa_monitor.kernels.order_statistics import sum_up
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 
 SHIFT_STEPS: Final = 1024  # grid over which an unknown shift is integrated, from no shift to all of the dry friction
@@ -56,8 +57,8 @@ class Shift:
         With several such systems the data do not say how they share it, and stage 3's split of them stays.
         """
         weights = self._weights(posterior, number)
-        mean = float(weights @ self.base)
-        std = math.sqrt(max(float(weights @ (self.base_variance + (self.base - mean) ** 2)), 0.0))
+        mean = sum_up(weights * self.base)
+        std = math.sqrt(max(sum_up(weights * (self.base_variance + (self.base - mean) ** 2)), 0.0))
         if len(self.systems) != 1:
             return replace(features, base_dry_std=max(std, features.base_dry_std))
         systems = list(features.systems)
@@ -71,7 +72,7 @@ class Shift:
 
     def held_after(self, posterior: FloatArray, number: IntArray) -> float:
         """Return the probability after the window that the base is still the one of earlier windows."""
-        return float(self._weights(posterior, number) @ self.held)
+        return sum_up(self._weights(posterior, number) * self.held)
 
     def _weights(self, posterior: FloatArray, number: IntArray) -> FloatArray:
         return np.bincount(number, weights=posterior, minlength=self.base.size).astype(np.float64)
@@ -126,9 +127,9 @@ def integrate_shift(
         mass = float(weight.sum())
         if mass > 0:
             log_likelihood[number] = math.log(mass) + len(unrested) * math.log(step) + log_scale
-            mean[number] = float(weight @ base) / mass
-            variance[number] = float(weight @ (base - mean[number]) ** 2) / mass
-            held[number] = float(weight @ held_of_base[bits[0]]) / mass
+            mean[number] = sum_up(weight * base) / mass
+            variance[number] = sum_up(weight * (base - mean[number]) ** 2) / mass
+            held[number] = sum_up(weight * held_of_base[bits[0]]) / mass
     return Shift(log_likelihood, mean, variance, held, tuple(s for s, _ in unrested))
 
 

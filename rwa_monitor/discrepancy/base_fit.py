@@ -36,7 +36,7 @@ JUMP_PENALTY: Final = 3.0  # times log N, for place, size and sign of a jump (Zh
 ANNEALING: Final = (8.0, 3.0, 1.0, 1.0, 1.0, 1.0)
 CONVERGED: Final = 0.1  # change of the criterion
 TUKEY: Final = 4.685  # scales of the residual: 95 % efficient for Gaussian noise (Huber, Robust Statistics, 1981)
-MIN_USED: Final = 200  # fewer moving samples cannot tell anything apart
+MIN_USED: Final = 40  # fewer moving samples cannot tell a law of the speed from their noise
 HEAVY_SHARE: Final = 1e-3  # of samples beyond four standard deviations; Gaussian noise has 6e-5
 NEAR_CROSSING: Final = 20  # samples: bristles and balls take a few slots to turn over
 LONG_LAG_SHARE: Final = 0.02  # of the record: a lag of a few per cent of a sojourn or more
@@ -82,7 +82,8 @@ def make_problem(records: Sequence[Record], wheel: Wheel, each: Mapper = in_turn
     if z.size < MIN_USED:
         raise InputError(
             ", ".join(r.source for r in records),
-            f"only {z.size} good samples in motion; at least {MIN_USED} are needed",
+            f"only {z.size} good samples in motion; at least {MIN_USED} are needed: add rows, or further recordings of"
+            " the same wheel",
         )
     speed = np.concatenate([np.abs(r.channels.speed_rad_s)[r.used] for r in records])
     sign = np.concatenate([r.channels.direction[r.used] for r in records])

@@ -83,4 +83,4 @@ def _unbroken(problem: Problem, model: Model) -> BoolArray:
     whole = np.ones(problem.size, dtype=bool)
     for lag in range(ORDER):
         whole[np.minimum(breaks + lag, problem.size - 1)] = False
-    return whole
+    return whole if whole.any() else np.ones(problem.size, dtype=bool)  # rows of an uneven clock have gaps all over

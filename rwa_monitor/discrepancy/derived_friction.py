@@ -80,7 +80,8 @@ def derived_friction(
         raise InputError(
             source,
             "holds no friction_torque_Nm, and deriving it needs motor_current_A or motor_torque_Nm "
-            "with torque_constant_Nm_A and inertia_kg_m2 in the wheel file",
+            "with torque_constant_Nm_A and inertia_kg_m2 in the wheel file; "
+            "a run down with the motor off needs inertia_kg_m2 there and --motor-off",
         )
     friction = torque_balance.derive_friction(speed, torque, wheel)
     hole = torque_balance.derivative_taps(wheel.friction.derivative, wheel.sample_period_s).size // 2

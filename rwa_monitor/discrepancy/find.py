@@ -13,6 +13,7 @@ from rwa_monitor.discrepancy.alignment import Delay
 from rwa_monitor.discrepancy.angle_drift import with_angle_drift
 from rwa_monitor.discrepancy.angle_lines import AngleLine, angle_line, order_to_try, ripple_with
 from rwa_monitor.discrepancy.base_fit import fit, make_problem, with_noise_of
+from rwa_monitor.discrepancy.bench import EVEN_CLOCK, as_measured, not_shown_without_motor
 from rwa_monitor.discrepancy.cage import cage_bursts
 from rwa_monitor.discrepancy.delay_term import DelayTerm
 from rwa_monitor.discrepancy.extended import extend
@@ -41,12 +42,14 @@ from rwa_monitor.discrepancy.result import (
 from rwa_monitor.discrepancy.rounding import without_rounding
 from rwa_monitor.discrepancy.search import Progress, extensions, grow, rank, refit
 from rwa_monitor.discrepancy.slope_jumps import SlopeJumps, shared_strength, with_slope_jumps
+from rwa_monitor.discrepancy.smooth_search import Smooth, find_smooth, find_where_likelier
+from rwa_monitor.discrepancy.smooth_search import held_out as held_out_smooth
 from rwa_monitor.discrepancy.switching_effects import switching_effects
 from rwa_monitor.discrepancy.uncertainty import ORDER, described, spread
 from rwa_monitor.discrepancy.unexplained import judge_leftover, wandering, with_free_curves
 from rwa_monitor.discrepancy.untested import as_a_part, too_weak_to_show, untested_others
 from rwa_monitor.physics.effects.base import MeanEffect
-from rwa_monitor.physics.effects.catalogue import CATALOGUE, MEAN_EFFECTS
+from rwa_monitor.physics.effects.catalogue import CATALOGUE, MEAN_EFFECTS, NOISE_EFFECTS
 from rwa_monitor.physics.effects.torque_ripple import TorqueRipple
 from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import Samples
@@ -57,6 +60,8 @@ CANDIDATES = tuple({**MEAN_EFFECTS, **{term.name: term for term in (DelayTerm, *
 # What time or temperature shows while the speed stays as it is.
 DRIFT: Final = "run_in_drift"
 WARMING: Final = "viscosity_temperature"
+FEWEST_FOR_JUMPS: Final = 200  # samples; fewer show no jumps, and no law of the noise: only what acts without jumps
+MORE_SAMPLES: Final = f"{FEWEST_FOR_JUMPS} samples or more"
 NO_JUMPS: Final = "jumps of the friction: none is seen here"
 SHOWN_AT_REST: Final = frozenset({DRIFT, WARMING, "torque_constant_temperature"})
 
@@ -89,6 +94,9 @@ def find_discrepancy(
     InputError
         If a recording cannot be used: no friction, too few samples in motion, wrong units.
     """
+    bench = as_measured([*recordings, *held_out_recordings], wheel)
+    wheel = bench.wheel
+    recordings, held_out_recordings = bench.recordings[: len(recordings)], bench.recordings[len(recordings) :]
     known = any(block.name == DelayTerm.name for block in wheel.effect)
     delay = known_delay(wheel) if known else delay_of(recordings, wheel)
     problem = prepare(records_of(recordings, wheel, delay), wheel, each)
@@ -96,21 +104,33 @@ def find_discrepancy(
     named = delay if delay is not None and delay.slots and not known else None
     # What is left of a delay that is taken out is less than a part of a slot.
     missing = [effect for effect in candidates(wheel) if delay is None or effect is not DelayTerm]
-    tried = [effect for effect in missing if _can_show(problem, effect)]
-    problem, tried, line = _by_angle(problem, tried, wheel)
-    problem, found, leftover, complete = _explain(problem, tried, progress, wheel)
-    progress("noise and jumps")
-    cage = cage_bursts(problem, complete) if problem.has_noise else None
+    silent = not_shown_without_motor(missing, wheel)
+    tried = [effect for effect in missing if _can_show(problem, effect) and effect.name not in silent]
+    line = cage = None
+    found, leftover, complete = _base_alone(problem)
+    few = problem.size < FEWEST_FOR_JUMPS
+    if not few:
+        problem, tried, line = _by_angle(problem, tried, wheel)
+        problem, found, leftover, complete = _explain(problem, tried, progress, wheel)
+        progress("noise and jumps")
+        cage = cage_bursts(problem, complete) if problem.has_noise else None
     if cage is not None:
         # Bursts pass for jumps, and for laws of speed: what is said of anything else is said without them.
         problem = prepare(cage.quiet(problem.records), wheel, each)
         problem, found, leftover, complete = _explain(problem, tried, progress, wheel)
     others: list[FoundEffect] = []
     wanders = None
-    if problem.has_noise:
+    smooth = None if cage is not None else _without_jumps(problem, complete, tried, progress)
+    if smooth is not None:
+        found, leftover, complete = smooth.found, smooth.unexplained, smooth.found.ladder[-1]
+        problem = with_noise_of(problem, complete.fit.residual)
+    no_noise = MORE_SAMPLES if few else EVEN_CLOCK if bench.noise_is_made else None
+    if no_noise is not None:
+        silent |= dict.fromkeys(NOISE_EFFECTS, no_noise)
+    elif problem.has_noise:
         others += noise_effects(problem, complete, explained=leftover is None, in_band=cage.in_band if cage else ())
-        wanders = wandering(problem, complete)
-    if leftover is None and wanders is None:
+        wanders = wandering(problem, complete) if smooth is None else None
+    if leftover is None and wanders is None and smooth is None:
         others += switching_effects(problem, complete, wheel)
     others += [cage.effect] if cage is not None else []
     if any(effect.name == "tachometer_quantisation" for effect in others):
@@ -122,6 +142,8 @@ def find_discrepancy(
     progress("gain on held-out data")
     score = partial(held_out, problem) if aside is None else partial(on_other_recordings, problem, aside)
     scores = tuple(each(score, found.ladder))
+    if smooth is not None and aside is None:
+        scores = tuple(held_out_smooth(problem, model) for model in smooth.models)
     mean = tuple(_with_warm_up(problem, _describe(problem, found.ladder[-1], entry)) for entry in found.found)
     if named is not None:
         mean = tuple(sorted((*mean, _describe_delay(problem, named)), key=lambda effect: -effect.delta_deviance))
@@ -138,9 +160,24 @@ def find_discrepancy(
     gain = replace(_gain(problem, at_base, found.ladder[-1], scores), held_out=names)
     not_shown = [effect for effect in missing if effect.name not in {one.name for one in tried}]
     listed = _listed(found, mean, dict(_untested(problem, found, tried, wheel)), not_shown)
-    result = DiscrepancyResult(verdict, effects, leftover, listed, gain)
+    result = DiscrepancyResult(verdict, effects, leftover, tuple((dict(listed) | silent).items()), gain)
     delay_s = -named.slots * wheel.sample_period_s if named is not None else None
     return _with_simulated(Search(wheel, problem, found, scores[-len(found.ladder) :], result, delay_s))
+
+
+def _without_jumps(
+    problem: Problem, jumping: Model, effects: Sequence[type[MeanEffect]], progress: Progress
+) -> Smooth | None:
+    """Search without jumps where that is likelier than a model with jumps, and in any case where samples are few."""
+    if problem.size < FEWEST_FOR_JUMPS:
+        return find_smooth(problem, [effect for effect in effects if effect.name in MEAN_EFFECTS], progress)
+    return find_where_likelier(problem, jumping, effects, progress)
+
+
+def _base_alone(problem: Problem) -> tuple[SearchResult, None, Model]:
+    """Return the base model as a search that found nothing, nothing unexplained, and the model."""
+    base = Model((), fit(problem, np.zeros((problem.size, 0))))
+    return SearchResult((base,), (), (), -np.inf, ""), None, base
 
 
 def _with_simulated(search: Search) -> Search:

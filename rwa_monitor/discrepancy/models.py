@@ -8,6 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from rwa_monitor.discrepancy.base_fit import Fit
+from rwa_monitor.discrepancy.likelihood import NoiseLaw
 from rwa_monitor.discrepancy.terms import Term
 from rwa_monitor.physics.effects.base import MeanEffect
 from rwa_monitor.samples import FloatArray
@@ -15,10 +16,11 @@ from rwa_monitor.samples import FloatArray
 
 @dataclass(frozen=True, slots=True)
 class Model:
-    """A set of effects and its fit."""
+    """A set of effects and its fit; the law of its noise where that was fitted with it, without jumps."""
 
     terms: tuple[Term, ...]
     fit: Fit
+    law: NoiseLaw | None = None
 
     @property
     def names(self) -> tuple[str, ...]:

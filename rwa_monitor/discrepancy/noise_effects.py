@@ -224,7 +224,8 @@ def coloured_beyond_filter(residual: FloatArray, good: BoolArray, taps: FloatArr
     expected = _expected_periodogram(usable, at)
     lags = np.arange(WHITTLE_LAGS)
     of_filter = np.zeros(WHITTLE_LAGS)
-    of_filter[: taps.size] = np.correlate(taps, taps, "full")[taps.size - 1 :]
+    covariance = np.correlate(taps, taps, "full")[taps.size - 1 :][:WHITTLE_LAGS]  # of a wider filter, what fits
+    of_filter[: covariance.size] = covariance
     transfer = expected @ (of_filter / max(float(of_filter[0]), 1e-300))
     walk = 1.0 / (2.0 - 2.0 * np.cos(2 * np.pi * at))
     scale = float(np.mean(mean))

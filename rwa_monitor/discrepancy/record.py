@@ -19,6 +19,7 @@ import numpy as np
 from scipy.ndimage import correlate1d
 
 from rwa_monitor.discrepancy import alignment
+from rwa_monitor.discrepancy.bench import is_even
 from rwa_monitor.discrepancy.derived_friction import derived_friction
 from rwa_monitor.discrepancy.plausible import check_plausible
 from rwa_monitor.discrepancy.reversals import averages_over_reversals
@@ -29,10 +30,11 @@ from rwa_monitor.errors import InputError
 from rwa_monitor.physics.effects.base import Channels
 from rwa_monitor.physics.speed import wheel_angle
 from rwa_monitor.physics.wheel import Wheel
-from rwa_monitor.samples import BoolArray, FloatArray, IntArray, Samples
+from rwa_monitor.samples import NANOSECONDS_PER_SECOND, BoolArray, FloatArray, IntArray, Samples
 from rwa_monitor.slots import SlotGrid
 
 MAX_GAP_FACTOR: Final = 4  # a record may hold at most this many slots per sample; sparser ones are wrong files
+MAX_UNEVEN_FACTOR: Final = 64  # where the clock is uneven, and each row has a short slot of its own (`bench`)
 MIN_REST_SLOTS: Final = 8  # shorter stays near zero are crossings
 REST_BAND_IN_SPEED_NOISE: Final = 5.0  # within this many standard deviations the sign of ω means nothing
 SMOOTHING_REACH: Final = 6  # slots beyond the hole, on each side, from which motion is estimated
@@ -275,10 +277,13 @@ def _slots_of(samples: Samples, wheel: Wheel, source: str) -> IntArray:
     """Return the slot of each sample, int64 (n,), counted from the first; InputError for a far sparser record."""
     slot = SlotGrid(int(samples.time_ns[0]), wheel.period_ns).slot_of(samples.time_ns)
     count = int(slot[-1]) + 1
-    if count > MAX_GAP_FACTOR * len(samples):
+    most = MAX_GAP_FACTOR if is_even(samples.time_ns) else MAX_UNEVEN_FACTOR
+    if count > most * len(samples):
+        median_s = float(np.median(np.diff(samples.time_ns))) / NANOSECONDS_PER_SECOND
         raise InputError(
             source,
-            f"{len(samples)} samples span {count} slots of {wheel.sample_period_s} s; is sample_period_s right?",
+            f"{len(samples)} samples span {count} slots of {wheel.sample_period_s} s; is sample_period_s right?"
+            f" The median step of the table is {median_s:.4g} s",
             "time",
         )
     return slot

@@ -15,6 +15,7 @@ from rwa_monitor.diagnosis.features import Features
 from rwa_monitor.diagnosis.model import Model, built_in_model
 from rwa_monitor.diagnosis.results import Method
 from rwa_monitor.diagnosis.state import CarriedState
+from rwa_monitor.discrepancy.bench import as_measured
 from rwa_monitor.discrepancy.find import find_discrepancy
 from rwa_monitor.errors import InputError
 from rwa_monitor.fleet.rows import discrepancy_row, wheel_row
@@ -120,7 +121,7 @@ class Diagnose(Task):
 
     def diagnose(self, file: Path, carried: CarriedStates | None = None) -> DiagnosedFile:
         """Diagnose a file's windows; its wheels start with their `carried` state where there is one."""
-        content = read_telemetry(file, self.decoding)
+        content = read_telemetry(file, self.decoding.of_wheel(self.wheel))
         wheels = [self.wheel or telemetry.constants or built_in_wheel() for telemetry in content.telemetry]
         model = self.model or content.model or built_in_model()
         missing = dict.fromkeys(f"{wheel.name}: {note}" for wheel in wheels for note in wheel.missing())  # each once
@@ -172,10 +173,12 @@ class FindDiscrepancy(Task):
         return [self.wheel.sha256() if self.wheel else None, self.decoding.sha256()]
 
     def __call__(self, file: Path) -> Done:
-        content, telemetry, samples = _one_wheel(file, self.decoding)
-        search = find_discrepancy([samples], self.wheel or telemetry.constants or built_in_wheel(), lambda _: None)
+        content, telemetry, samples = _one_wheel(file, self.decoding.of_wheel(self.wheel))
+        bench = as_measured([samples], self.wheel or telemetry.constants or built_in_wheel())
+        search = find_discrepancy(bench.recordings, bench.wheel, lambda _: None)
         message = json.dumps(search.result.to_json(), ensure_ascii=False, allow_nan=False)
-        return Done([discrepancy_row(str(file), search.result, message)], tuple(content.problems), tuple(content.notes))
+        notes = (*content.notes, *bench.notes)
+        return Done([discrepancy_row(str(file), search.result, message)], tuple(content.problems), notes)
 
 
 @dataclass(frozen=True, slots=True)
@@ -202,17 +205,18 @@ class Identify(Task):
         return [self.start.sha256() if self.start else None, str(self.systems), self.decoding.sha256()]
 
     def __call__(self, file: Path) -> Done:
-        content, telemetry, samples = _one_wheel(file, self.decoding)
+        content, telemetry, samples = _one_wheel(file, self.decoding.of_wheel(self.start))
         start = self.start or telemetry.constants or bare_wheel(file.stem, samples[1])
         name = display_name(file)
         try:
-            learned = identify([samples], start, systems=self.systems)
+            bench = as_measured([samples], start)
+            learned = identify(bench.recordings, bench.wheel, systems=self.systems)
         except InputError as error:  # of one of many recordings: which of them must be said
             source = "" if error.source in {name, "identify"} else f"{error.source}: "
             raise InputError(name, f"{source}{error.reason}", error.place) from error
-        doubt = not_nominal([samples], learned.wheel)
+        doubt = not_nominal(bench.recordings, learned.wheel)
         own = [f"{name}: {note}" for note in (*learned.notes, *((doubt,) if doubt else ()))]
-        return Done([wheel_row(str(file), learned)], tuple(content.problems), (*content.notes, *own))
+        return Done([wheel_row(str(file), learned)], tuple(content.problems), (*content.notes, *bench.notes, *own))
 
 
 def not_nominal(recordings: Sequence[tuple[str, Samples]], wheel: Wheel) -> str:

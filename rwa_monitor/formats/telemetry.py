@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Final, Protocol
 
@@ -98,10 +98,17 @@ class Decoding:
         Which parameter or topic is which channel of which wheel (`telemetry_map`).
     xtce
         What space packets look like.
+    motor_off
+        Whether a table of time and speed alone will do: with the motor off friction is the inertia's torque.
     """
 
     map: TextFile | None = None
     xtce: TextFile | None = None
+    motor_off: bool = False
+
+    def of_wheel(self, wheel: Wheel | None) -> Decoding:
+        """Return what telemetry of a wheel is read with."""
+        return replace(self, motor_off=bool(wheel is not None and wheel.friction.motor_off))
 
     def sha256(self) -> str | None:
         """Return a hash of both texts; None where there is none."""

@@ -15,6 +15,7 @@ from typing import Final
 import numpy as np
 
 from rwa_monitor.discrepancy.base_fit import fit, make_problem
+from rwa_monitor.discrepancy.bench import as_measured
 from rwa_monitor.discrepancy.known_effects import without_known_effects
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.record import left_out_in_words, make_record
@@ -96,6 +97,8 @@ def identify(recordings: Sequence[tuple[str, Samples]], start: Wheel, *, systems
     InputError
         If a recording cannot be used, or there is too little to learn a law from; says how much more is needed.
     """
+    bench = as_measured(recordings, start)
+    recordings, start = bench.recordings, bench.wheel
     bare = start.model_copy(update={"nominal": None, "fss": (), "noise": Noise(), "effect": ()})
     problem = make_problem(
         [without_known_effects(make_record(samples, bare, name), start) for name, samples in recordings], bare

@@ -12,6 +12,7 @@ from rwa_monitor.discrepancy.unit_check import first_slope
 from rwa_monitor.physics.wheel import Wheel
 
 MOTION_VISIBLE_AT: Final = 10.0  # standard deviations of an inertia left in friction, its noise taken to be white
+BENT_VISIBLE_AT: Final = 10.0  # standard deviations of drag with the square of the speed, its noise taken to be white
 MOTION_SHARE: Final = 0.02  # of all friction (rms): less does no harm to what is learned
 
 
@@ -19,7 +20,9 @@ def why_negative(problem: Problem, fitted: Fit, wheel: Wheel, finding: str) -> s
     """Say why friction comes out negative, or ask.
 
     In this order: at one speed dry and viscous friction are one number, of which each may be anything; torque that
-    drives the rotation has the wrong sign; friction that follows the acceleration holds a part of the inertia's torque.
+    drives the rotation has the wrong sign; drag that grows faster than the speed leaves less than nothing for the dry
+    friction, and while a wheel runs down it would pass for an inertia; friction that follows the acceleration holds a
+    part of the inertia's torque.
 
     Parameters
     ----------
@@ -34,6 +37,11 @@ def why_negative(problem: Problem, fitted: Fit, wheel: Wheel, finding: str) -> s
         return at_one_speed(problem, fitted)
     if float(np.mean(problem.z)) < 0:
         return f"{finding}, and torque drives the rotation on the average: is the sign of speed or torque right?"
+    if _grows_faster_than_speed(problem, fitted):
+        return (
+            f"{finding}, and drag grows faster than the speed, as windage does: a law is missing, which"
+            " rwa-monitor discrepancy names; its extended_wheel.toml, given with --wheel, lets the rest be learned"
+        )
     motion = motion_in_friction(problem, fitted, wheel)
     if motion is not None:
         return f"{finding}, and {motion}"
@@ -41,6 +49,14 @@ def why_negative(problem: Problem, fitted: Fit, wheel: Wheel, finding: str) -> s
         f"{finding}: drag falls with the speed; is the range of speeds small, or the bearing warmer while the wheel is"
         " fast?"
     )
+
+
+def _grows_faster_than_speed(problem: Problem, fitted: Fit) -> bool:
+    """Return whether friction beyond the base law bends upwards over the speed."""
+    first = segment_starts(problem, fitted.jumps)
+    design = remove_levels(np.column_stack([problem.speed**2, problem.speed]), first)
+    value, std = first_slope(design, remove_levels(problem.z, first))
+    return value > BENT_VISIBLE_AT * std
 
 
 def at_one_speed(problem: Problem, fitted: Fit) -> str:
@@ -61,6 +77,8 @@ def motion_in_friction(problem: Problem, fitted: Fit, wheel: Wheel) -> str | Non
     problem, fitted, wheel
         As for `why_negative`.
     """
+    if wheel.friction.motor_off:  # friction is the inertia's torque
+        return None
     along = problem.sign * problem.gather([record.channels.acceleration_rad_s2 for record in problem.records])
     first = segment_starts(problem, fitted.jumps)
     design = remove_levels(np.column_stack([along, problem.speed]), first)

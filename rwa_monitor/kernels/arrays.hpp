@@ -6,7 +6,7 @@
 // A struct with a member `fields()` that ties its members in their order is taken from the NamedTuple of that shape.
 //
 // Kernels run without the interpreter's lock (`kernel(module, "name", function)`) and check no index: what calls them
-// does. The tests run under AddressSanitizer with `make sanitize`.
+// does. `make sanitize` runs the tests with every index checked, under AddressSanitizer.
 #pragma once
 
 #include <nanobind/nanobind.h>
@@ -16,6 +16,7 @@
 #include <array>
 #include <cstddef>
 #include <cstdint>
+#include <cstdlib>
 #include <tuple>
 #include <type_traits>
 #include <utility>
@@ -27,6 +28,12 @@
 #define VECTORISED __attribute__((target_clones("arch=x86-64-v3", "default")))
 #else
 #define VECTORISED
+#endif
+
+#ifdef RWA_SANITIZE
+#define REQUIRE(condition) ((condition) ? void() : std::abort())
+#else
+#define REQUIRE(condition) void()
 #endif
 
 namespace rwa {
@@ -49,16 +56,19 @@ struct Array {
     T& operator()(Index... index) const {
         static_assert(sizeof...(Index) == N, "one index for each axis");
         std::size_t place = 0, axis = 0;
-        ((place = place * shape[axis++] + static_cast<std::size_t>(index)), ...);
+        ((REQUIRE(static_cast<std::size_t>(index) < shape[axis]),
+          place = place * shape[axis++] + static_cast<std::size_t>(index)), ...);
         return data[place];
     }
     T& operator[](std::int64_t index) const {
         static_assert(N == 1, "use (i, j)");
+        REQUIRE(static_cast<std::size_t>(index) < shape[0]);
         return data[index];
     }
     // The sub-array at the first index: a row of a table.
     Array<T, N - 1> row(std::int64_t index) const {
         static_assert(N > 1, "a vector has no rows");
+        REQUIRE(static_cast<std::size_t>(index) < shape[0]);
         Array<T, N - 1> part;
         std::size_t product = 1;
         for (std::size_t axis = 1; axis < N; ++axis) product *= part.shape[axis - 1] = shape[axis];
@@ -68,6 +78,7 @@ struct Array {
     // The elements [start, stop) of a vector.
     Array slice(std::int64_t start, std::int64_t stop) const {
         static_assert(N == 1, "only of a vector");
+        REQUIRE(start >= 0 && (stop <= start || static_cast<std::size_t>(stop) <= shape[0]));
         return {data + start, {static_cast<std::size_t>(stop > start ? stop - start : 0)}};
     }
     operator Array<const T, N>() const { return {data, shape}; }

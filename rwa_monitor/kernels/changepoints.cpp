@@ -277,7 +277,7 @@ std::tuple<Table<std::int64_t, 1>, Table<std::int64_t, 1>> ends_of_gaps(const Su
             continue;
         }
         if (begin > 0 && end - begin >= LONG_GAP) {
-            const bool* last = sums.used.begin() + std::min(end + STRIDE, sums.used.size());
+            const bool* last = sums.used.begin() + std::min(end + STRIDE, slots);
             const bool* there = std::find(sums.used.begin() + end, last, true);
             if (there != last) {
                 index.push_back(there - sums.used.begin());

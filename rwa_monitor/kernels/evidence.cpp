@@ -254,7 +254,9 @@ VECTORISED void mark_used(const double* __restrict x, const bool* good, double b
 }
 
 void mark_used(const Window& window, std::int64_t start, std::int64_t stop) {
-    mark_used(&window.x[start], &window.good[start], window.learned.numbers[BAND], stop - start, &window.used[start]);
+    mark_used(
+        window.x.data + start, window.good.data + start, window.learned.numbers[BAND], stop - start,
+        window.used.data + start);
 }
 
 // The median size of the second differences of the good samples; 0 with less than three.

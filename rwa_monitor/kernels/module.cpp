@@ -22,7 +22,8 @@
     DO(estimation)        \
     DO(assignment)        \
     DO(chain_decoding)    \
-    DO(adequacy)
+    DO(adequacy)          \
+    DO(state_space)
 
 namespace rwa {
 #define DECLARE(stage) void bind_##stage(nanobind::module_&);

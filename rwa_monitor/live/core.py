@@ -37,6 +37,7 @@ from rwa_monitor.live.order_guard import PIECE_SLOTS, OrderGuard, Rows
 from rwa_monitor.live.sequencer import Batch, Counts, Sequencer
 from rwa_monitor.live.settings_check import SettingsCheck
 from rwa_monitor.live.windows import Windows, forget_positions
+from rwa_monitor.physics.torque_balance import without_motor
 from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import FloatArray, IntArray, Samples
 from rwa_monitor.slots import SlotGrid
@@ -121,6 +122,7 @@ class WheelCore:
         InputError
             If `check` would; nothing is taken then.
         """
+        samples = without_motor(samples, self.wheel)
         if not self._source:
             self._source = source_of(samples, self.wheel)
             if self._source != self._windows.friction.source:
@@ -152,7 +154,7 @@ class WheelCore:
     def check(self, samples: Samples) -> None:
         """Raise InputError if friction is neither given in the first message nor can be derived from it."""
         if not self._source:
-            source_of(samples, self.wheel)
+            source_of(without_motor(samples, self.wheel), self.wheel)
 
     # ---- samples into slots -----------------------------------------------------------------------------------------
 

@@ -7,6 +7,7 @@ that it leaves is coloured, and the later stages get its autocovariance from her
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -14,7 +15,7 @@ import numpy as np
 from rwa_monitor.errors import InputError
 from rwa_monitor.kernels import torque_balance as kernels
 from rwa_monitor.physics.wheel import Derivative, Wheel
-from rwa_monitor.samples import FloatArray
+from rwa_monitor.samples import FloatArray, Samples
 
 MAX_HALF_WIDTH: Final = (
     5_000  # slots; a wider derivative is a wrong window_s, and would see nothing of a wheel's motion
@@ -31,6 +32,23 @@ def friction_torque(motor_torque_Nm: FloatArray, acceleration_rad_s2: FloatArray
 def motor_torque(friction_torque_Nm: FloatArray, acceleration_rad_s2: FloatArray, inertia_kg_m2: float) -> FloatArray:
     """Return the motor torque that a motion asks for [N m], float64 (n,): the inverse of `friction_torque`."""
     return inertia_kg_m2 * acceleration_rad_s2 + friction_torque_Nm
+
+
+def without_motor(samples: Samples, wheel: Wheel) -> Samples:
+    """Return the samples with a motor torque of zero, where the motor is off and no torque is given.
+
+    Friction is then -J dω/dt, and no torque constant is needed; a current that is read beside is none of the motor's.
+
+    Raises
+    ------
+    InputError
+        If friction is to be derived so, and the wheel has no inertia.
+    """
+    given = samples.friction_torque_Nm is not None or samples.motor_torque_Nm is not None
+    if not wheel.friction.motor_off or given:
+        return samples
+    inertia_of(wheel)
+    return replace(samples, motor_torque_Nm=np.zeros(len(samples)))
 
 
 def half_width(derivative: Derivative, period_s: float) -> int:

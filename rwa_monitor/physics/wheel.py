@@ -52,9 +52,10 @@ class Derivative(Strict):
 
 
 class FrictionFilter(Strict):
-    """Settings of the friction derived from current and speed."""
+    """Settings of derived friction: from current and speed, or with the motor off from speed alone, as -J dω/dt."""
 
     derivative: Derivative = Derivative()
+    motor_off: bool | None = None  # unset where the motor is on
 
 
 class Limits(Strict):

@@ -21,7 +21,7 @@ def said_by(package: Path, site: Path) -> str:
     """Return what a package says of itself when the site's metadata are the ones that Python finds."""
     path = os.pathsep.join([str(site), str(package.parent)])
     code = "from rwa_monitor import __version__; print(__version__)"
-    command, environment = [sys.executable, "-P", "-c", code], os.environ | {"PYTHONPATH": path}
+    command, environment = [sys.executable, "-S", "-P", "-c", code], os.environ | {"PYTHONPATH": path}
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
     return done.stdout.strip()
 

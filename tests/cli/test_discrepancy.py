@@ -58,7 +58,7 @@ def rpm(table: Columns) -> Columns:
 
 
 REFUSED = {
-    "too short": (lambda: columns(count=150, speed=swing(150)), "at least 200"),
+    "too short": (lambda: columns(count=30, speed=swing(30)), "at least 40"),
     "nothing to derive friction from": (
         lambda: {name: columns()[name] for name in ("time_s", "speed_rad_s")},
         "friction cannot be derived: the table has none of friction_torque_Nm, motor_torque_Nm, motor_current_A",
@@ -91,6 +91,18 @@ def test_what_cannot_be_used_is_refused_in_one_sentence(case: str, tmp_path: Pat
     (line,) = done.stderr.strip().splitlines()
     assert "t.csv" in line
     assert words in line
+
+
+@pytest.mark.parametrize("command", [["discrepancy"], ["identify", "-o", "learned.toml", "--no-systems"]])
+def test_motor_off_without_an_inertia_is_refused_in_one_sentence(command: list[str], tmp_path: Path) -> None:
+    table = {name: columns()[name] for name in ("time_s", "speed_rad_s")}
+    (tmp_path / "wheel.toml").write_text('[wheel]\nname = "bench"\nsample_period_s = 0.125\n')
+    write(tmp_path / "t.csv", table)
+    words = [*PROGRAM[:-1], *command, "t.csv", "--wheel", "wheel.toml", "--motor-off"]
+    done = subprocess.run(words, capture_output=True, text=True, timeout=500, check=False, cwd=tmp_path)
+    assert done.returncode == 2
+    (line,) = done.stderr.strip().splitlines()
+    assert "--motor-off: needs inertia_kg_m2 under [wheel]" in line
 
 
 def test_a_constant_speed_cannot_tell_and_says_what_it_lacks(tmp_path: Path) -> None:

@@ -158,6 +158,17 @@ def test_a_missing_driver_of_the_database_is_told_with_what_installs_it() -> Non
     assert "psycopg is missing: pip install 'rwa-monitor[postgresql]'" in done.stderr
 
 
+def test_without_arrow_a_csv_is_written_and_what_is_left_out_is_named(tmp_path: Path) -> None:
+    hint = "pyarrow is missing: pip install 'rwa-monitor[parquet]'\n"
+    done = without_package("pyarrow", "simulate", "recording", "-o", str(tmp_path / "x.csv"))
+    assert done.returncode == 0, done.stderr
+    assert done.stderr.startswith(f"rwa-monitor: no table of the truth in every slot: {hint}")
+    assert {path.name for path in tmp_path.iterdir()} == {"x.csv", "x.csv.truth.json"}
+    (tmp_path / "y.parquet").write_bytes(b"PAR1")
+    refused = without_package("pyarrow", "diagnose", str(tmp_path / "y.parquet"))
+    assert (refused.returncode, refused.stderr) == (1, f"rwa-monitor: {hint}")
+
+
 RUN = """
 import sys
 from rwa_monitor.live import service

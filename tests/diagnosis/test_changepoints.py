@@ -255,6 +255,14 @@ def test_one_contrast_from_running_sums_is_the_two_fits(seed, share, w):
     assert jump == pytest.approx(expected_jump, rel=1e-6, abs=1e-9)
 
 
+def test_a_gap_at_the_end_of_a_short_window_looks_at_no_slot_behind_it() -> None:
+    used = np.ones(6_000, dtype=np.bool_)
+    used[1_000:4_000] = False
+    sums = RunningSums(np.ones(6_000), np.ones(6_000), used)
+    sums.extend(4_000)  # what lies behind was never written: it may be anything
+    assert peaks_behind_gaps(sums).index.size == 0
+
+
 def test_a_peak_stands_behind_each_long_gap_and_nowhere_else():
     used = np.ones(6_000, dtype=bool)
     for begin, end in ((0, 200), (1_000, 1_050), (2_003, 2_130), (4_000, 4_900)):

@@ -70,8 +70,8 @@ def test_a_level_never_reaches_from_one_record_to_the_next() -> None:
 
 
 def test_too_few_moving_samples_are_refused() -> None:
-    made = make_record(record(swing()[:150], jumps=())[0], WHEEL, "short")
-    with pytest.raises(InputError, match="at least 200"):
+    made = make_record(record(swing()[:30], jumps=())[0], WHEEL, "short")
+    with pytest.raises(InputError, match="at least 40 are needed: add rows"):
         make_problem([made], WHEEL)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import html.parser
 import json
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -140,6 +141,18 @@ def test_the_page_stands_alone_and_is_the_same_each_time(found: Search) -> None:
         assert word in text
     assert report.html(found, ["hidden.csv"]) == text
     assert "rwa-monitor 0.1.0, build 0.1.0+gabc" in report.html(found, ["hidden.csv"], "0.1.0+gabc")
+
+
+def test_without_matplotlib_the_page_has_no_pictures_and_names_what_is_missing(
+    found: Search, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "matplotlib", None)
+    monkeypatch.delitem(sys.modules, "rwa_monitor.discrepancy.figures")
+    monkeypatch.delattr("rwa_monitor.discrepancy.figures")
+    page = report.html(found, ["hidden.csv"])
+    assert "<svg" not in page
+    assert "pip install 'rwa-monitor[plot]'" in page
+    assert CATALOGUE["stribeck"].formula[:4] in page
 
 
 @pytest.mark.parametrize("name", CATALOGUE)

@@ -98,6 +98,11 @@ SAID = {
         "day.ccsds  sat-1/wheel_1  0.000 s to 10000.000 s",
         "NOMINAL  All friction is nominal",
     ),
+    "test_bench.md": (
+        "The simulation lacks quadratic drag (windage).\n",
+        "The simulation lacks stribeck",
+        "motor off: friction is -J dω/dt, which the inertia only scales",
+    ),
     "python.md": (
         "anomalous Viscous friction is",
         "own arrays: nominal",

@@ -195,7 +195,7 @@ def step_section(laps: list[Lap], cost: dict[int, float]) -> Section:
             Target(
                 f"incremental step at batches of {live.BATCH} / the same core at once, per sample",
                 step / at_once,
-                2.0,
+                4.0,
                 least=False,
                 absolute=f"{step / STEP_SAMPLES * NANO:.0f} ns, {at_once / STEP_SAMPLES * NANO:.0f} ns a sample; "
                 f"stage 1 alone {median[live.STEP_STAGE] / STEP_SAMPLES * NANO:.0f} ns, "

@@ -15,7 +15,7 @@ COMMAND: Final = "rwa-monitor benchmark speed"
 HOW: Final = (
     "All that is compared ran in one process on one core, in turns, so that whatever else the machine did hit all "
     "alike: the ratios are what counts. Times are processor times of the thread that worked; those of windows are the "
-    "least of three runs each, those of kernels medians with their quartiles. Compiling is not in them."
+    "least of three runs each, those of kernels medians with their quartiles."
 )
 
 

@@ -30,11 +30,11 @@ class LubricantLag(MeanEffect):
         "That lubricant distribution governs the drag of wheels in flight: the paper, section III, and its reference "
         "of 2015, taken to be A. Y. Lee, E. K. Wang, In-flight performance of Cassini reaction wheel bearing drag in "
         "1997–2013, Journal of Spacecraft and Rockets 52(2), 2015. The first-order form and its range, 10 s to 30 "
-        "min, are working assumptions."
+        "min, are working assumptions; what relaxes within a second is the drive's or a filter's, not a lubricant's."
     )
     parameters = (
         Parameter("strength_Nm_s_rad", "N m s/rad", -np.inf, np.inf, 1.0e-6, linear=True),
-        Parameter("time_constant_s", "s", 0.02, 1.0e4, 120.0),
+        Parameter("time_constant_s", "s", 1.0, 1.0e4, 120.0),
     )
 
     @classmethod

@@ -1,0 +1,223 @@
+"""Recordings of test benches as the search takes them: a motor that is off, and clocks that do not tick evenly.
+
+Every row keeps its own value where friction is given, or where the motor is off and friction is the inertia's torque
+alone: the slots are made so short that each row has one of its own, and those between stay empty. Interpolated friction
+would have coloured noise that grows where rows are sparse, and both would be found. Only where friction is derived from
+a motor torque are speed and torque interpolated, as the filter for dω/dt needs neighbours.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Final
+
+import numpy as np
+
+from rwa_monitor.physics.effects.base import Channels, MeanEffect
+from rwa_monitor.physics.torque_balance import inertia_of, without_motor
+from rwa_monitor.physics.wheel import Wheel
+from rwa_monitor.samples import CHANNELS, NANOSECONDS_PER_SECOND, BoolArray, FloatArray, IntArray, Samples
+
+OFF_A_STEP: Final = 0.05  # of the median step, from the nearest whole number of them: a step of an uneven clock
+UNEVEN_SHARE: Final = 0.1  # of the steps; fewer are single late samples
+FINEST: Final = 8  # slots in a median step; rows that are closer still share one, and the first counts
+LONGEST_BRIDGE: Final = 4.0  # median steps between two rows over which values are interpolated
+NEAR_PERIOD: Final = (0.8, 1.25)  # median step over the wheel's period: so near, that period is kept
+LEAST_HALF: Final = 2  # rows to each side from which dω/dt is told
+MOST_HALF: Final = 200
+SCALED_ONLY: Final = "motor off: friction is -J dω/dt, which the inertia only scales"
+EVEN_CLOCK: Final = "an even clock: here the noise has the colour of slopes over several rows, or of interpolation"
+NO_TORQUE: Final = f"{SCALED_ONLY}, and the motor gives no torque"
+
+
+@dataclass(frozen=True, slots=True)
+class Bench:
+    """Recordings of one wheel that fit its grid of slots.
+
+    Attributes
+    ----------
+    recordings
+        Name and samples of each.
+    wheel
+        With the sample period that fits them.
+    notes
+        What was done to them, a sentence each.
+    noise_is_made
+        Whether noise has the colour of what was done: of slopes over several rows, or of straight lines between them.
+    """
+
+    recordings: list[tuple[str, Samples]]
+    wheel: Wheel
+    notes: list[str]
+    noise_is_made: bool = False
+
+
+def is_even(time_ns: IntArray) -> bool:
+    """Return whether the clock ticks evenly: steps are the median step, or whole multiples where samples are lost."""
+    if time_ns.size < 3:
+        return True
+    steps = np.diff(time_ns) / np.median(np.diff(time_ns))
+    off = np.abs(steps - np.maximum(np.rint(steps), 1.0)) > OFF_A_STEP
+    return float(np.mean(off)) <= UNEVEN_SHARE
+
+
+def as_measured(recordings: Sequence[tuple[str, Samples]], wheel: Wheel) -> Bench:
+    """Return recordings of a wheel on one even grid; unchanged where they are. What it returns it leaves unchanged.
+
+    Raises
+    ------
+    InputError
+        If the motor is off, friction is not given, and the wheel has no inertia.
+    """
+    even = {name: is_even(samples.time_ns) for name, samples in recordings}
+    if all(even.values()):
+        return Bench([(name, without_motor(samples, wheel)) for name, samples in recordings], wheel, [])
+    rows = [(name, samples if even[name] else _with_slope_friction(samples, wheel)) for name, samples in recordings]
+    own = all(samples.friction_torque_Nm is not None for _, samples in rows)
+    period_s = _shortest_s([samples for _, samples in rows]) if own else _period_s([s for _, s in rows], wheel)
+    wheel = wheel.model_copy(update={"sample_period_s": period_s})
+    found, notes = [], []
+    for name, samples in rows:
+        fitted = samples if even[name] else _in_slots(samples, wheel) if own else _interpolated(samples, wheel)
+        found.append((name, without_motor(fitted, wheel)))
+        if not even[name]:
+            notes.append(f"{name}: {_in_words(samples, fitted, period_s, own=own)}")
+    made = any(samples.friction_torque_Nm is None and not even[name] for name, samples in recordings)
+    return Bench(found, wheel, notes, made)
+
+
+def not_shown_without_motor(effects: Sequence[type[MeanEffect]], wheel: Wheel) -> dict[str, str]:
+    """Return the effects that no record shows while the motor is off, with the reason; none where it is on."""
+    if not wheel.friction.motor_off:
+        return {}
+    reasons = {effect.name: _why_not_shown(effect) for effect in effects}
+    return {name: why for name, why in reasons.items() if why is not None}
+
+
+def _why_not_shown(effect: type[MeanEffect]) -> str | None:
+    """Say why an effect cannot show: it follows the motor's torque, or is nothing without acceleration."""
+    if "motor_torque_Nm" in effect.needs:
+        return NO_TORQUE
+    shape = {parameter.name: parameter.typical for parameter in effect.shape_parameters()}
+    moving = _run_down()
+    steady = replace(moving, acceleration_rad_s2=np.zeros(len(moving)))
+    there, gone = (np.nan_to_num(effect.columns(channels, shape)[0]) for channels in (moving, steady))
+    return SCALED_ONLY if there.any() and not gone.any() else None
+
+
+def _run_down(count: int = 64) -> Channels:
+    """Return a motion that slows down evenly."""
+    speed = np.linspace(20.0, 1.0, count)
+    ones = np.ones(count)
+    return Channels(
+        time_s=np.arange(count, dtype=np.float64),
+        speed_rad_s=speed,
+        direction=ones,
+        acceleration_rad_s2=np.gradient(speed),
+        angle_rad=np.cumsum(speed),
+        motor_torque_Nm=None,
+        bearing_temperature_degC=30.0 + ones,
+        dry_level_Nm=ones,
+        sample_period_s=1.0,
+        good=np.ones(count, dtype=bool),
+    )
+
+
+def _steps_s(samples: Samples) -> FloatArray:
+    return np.asarray(np.diff(samples.time_ns) / NANOSECONDS_PER_SECOND)
+
+
+def _shortest_s(recordings: Sequence[Samples]) -> float:
+    """Return a period so short that every row has a slot of its own, but for rows much closer than usual [s]."""
+    steps = [_steps_s(samples) for samples in recordings]
+    return min(max(float(step.min()), float(np.median(step)) / FINEST) for step in steps if step.size)
+
+
+def _period_s(recordings: Sequence[Samples], wheel: Wheel) -> float:
+    """Return the wheel's period where it is about the median step, else that [s]."""
+    median = float(np.median(np.concatenate([_steps_s(samples) for samples in recordings])))
+    low, high = NEAR_PERIOD
+    return wheel.sample_period_s if low < median / wheel.sample_period_s < high else median
+
+
+def _in_slots(samples: Samples, wheel: Wheel) -> Samples:
+    """Return the first row of each slot."""
+    slot = np.rint((samples.time_ns - samples.time_ns[0]) / wheel.period_ns)
+    return samples[np.unique(slot, return_index=True)[1]]
+
+
+def _interpolated(samples: Samples, wheel: Wheel) -> Samples:
+    """Return all channels on an even grid, by straight lines; NaN where rows are far apart."""
+    time = samples.time_ns
+    grid = np.arange(time[0], time[-1] + 1, wheel.period_ns, dtype=np.int64)
+    longest = LONGEST_BRIDGE * float(np.median(np.diff(time)))
+    columns: dict[str, Any] = {
+        name: _on_lines(grid, time, values, longest)
+        for name in CHANNELS
+        if (values := getattr(samples, name)) is not None
+    }
+    return Samples(time_ns=grid, **columns)
+
+
+def _on_lines(grid: IntArray, time: IntArray, values: FloatArray, longest: float) -> FloatArray:
+    """Return values at other times [ns], NaN between rows that are further apart than `longest` [ns]."""
+    known = np.isfinite(values)
+    if not known.any():
+        return np.full(grid.size, np.nan)
+    at, before = time[known], np.searchsorted(time[known], grid, side="right") - 1
+    after = np.minimum(before + 1, at.size - 1)
+    far: BoolArray = (at[after] - at[np.maximum(before, 0)] > longest) & (at[np.maximum(before, 0)] != grid)
+    outside = (grid < at[0]) | (grid > at[-1])
+    lines = np.interp((grid - time[0]).astype(np.float64), (at - time[0]).astype(np.float64), values[known])
+    return np.where(far | outside, np.nan, lines)
+
+
+def _with_slope_friction(samples: Samples, wheel: Wheel) -> Samples:
+    """Return rows with friction -J dω/dt where the motor is off and neither friction nor motor torque is given.
+
+    dω/dt is the slope at a row of the least-squares parabola through its neighbours at their own times.
+    """
+    if without_motor(samples, wheel) is samples:
+        return samples
+    slope = _slopes(samples, wheel.friction.derivative.window_s)
+    return replace(samples, friction_torque_Nm=-inertia_of(wheel) * slope)
+
+
+def _slopes(samples: Samples, window_s: float) -> FloatArray:
+    """Return dω/dt at each row [rad/s²], float64 (n,); NaN at ends and beside missing values."""
+    half = _half(samples, window_s)
+    result = np.full(len(samples), np.nan)
+    if len(samples) <= 2 * half:
+        return result
+    time = (samples.time_ns - samples.time_ns[0]) / NANOSECONDS_PER_SECOND
+    windows = np.lib.stride_tricks.sliding_window_view
+    offset = windows(time, 2 * half + 1) - time[half:-half, None]
+    scale = np.abs(offset).max(axis=1, keepdims=True)
+    offset = offset / scale
+    powers = np.stack([np.sum(offset**power, axis=1) for power in range(5)], axis=1)
+    gram = powers[:, np.add.outer(np.arange(3), np.arange(3))]
+    speed = windows(samples.speed_rad_s, 2 * half + 1)
+    moment = np.stack([np.sum(speed * offset**power, axis=1) for power in range(3)], axis=1)
+    result[half:-half] = np.linalg.solve(gram, moment[..., None])[:, 1, 0] / scale[:, 0]
+    return result
+
+
+def _half(samples: Samples, window_s: float) -> int:
+    """Return how many rows to each side tell dω/dt."""
+    return int(np.clip(round(window_s / float(np.median(_steps_s(samples))) / 2), LEAST_HALF, MOST_HALF))
+
+
+def _in_words(rows: Samples, fitted: Samples, period_s: float, *, own: bool) -> str:
+    """Say what was done to a recording whose clock is uneven."""
+    steps = _steps_s(rows)
+    uneven = f"time steps are uneven ({steps.min():.3g} to {steps.max():.3g} s, median {np.median(steps):.3g} s)"
+    if not own:
+        return (
+            f"{uneven}: {len(rows)} rows are interpolated by straight lines to {len(fitted)} samples,"
+            f" one each {period_s:.4g} s"
+        )
+    lost = len(rows) - len(fitted)
+    return f"{uneven}: {len(fitted)} rows keep their values in slots of {period_s:.4g} s" + (
+        f"; {lost} closer ones are left out" if lost else ""
+    )

@@ -1,0 +1,273 @@
+"""The exact likelihood of a law of friction without jumps, its noise refitted under every law.
+
+    y_k = s_k l + Σ β_j φ_j + a_k + w_k,   a: AR(1),   w: white,   both growing with the speed
+
+The level l of each recording is a draw about a common one; dry and viscous friction are not negative. Noise that is
+estimated once, from what the base law leaves, would hold the very effect that is looked for. Scores are twice the
+negative log-likelihood, its scale profiled out, plus log N for each parameter (BIC; G. Schwarz, Annals of Statistics 6,
+1978): the lower the better.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any, Final, Self
+
+import numpy as np
+from scipy import linalg, optimize, special
+
+from rwa_monitor.discrepancy.problem import Problem
+from rwa_monitor.kernels.state_space import whiten
+from rwa_monitor.samples import FloatArray, IntArray
+
+Score = Callable[["NoiseLaw"], float]
+
+ROUNDS: Final = 4  # of coefficients and noise in turn
+SETTLED: Final = 0.1  # of the score
+SMALLEST: Final = 1e-300  # of what is divided by
+# Ends of the noise's parameters, beyond which a law is no other one: shares of white noise from 3e-4 to 1 - 3e-4,
+# memory of up to a thousand samples, growth by a factor of a hundred, levels a thousand noises apart.
+WIDEST_SHARE: Final = 8.0
+LONGEST_MEMORY: Final = 7.0
+LARGEST_GROWTH: Final = 4.6
+LARGEST_SPREAD: Final = 14.0
+LEVELS_APART: Final = 100.0  # the spread of levels that a fit starts from
+SIMPLEX: Final = np.array([[0.0, 0.0], [0.7, 0.0], [0.0, 0.7]])  # of logits, from which a fit of the colour starts
+NOTHING: Final[tuple[dict[str, float], ...]] = (  # each parameter as it is where it is not in use
+    {"white": 1.0, "correlation": 0.0},
+    {"growth": 0.0},
+    {"level_spread": 0.0},
+)
+
+
+@dataclass(frozen=True, slots=True)
+class NoiseLaw:
+    """The noise's law; its scale is fitted with the coefficients.
+
+    Attributes
+    ----------
+    white
+        Share of the variance that is white; the rest is AR(1).
+    correlation
+        φ of the AR(1) part from slot to slot.
+    growth
+        Logarithm of the ratio of the standard deviations at the largest speed and at rest; linear between.
+    level_spread
+        Variance of the recordings' levels about the common one, in variances of the noise.
+    """
+
+    white: float = 1.0
+    correlation: float = 0.0
+    growth: float = 0.0
+    level_spread: float = 0.0
+
+    @property
+    def apart(self) -> NoiseLaw:
+        """The law where the levels of recordings differ, as a start."""
+        return self if self.level_spread > 0.0 else replace(self, level_spread=LEVELS_APART)
+
+    @property
+    def parameters(self) -> int:
+        """How many parameters are in use."""
+        return 2 * (self.correlation > 0.0) + (self.growth != 0.0) + (self.level_spread > 0.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Series:
+    """Friction on the slots of the records, joined; arrays (n,).
+
+    Attributes
+    ----------
+    friction
+        As measured [N m].
+    sign
+        Direction of rotation.
+    speed
+        ω [rad/s].
+    gap
+        int64, slots since the sample before; 0 where a recording begins.
+    """
+
+    friction: FloatArray
+    sign: FloatArray
+    speed: FloatArray
+    gap: IntArray
+
+    @classmethod
+    def of(cls, problem: Problem) -> Self:
+        """Return the used samples of a problem."""
+        gap = np.diff(problem.slot, prepend=0)
+        gap[problem.starts[:-1][np.diff(problem.starts) > 0]] = 0
+        return cls(problem.sign * problem.z, problem.sign, problem.sign * problem.speed, gap)
+
+    @property
+    def several(self) -> bool:
+        """Say whether there is more than one recording."""
+        return int(np.count_nonzero(self.gap == 0)) > 1
+
+    @property
+    def size(self) -> int:
+        """Count the samples."""
+        return int(self.friction.size)
+
+    @property
+    def log_size(self) -> float:
+        """Return log N."""
+        return float(np.log(self.size))
+
+    @property
+    def base(self) -> FloatArray:
+        """The regressors of dry and viscous friction, float64 (2, n)."""
+        return np.stack([self.sign, self.speed])
+
+    def whitened(self, rows: FloatArray, law: NoiseLaw) -> tuple[FloatArray, float]:
+        """Return the innovations of rows, float64 (p, n), and the log-determinant of their covariance."""
+        rows = np.array(rows, dtype=np.float64, order="C", ndmin=2)
+        level = self.sign
+        if law.growth != 0.0:
+            share = np.abs(self.speed) / np.abs(self.speed).max()
+            spread = 1.0 + np.expm1(law.growth) * share
+            spread /= np.exp(np.mean(np.log(spread)))  # of mean logarithm 0: the scale stays the fit's
+            rows /= spread
+            level = level / spread  # friction, not noise: it is the same at every speed
+        drift = np.where(self.gap == 0, law.level_spread, 0.0)
+        parts = law.white, 1.0 - law.white, law.correlation, 0.0
+        return rows, whiten(rows, level, drift, self.gap, parts)
+
+
+@dataclass(frozen=True, slots=True)
+class Equations:
+    """Normal equations of whitened regressors.
+
+    Attributes
+    ----------
+    gram, moment, squares
+        float64 (p, p), (p,), and a number: products of the regressors, with the friction, and of the friction.
+    low, high
+        float64 (p,), bounds of the coefficients.
+    samples, log_determinant
+        Of the whitened rows.
+    """
+
+    gram: FloatArray
+    moment: FloatArray
+    squares: float
+    low: FloatArray
+    high: FloatArray
+    samples: int
+    log_determinant: float
+
+    @classmethod
+    def of(cls, series: Series, rows: FloatArray, low: FloatArray, high: FloatArray, law: NoiseLaw) -> Self:
+        """Whiten friction and regressors, float64 (p, n), and multiply them."""
+        white, log_determinant = series.whitened(np.vstack([series.friction, rows]), law)
+        products = white @ white.T
+        return cls(products[1:, 1:], products[1:, 0], float(products[0, 0]), low, high, series.size, log_determinant)
+
+    def solve(self) -> tuple[FloatArray, float]:
+        """Return the coefficients within their bounds, and the deviance with the best scale."""
+        scale = np.sqrt(np.maximum(self.gram.diagonal(), SMALLEST))
+        gram, moment = self.gram / np.outer(scale, scale), self.moment / scale
+        solution = np.linalg.lstsq(gram, moment, rcond=1e-12)[0]
+        low, high = self.low * scale, self.high * scale
+        if (solution < low).any() or (solution > high).any():
+            values, vectors = linalg.eigh(gram)
+            root = np.sqrt(np.maximum(values, 1e-12 * values[-1]))
+            bounded = optimize.lsq_linear((vectors * root).T, (vectors.T @ moment) / root, (low, high), method="bvls")
+            solution = np.clip(bounded.x, low, high)
+        left = self.squares - 2.0 * solution @ moment + solution @ gram @ solution
+        variance = max(left, 1e-15 * self.squares, SMALLEST) / self.samples
+        deviance = float(self.samples * np.log(variance) + self.log_determinant)
+        return np.clip(solution / scale, self.low, self.high), deviance
+
+
+def fit_noise(
+    series: Series, rows: FloatArray, low: FloatArray, high: FloatArray, start: NoiseLaw
+) -> tuple[NoiseLaw, float]:
+    """Return the noise law under which regressors explain the friction best, and the score; parameters as they pay.
+
+    Coefficients and noise in turn: the noise is fitted to what the regressors leave, with a level and a slope free in
+    it, which slow noise trades with most. That costs the same however many regressors there are. The levels of
+    recordings differ only if they do at the start: that is a hypothesis, see `apart`.
+    """
+    plain = NoiseLaw(level_spread=start.level_spread)
+    starts = [start] if start == plain else [start, plain]  # slow noise hides a law that it could be, too
+    best, least = min((_round(series, rows, low, high, one) for one in starts), key=lambda one: one[1])
+    for _ in range(ROUNDS - 1):
+        law, score = _round(series, rows, low, high, best)
+        if score > least - SETTLED:
+            return (law, score) if score < least else (best, least)
+        best, least = law, score
+    return best, least
+
+
+def _round(
+    series: Series, rows: FloatArray, low: FloatArray, high: FloatArray, start: NoiseLaw
+) -> tuple[NoiseLaw, float]:
+    """Fit coefficients under a noise law, and the noise to what they leave; return it and the score with it."""
+    coefficients, _ = Equations.of(series, rows, low, high, start).solve()
+    law = _noise_of(replace(series, friction=series.friction - coefficients @ rows), start)
+    return law, Equations.of(series, rows, low, high, law).solve()[1] + series.log_size * law.parameters
+
+
+def _noise_of(series: Series, start: NoiseLaw) -> NoiseLaw:
+    """Return the noise law of a residual."""
+    free = np.full(2, np.inf)
+
+    def score(law: NoiseLaw) -> float:
+        return Equations.of(series, series.base, -free, free, law).solve()[1] + series.log_size * law.parameters
+
+    law = replace(start, white=1.0, correlation=0.0)
+    best, least = law, score(law)
+    for _ in range(2):  # colour and growth hide each other at first
+        others = best.growth, best.level_spread
+        coloured = _coloured(score, best, best if best.correlation > 0.0 else start)
+        best, least = min((best, least), coloured, key=lambda one: one[1])
+        best, least = min((best, least), _along(score, best, "growth", LARGEST_GROWTH), key=lambda one: one[1])
+        if best.level_spread > 0.0:
+            spread = _along(score, best, "level_spread", LARGEST_SPREAD)
+            best, least = min((best, least), spread, key=lambda one: one[1])
+        for nothing in NOTHING:  # what stood in for another parameter goes when that one is there
+            plainer = replace(best, **nothing)
+            best, least = min((best, least), (plainer, score(plainer)), key=lambda one: one[1])
+        if (best.growth, best.level_spread) == others:
+            break
+    return best
+
+
+def _coloured(score: Score, other: NoiseLaw, start: NoiseLaw) -> tuple[NoiseLaw, float]:
+    """Fit share of white noise and memory of a law, from where they were at the start or from three places."""
+
+    def law(at: FloatArray) -> NoiseLaw:
+        share = special.expit(np.clip(at[0], -WIDEST_SHARE, WIDEST_SHARE))
+        return replace(
+            other, white=float(share), correlation=float(special.expit(np.clip(at[1], -4.0, LONGEST_MEMORY)))
+        )
+
+    known = start.correlation > 0.0
+    starts = [(special.logit(start.white), special.logit(start.correlation))] if known else [(0, 1), (-3, 0), (0, 4)]
+
+    minimize: Any = optimize.minimize
+    options = {"xatol": 0.03, "fatol": 0.05, "maxiter": 80}
+    found = [
+        minimize(
+            lambda at: score(law(at)), at, method="Nelder-Mead", options={**options, "initial_simplex": at + SIMPLEX}
+        )
+        for at in starts
+    ]
+    best = min(found, key=lambda one: float(one.fun))
+    return law(best.x), float(best.fun)
+
+
+def _along(score: Score, law: NoiseLaw, name: str, most: float) -> tuple[NoiseLaw, float]:
+    """Fit one more parameter of a law; the spread of levels by its logarithm."""
+
+    def changed(at: float) -> NoiseLaw:
+        return replace(law, **{name: float(np.exp(at) if name == "level_spread" else at)})
+
+    options: Any = {"xatol": 0.03, "maxiter": 16}
+    found: Any = optimize.minimize_scalar(
+        lambda at: score(changed(at)), bounds=(-most, most), method="bounded", options=options
+    )
+    return changed(float(found.x)), float(found.fun)

@@ -1,0 +1,168 @@
+"""Records of test benches: a motor that is off, tables of a few dozen rows, clocks that do not tick evenly."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from rwa_monitor.discrepancy.bench import SCALED_ONLY, as_measured, is_even, not_shown_without_motor
+from rwa_monitor.discrepancy.find import CANDIDATES, find_discrepancy
+from rwa_monitor.discrepancy.finished_search import Search
+from rwa_monitor.errors import InputError
+from rwa_monitor.identification.identify import identify
+from rwa_monitor.physics.wheel import FrictionFilter, Wheel
+from rwa_monitor.samples import Samples
+from tests.discrepancy.simple import Array
+
+OFF = FrictionFilter(motor_off=True)
+WINDAGE = 8e-4  # N m s²/rad²
+
+
+def drag(speed: Array, windage: float) -> Array:
+    return 0.02 + 0.002 * speed + windage * speed**2
+
+
+def turns(windage: float, seed: int = 0, rows: int = 400) -> tuple[Array, Array, float]:
+    """Return time, speed and inertia of a wheel that runs down from 20 to about 2 rad/s, one row a turn."""
+    fine, low, high, inertia = 50, 0.01, 100.0, 1.0
+    squares = np.zeros(rows * fine)
+    while high / low > 1.0001:
+        inertia = float(np.sqrt(low * high))
+        squares[0] = 400.0
+        for k in range(1, squares.size):
+            at = squares[k - 1]
+            squares[k] = max(at - 4 * np.pi / fine / inertia * (0.02 + 0.002 * at**0.5 + windage * at), 1e-6)
+        low, high = (low, inertia) if squares[-1] > 4.0 else (inertia, high)
+    speed = np.sqrt(squares)
+    time = np.append(0.0, np.cumsum(4 * np.pi / fine / (speed[1:] + speed[:-1])))
+    noise = 1e-4 * np.random.default_rng(seed).normal(size=rows)
+    return time[::fine], speed[::fine] * (1 + noise), inertia
+
+
+def run_down(windage: float, uneven: float = 0.0, period_s: float = 0.5, seed: int = 0) -> Samples:
+    """Return time and speed of a wheel of 5 kg m² from 20 to about 2 rad/s, steps uneven by so much of the period."""
+    rng = np.random.default_rng(seed)
+    fine = [20.0]
+    while fine[-1] > 2.0:
+        fine.append(fine[-1] - 0.05 / 5.0 * float(drag(np.array(fine[-1]), windage)))
+    count = int(0.05 * len(fine) / period_s * 0.95)
+    time = np.cumsum(period_s * (1 + uneven * rng.uniform(-1, 1, count)))
+    speed = np.interp(time, 0.05 * np.arange(len(fine)), fine)
+    return samples(time, speed + 1e-4 * rng.normal(size=count))
+
+
+def samples(time_s: Array, speed: Array, friction: Array | None = None) -> Samples:
+    return Samples((time_s * 1e9).astype(np.int64), speed, friction)
+
+
+def names(search: Search) -> list[str]:
+    return [effect.name for effect in search.result.effects]
+
+
+def bench(inertia: float | None = 5.0, period_s: float = 0.5) -> Wheel:
+    return Wheel(name="bench", sample_period_s=period_s, inertia_kg_m2=inertia, friction=OFF)
+
+
+def test_a_wheel_with_its_motor_off_shows_its_drag_from_time_and_speed_alone() -> None:
+    search = find_discrepancy([("coast", run_down(WINDAGE))], bench())
+    assert names(search) == ["quadratic_drag"]
+    strength = search.result.effects[0].parameters["strength_Nm_s2_rad2"]
+    assert strength.std is not None
+    assert abs(strength.value - WINDAGE) < 4 * strength.std
+    untested = dict(search.result.untested)
+    for name in ("inertia_error", "torque_constant_error", "current_delay"):
+        assert SCALED_ONLY in untested[name]
+
+
+def test_without_an_inertia_a_run_down_is_refused_with_its_name() -> None:
+    with pytest.raises(InputError, match="inertia_kg_m2"):
+        find_discrepancy([("coast", run_down(WINDAGE))], bench(None))
+
+
+def test_what_does_not_show_without_motor_is_told_by_the_columns() -> None:
+    silent = set(not_shown_without_motor(CANDIDATES, bench()))
+    assert {"inertia_error", "torque_constant_error", "current_delay"} <= silent
+    assert not {"quadratic_drag", "stribeck", "presliding", "torque_ripple", "viscosity_temperature"} & silent
+    assert not not_shown_without_motor(CANDIDATES, Wheel(name="on", sample_period_s=0.5))
+
+
+def test_motor_off_stays_in_the_wheel_file_and_leaves_others_as_they_are() -> None:
+    assert Wheel.from_toml(bench().to_toml(), "w").friction.motor_off
+    assert "motor_off" not in Wheel(name="on", sample_period_s=0.5).to_toml()
+
+
+def test_windage_is_a_missing_law_to_identify_not_an_inertia() -> None:
+    with pytest.raises(InputError, match="a law is missing"):
+        identify([("coast", run_down(WINDAGE))], bench(), systems=False)
+
+
+@pytest.mark.parametrize("rows", [40, 60, 84, 120, 175])
+@pytest.mark.parametrize("ladder", [False, True])
+def test_short_tables_name_windage(rows: int, ladder: bool) -> None:
+    rng = np.random.default_rng(rows)
+    dwells = np.repeat(np.linspace(5.0, 100.0, 8), 22)[:: max(176 // rows, 1)]
+    speed: Array = np.asarray(dwells[:rows] if ladder else np.linspace(100.0, 5.0, rows), dtype=np.float64)
+    windage = 1e-6 * speed**2
+    plain = 2e-4 * (1.0 + speed / 100.0)
+    noise = 0.01 * float(np.mean(plain + windage)) * rng.normal(size=speed.size)
+    wheel = Wheel(name="short", sample_period_s=0.1)
+    time = 0.1 * np.arange(speed.size)
+    search = find_discrepancy([("short", samples(time, speed, plain + windage + noise))], wheel)
+    assert names(search) == ["quadratic_drag"]
+    assert search.result.effects[0].equivalent == ()
+    null = find_discrepancy([("short", samples(time, speed, plain + noise))], wheel).result
+    assert null.verdict == "adequate"
+    assert dict(null.untested)["coloured_noise"] == "200 samples or more"
+
+
+@pytest.mark.parametrize("windage", [WINDAGE, 0.0])
+@pytest.mark.parametrize("given", [True, False])
+def test_a_row_a_turn_is_read_as_it_is(windage: float, given: bool) -> None:
+    time, speed, inertia = turns(windage)
+    assert np.diff(time).max() > 5 * np.diff(time).min()
+    friction = drag(speed, windage)
+    friction = friction + 0.01 * friction.mean() * np.random.default_rng(1).normal(size=speed.size)
+    table = samples(time, speed, friction if given else None)
+    wheel = Wheel(name="on", sample_period_s=0.125) if given else bench(inertia)
+    search = find_discrepancy([("turns", table)], wheel)
+    assert names(search) == (["quadratic_drag"] if windage else [])
+    assert search.result.unexplained is None
+    assert ("coloured_noise" in dict(search.result.untested)) is not given
+
+
+@pytest.mark.parametrize("uneven", [0.1, 0.5])
+def test_uneven_steps_are_no_effect(uneven: float) -> None:
+    assert names(find_discrepancy([("coast", run_down(WINDAGE, uneven))], bench())) == ["quadratic_drag"]
+    assert names(find_discrepancy([("coast", run_down(0.0, uneven, 1.0))], bench(period_s=1.0))) == []
+
+
+def test_uneven_current_is_interpolated_and_it_is_said() -> None:
+    rng = np.random.default_rng(0)
+    time = np.cumsum(0.1 * (1 + 0.3 * rng.uniform(-1, 1, 3000)))
+    time[2000:] += 3.0  # nothing is filled in over a gap
+    speed = 11.0 + 9.0 * np.sin(0.2 * time)
+    torque = 0.5 * 1.8 * np.cos(0.2 * time) + drag(speed, WINDAGE)
+    table = Samples((time * 1e9).astype(np.int64), speed, motor_torque_Nm=torque + 1e-3 * rng.normal(size=3000))
+    wheel = Wheel(name="on", sample_period_s=0.1, inertia_kg_m2=0.5)
+    made = as_measured([("log", table)], wheel)
+    (_, even), (note,) = made.recordings[0], made.notes
+    assert "3000 rows are interpolated" in note
+    assert is_even(even.time_ns)
+    assert 25 < np.count_nonzero(np.isnan(even.speed_rad_s)) < 35
+    assert names(find_discrepancy([("log", table)], wheel)) == ["quadratic_drag"]
+
+
+def test_what_is_made_even_stays_as_it_is() -> None:
+    time, speed, inertia = turns(WINDAGE)
+    once = as_measured([("turns", samples(time, speed))], bench(inertia))
+    again = as_measured(once.recordings, once.wheel)
+    assert again.wheel == once.wheel
+    for name, values in once.recordings[0][1].channels():
+        np.testing.assert_array_equal(getattr(again.recordings[0][1], name), values)
+    np.testing.assert_array_equal(once.recordings[0][1].speed_rad_s, speed)
+
+
+def test_lost_samples_of_an_even_clock_leave_it_even() -> None:
+    time = np.delete(np.arange(1000), np.random.default_rng(0).integers(1, 999, 100)) * 125_000_000
+    assert is_even(time)
+    assert not is_even((np.cumsum(np.random.default_rng(0).uniform(0.9, 1.1, 1000)) * 1e9).astype(np.int64))

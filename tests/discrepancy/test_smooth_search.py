@@ -1,0 +1,260 @@
+"""The search where friction does not jump: it names what is hidden, nothing where nothing is, and the same in any form.
+
+Friction as a law of the speed and noise that remembers, of some 600 samples: see `smooth`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache
+from typing import Final
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from rwa_monitor.discrepancy import smooth_search
+from rwa_monitor.discrepancy.find import candidates, find_discrepancy
+from rwa_monitor.discrepancy.finished_search import Search
+from rwa_monitor.discrepancy.gain import holds_out
+from rwa_monitor.discrepancy.search import search
+from rwa_monitor.discrepancy.smooth_search import find_smooth, find_where_likelier
+from rwa_monitor.discrepancy.uncertainty import spread
+from rwa_monitor.physics.wheel import Limits, Nominal, Wheel
+from rwa_monitor.samples import Samples
+from tests.discrepancy.simple import DRY_NM, PERIOD_S, VISCOUS, WHEEL, Array, record, swing
+from tests.discrepancy.smooth import (
+    CORRELATIONS,
+    MOTIONS,
+    coast_down,
+    null_record,
+    problem_of,
+    reversals,
+    smooth_record,
+)
+
+QUADRATIC: Final = 2.0e-8  # N m s²/rad²: a third of all friction at the top
+ASYMMETRY: Final = 2.0e-6  # N m s/rad
+# By seed; a name asks for 25. The largest of 216 is 14.5, the next 12.3, both of noise that remembers 1,000 samples.
+LARGEST_NULL_GAIN: Final = {0: 12.0} | dict.fromkeys(range(1, 9), 18.0)
+
+
+def answer(*recordings: Samples) -> Search:
+    """Search recordings of one wheel."""
+    return find_discrepancy([(f"recording {i}", one) for i, one in enumerate(recordings)], WHEEL)
+
+
+def mean_names(found: Search) -> list[str]:
+    """Return the names of the mean effects."""
+    return [effect.name for effect in found.result.effects if effect.family == "mean"]
+
+
+def assert_strength(found: Search, name: str, parameter: str, truth: float) -> None:
+    """Ask for one mean effect, its strength within 10 % and three standard deviations, which are no excuse."""
+    assert mean_names(found) == [name]
+    value = next(effect for effect in found.result.effects if effect.name == name).parameters[parameter]
+    assert value.std is not None
+    assert 0.0 < value.std < 0.1 * abs(truth)
+    assert abs(value.value - truth) < min(3.0 * value.std, 0.1 * abs(truth))
+
+
+# ---- what is hidden is named -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("correlation", [0.0, 0.9])
+def test_windage_in_a_single_coast_down(correlation: float) -> None:
+    speed = coast_down()
+    found = answer(smooth_record(speed, QUADRATIC * speed * np.abs(speed), correlation, seed=1))
+    assert_strength(found, "quadratic_drag", "strength_Nm_s2_rad2", QUADRATIC)
+    untested = dict(found.result.untested)
+    assert {"inertia_error", "run_in_drift", "lubricant_lag", "load_dependence"} <= untested.keys()
+    for name in ("inertia_error", "run_in_drift", "lubricant_lag"):
+        assert untested[name] == smooth_search.FOLLOWS_THE_SPEED
+
+
+def test_sublinear_drag_of_a_flywheel() -> None:
+    speed = coast_down()
+    drag = 1.5e-3 * np.sqrt(speed)
+    found = answer(smooth_record(speed, drag, 0.9, seed=2))
+    assert mean_names(found) == ["sublinear_viscous"]
+    parameters = found.result.effects[0].parameters
+    for name, truth in {"strength_Nm": 1.5e-3, "exponent": 0.5}.items():
+        std = parameters[name].std
+        assert std is not None
+        assert abs(parameters[name].value - truth) < 3.0 * std
+    # Strength and exponent trade with each other and with the base law: what they say together is known.
+    fit = found.extended.fit
+    viscous, strength = fit.coefficients
+    law = fit.level[0] + viscous * speed + strength * speed ** parameters["exponent"].value
+    truth_Nm = DRY_NM + VISCOUS * speed + drag
+    assert np.std(law - truth_Nm) < 0.01 * np.std(truth_Nm)
+
+
+def test_viscous_asymmetry_on_a_reversing_axis() -> None:
+    speed = reversals()
+    found = answer(smooth_record(speed, ASYMMETRY * np.abs(speed), 0.9, seed=1))
+    assert_strength(found, "viscous_asymmetry", "strength_Nm_s_rad", ASYMMETRY)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_an_offset_between_two_recordings_of_opposite_direction(seed: int) -> None:
+    offset, speed = 3e-4, coast_down()
+    found = answer(*(smooth_record(one, offset, 0.9, seed + 10 * i) for i, one in enumerate((speed, -speed))))
+    (effect,) = (effect for effect in found.result.effects if effect.family == "mean")
+    assert {effect.name, *effect.equivalent} >= {"torque_bias", "coulomb_asymmetry"}
+    (value,) = effect.parameters.values()
+    truth = offset if effect.name == "torque_bias" else offset / DRY_NM
+    assert value.std is not None
+    assert 0.0 < value.std < 0.1 * truth
+    assert abs(value.value - truth) < min(3.0 * value.std, 0.1 * truth)
+
+
+def test_a_knee_in_slow_crossings_without_jumps() -> None:
+    speed = 40.0 * np.sin(2 * np.pi * 3.0 * np.arange(900) / 900 + 0.3)
+    knee = 5e-4 * np.sign(speed) * np.exp(-((speed / 5.0) ** 2))
+    found = answer(smooth_record(speed, knee, 0.5, seed=1))
+    assert_strength(found, "stribeck", "strength_Nm", 5e-4)
+    assert_strength(found, "stribeck", "stribeck_speed_rad_s", 5.0)
+
+
+# ---- what is not there is not ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("seed", [pytest.param(seed, marks=pytest.mark.slow) if seed else 0 for seed in range(9)])
+@pytest.mark.parametrize("motion", MOTIONS)
+def test_nothing_gains_what_a_name_asks_for_where_nothing_is_missing(
+    motion: str, seed: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(smooth_search, "ACCEPT_GAIN", -np.inf)  # so that the best candidate is told, whatever it gains
+    monkeypatch.setattr(smooth_search, "MAX_EFFECTS", 1)
+    for correlation in CORRELATIONS:
+        found = find_smooth(problem_of(null_record(motion, correlation, seed)), candidates(WHEEL)).found
+        assert all(entry.gain < LARGEST_NULL_GAIN[seed] for entry in found.found)
+
+
+def test_real_jumps_are_left_to_the_search_with_jumps() -> None:
+    samples, _ = record(swing(3000, period_s=120.0), jumps=(700, 1600, 2400))
+    problem = problem_of(samples)
+    jumping = search(problem, candidates(WHEEL), holds_out).ladder[-1]
+    assert jumping.fit.jumps.size == 3
+    assert find_where_likelier(problem, jumping, candidates(WHEEL)) is None
+
+
+# ---- the same in any form --------------------------------------------------------------------------------------------
+
+Told = dict[str, tuple[float, float]]
+seeds = st.integers(0, 99)
+laws = st.sampled_from(["quadratic_drag", "viscous_asymmetry"])
+few = settings(max_examples=3)
+
+
+def told(*recordings: Samples, wheel: Wheel = WHEEL) -> Told:
+    """Return the first strength of each effect that is named, with its standard deviation."""
+    problem = problem_of(*recordings, wheel=wheel)
+    found = find_smooth(problem, candidates(wheel)).found
+    model = found.ladder[-1]
+    errors = spread(problem, model).terms
+    return {
+        term.effect.name: (float(model.strengths(i)[0]), errors[i][term.effect.strength_parameters()[0].name])
+        for i, term in enumerate(model.terms)
+    }
+
+
+@cache
+def hidden(law: str, seed: int) -> Samples:
+    """Return a record that lacks a law."""
+    speed = coast_down() if law == "quadratic_drag" else reversals()
+    drag = QUADRATIC * speed * np.abs(speed) if law == "quadratic_drag" else ASYMMETRY * np.abs(speed)
+    return smooth_record(speed, drag, 0.8, seed)
+
+
+@cache
+def told_of(law: str, seed: int) -> Told:
+    """Return what is told of a record as it is."""
+    found = told(hidden(law, seed))
+    assert list(found) == [law]
+    return found
+
+
+def assert_same(one: Told, other: Told, scale: Callable[[str], float] = lambda _: 1.0, share: float = 1.0) -> None:
+    """Ask for the same names, and strengths that differ by less than a share of their errors."""
+    assert one.keys() == other.keys()
+    for name, (value, std) in one.items():
+        assert abs(other[name][0] / scale(name) - value) < share * std
+
+
+def flipped(samples: Samples) -> Samples:
+    """Return the same in the other direction."""
+    assert samples.friction_torque_Nm is not None
+    return replace(samples, speed_rad_s=-samples.speed_rad_s, friction_torque_Nm=-samples.friction_torque_Nm)
+
+
+@few
+@given(laws, seeds)
+def test_the_mirror_image_says_the_same(law: str, seed: int) -> None:
+    even = {"viscous_asymmetry": -1.0}
+    assert_same(told_of(law, seed), told(flipped(hidden(law, seed))), lambda name: even.get(name, 1.0), 0.05)
+
+
+@few
+@given(laws, seeds)
+def test_other_units_say_the_same(law: str, seed: int) -> None:
+    torque, turn = 1000.0, 60.0 / (2.0 * np.pi)
+    samples, nominal, limits = hidden(law, seed), WHEEL.nominal, WHEEL.limits
+    assert nominal is not None
+    assert samples.friction_torque_Nm is not None
+    wheel = WHEEL.model_copy(
+        update={
+            "nominal": Nominal(
+                dry_torque_Nm=nominal.dry_torque_Nm * torque,
+                viscous_Nm_s_rad=nominal.viscous_Nm_s_rad * torque / turn,
+                nominal_speed_rad_s=nominal.nominal_speed_rad_s * turn,
+            ),
+            "limits": Limits(),
+        }
+    )
+    assert limits is not None
+    changed = replace(
+        samples, speed_rad_s=samples.speed_rad_s * turn, friction_torque_Nm=samples.friction_torque_Nm * torque
+    )
+    power = {"quadratic_drag": 2, "viscous_asymmetry": 1}
+    assert_same(told_of(law, seed), told(changed, wheel=wheel), lambda name: torque / turn ** power[name], 0.05)
+
+
+@few
+@given(laws, seeds, st.floats(0.3, 0.7))
+def test_a_recording_in_two_pieces_says_the_same(law: str, seed: int, where: float) -> None:
+    samples = hidden(law, seed)
+    at = round(where * len(samples))
+    pieces = samples[:at], samples[at:]
+    there = told(*pieces)
+    assert_same(told_of(law, seed), there)
+    assert_same(there, told(*pieces[::-1]), share=0.05)  # in any order
+
+
+@few
+@given(laws, seeds)
+def test_every_second_sample_says_the_same(law: str, seed: int) -> None:
+    wheel = WHEEL.model_copy(update={"sample_period_s": 2.0 * PERIOD_S})
+    assert_same(told(hidden(law, seed)[::2], wheel=wheel), told_of(law, seed))
+
+
+@few
+@given(laws, seeds)
+def test_samples_put_between_say_the_same(law: str, seed: int) -> None:
+    samples = hidden(law, seed)
+    wheel = WHEEL.model_copy(update={"sample_period_s": 0.5 * PERIOD_S})
+    at = np.arange(2 * len(samples) - 1) / 2.0
+
+    def between(values: Array) -> Array:
+        return np.interp(at, np.arange(len(samples)), values)
+
+    assert samples.friction_torque_Nm is not None
+    denser = Samples(
+        time_ns=(at * round(PERIOD_S * 1e9)).astype(np.int64),
+        speed_rad_s=between(samples.speed_rad_s),
+        friction_torque_Nm=between(samples.friction_torque_Nm),
+    )
+    assert_same(told_of(law, seed), told(denser, wheel=wheel))
