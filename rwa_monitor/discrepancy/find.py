@@ -129,7 +129,7 @@ def find_discrepancy(
         silent |= dict.fromkeys(NOISE_EFFECTS, no_noise)
     elif problem.has_noise:
         others += noise_effects(problem, complete, explained=leftover is None, in_band=cage.in_band if cage else ())
-        wanders = wandering(problem, complete) if smooth is None else None
+        wanders = wandering(problem, complete)
     if leftover is None and wanders is None and smooth is None:
         others += switching_effects(problem, complete, wheel)
     others += [cage.effect] if cage is not None else []
