@@ -218,8 +218,8 @@ endif %} · {{ software }}</p>
 <p class="verdict {{ result.verdict }}"><strong>{{ result.verdict | capitalize }}.</strong> {{ sentence }}{% if
 extended_toml and not result.gain.is_a_loss and not result.gain.simulated.is_a_loss %} On data held out, the log
 score of a sample rises by {{
-"%.3g" | format(rungs[-1].total) }} ± {{ "%.1g" | format(rungs[-1].total_half) }} (95 %), and {{ rungs[0].jumps }} jumps
-become {{ rungs[-1].jumps }}.{% endif %}</p>
+"%.3g" | format(rungs[-1].total) }} ± {{ "%.1g" | format(rungs[-1].total_half) }} (95 %){% if rungs[0].jumps %}, and
+{{ rungs[0].jumps }} jumps become {{ rungs[-1].jumps }}{% endif %}.{% endif %}</p>
 
 <h2>Measured and simulated</h2>
 {% if overlay %}
