@@ -107,7 +107,7 @@ format: $(VENV)/.installed-dev ## lets ruff mend and format what it can
 # The checks of memory have to be loaded before the interpreter, which leaves its own memory behind when it ends: leaks
 # are not looked for. faulthandler would hide where an index was wrong.
 SANITIZED := build/sanitize
-SANITIZED_TESTS := tests/diagnosis tests/effects tests/identification tests/physics tests/discrepancy/test_segmentation.py \
+SANITIZED_TESTS := tests/diagnosis tests/effects tests/identification tests/physics tests/discrepancy/test_segmentation.py tests/discrepancy/test_likelihood.py \
   $(addprefix tests/live/test_,core.py cuts.py order_guard.py ring_buffer.py screen.py wheel_set.py)
 .PHONY: sanitize
 sanitize: export OPENBLAS_NUM_THREADS = 1
