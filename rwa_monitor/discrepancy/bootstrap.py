@@ -13,7 +13,8 @@ from typing import Final
 import numpy as np
 
 from rwa_monitor.discrepancy.finished_search import Search
-from rwa_monitor.discrepancy.search import Progress, extensions, refit
+from rwa_monitor.discrepancy.jumping import extensions, refit
+from rwa_monitor.discrepancy.search import Progress
 from rwa_monitor.physics.effects.catalogue import MEAN_EFFECTS
 from rwa_monitor.samples import FloatArray
 
@@ -51,9 +52,9 @@ def _null_gains(search: Search, name: str, draws: int, rng: np.random.Generator,
         progress(f"bootstrap of {name}: {i + 1} of {draws}")
         simulated = replace(problem.with_empty_caches(), z=fitted + _resampled(model.fit.residual, rng))
         start = refit(simulated, others, [null.fit.jumps])
-        rivals = extensions(simulated, start, candidates, lambda _: None)
+        rivals = extensions(simulated, start, candidates)
         if rivals:
-            gains[i] = start.fit.criterion - rivals[0].fit.criterion
+            gains[i] = start.score - rivals[0].score
     return gains
 
 

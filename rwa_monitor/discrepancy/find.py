@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Final
 
@@ -18,11 +18,13 @@ from rwa_monitor.discrepancy.cage import cage_bursts
 from rwa_monitor.discrepancy.delay_term import DelayTerm
 from rwa_monitor.discrepancy.extended import extend
 from rwa_monitor.discrepancy.finished_search import Search
-from rwa_monitor.discrepancy.gain import HeldOut, held_out, holds_out, on_other_recordings
+from rwa_monitor.discrepancy.gain import HeldOut, held_out, on_other_recordings
 from rwa_monitor.discrepancy.heat import OUTSIDE, outside_the_catalogue, told_as_unexplained
 from rwa_monitor.discrepancy.jump_terms import JUMP_TERMS
+from rwa_monitor.discrepancy.jumping import Jumping, extensions, refit
 from rwa_monitor.discrepancy.known_effects import known_delay, records_of
 from rwa_monitor.discrepancy.lattice import drawn_again
+from rwa_monitor.discrepancy.likelihood import NoiseLaw
 from rwa_monitor.discrepancy.mapper import Mapper, in_turn
 from rwa_monitor.discrepancy.models import Found, Growth, Model, SearchResult
 from rwa_monitor.discrepancy.noise_effects import noise_effects
@@ -40,10 +42,10 @@ from rwa_monitor.discrepancy.result import (
     Verdict,
 )
 from rwa_monitor.discrepancy.rounding import without_rounding
-from rwa_monitor.discrepancy.search import Progress, extensions, grow, rank, refit
+from rwa_monitor.discrepancy.search import ACCEPT_GAIN, WORTH_SWAPPING, Progress, grow, rank, search
 from rwa_monitor.discrepancy.slope_jumps import SlopeJumps, shared_strength, with_slope_jumps
-from rwa_monitor.discrepancy.smooth_search import Smooth, find_smooth, find_where_likelier
-from rwa_monitor.discrepancy.smooth_search import held_out as held_out_smooth
+from rwa_monitor.discrepancy.smooth import Smooth, least_score, left_over
+from rwa_monitor.discrepancy.smooth import held_out as held_out_smooth
 from rwa_monitor.discrepancy.switching_effects import switching_effects
 from rwa_monitor.discrepancy.uncertainty import ORDER, described, spread
 from rwa_monitor.discrepancy.unexplained import judge_leftover, wandering, with_free_curves
@@ -54,9 +56,10 @@ from rwa_monitor.physics.effects.torque_ripple import TorqueRipple
 from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import Samples
 
-CALMER = 0.9  # of the long-run variance: from there on a second search with the extended model's noise is worth it
 # All that has columns: mean effects, and effects of jumps that are torques too; some with columns of their own here.
 CANDIDATES = tuple({**MEAN_EFFECTS, **{term.name: term for term in (DelayTerm, *JUMP_TERMS)}}.values())
+# Fewer samples than this from jump to jump, on average, are no level that could be seen: the steps stand for noise.
+SHORTEST_SEGMENTS: Final = 50
 # What time or temperature shows while the speed stays as it is.
 DRIFT: Final = "run_in_drift"
 WARMING: Final = "viscosity_temperature"
@@ -106,31 +109,32 @@ def find_discrepancy(
     missing = [effect for effect in candidates(wheel) if delay is None or effect is not DelayTerm]
     silent = not_shown_without_motor(missing, wheel)
     tried = [effect for effect in missing if _can_show(problem, effect) and effect.name not in silent]
-    line = cage = None
-    found, leftover, complete = _base_alone(problem)
     few = problem.size < FEWEST_FOR_JUMPS
-    if not few:
+    line = cage = None
+    if few:
+        explained = _without_jumps(problem, None, tried, progress)
+    else:
         problem, tried, line = _by_angle(problem, tried, wheel)
-        problem, found, leftover, complete = _explain(problem, tried, progress, wheel)
+        explained = _explain(problem, tried, progress, wheel)
         progress("noise and jumps")
-        cage = cage_bursts(problem, complete) if problem.has_noise else None
-    if cage is not None:
-        # Bursts pass for jumps, and for laws of speed: what is said of anything else is said without them.
-        problem = prepare(cage.quiet(problem.records), wheel, each)
-        problem, found, leftover, complete = _explain(problem, tried, progress, wheel)
+        cage = cage_bursts(explained.problem, explained.complete) if explained.problem.has_noise else None
+        if cage is not None:
+            # Bursts pass for jumps, and for laws of speed: what is said of anything else is said without them.
+            quiet = prepare(cage.quiet(explained.problem.records), wheel, each)
+            explained = _explain(quiet, tried, progress, wheel)
+        else:
+            explained = _without_jumps(explained.problem, explained.complete, tried, progress) or explained
+    assert explained is not None, "few samples are searched without jumps"
+    problem, found, leftover, complete = explained.problem, explained.found, explained.leftover, explained.complete
     others: list[FoundEffect] = []
     wanders = None
-    smooth = None if cage is not None else _without_jumps(problem, complete, tried, progress)
-    if smooth is not None:
-        found, leftover, complete = smooth.found, smooth.unexplained, smooth.found.ladder[-1]
-        problem = with_noise_of(problem, complete.fit.residual)
     no_noise = MORE_SAMPLES if few else EVEN_CLOCK if bench.noise_is_made else None
     if no_noise is not None:
         silent |= dict.fromkeys(NOISE_EFFECTS, no_noise)
     elif problem.has_noise:
         others += noise_effects(problem, complete, explained=leftover is None, in_band=cage.in_band if cage else ())
         wanders = wandering(problem, complete)
-    if leftover is None and wanders is None and smooth is None:
+    if leftover is None and wanders is None and explained.jumps:
         others += switching_effects(problem, complete, wheel)
     others += [cage.effect] if cage is not None else []
     if any(effect.name == "tachometer_quantisation" for effect in others):
@@ -142,8 +146,8 @@ def find_discrepancy(
     progress("gain on held-out data")
     score = partial(held_out, problem) if aside is None else partial(on_other_recordings, problem, aside)
     scores = tuple(each(score, found.ladder))
-    if smooth is not None and aside is None:
-        scores = tuple(held_out_smooth(problem, model) for model in smooth.models)
+    if not explained.jumps and aside is None:
+        scores = tuple(held_out_smooth(problem, model) for model in found.ladder)
     mean = tuple(_with_warm_up(problem, _describe(problem, found.ladder[-1], entry)) for entry in found.found)
     if named is not None:
         mean = tuple(sorted((*mean, _describe_delay(problem, named)), key=lambda effect: -effect.delta_deviance))
@@ -165,19 +169,50 @@ def find_discrepancy(
     return _with_simulated(Search(wheel, problem, found, scores[-len(found.ladder) :], result, delay_s))
 
 
+@dataclass(frozen=True, slots=True)
+class _Explained:
+    """What a search made of the records.
+
+    Attributes
+    ----------
+    problem
+        The data, with the noise that the last model leaves.
+    found, leftover
+        The mean effects, and what none of them explains.
+    complete
+        The last model with what is left in it: its residual is noise.
+    jumps
+        Whether friction may jump.
+    """
+
+    problem: Problem
+    found: SearchResult
+    leftover: Unexplained | None
+    complete: Model
+    jumps: bool = True
+
+
 def _without_jumps(
-    problem: Problem, jumping: Model, effects: Sequence[type[MeanEffect]], progress: Progress
-) -> Smooth | None:
-    """Search without jumps where that is likelier than a model with jumps, and in any case where samples are few."""
-    if problem.size < FEWEST_FOR_JUMPS:
-        return find_smooth(problem, [effect for effect in effects if effect.name in MEAN_EFFECTS], progress)
-    return find_where_likelier(problem, jumping, effects, progress)
+    problem: Problem, jumping: Model | None, effects: Sequence[type[MeanEffect]], progress: Progress
+) -> _Explained | None:
+    """Search without jumps; None where a model with jumps is more likely by as much as an effect must be.
 
-
-def _base_alone(problem: Problem) -> tuple[SearchResult, None, Model]:
-    """Return the base model as a search that found nothing, nothing unexplained, and the model."""
-    base = Model((), fit(problem, np.zeros((problem.size, 0))))
-    return SearchResult((base,), (), (), -np.inf, ""), None, base
+    A free curve over the speed is as good as any law of it: where even that is less likely, nothing is searched.
+    """
+    most = np.inf
+    if jumping is not None:
+        jumps = jumping.fit.jumps.size
+        if jumps * SHORTEST_SEGMENTS <= problem.size:
+            most = jumping.score + (ACCEPT_GAIN if jumps else -WORTH_SWAPPING)
+        if not problem.has_noise or least_score(problem, jumping.law or NoiseLaw()) > most:
+            return None
+    progress("laws without jumps")
+    found = search(Smooth(problem), [effect for effect in effects if effect.name in MEAN_EFFECTS], progress)
+    model = found.ladder[-1]
+    if model.score > most:
+        return None
+    problem = with_noise_of(problem, model.fit.residual)
+    return _Explained(problem, found, left_over(problem, model), model, jumps=False)
 
 
 def _with_simulated(search: Search) -> Search:
@@ -255,37 +290,39 @@ def candidates(wheel: Wheel) -> list[type[MeanEffect]]:
     return [effect for effect in CANDIDATES if effect.name not in known]
 
 
-def _explain(
-    problem: Problem, candidates: Sequence[type[MeanEffect]], progress: Progress, wheel: Wheel
-) -> tuple[Problem, SearchResult, Unexplained | None, Model]:
-    """Search for mean effects, and judge what they leave: see `judge_leftover`; the noise is that of the best model."""
+def _explain(problem: Problem, candidates: Sequence[type[MeanEffect]], progress: Progress, wheel: Wheel) -> _Explained:
+    """Search for mean effects beside jumps, and judge what they leave: see `judge_leftover`."""
     candidates = [*candidates, *outside_the_catalogue(problem)]
-    grown = grow(problem, candidates, holds_out, progress)
-    sloped = _with_slope_jumps(problem, grown, candidates, progress)
+    approach, grown, sloped = _grown(problem, candidates, progress)
     best = sloped or grown.ladder[-1]
     if best.terms:
-        drawn = drawn_again(problem, best.fit, lambda other: refit(other, best.terms, [best.fit.jumps]).fit)
+        drawn = drawn_again(problem, best.fit, lambda other: refit(other, best.terms, [best.fit.jumps], best.law).fit)
         if drawn is not None:
             problem = prepare(drawn, wheel, problem.each)
-            grown = grow(problem, candidates, holds_out, progress, begin_with=best)
-            sloped = _with_slope_jumps(problem, grown, candidates, progress)
-            best = sloped or grown.ladder[-1]
-    if best.terms:
-        # What the effect did to the base model's residual passed for coloured noise; without it the eye is sharper.
-        calmer = with_noise_of(problem, best.fit.residual)
-        if calmer.noise.long_run_variance < CALMER * problem.noise.long_run_variance:
-            problem = calmer
-        if sloped is not None or problem is calmer:
-            grown = grow(problem, candidates, holds_out, progress, begin_with=best)
-        if sloped is None and problem is calmer:
-            sloped = _with_slope_jumps(problem, grown, candidates, progress)
-            if sloped is not None:
-                grown = grow(problem, candidates, holds_out, progress, begin_with=sloped)
-    found = rank(problem, grown, progress)
+            approach, grown, sloped = _grown(problem, candidates, progress, best)
+    if sloped is not None:
+        grown = grow(approach, candidates, progress, _taken_over(approach.problem, sloped))
+    found = rank(approach, grown, progress)
+    problem = approach.problem
     progress("what is left")
     found, leftover, complete = judge_leftover(problem, found)
     found, leftover = told_as_unexplained(problem, found, leftover)
-    return problem, found, leftover, complete
+    return _Explained(problem, found, leftover, complete)
+
+
+def _grown(
+    problem: Problem, candidates: Sequence[type[MeanEffect]], progress: Progress, begin_with: Model | None = None
+) -> tuple[Jumping, Growth, Model | None]:
+    """Return what grows, and the last model with slopes of its own between jumps where that is better."""
+    approach = Jumping(problem)
+    grown = grow(approach, candidates, progress, _taken_over(problem, begin_with))
+    return approach, grown, _with_slope_jumps(approach.problem, grown, candidates, progress)
+
+
+def _taken_over(problem: Problem, model: Model | None) -> list[Model]:
+    """Return a model of nearly the same data fitted anew, one effect more in each."""
+    counts = range(1, len(model.terms) + 1) if model is not None else ()
+    return [refit(problem, model.terms[:count], [model.fit.jumps]) for count in counts] if model is not None else []
 
 
 def _with_slope_jumps(
@@ -298,7 +335,7 @@ def _with_slope_jumps(
 
     def rivals(model: Model) -> list[Model]:
         outside = [effect for effect in candidates if effect.name in OUTSIDE and effect.name not in model.names]
-        return [*with_free_curves(problem, model), *extensions(problem, model, outside, progress)]
+        return [*with_free_curves(problem, model), *extensions(problem, model, outside)]
 
     return with_slope_jumps(problem, grown.ladder[-1], grown.ladder[0], rivals)
 

@@ -130,28 +130,34 @@ class OverTemperature(FreeCurve):
 CURVES: Final = (OverSpeed, OverSpeedEven, OverAcceleration, OverAccelerationSize, OverTime, OverTemperature)
 
 
+def _waves(harmonics: int) -> tuple[Parameter, ...]:
+    """Return the strengths of cosines and sines, and their frequency.
+
+    It is read off the periodogram, not profiled: a discrete parameter stays where it is when a fit is refined.
+    """
+    names = [f"{wave}_{k}_Nm" for k in range(1, harmonics + 1) for wave in ("cosine", "sine")]
+    strengths = (Parameter(name, "N m", -np.inf, np.inf, 0.0, linear=True) for name in names)
+    return *strengths, Parameter("frequency_Hz", "Hz", 0.0, np.inf, 0.01, choices=(0.01,))
+
+
 class Periodic(UnnamedEffect):
     """A sine of time."""
 
     name = "periodic"
     signature = "a torque that is periodic in time"
-    parameters = (
-        Parameter("cosine_Nm", "N m", -np.inf, np.inf, 0.0, linear=True),
-        Parameter("sine_Nm", "N m", -np.inf, np.inf, 0.0, linear=True),
-        # Read off the periodogram, not profiled: a discrete parameter stays where it is when a fit is refined.
-        Parameter("frequency_Hz", "Hz", 0.0, np.inf, 0.01, choices=(0.01,)),
-    )
+    harmonics: ClassVar[int] = 1
+    parameters = _waves(harmonics)
     flips: ClassVar[bool] = False
 
     @classmethod
     def columns(
         cls, channels: Channels, shape: Mapping[str, float], memory: Memory = None
     ) -> tuple[FloatArray, Memory]:
-        """Return cosine and sine."""
+        """Return cosine and sine of each harmonic."""
         del memory
         phase = 2 * np.pi * shape["frequency_Hz"] * channels.time_s
-        columns = np.stack([np.cos(phase), np.sin(phase)], axis=1)
-        return columns * (channels.direction[:, None] if cls.flips else 1.0), None
+        waves = [wave(k * phase) for k in range(1, cls.harmonics + 1) for wave in (np.cos, np.sin)]
+        return np.stack(waves, axis=1) * (channels.direction[:, None] if cls.flips else 1.0), None
 
 
 class PeriodicDrag(Periodic):
@@ -160,6 +166,14 @@ class PeriodicDrag(Periodic):
     name = "periodic_drag"
     signature = "a drag that is periodic in time"
     flips: ClassVar[bool] = True
+
+
+class PeriodicRub(PeriodicDrag):
+    """A drag that repeats and lasts a short part of its period."""
+
+    name = "periodic_rub"
+    harmonics: ClassVar[int] = 20  # a rub that lasts a twentieth of its period has so many alike
+    parameters = _waves(harmonics)
 
 
 class StepInSpeed(UnnamedEffect):

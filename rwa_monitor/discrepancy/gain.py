@@ -22,14 +22,9 @@ from rwa_monitor.discrepancy.terms import depends_on_level, design_of, make_term
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 
 BLOCKS: Final = 10  # contiguous blocks per search problem; even ones train for odd ones and back
-# Another partition, for decisions: a manoeuvre in step with the blocks shows one parity only half of its speeds.
-OTHER_BLOCKS: Final = 13
-KEPT_SHARE: Final = 0.2  # of the log-likelihood gained in sample that must remain out of sample
-CONFIRMABLE_SHARE: Final = 0.1  # of a term's energy that must lie in the blocks of either parity
 TRAINABLE_SHARE: Final = 0.01  # of a term's energy that the training blocks must hold
 SMOOTHNESS: Final = 1e-3  # of a knot's energy: weight of the differences between neighbouring heights
 LEVEL_ROUNDS: Final = 3  # of level and columns that follow it, on recordings where nothing is fitted
-TOLERATED_LOSS: Final = 5.0  # an effect seen in one block only cannot be confirmed by the others; it must not harm
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,28 +85,6 @@ def on_other_recordings(problem: Problem, other: Problem, model: Model) -> HeldO
 def _summary(squares: FloatArray, scores: FloatArray, counts: IntArray) -> HeldOut:
     size = float(counts.sum())
     return HeldOut(float(np.sqrt(squares.sum() / size)), float(scores.sum() / size), scores / np.maximum(counts, 1))
-
-
-def holds_out(problem: Problem, simpler: Model, richer: Model) -> bool:
-    """Say whether the richer model's last term also pays on blocks that it was not fitted to.
-
-    It must keep a fair share of the gain it shows in sample; a coincidence keeps none. Where it shows in blocks of one
-    parity only, the others cannot confirm it: then it must do no harm.
-    """
-    term = richer.terms[-1]
-    inner = np.sum(remove_levels(term.columns, segment_starts(problem, richer.fit.jumps)) ** 2, axis=1)
-    rises, confirmed = [], []
-    for blocks in (BLOCKS, OTHER_BLOCKS):
-        rises.append(held_out(problem, richer, blocks).log_score - held_out(problem, simpler, blocks).log_score)
-        odd = _block_of(problem, blocks) % 2 == 1
-        least = min(float(inner[odd].sum()), float(inner[~odd].sum()))
-        confirmed.append(least >= CONFIRMABLE_SHARE * float(inner.sum()))
-    if not any(confirmed):
-        return float(np.mean(rises)) * problem.size > -TOLERATED_LOSS
-    # A partition in which one parity alone shows the term can neither confirm nor deny it.
-    kept = float(np.mean([rise for rise, counts in zip(rises, confirmed, strict=True) if counts])) * problem.size
-    in_sample = 0.5 * (simpler.fit.criterion - richer.fit.criterion + term.parameters * problem.log_size)
-    return kept > KEPT_SHARE * in_sample
 
 
 def _block_of(problem: Problem, blocks: int) -> IntArray:

@@ -18,10 +18,10 @@ import numpy as np
 from rwa_monitor.discrepancy.base_fit import jump_sets, remove_levels, segment_starts
 from rwa_monitor.discrepancy.channelling import DecayAfterReversal, may_channel
 from rwa_monitor.discrepancy.heat_term import FASTEST_S, LONGEST_SHARE, HeatOfMotion
+from rwa_monitor.discrepancy.jumping import refit
 from rwa_monitor.discrepancy.models import Found, Model, SearchResult
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.result import Unexplained
-from rwa_monitor.discrepancy.search import refit
 from rwa_monitor.discrepancy.terms import Term
 from rwa_monitor.physics.effects.base import MeanEffect
 from rwa_monitor.physics.effects.resolution import duration

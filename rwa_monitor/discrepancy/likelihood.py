@@ -1,8 +1,9 @@
-"""The exact likelihood of a law of friction without jumps, its noise refitted under every law.
+"""The exact likelihood of a law of friction, with or without jumps, its noise refitted under every law.
 
-    y_k = s_k l + Σ β_j φ_j + a_k + w_k,   a: AR(1),   w: white,   both growing with the speed
+    y_k = s_k l_k + Σ β_j φ_j + a_k + w_k,   a: AR(1),   w: white,   both growing with the speed
 
-The level l of each recording is a draw about a common one; dry and viscous friction are not negative. Noise that is
+The level l of each recording is a draw about a common one; at a jump nothing is known of the next; dry and viscous
+friction are not negative. Noise that is
 estimated once, from what the base law leaves, would hold the very effect that is looked for. Scores are twice the
 negative log-likelihood, its scale profiled out, plus log N for each parameter (BIC; G. Schwarz, Annals of Statistics 6,
 1978): the lower the better.
@@ -11,7 +12,7 @@ negative log-likelihood, its scale profiled out, plus log N for each parameter (
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any, Final, Self
 
 import numpy as np
@@ -23,6 +24,8 @@ from rwa_monitor.samples import FloatArray, IntArray
 
 Score = Callable[["NoiseLaw"], float]
 
+ENOUGH: Final = 10_000  # samples, from which the noise's law is known to some per cent
+STRETCHES: Final = 10
 ROUNDS: Final = 4  # of coefficients and noise in turn
 SETTLED: Final = 0.1  # of the score
 SMALLEST: Final = 1e-300  # of what is divided by
@@ -87,24 +90,50 @@ class Series:
         ω [rad/s].
     gap
         int64, slots since the sample before; 0 where a recording begins.
+    jumps
+        int64 (j,), first sample of each new level.
+    smallest_variance
+        Below which noise is the digits of a table [N² m²].
     """
 
     friction: FloatArray
     sign: FloatArray
     speed: FloatArray
     gap: IntArray
+    jumps: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    smallest_variance: float = 0.0
 
     @classmethod
     def of(cls, problem: Problem) -> Self:
         """Return the used samples of a problem."""
         gap = np.diff(problem.slot, prepend=0)
         gap[problem.starts[:-1][np.diff(problem.starts) > 0]] = 0
-        return cls(problem.sign * problem.z, problem.sign, problem.sign * problem.speed, gap)
+        smallest = problem.smallest_noise_Nm**2
+        nowhere = np.zeros(0, dtype=np.int64)
+        return cls(problem.sign * problem.z, problem.sign, problem.sign * problem.speed, gap, nowhere, smallest)
+
+    def with_jumps(self, jumps: IntArray) -> Series:
+        """Return the same samples with jumps, int64 (j,): the first sample of each new level."""
+        return replace(self, jumps=jumps)
 
     @property
     def several(self) -> bool:
         """Say whether there is more than one recording."""
         return int(np.count_nonzero(self.gap == 0)) > 1
+
+    def in_part(self) -> Series:
+        """Return stretches of a long recording, evenly spread: the noise's law needs no more."""
+        if self.size <= ENOUGH or self.several:
+            return self
+        begins = np.linspace(0, self.size - ENOUGH // STRETCHES, STRETCHES).astype(np.int64)
+        kept = (begins[:, None] + np.arange(ENOUGH // STRETCHES)).ravel()
+        gap, is_jump = self.gap[kept], np.zeros(self.size, dtype=bool)
+        is_jump[self.jumps] = is_jump[begins[1:]] = True
+        gap[:: ENOUGH // STRETCHES] = 0
+        jumps = np.flatnonzero(is_jump[kept])
+        return replace(
+            self, friction=self.friction[kept], sign=self.sign[kept], speed=self.speed[kept], gap=gap, jumps=jumps
+        )
 
     @property
     def size(self) -> int:
@@ -122,7 +151,7 @@ class Series:
         return np.stack([self.sign, self.speed])
 
     def whitened(self, rows: FloatArray, law: NoiseLaw) -> tuple[FloatArray, float]:
-        """Return the innovations of rows, float64 (p, n), and the log-determinant of their covariance."""
+        """Return the innovations of rows, float64 (p, n), and the log-determinant of their covariance without jumps."""
         rows = np.array(rows, dtype=np.float64, order="C", ndmin=2)
         level = self.sign
         if law.growth != 0.0:
@@ -133,7 +162,13 @@ class Series:
             level = level / spread  # friction, not noise: it is the same at every speed
         drift = np.where(self.gap == 0, law.level_spread, 0.0)
         parts = law.white, 1.0 - law.white, law.correlation, 0.0
-        return rows, whiten(rows, level, drift, self.gap, parts)
+        if self.jumps.size == 0:
+            return rows, whiten(rows, level, drift, self.gap, parts)
+        nothing = np.zeros((0, self.size))
+        log_determinant = whiten(nothing, level, drift, self.gap, parts)
+        drift[self.jumps] = np.inf
+        whiten(rows, level, drift, self.gap, parts)
+        return rows, log_determinant
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,6 +183,8 @@ class Equations:
         float64 (p,), bounds of the coefficients.
     samples, log_determinant
         Of the whitened rows.
+    smallest_variance
+        Added to that of the residual.
     """
 
     gram: FloatArray
@@ -157,13 +194,22 @@ class Equations:
     high: FloatArray
     samples: int
     log_determinant: float
+    smallest_variance: float = 0.0
 
     @classmethod
     def of(cls, series: Series, rows: FloatArray, low: FloatArray, high: FloatArray, law: NoiseLaw) -> Self:
         """Whiten friction and regressors, float64 (p, n), and multiply them."""
         white, log_determinant = series.whitened(np.vstack([series.friction, rows]), law)
+        return cls.from_whitened(series, white, low, high, log_determinant)
+
+    @classmethod
+    def from_whitened(
+        cls, series: Series, white: FloatArray, low: FloatArray, high: FloatArray, log_determinant: float
+    ) -> Self:
+        """Multiply whitened friction and regressors, float64 (1 + p, n)."""
         products = white @ white.T
-        return cls(products[1:, 1:], products[1:, 0], float(products[0, 0]), low, high, series.size, log_determinant)
+        squares, smallest = float(products[0, 0]), series.smallest_variance
+        return cls(products[1:, 1:], products[1:, 0], squares, low, high, series.size, log_determinant, smallest)
 
     def solve(self) -> tuple[FloatArray, float]:
         """Return the coefficients within their bounds, and the deviance with the best scale."""
@@ -177,25 +223,26 @@ class Equations:
             bounded = optimize.lsq_linear((vectors * root).T, (vectors.T @ moment) / root, (low, high), method="bvls")
             solution = np.clip(bounded.x, low, high)
         left = self.squares - 2.0 * solution @ moment + solution @ gram @ solution
-        variance = max(left, 1e-15 * self.squares, SMALLEST) / self.samples
+        variance = max(left, 1e-15 * self.squares, SMALLEST) / self.samples + self.smallest_variance
         deviance = float(self.samples * np.log(variance) + self.log_determinant)
         return np.clip(solution / scale, self.low, self.high), deviance
 
 
 def fit_noise(
-    series: Series, rows: FloatArray, low: FloatArray, high: FloatArray, start: NoiseLaw
+    series: Series, rows: FloatArray, low: FloatArray, high: FloatArray, start: NoiseLaw, *, again: bool = False
 ) -> tuple[NoiseLaw, float]:
     """Return the noise law under which regressors explain the friction best, and the score; parameters as they pay.
 
     Coefficients and noise in turn: the noise is fitted to what the regressors leave, with a level and a slope free in
     it, which slow noise trades with most. That costs the same however many regressors there are. The levels of
-    recordings differ only if they do at the start: that is a hypothesis, see `apart`.
+    recordings differ only if they do at the start: that is a hypothesis, see `apart`. `again` says that the start is
+    the law of nearly the same model: then only near it is looked.
     """
     plain = NoiseLaw(level_spread=start.level_spread)
-    starts = [start] if start == plain else [start, plain]  # slow noise hides a law that it could be, too
-    best, least = min((_round(series, rows, low, high, one) for one in starts), key=lambda one: one[1])
+    starts = [start] if again or start == plain else [start, plain]  # slow noise hides a law that it could be, too
+    best, least = min((_round(series, rows, low, high, one, again) for one in starts), key=lambda one: one[1])
     for _ in range(ROUNDS - 1):
-        law, score = _round(series, rows, low, high, best)
+        law, score = _round(series, rows, low, high, best, again)
         if score > least - SETTLED:
             return (law, score) if score < least else (best, least)
         best, least = law, score
@@ -203,16 +250,16 @@ def fit_noise(
 
 
 def _round(
-    series: Series, rows: FloatArray, low: FloatArray, high: FloatArray, start: NoiseLaw
+    series: Series, rows: FloatArray, low: FloatArray, high: FloatArray, start: NoiseLaw, again: bool
 ) -> tuple[NoiseLaw, float]:
     """Fit coefficients under a noise law, and the noise to what they leave; return it and the score with it."""
     coefficients, _ = Equations.of(series, rows, low, high, start).solve()
-    law = _noise_of(replace(series, friction=series.friction - coefficients @ rows), start)
+    law = _noise_of(replace(series, friction=series.friction - coefficients @ rows).in_part(), start, again)
     return law, Equations.of(series, rows, low, high, law).solve()[1] + series.log_size * law.parameters
 
 
-def _noise_of(series: Series, start: NoiseLaw) -> NoiseLaw:
-    """Return the noise law of a residual."""
+def _noise_of(series: Series, start: NoiseLaw, again: bool) -> NoiseLaw:
+    """Return the noise law of a residual; `again` only with the parameters that are in use at the start."""
     free = np.full(2, np.inf)
 
     def score(law: NoiseLaw) -> float:
@@ -222,9 +269,11 @@ def _noise_of(series: Series, start: NoiseLaw) -> NoiseLaw:
     best, least = law, score(law)
     for _ in range(2):  # colour and growth hide each other at first
         others = best.growth, best.level_spread
-        coloured = _coloured(score, best, best if best.correlation > 0.0 else start)
-        best, least = min((best, least), coloured, key=lambda one: one[1])
-        best, least = min((best, least), _along(score, best, "growth", LARGEST_GROWTH), key=lambda one: one[1])
+        if start.correlation > 0.0 or not again:
+            coloured = _coloured(score, best, best if best.correlation > 0.0 else start, 0.3 if again else 1.0)
+            best, least = min((best, least), coloured, key=lambda one: one[1])
+        if start.growth != 0.0 or not again:
+            best, least = min((best, least), _along(score, best, "growth", LARGEST_GROWTH), key=lambda one: one[1])
         if best.level_spread > 0.0:
             spread = _along(score, best, "level_spread", LARGEST_SPREAD)
             best, least = min((best, least), spread, key=lambda one: one[1])
@@ -236,8 +285,11 @@ def _noise_of(series: Series, start: NoiseLaw) -> NoiseLaw:
     return best
 
 
-def _coloured(score: Score, other: NoiseLaw, start: NoiseLaw) -> tuple[NoiseLaw, float]:
-    """Fit share of white noise and memory of a law, from where they were at the start or from three places."""
+def _coloured(score: Score, other: NoiseLaw, start: NoiseLaw, step: float) -> tuple[NoiseLaw, float]:
+    """Fit share of white noise and memory of a law, from where they were at the start or from three places.
+
+    The first steps are so large as SIMPLEX, times `step`.
+    """
 
     def law(at: FloatArray) -> NoiseLaw:
         share = special.expit(np.clip(at[0], -WIDEST_SHARE, WIDEST_SHARE))
@@ -252,7 +304,10 @@ def _coloured(score: Score, other: NoiseLaw, start: NoiseLaw) -> tuple[NoiseLaw,
     options = {"xatol": 0.03, "fatol": 0.05, "maxiter": 80}
     found = [
         minimize(
-            lambda at: score(law(at)), at, method="Nelder-Mead", options={**options, "initial_simplex": at + SIMPLEX}
+            lambda at: score(law(at)),
+            at,
+            method="Nelder-Mead",
+            options={**options, "initial_simplex": at + step * SIMPLEX},
         )
         for at in starts
     ]

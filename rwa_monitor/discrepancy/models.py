@@ -16,11 +16,24 @@ from rwa_monitor.samples import FloatArray
 
 @dataclass(frozen=True, slots=True)
 class Model:
-    """A set of effects and its fit; the law of its noise where that was fitted with it, without jumps."""
+    """A set of effects and its fit.
+
+    Attributes
+    ----------
+    terms
+        The effects.
+    fit
+        Jumps, coefficients, and what is left; its criterion only screens, see `base_fit`.
+    law
+        The noise's law that was fitted with it; None before it is scored.
+    score
+        See `score`; lower is better. Infinite before it is scored.
+    """
 
     terms: tuple[Term, ...]
     fit: Fit
     law: NoiseLaw | None = None
+    score: float = float("inf")
 
     @property
     def names(self) -> tuple[str, ...]:

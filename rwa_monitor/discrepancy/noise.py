@@ -12,6 +12,7 @@ from scipy.ndimage import median_filter
 from rwa_monitor.discrepancy.mapper import Mapper, in_turn
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 
+ENOUGH: Final = 20_000  # differences at a lag: their median is then known to a per cent
 MAX_LAG: Final = 96  # slots: AR(1) with φ = 0.95 has forgotten 99 % by then
 MEDIAN_OF_ABSOLUTE_NORMAL: Final = 0.674489750196082
 CLIP_AT: Final = 4.0  # standard deviations; 6e-5 of Gaussian samples lie beyond
@@ -65,8 +66,11 @@ def estimate_noise(pieces: Sequence[FloatArray], each: Mapper = in_turn) -> Nois
     longest = max(piece.size for piece in pieces)
     lags = np.arange(1, min(MAX_LAG, max(longest // 4, 2)) + 1)
 
+    stride = max(sum(piece.size for piece in pieces) // ENOUGH, 1)
+
     def half_variance(lag: int) -> float:
-        differences = np.concatenate([piece[lag:] - piece[:-lag] for piece in pieces if piece.size > lag])
+        pairs = [(piece[lag::stride], piece[:-lag:stride]) for piece in pieces if piece.size > lag]
+        differences = np.concatenate([after - before for after, before in pairs])
         return float(0.5 * (np.median(np.abs(differences)) / MEDIAN_OF_ABSOLUTE_NORMAL) ** 2)
 
     gamma = np.array(each(half_variance, lags.tolist()))

@@ -19,8 +19,7 @@ from rwa_monitor.discrepancy.caches import ColumnCache
 from rwa_monitor.discrepancy.models import Model
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.record import Record
-from rwa_monitor.discrepancy.search import middle_shape
-from rwa_monitor.discrepancy.shape_profile import profile
+from rwa_monitor.discrepancy.shape_profile import middle_shape, profile
 from rwa_monitor.discrepancy.terms import make_background, make_term
 from rwa_monitor.physics.effects.base import Channels
 from rwa_monitor.physics.effects.catalogue import MEAN_EFFECTS

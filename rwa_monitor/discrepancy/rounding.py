@@ -12,9 +12,9 @@ from typing import Final
 import numpy as np
 
 from rwa_monitor.discrepancy.base_fit import jump_sets
+from rwa_monitor.discrepancy.jumping import refit
 from rwa_monitor.discrepancy.models import SearchResult
 from rwa_monitor.discrepancy.problem import Problem
-from rwa_monitor.discrepancy.search import refit
 from rwa_monitor.physics.effects.tachometer_quantisation import lattice_step
 
 FOLLOW_ACCELERATION: Final = frozenset(

@@ -8,19 +8,30 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, Protocol
 
 import numpy as np
 from scipy import optimize
 
 from rwa_monitor.discrepancy.problem import Problem
-from rwa_monitor.discrepancy.terms import Background, RobustBackground, Term, followed_level, make_term_with
+from rwa_monitor.discrepancy.terms import RobustBackground, Term, followed_level, make_term_with
 from rwa_monitor.physics.effects.base import MeanEffect, Parameter
 from rwa_monitor.samples import FloatArray
 
 FEW_CHOICES: Final = 3  # of a discrete shape parameter: so few are tried again in each refinement
 GRID_POINTS: Final = 9  # per continuous shape parameter; the profile is then refined between neighbours
 LOG_SPACING_FROM: Final = 8.0  # ratio of bounds from which a shape parameter is spaced in logarithm
+
+
+class Background(Protocol):
+    """What is in the model already."""
+
+    @property
+    def problem(self) -> Problem:
+        """The data."""
+
+    def criterion_with(self, term: Term, squares: FloatArray | None = None) -> float:
+        """Return a criterion with a term more, whose products are `squares` where they are known; lower is better."""
 
 
 def profile_robustly(effect: type[MeanEffect], background: RobustBackground, level: FloatArray | None) -> Term:
@@ -157,3 +168,14 @@ def _refine(
     value = float(back(found.x))
     better = (*best[:position], value, *best[position + 1 :])
     return better if cost(better) < cost(best) else best
+
+
+def middle_shape(problem: Problem, effect: type[MeanEffect]) -> dict[str, float]:
+    """Return a shape in the middle of what the first record can show."""
+    bounds = effect.shape_bounds(problem.records[0].channels)
+    shape = {}
+    for parameter in effect.shape_parameters():
+        low, high = bounds[parameter.name]
+        middle = float(np.sqrt(low * high)) if low > 0 else 0.5 * (low + high)
+        shape[parameter.name] = parameter.choices[0] if parameter.choices else middle
+    return shape

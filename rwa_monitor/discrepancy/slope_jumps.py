@@ -17,10 +17,11 @@ import numpy as np
 from rwa_monitor.discrepancy.base_fit import JUMP_PENALTY, jump_sets, strong_jumps
 from rwa_monitor.discrepancy.gain import held_out
 from rwa_monitor.discrepancy.jump_terms import ViscousJumpTerm
+from rwa_monitor.discrepancy.jumping import refit
 from rwa_monitor.discrepancy.models import Model
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.result import ParameterValue
-from rwa_monitor.discrepancy.search import ACCEPT_GAIN, refit
+from rwa_monitor.discrepancy.search import ACCEPT_GAIN
 from rwa_monitor.discrepancy.terms import Term
 from rwa_monitor.kernels.segmentation import optimal_lines
 from rwa_monitor.physics.effects.base import Channels, Memory, Parameter
@@ -73,12 +74,12 @@ def with_slope_jumps(
     if best is not None and begin.terms:
         # What was named may be what jumps of the slope look like.
         alone = _with_slopes(problem, simpler)
-        best = best if alone is None else min(best, alone, key=lambda one: one.fit.criterion)
+        best = best if alone is None else min(best, alone, key=lambda one: one.score)
     if best is None or not _pays(problem, model, best):
         return None
     others = refit(problem, best.terms[:-1], [best.fit.jumps])
     drifting = refit(problem, (*others.terms, _drifting(problem, best.terms[-1])), [best.fit.jumps])
-    if min(rival.fit.criterion for rival in (drifting, *rivals(others))) <= best.fit.criterion:
+    if min(rival.score for rival in (drifting, *rivals(others))) <= best.score:
         return None
     return best
 
@@ -94,7 +95,7 @@ def _with_slopes(problem: Problem, begin: Model) -> Model | None:
 
 def _pays(problem: Problem, model: Model, best: Model) -> bool:
     """Say whether a model with free slopes is better than another, on held-out blocks, too."""
-    if model.fit.criterion - best.fit.criterion < ACCEPT_GAIN or best.terms[-1].effect.name != ViscousJump.name:
+    if model.score - best.score < ACCEPT_GAIN or best.terms[-1].effect.name != ViscousJump.name:
         return False
     scores = [held_out(problem, one, HELD_OUT_BLOCKS).log_score for one in (model, best)]
     return scores[1] > scores[0]
@@ -106,7 +107,7 @@ def _without_idle(problem: Problem, model: Model) -> Model:
     while index < len(model.terms) - 1:
         terms = tuple(term for i, term in enumerate(model.terms) if i != index)
         reduced = refit(problem, terms, [model.fit.jumps])
-        if reduced.fit.criterion - model.fit.criterion < ACCEPT_GAIN:
+        if reduced.score - model.score < ACCEPT_GAIN:
             model = reduced
         else:
             index += 1

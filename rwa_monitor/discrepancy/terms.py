@@ -33,7 +33,6 @@ from rwa_monitor.samples import FloatArray, IntArray
 
 ROBUST_PAIRS: Final = 8_000  # differences that the robust start looks at, evenly spread
 ROBUST_ROUNDS: Final = 5  # reweightings; the shape only starts the fit
-EXPLAINED_AWAY: Final = 1e-8  # share of a column's square below which levels and slope already hold it
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,12 +14,13 @@ from typing import Final
 import numpy as np
 
 from rwa_monitor.discrepancy.base_fit import jump_sets, strong_jumps, strong_level
-from rwa_monitor.discrepancy.free_curves import CURVES, Periodic, PeriodicDrag, StepInSpeed
-from rwa_monitor.discrepancy.gain import holds_out, trained
+from rwa_monitor.discrepancy.free_curves import CURVES, Periodic, PeriodicDrag, PeriodicRub, StepInSpeed
+from rwa_monitor.discrepancy.gain import trained
+from rwa_monitor.discrepancy.jumping import refit
 from rwa_monitor.discrepancy.models import Model, SearchResult
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.result import Unexplained
-from rwa_monitor.discrepancy.search import ACCEPT_GAIN, refit
+from rwa_monitor.discrepancy.search import ACCEPT_GAIN
 from rwa_monitor.discrepancy.terms import Term, make_term
 from rwa_monitor.discrepancy.thresholds import best_threshold
 from rwa_monitor.samples import FloatArray
@@ -29,7 +30,6 @@ STEPS_TO_JUMPS: Final = 2.0  # so many more small steps than jumps
 LASTING_LAGS: Final = range(64, 129, 4)  # slots: noise of the catalogue has forgotten itself to 4 %
 LASTING_SHARE: Final = 0.2  # of the residual's variance
 FOLD_BINS: Final = 40  # parts of a period: what lasts a twentieth of it is seen
-MOST_HARMONICS: Final = 20  # of a period: a rub that lasts a twentieth of it has so many alike
 FEWEST_PERIODS: Final = 3  # in a record
 FOLDED_SHARE: Final = 0.9  # of the most power that any period folds up
 SHORT_SHARE: Final = 0.25  # of a period: what lasts longer is a wave, not a rub
@@ -50,11 +50,11 @@ def judge_leftover(problem: Problem, found: SearchResult) -> tuple[SearchResult,
         problem, model.terms, model.fit, lambda speed: make_term(problem, StepInSpeed, {"speed_rad_s": speed}, None)
     )
     if step is not None:
-        rivals.append(refit(problem, (*model.terms, step[0]), [step[1]]))
+        rivals.append(refit(problem, (*model.terms, step[0]), [step[1]], model.law))
     if not rivals:
         return found, None, model
-    best = min(rivals, key=lambda rival: rival.fit.criterion)
-    if model.fit.criterion - best.fit.criterion < ACCEPT_GAIN or not holds_out(problem, model, best):
+    best = min(rivals, key=lambda rival: rival.score)
+    if model.score - best.score < ACCEPT_GAIN:
         return found, None, model
     curve = best.terms[-1]
     kept = [i for i in range(len(model.terms)) if _needed(problem, best, i)]
@@ -83,27 +83,40 @@ def with_free_curves(problem: Problem, model: Model) -> list[Model]:
 
 
 def _folded(problem: Problem, model: Model, curve: Term) -> Unexplained:
-    """Return what repeats in time with its period, how long it lasts in each, and its size.
+    """Return what repeats in time with its period, how long it lasts in each, and its size."""
+    flips, frequency_Hz = curve.effect.flips, curve.shape["frequency_Hz"]  # type: ignore[attr-defined]
+    period, mean, residual = _repeated(problem, model, frequency_Hz, flips=flips)
+    power, mean = float(np.mean(mean**2)), mean - np.median(mean)
+    lasting = float(np.count_nonzero(np.abs(mean) > 0.5 * np.max(np.abs(mean)))) / FOLD_BINS
+    short = f", {lasting * period:.2g} s long" if lasting < SHORT_SHARE else ""
+    noise = float(np.var(residual)) * FOLD_BINS / residual.size
+    size = float(np.sqrt(max(power - noise, 0.0)))
+    return Unexplained(f"{curve.effect.signature}, every {period:.3g} s{short}", size)
 
-    The largest peak of a periodogram may be a harmonic, as of a short rub in a long period: the residual of the first
-    record is folded at multiples of the peak's period, and the shortest that holds nearly all there is to fold is told.
+
+def _repeated(
+    problem: Problem, model: Model, frequency_Hz: float, *, flips: bool
+) -> tuple[float, FloatArray, FloatArray]:
+    """Return the period [s], the mean over FOLD_BINS parts of it, and the residual of the first record.
+
+    The largest peak of a periodogram may be a harmonic, as of a short rub in a long period: the residual is folded at
+    multiples of the peak's period, and the shortest that holds nearly all there is to fold is the period.
     """
     end = int(problem.starts[1])
     time_s = problem.records[0].channels.time_s[problem.slot[:end]]
     residual = model.fit.residual[:end]
-    if not curve.effect.flips:  # type: ignore[attr-defined]
+    if not flips:
         residual = residual * problem.sign[:end]
-    longest = max(int(curve.shape["frequency_Hz"] * float(np.ptp(time_s)) / FEWEST_PERIODS), 1)
-    periods = [k / curve.shape["frequency_Hz"] for k in range(1, min(longest, MOST_HARMONICS) + 1)]
+    longest = max(int(frequency_Hz * float(np.ptp(time_s)) / FEWEST_PERIODS), 1)
+    periods = [k / frequency_Hz for k in range(1, min(longest, PeriodicRub.harmonics) + 1)]
     folds = [_fold(time_s, residual, period) for period in periods]
     powers = [float(np.mean(mean**2)) for mean in folds]
-    at = next(i for i, power in enumerate(powers) if power >= FOLDED_SHARE * max(powers))
-    mean = folds[at] - np.median(folds[at])
-    lasting = float(np.count_nonzero(np.abs(mean) > 0.5 * np.max(np.abs(mean)))) / FOLD_BINS
-    short = f", {lasting * periods[at]:.2g} s long" if lasting < SHORT_SHARE else ""
-    noise = float(np.var(residual)) * FOLD_BINS / end
-    size = float(np.sqrt(max(powers[at] - noise, 0.0)))
-    return Unexplained(f"{curve.effect.signature}, every {periods[at]:.3g} s{short}", size)
+    period = periods[next(i for i, power in enumerate(powers) if power >= FOLDED_SHARE * max(powers))]
+    # A peak is as wide as a period more or less in the record: a short rub tells its period better.
+    near = period * (1.0 + period / float(np.ptp(time_s)) * np.linspace(-0.5, 0.5, 2 * FOLD_BINS + 1))
+    folds = [_fold(time_s, residual, one) for one in near]
+    best = int(np.argmax([float(np.mean(mean**2)) for mean in folds]))
+    return float(near[best]), folds[best], residual
 
 
 def _fold(time_s: FloatArray, values: FloatArray, period_s: float) -> FloatArray:
@@ -155,6 +168,9 @@ def _free_terms(problem: Problem, model: Model) -> list[Term]:
         frequency = _best_frequency(problem, model, flips=effect.flips)
         if frequency is not None:
             terms.append(make_term(problem, effect, {"frequency_Hz": frequency}, None))
+            if effect is PeriodicDrag:
+                period, *_ = _repeated(problem, model, frequency, flips=effect.flips)
+                terms.append(make_term(problem, PeriodicRub, {"frequency_Hz": 1.0 / period}, None))
     return terms
 
 
@@ -175,11 +191,11 @@ def _best_frequency(problem: Problem, model: Model, *, flips: bool) -> float | N
 
 def _with(problem: Problem, model: Model, term: Term) -> Model:
     starts = [*jump_sets(problem, model.fit), strong_jumps(problem, model.fit)]
-    return refit(problem, (*model.terms, term), starts)
+    return refit(problem, (*model.terms, term), starts, model.law)
 
 
 def _needed(problem: Problem, model: Model, index: int) -> bool:
     """Say whether a named term is still worth its price beside the free curve."""
     others = tuple(term for i, term in enumerate(model.terms) if i != index)
     without = refit(problem, others, [model.fit.jumps])
-    return without.fit.criterion - model.fit.criterion >= ACCEPT_GAIN
+    return without.score - model.score >= ACCEPT_GAIN

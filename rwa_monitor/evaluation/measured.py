@@ -18,9 +18,10 @@ import numpy as np
 
 from rwa_monitor.discrepancy.find import find_discrepancy, prepare
 from rwa_monitor.discrepancy.finished_search import Search
+from rwa_monitor.discrepancy.jumping import extensions
 from rwa_monitor.discrepancy.models import Model
 from rwa_monitor.discrepancy.record import make_record
-from rwa_monitor.discrepancy.search import ACCEPT_GAIN, extensions
+from rwa_monitor.discrepancy.search import ACCEPT_GAIN
 from rwa_monitor.discrepancy.terms import make_term
 from rwa_monitor.formats.table import read_table
 from rwa_monitor.formats.wheel_file import read_wheel
@@ -199,11 +200,11 @@ def _covariance_of_scores(scores: FloatArray, lags: int) -> FloatArray:
 
 def bias_beside(search: Search, model: Model) -> tuple[float, float]:
     """Return what `torque_bias` gains beside a model, levels and jumps found afresh, and its strength [N m]."""
-    rivals = extensions(search.problem, model, [MEAN_EFFECTS["torque_bias"]], lambda _: None)
+    rivals = extensions(search.problem, model, [MEAN_EFFECTS["torque_bias"]])
     if not rivals:  # not worth a full fit
         return -search.problem.log_size, 0.0
     with_bias = rivals[0]
-    gain = model.fit.criterion - with_bias.fit.criterion
+    gain = model.score - with_bias.score
     return gain, float(with_bias.strengths(len(with_bias.terms) - 1)[0])
 
 

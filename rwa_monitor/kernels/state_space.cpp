@@ -21,7 +21,9 @@ struct NoiseLaw {
 // divided by their standard deviations; the gains are the same for all columns (de Jong 1991, "The diffuse Kalman
 // filter"; Harvey 1989, section 3.4). Row 0 of `columns` (p, n) is y, the others regressors; each is replaced by its
 // innovations. `gap` counts the slots since the sample before, 0 where a recording begins: there all begins anew, and
-// drift_k is the variance of the recording's level about the common one. Returns Σ log S_k.
+// drift_k is the variance of the recording's level about the common one. An infinite drift_k is a jump: a level of which
+// nothing is known, so that the sample only sets it; its innovation is zero, and its log S_k is left out (de Jong, too).
+// Returns Σ log S_k.
 double whiten(
     Matrix<double> columns, Vector<const double> sign, Vector<const double> drift, Vector<const std::int64_t> gap,
     const NoiseLaw& law) {
@@ -53,8 +55,23 @@ double whiten(
                 if (gap[k] > 1) state[3 * j + 2] = 0.0;
             }
         }
-        ll += drift[k];
         const double s = sign[k], fresh = law.differenced;
+        if (std::isinf(drift[k])) {
+            const double ga = aa - av, gv = av - vv;  // with the noise of the sample before its fresh part
+            for (std::int64_t j = 0; j < p; ++j) {
+                double* column = &state[3 * j];
+                column[0] = (columns(j, k) - column[1] + column[2]) / s;
+                column[2] = 0.0;
+                columns(j, k) = 0.0;
+            }
+            ll = (ga - gv + fresh + law.white) / (s * s);
+            la = -ga / s;
+            lv = -fresh / s;
+            av = 0.0;
+            vv = fresh;
+            continue;
+        }
+        ll += drift[k];
         const double gl = s * ll + la - lv, ga = s * la + aa - av, gv = s * lv + av - vv;
         const double variance = s * gl + ga - gv + fresh + law.white;
         const double scale = 1.0 / std::sqrt(variance), kl = gl / variance, ka = ga / variance, kv = fresh / variance;

@@ -13,7 +13,7 @@ def whiten(
         float64 (n,), direction of rotation: the level adds sign · level to the friction.
     drift
         float64 (n,), variance of the level's step before each sample; where a recording begins, of its level about the
-        common one.
+        common one. Infinite at a jump: the sample sets the level, its innovation is 0 and is left out of the sum.
     gap
         int64 (n,), slots since the sample before; 0 where a recording begins.
     law

@@ -75,6 +75,36 @@ def test_whitening_is_that_of_the_dense_covariance(
     assert_whitened(rows, whiten(rows, sign, drift, gap, parts), columns, dense(sign, drift, gap, parts))
 
 
+@settings(max_examples=40)
+@given(
+    layouts(), st.sampled_from([0.1, 1.0]), variances, st.sampled_from([0.0, 0.6, 0.999]), variances, st.integers(0, 99)
+)
+def test_a_jump_is_a_level_of_which_nothing_is_known(
+    layout: tuple[FloatArray, FloatArray, IntArray],
+    white: float,
+    coloured: float,
+    correlation: float,
+    differenced: float,
+    seed: int,
+) -> None:
+    sign, drift, gap = layout
+    parts = white, coloured, correlation, differenced
+    rng = np.random.default_rng(seed)
+    columns = rng.normal(size=(3, COUNT))
+    jumps = np.sort(rng.choice(np.arange(1, COUNT), 5, replace=False))
+    jumps = jumps[gap[jumps] > 0]
+    rows, reset = columns.copy(), drift.copy()
+    reset[jumps] = np.inf
+    whiten(rows, sign, reset, gap, parts)
+    recording, at = np.cumsum(gap == 0), np.arange(COUNT)
+    steps = np.array([sign * ((at >= jump) & (recording == recording[jump])) for jump in jumps]).reshape(-1, COUNT)
+    factor = linalg.cholesky(dense(sign, drift, gap, parts), lower=True)
+    white_columns, white_steps = (linalg.solve_triangular(factor, one.T, lower=True) for one in (columns, steps))
+    left = white_columns - white_steps @ linalg.lstsq(white_steps, white_columns)[0] if jumps.size else white_columns
+    # Steps of any size are least squares' coefficients: only the products of what they leave are the same.
+    assert np.allclose(rows @ rows.T, left.T @ left, rtol=1e-8, atol=1e-8 * np.abs(left).max() ** 2)
+
+
 def series(count: int, seed: int = 0, recordings: int = 1) -> Series:
     """Return a to and fro without friction."""
     speed = 100.0 * np.sin(np.arange(count) / 17.0 + seed) + 5.0

@@ -18,11 +18,11 @@ from rwa_monitor.discrepancy.bootstrap import with_bootstrap
 from rwa_monitor.discrepancy.extended import extended_wheel
 from rwa_monitor.discrepancy.find import find_discrepancy
 from rwa_monitor.discrepancy.finished_search import Search
+from rwa_monitor.discrepancy.jumping import refit
 from rwa_monitor.discrepancy.ladder import ladder
 from rwa_monitor.discrepancy.next_flight import plan
 from rwa_monitor.discrepancy.plan import rank_manoeuvres
 from rwa_monitor.discrepancy.result import Unexplained
-from rwa_monitor.discrepancy.search import refit
 from rwa_monitor.discrepancy.terms import make_term
 from rwa_monitor.discrepancy.views import all_views
 from rwa_monitor.formats.table import table_writer

@@ -9,10 +9,10 @@ import pytest
 
 from rwa_monitor.discrepancy.base_fit import fit
 from rwa_monitor.discrepancy.find import find_discrepancy, prepare
+from rwa_monitor.discrepancy.jumping import extensions
 from rwa_monitor.discrepancy.models import Model
 from rwa_monitor.discrepancy.record import make_record
 from rwa_monitor.discrepancy.result import ParameterValue
-from rwa_monitor.discrepancy.search import extensions
 from rwa_monitor.discrepancy.uncertainty import described, spread
 from rwa_monitor.physics.effects.catalogue import MEAN_EFFECTS
 from rwa_monitor.physics.scenario import Scenario

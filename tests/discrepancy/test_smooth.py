@@ -15,12 +15,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rwa_monitor.discrepancy import smooth_search
 from rwa_monitor.discrepancy.find import candidates, find_discrepancy
 from rwa_monitor.discrepancy.finished_search import Search
-from rwa_monitor.discrepancy.gain import holds_out
-from rwa_monitor.discrepancy.search import search
-from rwa_monitor.discrepancy.smooth_search import find_smooth, find_where_likelier
+from rwa_monitor.discrepancy.jumping import Jumping
+from rwa_monitor.discrepancy.search import ACCEPT_GAIN, search
+from rwa_monitor.discrepancy.smooth import Smooth
+from rwa_monitor.discrepancy.testable import FOLLOWS_THE_SPEED
 from rwa_monitor.discrepancy.uncertainty import spread
 from rwa_monitor.physics.wheel import Limits, Nominal, Wheel
 from rwa_monitor.samples import Samples
@@ -71,7 +71,7 @@ def test_windage_in_a_single_coast_down(correlation: float) -> None:
     untested = dict(found.result.untested)
     assert {"inertia_error", "run_in_drift", "lubricant_lag", "load_dependence"} <= untested.keys()
     for name in ("inertia_error", "run_in_drift", "lubricant_lag"):
-        assert untested[name] == smooth_search.FOLLOWS_THE_SPEED
+        assert untested[name] == FOLLOWS_THE_SPEED
 
 
 def test_sublinear_drag_of_a_flywheel() -> None:
@@ -124,22 +124,18 @@ def test_a_knee_in_slow_crossings_without_jumps() -> None:
 
 @pytest.mark.parametrize("seed", [pytest.param(seed, marks=pytest.mark.slow) if seed else 0 for seed in range(9)])
 @pytest.mark.parametrize("motion", MOTIONS)
-def test_nothing_gains_what_a_name_asks_for_where_nothing_is_missing(
-    motion: str, seed: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(smooth_search, "ACCEPT_GAIN", -np.inf)  # so that the best candidate is told, whatever it gains
-    monkeypatch.setattr(smooth_search, "MAX_EFFECTS", 1)
+def test_nothing_gains_what_a_name_asks_for_where_nothing_is_missing(motion: str, seed: int) -> None:
     for correlation in CORRELATIONS:
-        found = find_smooth(problem_of(null_record(motion, correlation, seed)), candidates(WHEEL)).found
-        assert all(entry.gain < LARGEST_NULL_GAIN[seed] for entry in found.found)
+        problem = problem_of(null_record(motion, correlation, seed))
+        assert search(Smooth(problem), candidates(WHEEL), least_gain=np.inf).best_rejected < LARGEST_NULL_GAIN[seed]
 
 
 def test_real_jumps_are_left_to_the_search_with_jumps() -> None:
     samples, _ = record(swing(3000, period_s=120.0), jumps=(700, 1600, 2400))
     problem = problem_of(samples)
-    jumping = search(problem, candidates(WHEEL), holds_out).ladder[-1]
-    assert jumping.fit.jumps.size == 3
-    assert find_where_likelier(problem, jumping, candidates(WHEEL)) is None
+    models = [search(approach(problem), candidates(WHEEL)).ladder[-1] for approach in (Jumping, Smooth)]
+    assert models[0].fit.jumps.size == 3
+    assert models[0].score < models[1].score - ACCEPT_GAIN
 
 
 # ---- the same in any form --------------------------------------------------------------------------------------------
@@ -153,7 +149,7 @@ few = settings(max_examples=3)
 def told(*recordings: Samples, wheel: Wheel = WHEEL) -> Told:
     """Return the first strength of each effect that is named, with its standard deviation."""
     problem = problem_of(*recordings, wheel=wheel)
-    found = find_smooth(problem, candidates(wheel)).found
+    found = search(Smooth(problem), candidates(wheel))
     model = found.ladder[-1]
     errors = spread(problem, model).terms
     return {
