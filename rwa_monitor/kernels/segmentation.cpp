@@ -4,14 +4,17 @@
 #include <algorithm>
 #include <cmath>
 #include <limits>
+#include <optional>
 
 namespace rwa {
 namespace {
 
+constexpr double INFINITE = std::numeric_limits<double>::infinity();
 constexpr std::int64_t COARSE_FROM = 2000;  // samples from which jumps are first looked for between blocks
 constexpr std::int64_t BLOCK = 4;           // samples to a block
 constexpr std::int64_t REFINE = 6;          // slots to each side of a coarse jump that are tried
 constexpr std::int64_t ROOM = 64;           // pieces: more are hardly ever alive
+constexpr double ROOM_TO_JUMPS = 2.0;       // penalties above the least cost where DeCAFS first cuts the cost off
 
 // On [edge, edge of the next) the least cost is a μ² - 2 b μ + c, that of a last jump at `jump`.
 struct Piece {
@@ -202,6 +205,178 @@ bool drop_jumps(Edges& edges, double penalty) {
     }
 }
 
+// On [edge, edge of the next) the least cost is bend (μ - centre)² + least, that of the jumps of one history.
+struct Parabola {
+    double bend, centre, least, edge;
+    std::int64_t history;
+};
+using Parabolas = std::vector<Parabola>;  // of one function, from left to right
+
+// A history is its last jump and the history before that.
+struct Jump {
+    std::int64_t at, before;
+};
+constexpr std::int64_t NO_JUMP = -1, UNKNOWN = -2;
+
+// The step from sample k - 1 to k: μ' and μ cost (value + φ μ' - μ)² / v, value = z_k - φ z_{k-1}, beside
+// min((μ - μ')² / q, penalty).
+struct Step {
+    double value, phi, v, q;
+};
+
+// The least over μ' of p(μ') + (value + φ μ' - μ)² / v, as a function of μ, and the penalty: the level jumps.
+Parabola jumped(const Parabola& p, const Step& step, double penalty) {
+    const double bend = 1.0 / (step.v + step.phi * step.phi / p.bend);
+    return {bend, step.value + step.phi * p.centre, p.least + penalty, 0.0, p.history};
+}
+
+// The least over μ' of p(μ') + (value + φ μ' - μ)² / v + (μ - μ')² / q, as a function of μ: the level walks. In μ', the
+// two added squares are (value - (1 - φ) μ)² / w and (μ' - slope μ + shift)² / (q v / w), with w = v + φ² q.
+double slope_of(const Step& step) {
+    return (step.v + step.phi * step.q) / (step.v + step.phi * step.phi * step.q);
+}
+Parabola walked(const Parabola& p, const Step& step) {
+    const double w = step.v + step.phi * step.phi * step.q, slope = slope_of(step), rest = 1.0 - step.phi;
+    const double a = p.bend / (1.0 + p.bend * step.q * step.v / w);
+    const double centre = p.centre + step.phi * step.value * step.q / w;  // the sum: a (slope μ - centre)² +
+    const double bend = a * slope * slope + rest * rest / w;              // (rest μ - value)² / w
+    const double apart = rest * centre - slope * step.value;
+    return {bend, (a * slope * centre + rest * step.value / w) / bend, p.least + a / w * apart * apart / bend, 0.0,
+            p.history};
+}
+
+// Where q - p falls through 0 and where it rises. If q bends at least as p does, q < p from there to here; else, q < p
+// left of `rising` and right of `falling`.
+struct Crossings {
+    double falling, rising;
+};
+Crossings crossings(const Parabola& p, const Parabola& q) {
+    const double apart = q.centre - p.centre, up = q.least - p.least, bend = q.bend - p.bend;
+    const double square = p.bend * q.bend * apart * apart - bend * up;
+    if (!(square > 0.0)) {
+        if (bend < 0.0) return {-INFINITE, -INFINITE};
+        return {bend == 0.0 && up < 0.0 ? -INFINITE : INFINITE, INFINITE};
+    }
+    // The roots of bend x² - 2 b x + c, x = μ - p.centre, without cancellation.
+    const double root = std::sqrt(square), b = q.bend * apart, c = b * apart + up;
+    if (b >= 0.0) return {p.centre + c / (b + root), p.centre + (b + root) / bend};
+    return {p.centre + (b - root) / bend, p.centre + c / (b - root)};
+}
+
+// Add the next parabola to the lower envelope of those before, on (low, high). They come in the order of their places
+// before a step, and a step keeps it: the best μ' never falls as μ rises (or never rises), so that of two parabolas the
+// later one takes over where it becomes less. That is at `limit` at the latest.
+void lay(Parabolas& envelope, Parabola next, double low, double high) {
+    for (double limit = high; !envelope.empty(); envelope.pop_back()) {
+        const Parabola& last = envelope.back();
+        if (next.history == last.history) return;
+        const auto [falling, rising] = crossings(last, next);
+        const bool inside = next.bend >= last.bend;
+        if (inside ? std::max(falling, low) >= std::min(rising, high) : rising <= low && falling >= high) return;
+        next.edge = !inside && rising > limit ? low : std::min(falling, limit);
+        if (next.edge > std::max(last.edge, low)) break;
+        limit = last.edge;
+    }
+    if (envelope.empty()) next.edge = -INFINITE;
+    envelope.push_back(next);
+}
+
+// The lower envelope of parabolas in order, exact wherever it is below the constant.
+void envelope_below(const Parabola& constant, const Parabolas& parabolas, Parabolas& out) {
+    double low = INFINITE, high = -INFINITE;
+    for (const Parabola& p : parabolas) {
+        const double half = std::sqrt(std::max(constant.least - p.least, 0.0) / p.bend);
+        low = std::min(low, p.centre - half);
+        high = std::max(high, p.centre + half);
+    }
+    out.clear();
+    for (const Parabola& p : parabolas) {
+        if (p.least < constant.least) lay(out, p, low, high);
+    }
+    if (out.empty()) out.push_back(constant);
+}
+
+// Append the lesser of a parabola and a constant on [from, to).
+void append(Parabolas& envelope, const Parabola& p, double from, double to, const Parabola& constant) {
+    const auto put = [&](const Parabola& part, double start, double end) {
+        if (!(end > start) || (!envelope.empty() && envelope.back().history == part.history)) return;
+        envelope.push_back(part);
+        envelope.back().edge = start;
+    };
+    const double below = constant.least - p.least;
+    const double half = below > 0.0 ? std::sqrt(below / p.bend) : 0.0;
+    const double left = std::clamp(p.centre - half, from, to), right = std::clamp(p.centre + half, from, to);
+    put(constant, from, left);
+    put(p, left, right);
+    put(constant, right, to);
+}
+
+// The least of two envelopes and a constant.
+void least_of(const Parabolas& first, const Parabolas& second, const Parabola& constant, Parabolas& out) {
+    out.clear();
+    const auto end_of = [](const Parabolas& parts, std::size_t i) {
+        return i + 1 < parts.size() ? parts[i + 1].edge : INFINITE;
+    };
+    double from = -INFINITE;
+    for (std::size_t i = 0, j = 0; i < first.size() && j < second.size();) {
+        const Parabola &p = first[i], &q = second[j];
+        const double p_end = end_of(first, i), q_end = end_of(second, j), to = std::min(p_end, q_end);
+        const auto [falling, rising] = crossings(p, q);
+        const double fall = std::clamp(falling, from, to), rise = std::clamp(rising, from, to);
+        const bool inside = q.bend >= p.bend;  // q is less between the crossings, else outside
+        const double low = inside ? fall : rise, high = inside ? rise : fall;
+        append(out, inside ? p : q, from, low, constant);
+        append(out, inside ? q : p, low, high, constant);
+        append(out, inside ? p : q, high, to, constant);
+        from = to;
+        i += p_end == to;
+        j += q_end == to;
+    }
+}
+
+const Parabola& least_in(const Parabolas& parts) {
+    const auto less = [](const Parabola& p, const Parabola& q) { return p.least < q.least; };
+    return *std::min_element(parts.begin(), parts.end(), less);
+}
+
+// `decafs` with the cost as a function of μ cut off at its least value and `room`, of unknown history where it is: what
+// is found costs no more than the best, so it is the best where its own history is known.
+std::optional<std::vector<std::int64_t>> decafs_within(
+    const Vector<const double>& z, const Vector<const double>& phi, const Vector<const double>& v, double q,
+    double penalty, double room) {
+    std::vector<Jump> jumps;
+    Parabolas cost{{1.0 / v[0], z[0], 0.0, -INFINITE, NO_JUMP}}, moved, walk, jump;
+    const auto history = [&](std::int64_t at, std::int64_t before) {
+        jumps.push_back({at, before});
+        return static_cast<std::int64_t>(jumps.size()) - 1;
+    };
+    for (std::int64_t k = 1; k < z.size(); ++k) {
+        const Step step{z[k] - phi[k] * z[k - 1], phi[k], v[k], q};
+        const Parabola best = least_in(cost);
+        if (slope_of(step) < 0.0) std::reverse(cost.begin(), cost.end());
+        moved.clear();
+        for (const Parabola& p : cost) moved.push_back(walked(p, step));
+        const double top = std::min(least_in(moved).least, best.least + penalty) + room;
+        const Parabola constant{0.0, 0.0, top, -INFINITE, history(k, UNKNOWN)};
+        envelope_below(constant, moved, walk);
+        if (slope_of(step) * step.phi < 0.0) std::reverse(cost.begin(), cost.end());
+        if (step.phi * step.phi == 0.0) cost = {best};  // all are alike
+        moved.clear();
+        for (const Parabola& p : cost) {
+            if (p.bend > 0.0 && p.least + penalty < top) moved.push_back(jumped(p, step, penalty));
+        }
+        envelope_below(constant, moved, jump);
+        for (Parabola& p : jump) p.history = history(k, p.history);
+        least_of(walk, jump, constant, cost);
+    }
+    std::vector<std::int64_t> found;
+    std::int64_t last = least_in(cost).history;
+    for (; last >= 0; last = jumps[last].before) found.push_back(jumps[last].at);
+    if (last == UNKNOWN) return {};
+    std::reverse(found.begin(), found.end());
+    return found;
+}
+
 }  // namespace
 
 // The jumps of weighted values: FPOP.
@@ -220,6 +395,17 @@ Table<std::int64_t, 1> fpop(Vector<const double> z, Vector<const double> weight,
     for (std::int64_t t = last.back(); t > 0; t = last[t]) found.push_back(t);
     std::reverse(found.begin(), found.end());
     return Table<std::int64_t, 1>::from(std::move(found));
+}
+
+// The jumps of a level that walks at random and jumps, in autoregressive noise: DeCAFS (Romano et al., J. Am. Stat.
+// Assoc. 117, 2022). Each history's cost is one parabola in μ, so that both of a step's minima over μ' are exact.
+Table<std::int64_t, 1> decafs(
+    Vector<const double> z, Vector<const double> correlation, Vector<const double> innovation_variance,
+    double walk_variance, double penalty) {
+    for (double room = ROOM_TO_JUMPS * penalty;; room *= 2.0) {
+        auto found = decafs_within(z, correlation, innovation_variance, walk_variance, penalty, room);
+        if (found) return Table<std::int64_t, 1>::from(std::move(*found));
+    }
 }
 
 // The jumps of a sum of rows, each times its factor, from the rows' running sums; long ones between blocks, each jump
@@ -305,6 +491,7 @@ void five_sums(Vector<const double> x, Vector<const double> z, Matrix<double> ou
 
 void bind_segmentation(nanobind::module_& module) {
     kernel(module, "fpop", &fpop);
+    kernel(module, "decafs", &decafs);
     kernel(module, "segment_sums", &segment_sums);
     kernel(module, "optimal_lines", &optimal_lines);
     kernel(module, "centred_sums", &centred_sums);

@@ -3,6 +3,11 @@ from rwa_monitor.samples import FloatArray, IntArray
 def fpop(z: FloatArray, weight: FloatArray, penalty: float) -> IntArray:
     """Return the jumps that minimise Σ weight · (z - level)² + penalty · jumps; z float64 (n,), n ≥ 1."""
 
+def decafs(
+    z: FloatArray, correlation: FloatArray, innovation_variance: FloatArray, walk_variance: float, penalty: float
+) -> IntArray:
+    """Return the jumps of a walking level in autoregressive noise, see `segment_correlated`; n ≥ 1, penalty > 0."""
+
 def segment_sums(running: FloatArray, factors: FloatArray, penalty: float) -> IntArray:
     """Segment a sum of rows, each times its factor, from the rows' running sums alone.
 
