@@ -30,6 +30,7 @@ from rwa_monitor.physics import durations, scenario, wheel
 from rwa_monitor.physics.effects.base import Effect
 from rwa_monitor.physics.effects.catalogue import CATALOGUE, to_block
 from rwa_monitor.physics.effects.describe import describe, index
+from rwa_monitor.physics.effects.formula import BLOCK, FORMULAS, Formula
 from rwa_monitor.physics.scenario import Scenario
 from rwa_monitor.physics.speed import SpeedProfile
 from rwa_monitor.physics.telemetry import Telemetry, simulate
@@ -41,13 +42,15 @@ INTRODUCTION = """\
 Commands, bus, and the two files a person writes. Made from the code; the schemas in `schemas/` say the same of messages
 for machines.
 """
+FORMULAS_LINK = f"\nWhat none of these explains may be described by a [formula]({BLOCK}.md).\n"
 Table = list[tuple[str, ...]]
 
 
 def pages() -> dict[str, str]:
     """Return all generated pages: path below docs/ and text."""
     found = {f"effects/{name}.md": _effect_page(effect) for name, effect in CATALOGUE.items()}
-    found["effects/index.md"] = GENERATED + index(CATALOGUE.values()).rstrip() + "\n"
+    found[f"effects/{BLOCK}.md"] = _formula_page()
+    found["effects/index.md"] = GENERATED + index(CATALOGUE.values()) + FORMULAS_LINK
     found["reference.md"] = GENERATED + _reference()
     return found
 
@@ -63,6 +66,25 @@ def _effect_page(effect: type[Effect]) -> str:
     values = ", ".join(f"{name} = {value!r}" for name, value in block.parameters.items())
     toml = f'```toml\n[[effect]]\nname = "{effect.name}"\nparameters = {{ {values} }}\n```\n'
     return f"{GENERATED}{text.rstrip()}\n\nIn wheel.toml or a scenario, with typical values:\n\n{toml}"
+
+
+def _formula_page() -> str:
+    rows: Table = [
+        (f"`{law}`", one.text, ", ".join(f"{one.symbols[p.name]} `{p.name}`" for p in one.parameters))
+        for law, one in FORMULAS.items()
+    ]
+    example = next(one for one in FORMULAS.values() if one.function == "tanh")
+    values = ", ".join(f"{name} = {value!r}" for name, value in example.typical().values.items())
+    return (
+        f"{GENERATED}# Formulas\n\n`{BLOCK}` · mean effect\n\n{Formula.description}\n\n"
+        "The law is one of the table, by its id or its formula; it is looked up and never evaluated. t_slew is the "
+        "time since |dω/dt| was above α0, θ the wheel's angle.\n\n"
+        f"{_table(('law', 'formula', 'parameters'), rows)}\n"
+        "**What shows it.** A free curve over the variable that stays unexplained.\n\n"
+        f"**Told apart by.** {Formula.separate_by}\n\n**Source.** {Formula.source}\n\n"
+        f"In wheel.toml or a scenario, with typical values:\n\n"
+        f'```toml\n[[effect]]\nname = "{BLOCK}"\nlaw = "{example.law}"\nparameters = {{ {values} }}\n```\n'
+    )
 
 
 def draw_effect(effect: type[Effect], file: Path) -> None:

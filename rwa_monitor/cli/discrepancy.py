@@ -262,7 +262,7 @@ def _print_details(found: Search) -> None:
         for effect in result.effects:
             parameters = "\n".join(f"{name} = {p.in_words()}" for name, p in effect.parameters.items())
             table.add_row(
-                effect.name,
+                effect.formula.partition(",")[0] or effect.name,
                 parameters,
                 f"{effect.delta_deviance:.0f}",
                 p_in_words(found, effect),

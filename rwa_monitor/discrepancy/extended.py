@@ -22,7 +22,7 @@ from rwa_monitor.discrepancy.result import SimulatedGain
 from rwa_monitor.discrepancy.slope_jumps import SlopeJumps, shared_strength
 from rwa_monitor.discrepancy.uncertainty import spread
 from rwa_monitor.discrepancy.unit_check import Shown, slope_in_question
-from rwa_monitor.physics.effects.catalogue import CATALOGUE, mean_effects, to_block
+from rwa_monitor.physics.effects.catalogue import effect_class, mean_effects, to_block
 from rwa_monitor.physics.effects.current_delay import CurrentDelay
 from rwa_monitor.physics.wheel import Nominal, Wheel
 from rwa_monitor.samples import FloatArray
@@ -149,7 +149,7 @@ def extend(search: Search) -> Extension:
         else:
             names = [parameter.name for parameter in term.effect.strength_parameters()]
             strengths = dict(zip(names, model.strengths(index).tolist(), strict=True))
-        effect = CATALOGUE[term.effect.name]
+        effect = effect_class(term.effect.name)
         shape = {parameter.name: term.shape[parameter.name] for parameter in effect.shape_parameters()}
         blocks.append(to_block(effect(**{**shape, **strengths})))
     wheel = search.wheel.model_copy(update={"effect": (*search.wheel.effect, *blocks), "nominal": nominal})

@@ -18,6 +18,7 @@ from rwa_monitor.discrepancy.cage import cage_bursts
 from rwa_monitor.discrepancy.delay_term import DelayTerm
 from rwa_monitor.discrepancy.extended import extend
 from rwa_monitor.discrepancy.finished_search import Search
+from rwa_monitor.discrepancy.formulas import describe, formulas
 from rwa_monitor.discrepancy.gain import HeldOut, held_out, on_other_recordings
 from rwa_monitor.discrepancy.heat import OUTSIDE, outside_the_catalogue, told_as_unexplained
 from rwa_monitor.discrepancy.jump_terms import JUMP_TERMS
@@ -42,7 +43,16 @@ from rwa_monitor.discrepancy.result import (
     Verdict,
 )
 from rwa_monitor.discrepancy.rounding import without_rounding
-from rwa_monitor.discrepancy.search import ACCEPT_GAIN, WORTH_SWAPPING, Progress, grow, rank, search
+from rwa_monitor.discrepancy.search import (
+    ACCEPT_GAIN,
+    EQUIVALENT_WITHIN,
+    WORTH_SWAPPING,
+    Approach,
+    Progress,
+    grow,
+    rank,
+    search,
+)
 from rwa_monitor.discrepancy.slope_jumps import SlopeJumps, shared_strength, with_slope_jumps
 from rwa_monitor.discrepancy.smooth import Smooth, least_score, left_over
 from rwa_monitor.discrepancy.smooth import held_out as held_out_smooth
@@ -51,7 +61,8 @@ from rwa_monitor.discrepancy.uncertainty import ORDER, described, spread
 from rwa_monitor.discrepancy.unexplained import judge_leftover, wandering, with_free_curves
 from rwa_monitor.discrepancy.untested import as_a_part, too_weak_to_show, untested_others
 from rwa_monitor.physics.effects.base import MeanEffect
-from rwa_monitor.physics.effects.catalogue import CATALOGUE, MEAN_EFFECTS, NOISE_EFFECTS
+from rwa_monitor.physics.effects.catalogue import CATALOGUE, MEAN_EFFECTS, NOISE_EFFECTS, effect_class
+from rwa_monitor.physics.effects.formula import Formula
 from rwa_monitor.physics.effects.torque_ripple import TorqueRipple
 from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import Samples
@@ -207,12 +218,15 @@ def _without_jumps(
         if not problem.has_noise or least_score(problem, jumping.law or NoiseLaw()) > most:
             return None
     progress("laws without jumps")
-    found = search(Smooth(problem), [effect for effect in effects if effect.name in MEAN_EFFECTS], progress)
+    approach = Smooth(problem)
+    found = search(approach, [effect for effect in effects if effect.name in MEAN_EFFECTS], progress)
     model = found.ladder[-1]
     if model.score > most:
         return None
     problem = with_noise_of(problem, model.fit.residual)
-    return _Explained(problem, found, left_over(problem, model), model, jumps=False)
+    leftover, score_of_curve = left_over(problem, model)
+    explained = _Explained(problem, found, leftover, model, jumps=False)
+    return _with_formula(approach, explained, score_of_curve, progress) if leftover is not None else explained
 
 
 def _with_simulated(search: Search) -> Search:
@@ -307,7 +321,22 @@ def _explain(problem: Problem, candidates: Sequence[type[MeanEffect]], progress:
     progress("what is left")
     found, leftover, complete = judge_leftover(problem, found)
     found, leftover = told_as_unexplained(problem, found, leftover)
-    return _Explained(problem, found, leftover, complete)
+    explained = _Explained(problem, found, leftover, complete)
+    return _with_formula(approach, explained, complete.score, progress) if leftover is not None else explained
+
+
+def _with_formula(approach: Approach, explained: _Explained, score_of_curve: float, progress: Progress) -> _Explained:
+    """Give what a free curve explains a formula, where one is as good; see `formulas`."""
+    progress("a formula for what has no name")
+    found = explained.found
+    models = approach.extensions(found.ladder[-1], formulas(explained.problem), progress)
+    if not models or models[0].score > score_of_curve + EQUIVALENT_WITHIN:
+        return explained
+    best = models[0]
+    near = [model.names[-1] for model in models[1:] if model.score - best.score < EQUIVALENT_WITHIN]
+    entry = Found(best.names[-1], found.ladder[-1].score - best.score, tuple(near))
+    found = replace(found, ladder=(*found.ladder, best), found=(*found.found, entry))
+    return replace(explained, found=found, leftover=None, complete=best)
 
 
 def _grown(
@@ -362,7 +391,7 @@ def _describe(problem: Problem, model: Model, found: Found) -> FoundEffect:
         parameters = dict([shared_strength(problem, model, index)])
     else:
         std = spread(problem, model).terms[index]
-        parameters = described(problem, term, model.strengths(index), std, CATALOGUE[found.name].parameters)
+        parameters = described(problem, term, model.strengths(index), std, effect_class(found.name).parameters)
     if found.name == TorqueRipple.name:
         parameters[ORDER] = with_other_orders(problem, model, index, parameters[ORDER])
     if found.name == WARMING and not problem.at_one_speed:
@@ -375,6 +404,7 @@ def _describe(problem: Problem, model: Model, found: Found) -> FoundEffect:
         parameters,
         built_in_nulls().p_value("mean", found.gain, problem.log_size, derived=problem.friction_is_derived),
         found.gain,
+        describe(term, model.strengths(index)) if issubclass(term.effect, Formula) else "",
     )
 
 

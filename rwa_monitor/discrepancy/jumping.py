@@ -19,7 +19,7 @@ from rwa_monitor.discrepancy.base_fit import Fit, fit, jump_sets, strong_jumps, 
 from rwa_monitor.discrepancy.likelihood import NoiseLaw
 from rwa_monitor.discrepancy.models import Model
 from rwa_monitor.discrepancy.problem import Problem
-from rwa_monitor.discrepancy.score import scored
+from rwa_monitor.discrepancy.score import scored, with_exact_jumps
 from rwa_monitor.discrepancy.search import EQUIVALENT_WITHIN, Effects, Progress
 from rwa_monitor.discrepancy.shape_profile import FEW_CHOICES, profile, profile_robustly, shape_limits
 from rwa_monitor.discrepancy.terms import (
@@ -64,7 +64,7 @@ class Jumping:
 
     def base(self) -> Model:
         """Return the model with dry and viscous friction alone."""
-        return scored(self.problem, Model((), fit(self.problem, np.zeros((self.problem.size, 0)))))
+        return _judged(self.problem, Model((), fit(self.problem, np.zeros((self.problem.size, 0)))))
 
     def sort_out(self, effects: Effects, base: Model) -> tuple[list[type[MeanEffect]], list[tuple[str, str]]]:
         """Split effects by what the motion can show beside a level of each recording: jumps may swallow more."""
@@ -79,7 +79,7 @@ class Jumping:
         if calmer.noise.long_run_variance < CALMER * self.problem.noise.long_run_variance:
             self.problem = calmer
             return refit(calmer, model.terms, [model.fit.jumps])
-        return min(model, scored(self.problem, model), key=lambda one: one.score)
+        return min(model, _judged(self.problem, model), key=lambda one: one.score)
 
     def extensions(self, current: Model, effects: Effects, progress: Progress, most: float = np.inf) -> list[Model]:
         """Return `current` extended by each candidate, refitted, best first; none that is screened above `most`."""
@@ -101,7 +101,7 @@ class Jumping:
     def without(self, model: Model, index: int) -> Model:
         """Return the model without term `index`, refitted from the full model's jumps."""
         others = tuple(term for i, term in enumerate(model.terms) if i != index)
-        return scored(self.problem, Model(others, _fit(self.problem, others, [model.fit.jumps])))
+        return _judged(self.problem, Model(others, _fit(self.problem, others, [model.fit.jumps])))
 
     def plainer(self, model: Model) -> Model | None:
         """Return None: nothing but effects can be left out."""
@@ -147,7 +147,9 @@ def extensions(problem: Problem, current: Model, effects: Effects, most: float =
         best = [model for model in best if model.fit.criterion < most]
     settled = _with_best_choices(problem, problem.each(partial(_settled, problem), best))
     judged = problem.each(lambda model: scored(problem, model, current.law, again=True), settled)
-    return sorted(judged, key=lambda model: model.score)
+    near = min((model.score for model in judged), default=0.0) + SCREEN_MARGIN
+    exact = problem.each(lambda m: with_exact_jumps(problem, m) if m.score < near else m, judged)
+    return sorted(exact, key=lambda model: model.score)
 
 
 def _settled(problem: Problem, model: Model) -> Model:
@@ -229,7 +231,12 @@ def _from_threshold(outset: _Outset, effect: type[MeanEffect]) -> Model | None:
 
 def refit(problem: Problem, terms: Sequence[Term], starts: Sequence[IntArray], law: NoiseLaw | None = None) -> Model:
     """Fit a set of terms and score it, see `scored`; without `starts`, from the one to which jumps are outliers."""
-    return scored(problem, _refined(problem, terms, starts), law, again=True)
+    return _judged(problem, _refined(problem, terms, starts), law)
+
+
+def _judged(problem: Problem, model: Model, law: NoiseLaw | None = None) -> Model:
+    """Return a model scored, with its jumps placed exactly; `law` is that of nearly the same model, where known."""
+    return with_exact_jumps(problem, scored(problem, model, law, again=True))
 
 
 def _refined(problem: Problem, terms: Sequence[Term], starts: Sequence[IntArray]) -> Model:

@@ -71,6 +71,12 @@ class NoiseLaw:
         return self if self.level_spread > 0.0 else replace(self, level_spread=LEVELS_APART)
 
     @property
+    def memory(self) -> float:
+        """φ of AR(1) noise whose means over long times vary as much."""
+        long_run = self.white + (1.0 - self.white) * (1.0 + self.correlation) / (1.0 - self.correlation)
+        return (long_run - 1.0) / (long_run + 1.0)
+
+    @property
     def parameters(self) -> int:
         """How many parameters are in use."""
         return 2 * (self.correlation > 0.0) + (self.growth != 0.0) + (self.level_spread > 0.0)
@@ -150,14 +156,18 @@ class Series:
         """The regressors of dry and viscous friction, float64 (2, n)."""
         return np.stack([self.sign, self.speed])
 
+    def spread(self, law: NoiseLaw) -> FloatArray:
+        """Return the noise's standard deviation at each sample, float64 (n,), of mean logarithm 0."""
+        share = np.abs(self.speed) / np.abs(self.speed).max()
+        spread = 1.0 + np.expm1(law.growth) * share
+        return np.asarray(spread / np.exp(np.mean(np.log(spread))))
+
     def whitened(self, rows: FloatArray, law: NoiseLaw) -> tuple[FloatArray, float]:
         """Return the innovations of rows, float64 (p, n), and the log-determinant of their covariance without jumps."""
         rows = np.array(rows, dtype=np.float64, order="C", ndmin=2)
         level = self.sign
         if law.growth != 0.0:
-            share = np.abs(self.speed) / np.abs(self.speed).max()
-            spread = 1.0 + np.expm1(law.growth) * share
-            spread /= np.exp(np.mean(np.log(spread)))  # of mean logarithm 0: the scale stays the fit's
+            spread = self.spread(law)
             rows /= spread
             level = level / spread  # friction, not noise: it is the same at every speed
         drift = np.where(self.gap == 0, law.level_spread, 0.0)

@@ -20,7 +20,7 @@ from rwa_monitor.discrepancy.result import DiscrepancyResult, FoundEffect, Gain
 from rwa_monitor.discrepancy.search import ACCEPT_GAIN
 from rwa_monitor.discrepancy.untested import Detectable, detectable_strengths, not_testable
 from rwa_monitor.discrepancy.views import all_views
-from rwa_monitor.physics.effects.catalogue import CATALOGUE
+from rwa_monitor.physics.effects.catalogue import effect_class
 from rwa_monitor.version import SOFTWARE
 
 KINDS: Final = {"mean": "a torque", "noise": "of the noise", "switching": "of the jumps"}
@@ -67,7 +67,7 @@ def _loss_in_words(result: DiscrepancyResult, gain: Gain) -> str:
 
 def _name_in_words(effect: FoundEffect) -> str:
     others = f" or, as well as these data can tell, {', '.join(effect.equivalent)}" if effect.equivalent else ""
-    name, title = effect.name, CATALOGUE[effect.name].title
+    name, title = effect.name, effect_class(effect.name).title
     words = title if title.startswith(PROPER) else title[:1].lower() + title[1:]
     plain = name.replace("_", " ")
     if words == plain:
@@ -123,7 +123,7 @@ def html(search: Search, sources: list[str], build: str = "") -> str:
         "clipped": round(search.problem.clipped_share * search.problem.size),
         "noise_std_Nm": search.problem.noise.std,
         "software": f"{SOFTWARE}, build {build}" if build else SOFTWARE,
-        "catalogue": CATALOGUE,
+        "effect_class": effect_class,
         "kinds": KINDS,
         "rungs": rungs,
         "plan": plan(search),
@@ -136,7 +136,7 @@ def html(search: Search, sources: list[str], build: str = "") -> str:
         "overlay": _picture("overlay", search),
         "friction_over_speed": _picture("friction_over_speed", search),
         "formulas": {
-            effect.name: _picture("formula", CATALOGUE[effect.name].formula, tight=True)
+            effect.name: _picture("formula", effect_class(effect.name).formula, tight=True)
             for effect in search.result.effects
         },
         "ladder_picture": _picture("ladder_picture", search) if extended else "",

@@ -43,13 +43,13 @@ MISSING: Final = """
 <tr><th>effect</th><th>parameters</th><th class="n">gain</th><th class="n">p</th><th>cannot be told from</th>
 <th>what would tell</th></tr>
 {% for effect in result.effects %}
-<tr><td><strong>{{ catalogue[effect.name].title }}</strong><br><span class="small">{{ kinds[effect.family] }},
+<tr><td><strong>{{ effect_class(effect.name).title }}</strong><br><span class="small">{{ kinds[effect.family] }},
 <code>{{ effect.name }}</code></span></td>
 <td data-label="parameters">{% for name, p in effect.parameters.items() %}{{ in_words(name, p.unit) }}
 {{ measure(p.value, p.std, p.unit) }}{{ " (" ~ p.note ~ ")" if p.note }}<br>{% endfor %}</td>
 <td class="n" data-label="gain">{{ "%.0f" | format(effect.delta_deviance) }}</td>
 <td class="n" data-label="p">{{ p_values[effect.name] }}</td>
-<td data-label="cannot be told from">{% for name in effect.equivalent %}{{ catalogue[name].title }}
+<td data-label="cannot be told from">{% for name in effect.equivalent %}{{ effect_class(name).title }}
 (<code>{{ name }}</code>){{ ", " if not loop.last }}{% else %}–{% endfor %}</td>
 <td data-label="what would tell">{{ effect.separate_by | replace("`", "") }}</td></tr>
 {% endfor %}
@@ -128,8 +128,8 @@ about 5 nats the data decide.</p>
 format(entry.separation) }}</td>
 <td class="n" data-label="nats an hour">{{ ("%.0f" if entry.nats_per_hour >= 10 else "%.1f") |
 format(entry.nats_per_hour) }}</td>
-<td data-label="hardest there">{{ catalogue[entry.worst_pair[0]].title }}{% if entry.worst_pair[1] %} and
-{{ catalogue[entry.worst_pair[1]].title }}{% endif %}
+<td data-label="hardest there">{{ effect_class(entry.worst_pair[0]).title }}{% if entry.worst_pair[1] %} and
+{{ effect_class(entry.worst_pair[1]).title }}{% endif %}
 {% if entry.shows %}<br><span class="small">shows {{ entry.shows | join(", ") }}</span>{% endif %}</td></tr>
 {% endfor %}
 </table>
@@ -140,7 +140,7 @@ format(entry.nats_per_hour) }}</td>
 <p class="small">Not excited: the motion, or the number of jumps, does not show it. Not testable: a channel or a part of
 the wheel file is missing, and no motion would show it. What was tested and not seen stands further down.</p>
 <table><tr><th>effect</th><th>why</th><th>what is missing</th></tr>
-{% for effect, missing in result.untested %}<tr><td>{{ catalogue[effect].title }}<br><code class="small">{{ effect
+{% for effect, missing in result.untested %}<tr><td>{{ effect_class(effect).title }}<br><code class="small">{{ effect
 }}</code></td><td data-label="why">{{ "not testable" if effect in not_testable else "not excited" }}</td>
 <td data-label="what is missing">{{ missing | replace("`", "") }}</td></tr>
 {% endfor %}
@@ -174,7 +174,8 @@ view.extended.p_value | probability }}</span>. Would show {{ view.question }}.</
 <p class="small">The smallest strength at which each effect that was not named would have been, its shape in the middle
 of what this motion can show, and how much of all friction (rms) that is; to within a factor of about two.</p>
 <table><tr><th>effect</th><th>named from</th><th class="n">of all friction</th></tr>
-{% for entry in detectable %}<tr><td>{{ catalogue[entry.name].title }} <code class="small">{{ entry.name }}</code></td>
+{% for entry in detectable %}<tr><td>{{ effect_class(entry.name).title }}
+<code class="small">{{ entry.name }}</code></td>
 <td data-label="named from">{{ in_words(entry.parameter, entry.unit) }} {{ measure(entry.strength, none, entry.unit)
 }}</td><td class="n" data-label="of all friction">{{ "%.2g" | format(100 * entry.share) }} %</td></tr>
 {% endfor %}
@@ -184,11 +185,11 @@ of what this motion can show, and how much of all friction (rms) that is; to wit
 {% if result.effects %}
 <h2>The effects named</h2>
 {% for effect in result.effects %}
-<h3>{{ catalogue[effect.name].title }}</h3>
-<figure>{{ formulas[effect.name] | safe or catalogue[effect.name].formula }}</figure>
-<p>{{ catalogue[effect.name].description | replace("`", "") }}
-<span class="small">It shows as: {{ catalogue[effect.name].signature | replace("`", "") }}
-Source: {{ catalogue[effect.name].source | replace("`", "") }}</span></p>
+<h3>{{ effect_class(effect.name).title }}</h3>
+<figure>{{ formulas[effect.name] | safe or effect_class(effect.name).formula }}</figure>
+<p>{{ effect_class(effect.name).description | replace("`", "") }}
+<span class="small">It shows as: {{ effect_class(effect.name).signature | replace("`", "") }}
+Source: {{ effect_class(effect.name).source | replace("`", "") }}</span></p>
 {% endfor %}
 {% endif %}
 

@@ -73,7 +73,9 @@ class FoundEffect:
     p_value
         Probability of as large a gain, over all effects tried, on a record without any.
     delta_deviance
-        Gain of the penalised criterion, -2 log likelihood.
+        Gain of the score, twice the log likelihood less the price.
+    formula
+        Of a law that has no name: what it is, with its constants and units; "" of an effect of the catalogue.
     """
 
     name: str
@@ -83,6 +85,7 @@ class FoundEffect:
     parameters: dict[str, ParameterValue]
     p_value: float
     delta_deviance: float
+    formula: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -181,13 +184,14 @@ class DiscrepancyResult:
             "verdict": self.verdict,
             "effects": [
                 {
-                    "name": effect.name,
+                    "name": "formula" if effect.formula else effect.name,
                     "family": effect.family,
                     "equivalent": list(effect.equivalent),
                     "separate_by": effect.separate_by,
                     "parameters": {name: p.to_json() for name, p in effect.parameters.items()},
                     "p_value": effect.p_value,
                     "delta_deviance": effect.delta_deviance,
+                    "formula": effect.formula or None,
                 }
                 for effect in self.effects
             ],

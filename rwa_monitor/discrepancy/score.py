@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -17,6 +18,7 @@ from rwa_monitor.discrepancy.base_fit import JUMP_PENALTY, Fit, remove_levels, s
 from rwa_monitor.discrepancy.likelihood import Equations, NoiseLaw, Series, fit_noise
 from rwa_monitor.discrepancy.models import Model
 from rwa_monitor.discrepancy.problem import Problem
+from rwa_monitor.discrepancy.segmentation import segment_correlated
 from rwa_monitor.discrepancy.terms import Term
 from rwa_monitor.samples import FloatArray
 
@@ -40,10 +42,39 @@ def scored(problem: Problem, model: Model, start: NoiseLaw | None = None, *, aga
     law = start or (NoiseLaw().apart if series.several else NoiseLaw())
     if problem.has_noise:
         law, _ = fit_noise(series, rows, low, high, law, again=again and start is not None)
+    return _with_law(problem, series, model, law)
+
+
+def with_exact_jumps(problem: Problem, model: Model) -> Model:
+    """Return a scored model with the jumps that are the best of all beside its coefficients, where the score falls."""
+    assert model.law is not None, "the model is scored"
+    series, law = Series.of(problem), model.law
+    flips = np.append(1.0, series.sign[1:] * series.sign[:-1])  # the noise is the torque's: along the rotation it flips
+    correlation = law.memory ** np.maximum(series.gap, 1) * flips
+    spread = series.spread(law)
+    variance = float(np.mean((model.fit.residual / spread) ** 2)) * (1.0 - correlation**2)
+    variance = np.where(series.gap == 0, variance / (1.0 - correlation**2), variance) * spread**2
+    along, jumps = model.fit.level + model.fit.residual, []
+    for a, b in pairwise(problem.starts.tolist()):
+        if b > a:
+            found = segment_correlated(
+                along[a:b], correlation[a:b], variance[a:b], 0.0, JUMP_PENALTY * problem.log_size
+            )
+            jumps.append(found + a)
+    exact = np.concatenate(jumps)
+    if np.array_equal(exact, model.fit.jumps):
+        return model
+    other = replace(model, fit=replace(model.fit, jumps=exact))
+    return min(model, _with_law(problem, series.with_jumps(exact), other, law), key=lambda one: one.score)
+
+
+def _with_law(problem: Problem, series: Series, model: Model, law: NoiseLaw) -> Model:
+    """Return a model with the coefficients that are best under a law of the noise, and its score."""
+    rows, low, high = regressors(series, model.terms)
     coefficients, deviance = Equations.of(series, rows, low, high, law).solve()
-    score = deviance + series.log_size * law.parameters
-    score += series.log_size * (price(model.terms) + JUMP_PENALTY * model.fit.jumps.size)
-    return replace(model, fit=_fit(problem, series, rows, coefficients, law, model.fit), law=law, score=score)
+    parameters = price(model.terms) + law.parameters + JUMP_PENALTY * model.fit.jumps.size
+    fit = _fit(problem, series, rows, coefficients, law, model.fit)
+    return replace(model, fit=fit, law=law, score=deviance + series.log_size * parameters)
 
 
 def price(terms: Sequence[Term]) -> float:

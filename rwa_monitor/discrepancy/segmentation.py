@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from rwa_monitor.kernels.segmentation import decafs, segment_sums
+from rwa_monitor.kernels.segmentation import decafs, fpop, segment_sums
 from rwa_monitor.samples import FloatArray, IntArray
 
 
@@ -40,7 +40,7 @@ def segment_correlated(
 
         e_0² / v_0 + Σ_{k≥1} [(e_k - φ_k e_{k-1})² / v_k + min((μ_k - μ_{k-1})² / walk_variance, penalty)].
 
-    Without correlation, walk and differing variances, that is `segment`, with its blocks. Source: Romano, Rigaill,
+    Without correlation, walk and differing variances, that is FPOP, here without blocks. Source: Romano, Rigaill,
     Runge, Fearnhead, "Detecting abrupt changes in the presence of local fluctuations and autocorrelated noise", Journal
     of the American Statistical Association 117 (2022), algorithm DeCAFS, section 3. Here, φ and v may differ from step
     to step, and costs far above the least are cut off until the jumps found are proven to be the best (see the kernel).
@@ -61,5 +61,5 @@ def segment_correlated(
     """
     variance = float(innovation_variance[0])
     if walk_variance == 0.0 and not correlation[1:].any() and (innovation_variance == variance).all():
-        return segment(z, penalty * variance)
+        return fpop(z - z.mean(), np.ones(z.size), penalty * variance)
     return decafs(z, correlation, innovation_variance, walk_variance, penalty)

@@ -164,16 +164,17 @@ def _follows_level(term: Term) -> bool:
 # ---- what is left ----------------------------------------------------------------------------------------------------
 
 
-def left_over(problem: Problem, model: Model) -> Unexplained | None:
-    """Return what a free curve over the speed explains beyond a model without jumps, where that pays."""
+def left_over(problem: Problem, model: Model) -> tuple[Unexplained | None, float]:
+    """Return what a free curve over the speed explains beyond a model without jumps, where that pays, and its score."""
     series = Series.of(problem)
     rows, coefficients, score = _with_curve(series, model.terms, _law(model))
     count = regressors(series, model.terms)[0].shape[0]
     own = rows.shape[0] - count - np.linalg.matrix_rank(series.base)  # what dry and viscous are not
-    if model.score - score - series.log_size * own < ACCEPT_GAIN:
-        return None
+    score += series.log_size * own
+    if model.score - score < ACCEPT_GAIN:
+        return None, score
     left = coefficients @ rows - series.sign * (problem.z - model.fit.residual)
-    return Unexplained(CURVE_SIGNATURE, float(np.std(left)))
+    return Unexplained(CURVE_SIGNATURE, float(np.std(left))), score
 
 
 def least_score(problem: Problem, law: NoiseLaw) -> float:

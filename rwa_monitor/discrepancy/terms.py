@@ -189,25 +189,24 @@ def make_term_with(
     if columns is None and followed is not None:
         columns = _columns_with_level(effect, shape, followed)
     if columns is None:
-        by_angle = issubclass(effect, TorqueRipple)
+        by_angle = issubclass(effect, TorqueRipple) or getattr(effect, "variable", "") == "angle"
         channels = [record.undrifted if by_angle else record.channels for record in problem.records]
         columns = _evaluate(problem, effect, shape, channels)
         if keep and not depends_on_level(effect):
             problem.columns.put(key, columns)
     low, high = (np.array([getattr(p, end) for p in strengths]) for end in ("low", "high"))
-    return Term(effect, dict(shape), columns, low, high, price=_price(effect, shape))
+    return Term(effect, dict(shape), columns, low, high, price=_price(problem, effect, shape))
 
 
-def _price(effect: type[MeanEffect], shape: Mapping[str, float]) -> float | None:
-    """Return the price of parameters some of which may lie between choices; None where none can.
+def _price(problem: Problem, effect: type[MeanEffect], shape: Mapping[str, float]) -> float:
+    """Return what parameters cost in units of log N: one each, and that an effect was chosen among many of its kind.
 
     A choice is what physics expects: off it costs a parameter more. What has one choice alone costs nothing there.
     """
     between = [p for p in effect.parameters if p.between]
-    if not between:
-        return None
+    choice = effect.choice_deviance / problem.log_size
     off = sum(shape[p.name] not in p.choices for p in between)
-    return len(effect.parameters) - sum(len(p.choices) == 1 for p in between) + off
+    return len(effect.parameters) - sum(len(p.choices) == 1 for p in between) + off + choice
 
 
 def _evaluate(

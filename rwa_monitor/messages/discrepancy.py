@@ -28,6 +28,7 @@ class FoundEffect(Message):
     parameters: dict[str, Uncertain]
     p_value: Annotated[float, Field(ge=0, le=1)]
     delta_deviance: Number
+    formula: str | None = None
 
 
 class Unexplained(Message):

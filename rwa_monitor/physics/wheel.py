@@ -127,14 +127,15 @@ class SwitchingSystem(Strict):
 
 
 class EffectBlock(Strict):
-    """One effect beyond the base model, by its catalogue name, with its parameters in SI units."""
+    """One effect beyond the base model, by its catalogue name, with its parameters in SI units; a formula has a law."""
 
     name: str
+    law: Annotated[str, Field(max_length=200)] | None = None
     parameters: dict[str, float]
 
     def __hash__(self) -> int:
         """Hash by content, as the other parts do: what is worked out for a wheel is kept by the wheel."""
-        return hash((self.name, frozenset(self.parameters.items())))
+        return hash((self.name, self.law, frozenset(self.parameters.items())))
 
 
 RESERVED_ANOMALIES: Final = ("dry", "viscous")  # anomaly names beside those of the switching systems

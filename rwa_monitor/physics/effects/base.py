@@ -180,6 +180,8 @@ class MeanEffect(Effect, ABC):
     # What becomes of the torque when the same motion is made in the other direction: it flips ("odd", as friction
     # does), it stays ("even", as an offset does), or neither.
     parity: ClassVar[Literal["odd", "even", "none"]] = "odd"
+    # What the choice of this one costs a search, as a deviance [-]: 2·ln of how many there are of its kind, else zero.
+    choice_deviance: ClassVar[float] = 0.0
 
     @classmethod
     @abstractmethod

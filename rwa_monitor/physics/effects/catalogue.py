@@ -11,6 +11,7 @@ from rwa_monitor.errors import InputError
 from rwa_monitor.hints import did_you_mean
 from rwa_monitor.physics import effects
 from rwa_monitor.physics.effects.base import Effect, MeanEffect
+from rwa_monitor.physics.effects.formula import BLOCK, FORMULAS, Formula, parse
 from rwa_monitor.physics.effects.noise_base import NoiseEffect
 from rwa_monitor.physics.effects.switching_base import SwitchingEffect
 from rwa_monitor.physics.wheel import EffectBlock, Wheel
@@ -69,13 +70,25 @@ def build(block: EffectBlock) -> Effect:
     Raises
     ------
     InputError
-        If the name is not in the catalogue, or a parameter is unknown, missing or out of its bounds.
+        If the name is not in the catalogue, or a parameter is unknown, missing or out of its bounds; or if
+        a formula has no law of the grammar, or another effect has one.
     """
+    if block.name == BLOCK:
+        if block.law is None:
+            raise InputError(f"effect {BLOCK}", f"is missing, such as {next(iter(FORMULAS))!r}", "law")
+        return parse(block.law)(**block.parameters)
     effect = CATALOGUE.get(block.name)
     if effect is None:
         hint = did_you_mean(block.name, CATALOGUE) or f": {', '.join(CATALOGUE)}"
         raise InputError(f"effect {block.name}", f"is not in the catalogue{hint}")
+    if block.law is not None:
+        raise InputError(f"effect {block.name}", f"belongs to the effect {BLOCK} alone", "law")
     return effect(**block.parameters)
+
+
+def effect_class(name: str) -> type[Effect]:
+    """Return the effect of a name that a search gives: one of the catalogue, or a formula; raises KeyError."""
+    return FORMULAS[name.removeprefix(f"{BLOCK} ")] if name.startswith(f"{BLOCK} ") else CATALOGUE[name]
 
 
 def mean_effects(wheel: Wheel) -> list[MeanEffect]:
@@ -86,4 +99,6 @@ def mean_effects(wheel: Wheel) -> list[MeanEffect]:
 
 def to_block(effect: Effect) -> EffectBlock:
     """Return the block of wheel.toml that describes an effect; `build` gives it back."""
+    if isinstance(effect, Formula):
+        return EffectBlock(name=BLOCK, law=effect.law, parameters=dict(effect.values))
     return EffectBlock(name=effect.name, parameters=dict(effect.values))
