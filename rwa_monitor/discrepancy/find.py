@@ -14,7 +14,7 @@ from rwa_monitor.discrepancy.angle_drift import with_angle_drift
 from rwa_monitor.discrepancy.angle_lines import AngleLine, angle_line, order_to_try, ripple_with
 from rwa_monitor.discrepancy.base_fit import fit, make_problem, with_noise_of
 from rwa_monitor.discrepancy.bench import EVEN_CLOCK, as_measured, not_shown_without_motor
-from rwa_monitor.discrepancy.cage import cage_bursts
+from rwa_monitor.discrepancy.cage import CageBursts, cage_bursts
 from rwa_monitor.discrepancy.delay_term import DelayTerm
 from rwa_monitor.discrepancy.extended import extend
 from rwa_monitor.discrepancy.finished_search import Search
@@ -121,21 +121,7 @@ def find_discrepancy(
     silent = not_shown_without_motor(missing, wheel)
     tried = [effect for effect in missing if _can_show(problem, effect) and effect.name not in silent]
     few = problem.size < FEWEST_FOR_JUMPS
-    line = cage = None
-    if few:
-        explained = _without_jumps(problem, None, tried, progress)
-    else:
-        problem, tried, line = _by_angle(problem, tried, wheel)
-        explained = _explain(problem, tried, progress, wheel)
-        progress("noise and jumps")
-        cage = cage_bursts(explained.problem, explained.complete) if explained.problem.has_noise else None
-        if cage is not None:
-            # Bursts pass for jumps, and for laws of speed: what is said of anything else is said without them.
-            quiet = prepare(cage.quiet(explained.problem.records), wheel, each)
-            explained = _explain(quiet, tried, progress, wheel)
-        else:
-            explained = _without_jumps(explained.problem, explained.complete, tried, progress) or explained
-    assert explained is not None, "few samples are searched without jumps"
+    explained, cage = _explained(problem, tried, progress, wheel)
     problem, found, leftover, complete = explained.problem, explained.found, explained.leftover, explained.complete
     others: list[FoundEffect] = []
     wanders = None
@@ -143,7 +129,8 @@ def find_discrepancy(
     if no_noise is not None:
         silent |= dict.fromkeys(NOISE_EFFECTS, no_noise)
     elif problem.has_noise:
-        others += noise_effects(problem, complete, explained=leftover is None, in_band=cage.in_band if cage else ())
+        in_band, no_jumps = cage.in_band if cage else (), not explained.jumps
+        others += noise_effects(problem, complete, explained=leftover is None, in_band=in_band, by_law=no_jumps)
         wanders = wandering(problem, complete)
     if leftover is None and wanders is None and explained.jumps:
         others += switching_effects(problem, complete, wheel)
@@ -153,7 +140,6 @@ def find_discrepancy(
         found = without_rounding(problem, found)
     if not {effect.name for effect in others} & {"tachometer_quantisation", "cage_instability"}:
         leftover = leftover or wanders
-    leftover = _with_line(line, leftover)
     progress("gain on held-out data")
     score = partial(held_out, problem) if aside is None else partial(on_other_recordings, problem, aside)
     scores = tuple(each(score, found.ladder))
@@ -178,6 +164,27 @@ def find_discrepancy(
     result = DiscrepancyResult(verdict, effects, leftover, tuple((dict(listed) | silent).items()), gain)
     delay_s = -named.slots * wheel.sample_period_s if named is not None else None
     return _with_simulated(Search(wheel, problem, found, scores[-len(found.ladder) :], result, delay_s))
+
+
+def _explained(
+    problem: Problem, effects: Sequence[type[MeanEffect]], progress: Progress, wheel: Wheel
+) -> tuple[_Explained, CageBursts | None]:
+    """Search for mean effects with jumps and without; return the better answer, and the bursts of a cage beside it."""
+    if problem.size < FEWEST_FOR_JUMPS:
+        few = _without_jumps(problem, None, effects, progress)
+        assert few is not None, "nothing else is likelier"
+        return few, None
+    problem, effects, line = _by_angle(problem, effects, wheel)
+    jumping = _explain(problem, effects, progress, wheel)
+    smooth = _without_jumps(jumping.problem, jumping.complete, effects, progress)
+    if smooth is not None:
+        return replace(smooth, leftover=_with_line(line, smooth.leftover)), None
+    cage = cage_bursts(jumping.problem, jumping.complete) if jumping.problem.has_noise else None
+    if cage is not None:
+        # Bursts pass for jumps, and for laws of speed: what is said of anything else is said without them.
+        quiet = prepare(cage.quiet(jumping.problem.records), wheel, problem.each)
+        jumping = _explain(quiet, effects, progress, wheel)
+    return replace(jumping, leftover=_with_line(line, jumping.leftover)), cage
 
 
 @dataclass(frozen=True, slots=True)
@@ -239,8 +246,8 @@ def _with_simulated(search: Search) -> Search:
 
 
 def _by_angle(
-    problem: Problem, candidates: list[type[MeanEffect]], wheel: Wheel
-) -> tuple[Problem, list[type[MeanEffect]], AngleLine | None]:
+    problem: Problem, candidates: Sequence[type[MeanEffect]], wheel: Wheel
+) -> tuple[Problem, Sequence[type[MeanEffect]], AngleLine | None]:
     """Take out what repeats with the wheel's angle as no ripple does, or let a ripple have the order that it shows.
 
     Other names would feed on it. Without noise nothing says what would be chance.

@@ -19,7 +19,7 @@ from rwa_monitor.discrepancy.base_fit import Fit, fit, jump_sets, strong_jumps, 
 from rwa_monitor.discrepancy.likelihood import NoiseLaw
 from rwa_monitor.discrepancy.models import Model
 from rwa_monitor.discrepancy.problem import Problem
-from rwa_monitor.discrepancy.score import scored, with_exact_jumps
+from rwa_monitor.discrepancy.score import off_reversals, scored, with_exact_jumps
 from rwa_monitor.discrepancy.search import EQUIVALENT_WITHIN, Effects, Progress
 from rwa_monitor.discrepancy.shape_profile import FEW_CHOICES, profile, profile_robustly, shape_limits
 from rwa_monitor.discrepancy.terms import (
@@ -146,7 +146,8 @@ def extensions(problem: Problem, current: Model, effects: Effects, most: float =
         most = min(most, current.fit.criterion + SCREEN_MARGIN)
         best = [model for model in best if model.fit.criterion < most]
     settled = _with_best_choices(problem, problem.each(partial(_settled, problem), best))
-    judged = problem.each(lambda model: scored(problem, model, current.law, again=True), settled)
+    apart = [off_reversals(problem, model) for model in settled]
+    judged = problem.each(lambda model: scored(problem, model, current.law, again=True), apart)
     near = min((model.score for model in judged), default=0.0) + SCREEN_MARGIN
     exact = problem.each(lambda m: with_exact_jumps(problem, m) if m.score < near else m, judged)
     return sorted(exact, key=lambda model: model.score)
@@ -236,7 +237,7 @@ def refit(problem: Problem, terms: Sequence[Term], starts: Sequence[IntArray], l
 
 def _judged(problem: Problem, model: Model, law: NoiseLaw | None = None) -> Model:
     """Return a model scored, with its jumps placed exactly; `law` is that of nearly the same model, where known."""
-    return with_exact_jumps(problem, scored(problem, model, law, again=True))
+    return with_exact_jumps(problem, scored(problem, off_reversals(problem, model), law, again=True))
 
 
 def _refined(problem: Problem, terms: Sequence[Term], starts: Sequence[IntArray]) -> Model:

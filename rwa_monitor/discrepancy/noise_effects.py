@@ -9,10 +9,12 @@ from typing import Final
 import numpy as np
 from scipy import optimize
 
+from rwa_monitor.discrepancy.likelihood import Series
 from rwa_monitor.discrepancy.models import Model
 from rwa_monitor.discrepancy.nulls import built_in_nulls
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.result import FoundEffect, ParameterValue
+from rwa_monitor.discrepancy.score import scored
 from rwa_monitor.discrepancy.search import ACCEPT_GAIN
 from rwa_monitor.physics.effects.base import Channels, Effect
 from rwa_monitor.physics.effects.cage_instability import CageInstability
@@ -38,7 +40,12 @@ AROUND_JUMPS: Final = 3  # slots on each side of a jump whose residual depends o
 
 
 def noise_effects(
-    problem: Problem, model: Model, *, explained: bool = True, in_band: Sequence[BoolArray] = ()
+    problem: Problem,
+    model: Model,
+    *,
+    explained: bool = True,
+    in_band: Sequence[BoolArray] = (),
+    by_law: bool = False,
 ) -> list[FoundEffect]:
     """Return the noise effects that the residual shows, strongest first.
 
@@ -54,19 +61,24 @@ def noise_effects(
         looked for.
     in_band
         For each record bool (slots,), the band of a cage whose bursts were found before: what is in it is not judged.
+    by_law
+        Whether what the law of the model's noise holds is judged by the score, and the rest on its innovations.
     """
     views = [_view(problem, model, index) for index in range(len(problem.records))]
+    found: list[FoundEffect] = []
     if any(_is_quantised(problem, index, view) for index, view in enumerate(views)):
         # Rounding errors are not Gaussian and follow the speed: beside them no other noise can be judged.
         quantised = [_fit_noise(problem, index, view, QUANTISED) for index, view in enumerate(views)]
         return accepted(problem, {QUANTISED: quantised})
     if in_band:
         views = [replace(view, good=view.good & ~band) for view, band in zip(views, in_band, strict=True)]
-    found: list[FoundEffect] = []
+    if by_law:
+        found, views = _of_law(problem, model), _whitened(problem, model, views)
     wall = ACCEPT_GAIN
     with_tails: list[_View] = []  # from the moment that heavy tails are named: the residual with them
     looks_for_cage = explained and not in_band
-    left = [name for name in NOISE_EFFECTS if name != QUANTISED and (looks_for_cage or name != CAGE)]
+    told = {QUANTISED, *([COLOURED] if by_law else []), *(effect.name for effect in found)}
+    left = [name for name in NOISE_EFFECTS if name not in told and (looks_for_cage or name != CAGE)]
     while left:
         fits = {name: [_fit_noise(problem, i, view, name) for i, view in enumerate(views)] for name in left}
         if SPEED in left and with_tails:
@@ -87,6 +99,46 @@ def noise_effects(
         views = [_without(view, name, fit) for view, fit in zip(views, fits[name], strict=True)]
         left = [other for other in left if other != name and not (name == CAGE and other == HEAVY)]
     return sorted(found, key=lambda entry: -entry.delta_deviance)
+
+
+def _of_law(problem: Problem, model: Model) -> list[FoundEffect]:
+    """Return the noise effects that the law of a model's noise holds, with what the score loses without each."""
+    law = model.law
+    assert law is not None, "the model is scored"
+    fits = {}
+    if law.correlation > 0.0:
+        phi = min(law.correlation, CATALOGUE[COLOURED].parameters[0].high)
+        values, std = {"ar_coefficient": phi}, {"ar_coefficient": float(np.sqrt((1.0 - phi**2) / problem.size))}
+        without = replace(law, white=1.0, correlation=0.0)
+        fits[COLOURED] = values, std, scored(problem, model, without, again=True)
+    if law.growth > 0.0:
+        slope = float(np.expm1(law.growth)) / problem.top_speed
+        values = {parameter.name: float(parameter.default or 0.0) for parameter in CATALOGUE[SPEED].parameters}
+        values["strength_s_rad"] = slope
+        # The spread is known to 1/√(2n); its ratio between both ends of the range to some three times as much.
+        std = dict.fromkeys(values, float("nan")) | {"strength_s_rad": slope * 3.0 / float(np.sqrt(2 * problem.size))}
+        fits[SPEED] = values, std, scored(problem, model, replace(law, growth=0.0), again=True)
+    found = []
+    for name, (values, std, other) in fits.items():
+        # Half of what the score loses, its price taken out: `accepted` charges for the parameters itself.
+        count = len(values) if name == COLOURED else 1
+        gain = 0.5 * (other.score - model.score + count * problem.log_size)
+        found += accepted(problem, {name: [LikelihoodFit(values, std, max(gain, 0.0), count, problem.size)]})
+    return found
+
+
+def _whitened(problem: Problem, model: Model, views: Sequence[_View]) -> list[_View]:
+    """Return the views with the innovations of a model's noise in place of its residual."""
+    law = model.law
+    assert law is not None, "the model is scored"
+    residual = model.fit.residual + problem.z_measured - problem.z
+    innovations = Series.of(problem).whitened(residual * problem.sign, law)[0][0]
+    white = []
+    for view, begin, end in zip(views, problem.starts[:-1], problem.starts[1:], strict=True):
+        values = np.full(view.residual.size, np.nan)
+        values[problem.slot[begin:end]] = innovations[begin:end]
+        white.append(replace(view, residual=values))
+    return white
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,14 +14,15 @@ from typing import Final
 
 import numpy as np
 
-from rwa_monitor.discrepancy.base_fit import JUMP_PENALTY, Fit, remove_levels, segment_starts
+from rwa_monitor.discrepancy.base_fit import JUMP_PENALTY, Fit, distance_to_crossings, remove_levels, segment_starts
 from rwa_monitor.discrepancy.likelihood import Equations, NoiseLaw, Series, fit_noise
 from rwa_monitor.discrepancy.models import Model
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.segmentation import segment_correlated
 from rwa_monitor.discrepancy.terms import Term
-from rwa_monitor.samples import FloatArray
+from rwa_monitor.samples import BoolArray, FloatArray
 
+REVERSAL: Final = 5  # samples from a change of direction: bristles turn over there, and filters smear
 BASE_PARAMETERS: Final = 2  # dry and viscous friction
 
 
@@ -49,23 +50,40 @@ def with_exact_jumps(problem: Problem, model: Model) -> Model:
     """Return a scored model with the jumps that are the best of all beside its coefficients, where the score falls."""
     assert model.law is not None, "the model is scored"
     series, law = Series.of(problem), model.law
-    flips = np.append(1.0, series.sign[1:] * series.sign[:-1])  # the noise is the torque's: along the rotation it flips
-    correlation = law.memory ** np.maximum(series.gap, 1) * flips
+    # Along the rotation, the noise of the torque changes its sign where the direction does.
     spread = series.spread(law)
-    variance = float(np.mean((model.fit.residual / spread) ** 2)) * (1.0 - correlation**2)
-    variance = np.where(series.gap == 0, variance / (1.0 - correlation**2), variance) * spread**2
-    along, jumps = model.fit.level + model.fit.residual, []
+    variance = float(np.mean((model.fit.residual / spread) ** 2)) * spread**2
+    along, slot = model.fit.level + model.fit.residual, np.cumsum(np.maximum(series.gap, 1))
+    apart, jumps = np.flatnonzero(~_reverses(problem)), []
     for a, b in pairwise(problem.starts.tolist()):
-        if b > a:
-            found = segment_correlated(
-                along[a:b], correlation[a:b], variance[a:b], 0.0, JUMP_PENALTY * problem.log_size
-            )
-            jumps.append(found + a)
+        kept = apart[(apart >= a) & (apart < b)]
+        if kept.size:
+            flips = np.append(1.0, series.sign[kept[1:]] * series.sign[kept[:-1]])
+            correlation = flips * law.memory ** np.diff(slot[kept], prepend=slot[kept[0]] - 1)
+            fresh = variance[kept] * np.append(1.0, 1.0 - correlation[1:] ** 2)
+            price = JUMP_PENALTY * problem.log_size
+            jumps.append(kept[segment_correlated(along[kept], correlation, fresh, 0.0, price)])
     exact = np.concatenate(jumps)
     if np.array_equal(exact, model.fit.jumps):
         return model
     other = replace(model, fit=replace(model.fit, jumps=exact))
     return min(model, _with_law(problem, series.with_jumps(exact), other, law), key=lambda one: one.score)
+
+
+def off_reversals(problem: Problem, model: Model) -> Model:
+    """Return a model whose jumps keep off changes of direction; it has to be scored anew.
+
+    What changes there within a few samples is an effect of the reversal, or the smear of a filter; friction that is
+    another from then on is so from the first sample behind it.
+    """
+    after = np.append(np.flatnonzero(~_reverses(problem)), problem.size)
+    jumps = np.unique(after[np.searchsorted(after, model.fit.jumps)])
+    return replace(model, fit=replace(model.fit, jumps=jumps[jumps < problem.size]))
+
+
+def _reverses(problem: Problem) -> BoolArray:
+    """Return which samples are so near a change of direction that no jump of the level is told there, bool (n,)."""
+    return distance_to_crossings(problem, np.arange(problem.size)) < REVERSAL
 
 
 def _with_law(problem: Problem, series: Series, model: Model, law: NoiseLaw) -> Model:

@@ -94,6 +94,7 @@ MEAN: dict[str, Callable[[Truth, Shape], Array]] = {
     "viscous_asymmetry": lambda t, s: literature.direction_dependent_viscous(t.speed, 1.0, -1.0),
     "viscosity_temperature": lambda t, s: literature.viscous_with_temperature(t.speed, t.temperature, 1.0, s["B"]),
     "sublinear_viscous": lambda t, s: t.sign * np.exp(s["exponent"] * np.log(np.maximum(np.abs(t.speed), 1e-12))),
+    "saturating_drag": lambda t, s: t.sign * (1.0 - 1.0 / (1.0 + np.abs(t.speed) / s["saturation_speed_rad_s"])),
     "quadratic_drag": lambda t, s: literature.disc_windage(t.speed, 1.0, 2.0, 1.0),
     "lubricant_lag": lagging,
     "run_in_drift": lambda t, s: literature.running_in(t.speed, t.period, 1.0, s["time_constant_s"]),
@@ -112,6 +113,7 @@ ONE_SIGN = {
     "presliding",
     "viscosity_temperature",
     "sublinear_viscous",
+    "saturating_drag",
     "quadratic_drag",
     "load_dependence",
     "speed_dead_zone",
@@ -135,6 +137,8 @@ def draw_shape(name: str, truth: Truth, rng: np.random.Generator) -> Shape:
         return {"B": float(rng.uniform(2500.0, 6500.0))}
     if name == "sublinear_viscous":
         return {"exponent": float(rng.choice([0.6, 2.0 / 3.0]))}
+    if name == "saturating_drag":
+        return {"saturation_speed_rad_s": float(np.exp(rng.uniform(np.log(0.02), np.log(0.2)))) * top}
     if name == "lubricant_lag":
         return {"time_constant_s": float(np.exp(rng.uniform(np.log(0.015), np.log(0.15)))) * truth.length}
     if name == "run_in_drift":

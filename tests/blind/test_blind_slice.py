@@ -74,7 +74,8 @@ def nothing_is_named_where_nothing_is_hidden(nulls: list[Outcome]) -> None:
 def what_is_outside_the_catalogue_is_not_passed_over(outsiders: list[Outcome]) -> None:
     (outside,) = outsiders
     assert outside.verdict == "inadequate"
-    assert outside.unexplained is not None
+    assert outside.without_name
+    assert not real_names(outside)
 
 
 def test_every_effect_of_the_catalogue_can_be_hidden() -> None:

@@ -33,6 +33,7 @@ from tests.blind.generator import NOISE_EFFECTS, SWITCHING_EFFECTS, Case, Hidden
 
 ACCEPTANCE = 25.0  # of the criterion, what the search asks for (docs/theory.md, "Discrepancy search", 4)
 TWICE_ACCEPTANCE = 2 * ACCEPTANCE
+FORMULA = "formula"
 SEARCHED = {**MEAN_EFFECTS, **{term.name: term for term in (DelayTerm, *JUMP_TERMS)}}
 
 
@@ -106,9 +107,15 @@ class Outcome:
         return 1 + len(self.named[0]["equivalent"]) if self.named else None
 
     @property
+    def without_name(self) -> bool:
+        """Whether something was found that has no name: told by what it follows, or by a formula."""
+        return self.unexplained is not None or any(effect["name"] == FORMULA for effect in self.effects)
+
+    @property
     def false_names(self) -> list[str]:
         """Mean and switching effects that were named and are not there; noise effects that are not there, too."""
         right = set().union(*(accepted(name, self.case) for name in self.case.effects)) if self.case.effects else set()
+        right |= {FORMULA} if self.case.kind == "outside" else set()
         return [e["name"] for e in self.named if not right & {e["name"], *e["equivalent"]}]
 
 

@@ -243,3 +243,8 @@ def jumping_slope(speed: Values, places: Sequence[int], sizes: Values, per_torqu
         coefficient += per_torque * jump_at.get(k, 0.0)
         out.append(coefficient * v)
     return np.array(out)
+
+
+def cross_film(speed: Values, slope: float, critical: float) -> np.ndarray:
+    """Cross (1965): viscosity η₀/(1 + rate/critical rate), of a film whose shear rate is in proportion to the speed."""
+    return speed * slope / (1.0 + np.abs(speed) / critical)

@@ -44,7 +44,7 @@ def test_the_catalogue_is_that_of_the_specification() -> None:
         *("torque_constant_error", "torque_constant_temperature", "current_delay", "torque_ripple", "speed_dead_zone"),
         *("speed_dependent_noise", "coloured_noise", "heavy_tailed_noise", "tachometer_quantisation"),
         *("cage_instability", "extra_switching_system", "wrong_duration_law", "decaying_jump", "viscous_jump"),
-        "speed_triggered_jumps",
+        *("speed_triggered_jumps", "saturating_drag"),
     }
 
 

@@ -99,6 +99,11 @@ def test_sublinear_viscous_follows_speed_and_viscosity_alike(motion: Channels) -
     assert_same(torque("sublinear_viscous", motion, strength_Nm=4e-5, **shape), theirs)
 
 
+def test_saturating_drag_is_a_film_whose_viscosity_follows_cross(motion: Channels) -> None:
+    theirs = literature.cross_film(motion.speed_rad_s, 2e-5, 12.0)
+    assert_same(torque("saturating_drag", motion, strength_Nm=2e-5 * 12.0, saturation_speed_rad_s=12.0), theirs)
+
+
 def test_viscosity_falls_by_two_to_eight_per_cent_a_kelvin() -> None:
     for b_kelvin, per_kelvin in ((1700.0, -0.02), (6900.0, -0.08)):
         change = literature.andrade_viscosity(20.5, 1.0, b_kelvin) - literature.andrade_viscosity(19.5, 1.0, b_kelvin)

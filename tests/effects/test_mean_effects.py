@@ -31,6 +31,7 @@ def test_the_catalogue_holds_the_mean_effects_of_the_specification() -> None:
         *("stribeck", "presliding", "coulomb_asymmetry", "torque_bias", "viscous_asymmetry", "viscosity_temperature"),
         *("sublinear_viscous", "quadratic_drag", "lubricant_lag", "run_in_drift", "load_dependence", "inertia_error"),
         *("torque_constant_error", "torque_constant_temperature", "current_delay", "torque_ripple", "speed_dead_zone"),
+        "saturating_drag",
     }
 
 
