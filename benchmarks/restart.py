@@ -27,6 +27,7 @@ from typing import Final
 import numpy as np
 import zenoh
 
+from benchmarks.beside import Beside
 from benchmarks.output import add_output_option, put_out
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.evaluation.report import table
@@ -227,7 +228,7 @@ def _as_of(window: Diagnosis, wheel: str) -> bytes:
     return window.model_copy(update={"wheel": wheel}).to_json()
 
 
-def page(wheels: int, starts: list[Start], expected: int, right: int) -> str:
+def page(wheels: int, starts: list[Start], expected: int, right: int, beside_cores: float) -> str:
     """Return what was measured as a page."""
     rows = [
         [
@@ -266,12 +267,13 @@ the same samples (seed {SEED}), as fast as the monitor takes them; so all window
 
 {table(head, rows)}
 
-On: {describe_machine()["processor"]}; load of the machine {load}.
+On: {describe_machine()["processor"]}; load of the machine {load}; other work kept {beside_cores:.1f} processors busy
+meanwhile.
 
 A monitor goes on from the checkpoints in its last recording, and takes the inputs after them once more; where it ended
 while the wheels were brought over from the recording before, those in that one, too. It reads and forgets them one by
 one, so that it needs the memory of its open windows (2.7 MB a wheel) and some
-300 MB. A recording grows to twice what it begins with, so that the inputs may take longer than the checkpoints. Every
+200 MB. A recording grows to twice what it begins with, so that the inputs may take longer than the checkpoints. Every
 five seconds it says how far it is, and systemd is told to wait. The messages that all publishers have kept come again
 at each start: they pass through the inbox. What is missing before them is asked for of 32 publishers at a time, and of
 no further one while more than 128 MB of answers lie here, so that a fleet's histories do not lie in memory at once.
@@ -285,7 +287,8 @@ def main() -> None:
     add_output_option(parser)
     options = parser.parse_args()
     with tempfile.TemporaryDirectory(prefix="rwa-restart-") as folder:
-        text = page(options.wheels, *measure(options.wheels, Path(folder)))
+        beside = Beside()
+        text = page(options.wheels, *measure(options.wheels, Path(folder)), beside.cores())
     put_out(text, options.output)
 
 
