@@ -27,9 +27,11 @@ import numpy as np
 import psutil
 import zenoh
 
+from benchmarks.beside import Beside
 from benchmarks.output import add_output_option, put_out
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.evaluation.speed.live import free_endpoint
+from rwa_monitor.evaluation.speed.machine import describe_machine
 from rwa_monitor.live.bus import BusOptions, open_session
 from rwa_monitor.live.chain import recordings_of
 from rwa_monitor.live.core import WheelCore
@@ -75,6 +77,7 @@ class Measured:
     memory_MB: float
     sent: int
     received: int
+    beside_cores: float
     file_MB: float = 0.0
     rotation_s: float = 0.0
 
@@ -178,10 +181,11 @@ def _drive(
     subscriber = session.declare_subscriber("rwa/fleet/*/status", on_status)
     began = time.monotonic()
     cpu_s = 0.0
+    beside = Beside()
     second = 0
     while (elapsed := time.monotonic() - began) < SETTLE_S + seconds:
         if not counting and elapsed >= SETTLE_S:
-            counting, cpu_s = True, _cpu_s(monitor)
+            counting, cpu_s, beside = True, _cpu_s(monitor), Beside()
         part = samples[filled + second * RATE_HZ : filled + (second + 1) * RATE_HZ]
         for number, wheel in enumerate(fleet):
             # Spread over the second, as wheels of many satellites are.
@@ -190,7 +194,7 @@ def _drive(
             wheel.put_s.append(time.monotonic())
             wheel.publisher.put(part)
         second += 1
-    used = _cpu_s(monitor) - cpu_s
+    used, beside_cores = _cpu_s(monitor) - cpu_s, beside.cores()
     memory = monitor.memory_info().rss / 1e6
     deadline = time.monotonic() + 30.0
     sent = second * RATE_HZ * count
@@ -198,7 +202,7 @@ def _drive(
         time.sleep(0.5)
     subscriber.undeclare()
     received = sum(wheel.received for wheel in fleet)
-    return Measured(count, seconds, np.array(lags), used / seconds, memory, sent, received)
+    return Measured(count, seconds, np.array(lags), used / seconds, memory, sent, received, beside_cores)
 
 
 def _cpu_s(process: psutil.Process) -> float:
@@ -208,18 +212,26 @@ def _cpu_s(process: psutil.Process) -> float:
 
 def page(found: list[Measured], full: Measured) -> str:
     """Return what was measured as a table."""
+    named = [*((f"{m.wheels:,}", m) for m in found), (f"{full.wheels:,}, full windows, rotation", full)]
     rows = [
         f"| {name} | {np.median(m.lags_s):.2f} s | {np.quantile(m.lags_s, 0.99):.2f} s | {m.lags_s.max():.2f} s | "
-        f"{100 * m.share_of_core:.0f} % | {m.memory_MB:.0f} MB | {m.sent} | {m.sent - m.received} |"
-        for name, m in (*((f"{m.wheels:,}", m) for m in found), (f"{full.wheels:,}, full windows, rotation", full))
+        f"{100 * m.share_of_core:.0f} % | {m.memory_MB:.0f} MB | {m.sent} | {m.sent - m.received} | "
+        f"{m.beside_cores:.1f} |"
+        for name, m in named
     ]
+    late = [
+        f"{name} ({m.beside_cores:.1f} processors busy with other work)" for name, m in named if m.lags_s.max() >= 1.0
+    ]
+    verdict = f"Not met by the largest lag: {'; '.join(late)}." if late else "Met in each row."
     load = ", ".join(f"{value:.1f}" for value in os.getloadavg())
     head = (
         "# A fleet live\n\n<!-- Written by `make fleet-live`. -->\n\n"
         "One `rwa-monitor run` that records, pinned to one core; the fleet publishes from a process on the others.\n"
         "The lag of a wheel is the age of its oldest message that the monitor's own `status` does not count yet.\n"
-        f"Wanted: 1,000 wheels at {RATE_HZ} Hz with a lag under a second.\n\n"
-        f"A message of {RATE_HZ} samples a second from each wheel, over {found[0].seconds:.0f} s after settling."
+        f"Wanted: 1,000 wheels at {RATE_HZ} Hz with a lag under a second.\n{verdict}\n\n"
+        f"A message of {RATE_HZ} samples a second from each wheel, over {found[0].seconds:.0f} s after settling.\n"
+        f"On: {describe_machine()['processor']}; load of the machine {load}.\n"
+        "The last column tells how many processors other work kept busy meanwhile."
     )
     brought = (
         f"was brought over, {full.file_MB:,.0f} MB in {full.rotation_s:.0f} s"
@@ -231,8 +243,8 @@ def page(found: list[Measured], full: Measured) -> str:
         f"after {FILE_AGE_S:.0f} s instead of a day: within the {full.seconds:.0f} s that count, the next one was\n"
         f"begun and the state of one wheel after the other {brought}.\n"
     )
-    columns = "| wheels | lag, median | 99 % | largest | share of the core | memory | samples sent | lost |"
-    return "\n".join([f"{head} Load of the machine: {load}.", "", columns, "|---" * 8 + "|", *rows, "", tail])
+    columns = "| wheels | lag, median | 99 % | largest | share of the core | memory | samples sent | lost | beside |"
+    return "\n".join([head, "", columns, "|---" * 9 + "|", *rows, "", tail])
 
 
 def main() -> None:
