@@ -336,7 +336,8 @@ def _with_formula(approach: Approach, explained: _Explained, score_of_curve: flo
     """Give what a free curve explains a formula, where one is as good; see `formulas`."""
     progress("a formula for what has no name")
     found = explained.found
-    models = approach.extensions(found.ladder[-1], formulas(explained.problem), progress)
+    shown, _ = approach.sort_out(formulas(explained.problem), found.ladder[0])
+    models = approach.extensions(found.ladder[-1], shown, progress)
     if not models or models[0].score > score_of_curve + EQUIVALENT_WITHIN:
         return explained
     best = models[0]

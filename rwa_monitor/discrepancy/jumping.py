@@ -148,8 +148,7 @@ def extensions(problem: Problem, current: Model, effects: Effects, most: float =
     settled = _with_best_choices(problem, problem.each(partial(_settled, problem), best))
     apart = [off_reversals(problem, model) for model in settled]
     judged = problem.each(lambda model: scored(problem, model, current.law, again=True), apart)
-    near = min((model.score for model in judged), default=0.0) + SCREEN_MARGIN
-    exact = problem.each(lambda m: with_exact_jumps(problem, m) if m.score < near else m, judged)
+    exact = problem.each(partial(with_exact_jumps, problem), judged)
     return sorted(exact, key=lambda model: model.score)
 
 

@@ -33,6 +33,7 @@ SMALLEST: Final = 1e-300  # of what is divided by
 # memory of up to a thousand samples, growth by a factor of a hundred, levels a thousand noises apart.
 WIDEST_SHARE: Final = 8.0
 LONGEST_MEMORY: Final = 7.0
+LONG_MEMORY: Final = 0.95  # φ: noise that takes some sixty samples to forget itself can pass for a law of a slow motion
 LARGEST_GROWTH: Final = 4.6
 LARGEST_SPREAD: Final = 14.0
 LEVELS_APART: Final = 100.0  # the spread of levels that a fit starts from
@@ -246,8 +247,10 @@ def fit_noise(
     Coefficients and noise in turn: the noise is fitted to what the regressors leave, with a level and a slope free in
     it, which slow noise trades with most. That costs the same however many regressors there are. The levels of
     recordings differ only if they do at the start: that is a hypothesis, see `apart`. `again` says that the start is
-    the law of nearly the same model: then only near it is looked.
+    the law of nearly the same model: then only near it is looked, but where its memory is so long that it may be the
+    very law that is missing.
     """
+    again = again and start.correlation < LONG_MEMORY
     plain = NoiseLaw(level_spread=start.level_spread)
     starts = [start] if again or start == plain else [start, plain]  # slow noise hides a law that it could be, too
     best, least = min((_round(series, rows, low, high, one, again) for one in starts), key=lambda one: one[1])

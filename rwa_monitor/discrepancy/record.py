@@ -36,6 +36,8 @@ from rwa_monitor.slots import SlotGrid
 MAX_GAP_FACTOR: Final = 4  # a record may hold at most this many slots per sample; sparser ones are wrong files
 MAX_UNEVEN_FACTOR: Final = 64  # where the clock is uneven, and each row has a short slot of its own (`bench`)
 MIN_REST_SLOTS: Final = 8  # shorter stays near zero are crossings
+# Of the median speed: where rows are few to a turn of the motion, neighbours differ by that, and not by noise.
+LARGEST_SPEED_NOISE: Final = 0.02
 REST_BAND_IN_SPEED_NOISE: Final = 5.0  # within this many standard deviations the sign of ω means nothing
 SMOOTHING_REACH: Final = 6  # slots beyond the hole, on each side, from which motion is estimated
 
@@ -330,8 +332,10 @@ def _speed_noise_and_step(speed: FloatArray) -> tuple[float, float]:
     known = speed[np.isfinite(speed)]
     if known.size < 5:
         return 0.0, 0.0
-    second = np.diff(known, 2)
-    noise = float(np.median(np.abs(second)) / 0.6745 / np.sqrt(6.0))  # var(v₀ - 2v₁ + v₂) = 6σ²
+    second = np.diff(speed, 2)  # of neighbours only: across a gap they hold the motion
+    second = second[np.isfinite(second)]
+    noise = float(np.median(np.abs(second)) / 0.6745 / np.sqrt(6.0)) if second.size else 0.0  # var(v₀ - 2v₁ + v₂) = 6σ²
+    noise = min(noise, LARGEST_SPEED_NOISE * float(np.median(np.abs(known))))
     levels = np.unique(known)
     step = 0.0
     if levels.size < known.size / 4 and levels.size > 1:

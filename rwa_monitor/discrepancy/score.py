@@ -20,9 +20,10 @@ from rwa_monitor.discrepancy.models import Model
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.segmentation import segment_correlated
 from rwa_monitor.discrepancy.terms import Term
-from rwa_monitor.samples import BoolArray, FloatArray
+from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 
 REVERSAL: Final = 5  # samples from a change of direction: bristles turn over there, and filters smear
+LEVEL_SAMPLES: Final = 64  # from which a level beside a change of direction is taken
 BASE_PARAMETERS: Final = 2  # dry and viscous friction
 
 
@@ -63,7 +64,7 @@ def with_exact_jumps(problem: Problem, model: Model) -> Model:
             fresh = variance[kept] * np.append(1.0, 1.0 - correlation[1:] ** 2)
             price = JUMP_PENALTY * problem.log_size
             jumps.append(kept[segment_correlated(along[kept], correlation, fresh, 0.0, price)])
-    exact = np.concatenate(jumps)
+    exact = _placed(problem, along, np.concatenate(jumps))
     if np.array_equal(exact, model.fit.jumps):
         return model
     other = replace(model, fit=replace(model.fit, jumps=exact))
@@ -71,14 +72,41 @@ def with_exact_jumps(problem: Problem, model: Model) -> Model:
 
 
 def off_reversals(problem: Problem, model: Model) -> Model:
-    """Return a model whose jumps keep off changes of direction; it has to be scored anew.
+    """Return a model with one jump at most in a change of direction; it has to be scored anew.
 
-    What changes there within a few samples is an effect of the reversal, or the smear of a filter; friction that is
-    another from then on is so from the first sample behind it.
+    What comes and goes there within a few samples is an effect of the reversal, or the smear of a filter.
     """
     after = np.append(np.flatnonzero(~_reverses(problem)), problem.size)
     jumps = np.unique(after[np.searchsorted(after, model.fit.jumps)])
-    return replace(model, fit=replace(model.fit, jumps=jumps[jumps < problem.size]))
+    jumps = _placed(problem, model.fit.level + model.fit.residual, jumps[jumps < problem.size])
+    return replace(model, fit=replace(model.fit, jumps=jumps))
+
+
+def _placed(problem: Problem, along: FloatArray, jumps: IntArray) -> IntArray:
+    """Move jumps behind a change of direction to where in it the levels on both sides part best.
+
+    Parameters
+    ----------
+    problem
+        The data.
+    along
+        float64 (n,), what a model leaves to the levels [N m].
+    jumps
+        int64 (j,), in no change of direction.
+    """
+    at = np.arange(problem.size)
+    latest = np.maximum.accumulate(np.where(_reverses(problem), -1, at))
+    borders = np.unique(np.concatenate([problem.starts, jumps]))
+    placed = jumps.copy()
+    for i, jump in enumerate(jumps.tolist()):
+        begin = int(latest[jump - 1]) + 1
+        before = max(int(borders[np.searchsorted(borders, jump) - 1]), begin - LEVEL_SAMPLES)
+        after = min(int(borders[np.searchsorted(borders, jump, side="right")]), jump + LEVEL_SAMPLES)
+        if before < begin < jump:
+            left, right = along[before:begin].mean(), along[jump:after].mean()
+            worse = np.cumsum((along[begin:jump] - left) ** 2 - (along[begin:jump] - right) ** 2)
+            placed[i] = begin + int(np.argmin(np.append(0.0, worse)))
+    return placed
 
 
 def _reverses(problem: Problem) -> BoolArray:

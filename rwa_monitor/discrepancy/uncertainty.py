@@ -205,7 +205,7 @@ def _standard_deviations(problem: Problem, model: Model, columns: FloatArray) ->
     if model.law is None:
         design = remove_levels(columns, segment_starts(problem, model.fit.jumps))
     else:
-        series = Series.of(problem)
+        series = Series.of(problem).with_jumps(model.fit.jumps)
         rows = np.vstack([residual, columns.T, np.ones(problem.size)]) * series.sign
         white, _ = series.whitened(rows, model.law)
         residual, design = white[0], white[1:].T

@@ -16,7 +16,7 @@ import numpy as np
 from rwa_monitor.discrepancy.base_fit import jump_sets, strong_jumps, strong_level
 from rwa_monitor.discrepancy.free_curves import CURVES, Periodic, PeriodicDrag, PeriodicRub, StepInSpeed
 from rwa_monitor.discrepancy.gain import trained
-from rwa_monitor.discrepancy.jumping import refit
+from rwa_monitor.discrepancy.jumping import Jumping, refit
 from rwa_monitor.discrepancy.models import Model, SearchResult
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.result import Unexplained
@@ -25,6 +25,7 @@ from rwa_monitor.discrepancy.terms import Term, make_term
 from rwa_monitor.discrepancy.thresholds import best_threshold
 from rwa_monitor.samples import FloatArray
 
+EXPLAINED_SHARE: Final = 0.7  # of what a free curve gains: a law that gains so much with fewer numbers is kept
 FEWEST_STEPS: Final = 6  # of the level: a jump or two too many is chance
 STEPS_TO_JUMPS: Final = 2.0  # so many more small steps than jumps
 LASTING_LAGS: Final = range(64, 129, 4)  # slots: noise of the catalogue has forgotten itself to 4 %
@@ -68,6 +69,9 @@ def judge_leftover(problem: Problem, found: SearchResult) -> tuple[SearchResult,
         return found, unexplained, best
     terms = tuple(model.terms[i] for i in kept)
     reduced = refit(problem, terms, jump_sets(problem, best.fit))
+    alone = refit(problem, (*terms, curve), [best.fit.jumps], best.law)
+    if reduced.score - model.score > EXPLAINED_SHARE * (reduced.score - alone.score):
+        return found, unexplained, best  # a curve over the same quantity makes any law needless, the right one, too
     names = set(reduced.names)
     ladder = (*(m for m in found.ladder if set(m.names) <= names and len(m.terms) < len(terms)), reduced)
     return (
@@ -159,11 +163,9 @@ def _lasting_variance(problem: Problem, residual: FloatArray) -> float:
 
 def _free_terms(problem: Problem, model: Model) -> list[Term]:
     """Return the free curves that these records allow, periodic ones at the best frequency."""
-    terms = [
-        replace(make_term(problem, curve, {}, None), smooth=True)
-        for curve in CURVES
-        if all(curve.quantity(record.channels) is not None for record in problem.records)
-    ]
+    known = [curve for curve in CURVES if all(curve.quantity(one.channels) is not None for one in problem.records)]
+    shown, _ = Jumping(problem).sort_out(known, model)
+    terms = [replace(make_term(problem, curve, {}, None), smooth=True) for curve in shown]
     for effect in (Periodic, PeriodicDrag):
         frequency = _best_frequency(problem, model, flips=effect.flips)
         if frequency is not None:

@@ -7,10 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rwa_monitor.discrepancy.base_fit import fit
 from rwa_monitor.discrepancy.find import find_discrepancy, prepare
-from rwa_monitor.discrepancy.jumping import extensions
-from rwa_monitor.discrepancy.models import Model
+from rwa_monitor.discrepancy.jumping import Jumping, extensions
 from rwa_monitor.discrepancy.record import make_record
 from rwa_monitor.discrepancy.result import ParameterValue
 from rwa_monitor.discrepancy.uncertainty import described, spread
@@ -45,9 +43,8 @@ def fitted(name: str, seed: int, wave: float = 0.0, **changes: float) -> dict[st
         drag = wave * np.sqrt(2.0) * 3.9e-5 * np.sin(phase) * np.sign(samples.speed_rad_s)
         samples = replace(samples, friction_torque_Nm=samples.friction_torque_Nm + drag)
     problem = prepare([make_record(samples, wheel, "simulated")], wheel)
-    base = Model((), fit(problem, np.zeros((problem.size, 0))))
     effect = MEAN_EFFECTS[name]
-    model = extensions(problem, base, [effect], lambda _: None)[0]
+    model = extensions(problem, Jumping(problem).base(), [effect])[0]
     return described(problem, model.terms[0], model.strengths(0), spread(problem, model).terms[0], effect.parameters)
 
 
