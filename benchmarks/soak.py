@@ -26,6 +26,7 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.beside import Beside
 from benchmarks.output import add_output_option, put_out
 from rwa_monitor.evaluation.speed.live import free_endpoint
 from rwa_monitor.live.bus import INBOX_BYTES, OUTPUT_HISTORY, BusOptions, open_session
@@ -137,7 +138,7 @@ def main() -> int:
     parser.add_argument("--seconds", type=float, default=600.0)
     parser.add_argument("--rate", type=float, default=100_000.0, help="samples per second, all wheels together")
     parser.add_argument("--wheels", type=int, default=50)
-    parser.add_argument("--beside", default="nothing else", help="what else ran on the machine, for the report")
+    parser.add_argument("--beside", help="what else ran on the machine, for the report; default: how busy it was")
     add_output_option(parser)
     arguments = parser.parse_args()
     if arguments.seconds < LEAST_S:
@@ -146,11 +147,12 @@ def main() -> int:
         Case(arguments.wheels, arguments.rate, arguments.seconds, SLOTS),
         Case(SHORT_WHEELS, SHORT_SHARE * arguments.rate, SHORT_TIME * arguments.seconds, SHORT_SLOTS),
     ]
-    columns = []
+    columns, others = [], Beside()
     for case in cases:
         with tempfile.TemporaryDirectory(prefix="rwa-soak-") as folder:
             columns.append(_figures(case, *_soak(case, Path(folder))))
-    put_out(_report(cases[0], columns, arguments.beside), arguments.output)
+    beside = arguments.beside or f"other work that kept {others.cores():.1f} of them busy"
+    put_out(_report(cases[0], columns, beside), arguments.output)
     return 0
 
 
