@@ -194,7 +194,7 @@ soak: $(VENV)/.installed-dev ## ten minutes at 100,000 samples a second; writes 
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.soak -o docs/soak.md $(SOAK_ARGS)
 
 .PHONY: fleet
-fleet: $(VENV)/.installed-dev ## diagnosis of many recordings on 1, 2 and 4 workers; writes docs/fleet.md
+fleet: $(VENV)/.installed-dev ## diagnosis of many recordings on as many workers as there are cores; writes docs/fleet.md
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.fleet -o docs/fleet.md
 
 .PHONY: fleet-live

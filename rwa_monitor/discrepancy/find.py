@@ -62,7 +62,7 @@ from rwa_monitor.discrepancy.unexplained import judge_leftover, wandering, with_
 from rwa_monitor.discrepancy.untested import as_a_part, too_weak_to_show, untested_others
 from rwa_monitor.physics.effects.base import MeanEffect
 from rwa_monitor.physics.effects.catalogue import CATALOGUE, MEAN_EFFECTS, NOISE_EFFECTS, effect_class
-from rwa_monitor.physics.effects.formula import Formula
+from rwa_monitor.physics.effects.formula import BLOCK, Formula
 from rwa_monitor.physics.effects.torque_ripple import TorqueRipple
 from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import Samples
@@ -407,7 +407,7 @@ def _describe(problem: Problem, model: Model, found: Found) -> FoundEffect:
     return FoundEffect(
         found.name,
         term.effect.family,
-        found.equivalent,
+        tuple(name for name in found.equivalent if name in CATALOGUE or name.startswith(f"{BLOCK} ")),
         term.effect.separate_by,
         parameters,
         built_in_nulls().p_value("mean", found.gain, problem.log_size, derived=problem.friction_is_derived),
@@ -464,7 +464,7 @@ def _untested(
     """Return what the records could not test, each effect once, none that was named or could stand for one."""
     model = found.ladder[-1]
     named = {name for entry in found.found for name in (entry.name, *entry.equivalent)}
-    listed = dict(found.untestable)
+    listed = {name: missing for name, missing in found.untestable if name in CATALOGUE}
     for name, missing in (*too_weak_to_show(problem, model, candidates), *untested_others(problem, model, wheel)):
         if name not in named:
             listed.setdefault(name, missing)

@@ -1,0 +1,141 @@
+"""Searches the validation recordings and holds the answers against what was written down before any search was run.
+
+`python -m benchmarks.recordings.judge FOLDER` prints a Markdown table; FOLDER holds what `validation` converted. An
+answer is right where it names, in a set of look-alikes or alone, one effect of each group that is required (or nothing,
+where that is acceptable), and nothing but what is tolerable beside. Effects of the noise count for nothing; a formula
+counts as a law of the speed.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from rwa_monitor.discrepancy.find import find_discrepancy
+from rwa_monitor.discrepancy.finished_search import Search
+from rwa_monitor.errors import InputError
+from rwa_monitor.formats.table import read_table
+from rwa_monitor.formats.wheel_file import read_wheel
+
+OFFSET = "torque_bias coulomb_asymmetry"
+CONCAVE = "sublinear_viscous saturating_drag"
+SLEW = "presliding speed_dead_zone current_delay inertia_error lubricant_lag"
+
+
+@dataclass(frozen=True)
+class Expected:
+    """What was written down: groups of which one each is required, what may stand beside, whether nothing is right."""
+
+    required: tuple[str, ...] = ()
+    beside: str = ""
+    nothing: bool = False
+
+
+WINDAGE = Expected(("quadratic_drag",), f"formula stribeck {CONCAVE}")
+ENGAGED = Expected((f"quadratic_drag stribeck {CONCAVE}",), f"quadratic_drag stribeck {CONCAVE}")
+PROPELLER = Expected(("quadratic_drag",), "formula")
+CENTRIFUGE = Expected(("stribeck",), "run_in_drift", nothing=True)
+LOADED = Expected((OFFSET,), f"viscous_asymmetry stribeck load_dependence {OFFSET}")
+BELT = f"torque_ripple current_delay inertia_error presliding {OFFSET}"
+QUIET = Expected(nothing=True)
+WHEEL = Expected(("inertia_error",), f"torque_constant_error load_dependence {SLEW} {OFFSET}", nothing=True)
+
+EXPECTED: dict[str, Expected] = {
+    **dict.fromkeys((f"wheel_data{one}{end}" for one in ("04cover", "05cover", "13cover", "07noCover", "08noCover")
+                     for end in ("", "_motor_off")), WINDAGE),
+    **dict.fromkeys(("freewheel_disengaged", "freewheel_disengaged_motor_off"), WINDAGE),
+    **dict.fromkeys(("freewheel_engaged", "freewheel_engaged_motor_off"), ENGAGED),
+    **dict.fromkeys(("centrifuge_3kPa_motor_off", "centrifuge_10kPa_motor_off"), CENTRIFUGE),
+    **dict.fromkeys(("propeller_ladder_a", "propeller_ladder_b", "propeller_micro_ladder"), PROPELLER),
+    "propeller_micro_ladder_untared": Expected(("quadratic_drag",), "torque_bias formula"),
+    "propeller_steps": Expected(("quadratic_drag",), "inertia_error lubricant_lag current_delay formula"),
+    "screw_forward": Expected(("stribeck",), "quadratic_drag"),
+    "screw_backward": Expected(("stribeck",)),
+    "screw_ladder": Expected((OFFSET, "stribeck"), f"viscous_asymmetry load_dependence {OFFSET}"),
+    "screw_dwells": Expected((OFFSET,), f"stribeck torque_ripple {OFFSET}"),
+    "screw_start_stop": Expected((f"viscous_asymmetry {OFFSET}",), f"stribeck {SLEW} {OFFSET}"),
+    **dict.fromkeys(("antibacklash_forward", "antibacklash_backward"), QUIET),
+    "antibacklash_ladder": Expected((OFFSET,), f"viscous_asymmetry {OFFSET}", nothing=True),
+    "antibacklash_dwells": Expected((f"torque_ripple {OFFSET}",), f"torque_ripple {OFFSET}", nothing=True),
+    "antibacklash_start_stop": Expected((f"{OFFSET} {SLEW}",), f"{SLEW} {OFFSET}", nothing=True),
+    "worm_forward": Expected((CONCAVE,), f"run_in_drift {CONCAVE}", nothing=True),
+    "worm_backward": Expected(("stribeck",), "run_in_drift", nothing=True),
+    **dict.fromkeys(("worm_ladder", "worm_dwells"), LOADED),
+    "worm_start_stop": Expected((OFFSET,), f"viscous_asymmetry stribeck {SLEW} {OFFSET}"),
+    **dict.fromkeys((f"reaction_wheel_{mNm}mNm" for mNm in (8, 10, 15, 20)), WHEEL),
+    "franka_joint7_middle": Expected((OFFSET,), f"torque_ripple presliding load_dependence viscous_asymmetry {OFFSET}"),
+    "franka_joint2_slow": Expected(
+        (OFFSET,), f"torque_ripple viscous_asymmetry presliding run_in_drift {OFFSET}", nothing=True
+    ),
+    "arm7_joint3": Expected((SLEW,), SLEW, nothing=True),
+    **dict.fromkeys(("cart_a", "cart_c", "cart_a_current"), Expected((BELT,), BELT, nothing=True)),
+    "cart_b": Expected((OFFSET,), BELT),
+    "pendulum_swings": Expected(("quadratic_drag",), f"stribeck {CONCAVE}"),
+    "pendulum_half_swings": Expected(
+        ("quadratic_drag", f"viscous_asymmetry {OFFSET}"), f"viscous_asymmetry stribeck {OFFSET}"
+    ),
+    "dyno": Expected(
+        ("load_dependence torque_constant_error torque_constant_temperature",),
+        f"load_dependence torque_constant_error torque_constant_temperature viscosity_temperature run_in_drift"
+        f" {CONCAVE}",
+    ),
+    "rack": Expected((f"presliding current_delay inertia_error {CONCAVE}",), f"{SLEW} {CONCAVE}", nothing=True),
+    "screw_forward screw_backward": Expected((OFFSET, "stribeck"), f"viscous_asymmetry load_dependence {OFFSET}"),
+    "antibacklash_forward antibacklash_backward": Expected((OFFSET,), f"viscous_asymmetry {OFFSET}", nothing=True),
+    "worm_forward worm_backward": LOADED,
+    "wheel_data04cover wheel_data05cover wheel_data13cover": WINDAGE,
+    "propeller_ladder_a propeller_ladder_b": PROPELLER,
+    "centrifuge_3kPa_motor_off centrifuge_10kPa_motor_off": CENTRIFUGE,
+    "reaction_wheel_8mNm reaction_wheel_10mNm reaction_wheel_15mNm reaction_wheel_20mNm": WHEEL,
+}  # fmt: skip
+
+
+def is_right(expected: Expected, sets: Iterable[set[str]]) -> bool:
+    """Say whether sets of look-alikes, one for each effect that is named, are what was expected."""
+    sets = list(sets)
+    if not sets:
+        return expected.nothing
+    groups = [set(group.split()) for group in expected.required]
+    fine = set(expected.beside.split()).union(*groups)
+    return all(any(group & one for one in sets) for group in groups) and all(fine & one for one in sets)
+
+
+def search(folder: Path, names: list[str]) -> Search:
+    """Search recordings of one machine."""
+    tables = [(name, read_table(folder / f"{name}.csv").samples) for name in names]
+    return find_discrepancy(tables, read_wheel(folder / f"{names[0]}.toml"))
+
+
+def main() -> None:
+    """Search them all and print the table."""
+    folder, right = Path(sys.argv[1]), []
+    print("| recordings | rows | answer | left | RMSE in sample | right |\n|---|---|---|---|---|---|")
+    for key, expected in EXPECTED.items():
+        try:
+            found = search(folder, key.split())
+        except InputError as refused:
+            right.append(False)
+            print(f"| {key} | | refused: {str(refused)[:100]} | | | no |", flush=True)
+            continue
+        mean = [effect for effect in found.result.effects if effect.family != "noise"]
+        named = [{effect.name.partition(" ")[0], *effect.equivalent} for effect in mean]
+        right.append(is_right(expected, named))
+        answer = "; ".join(
+            effect.formula.partition(",")[0] or ", ".join((effect.name, *effect.equivalent)) for effect in mean
+        )
+        left = found.result.unexplained.signature if found.result.unexplained else ""
+        before, after = (float(np.sqrt(np.mean(model.fit.residual**2))) for model in (found.base, found.extended))
+        rmse = f"{before:.3g} → {after:.3g} ({after / before - 1.0:+.0%})"
+        print(
+            f"| {key} | {found.problem.size} | {answer or '–'} | {left} | {rmse} | {'yes' if right[-1] else 'no'} |",
+            flush=True,
+        )
+    print(f"\nRight: {sum(right)} of {len(right)}.")
+
+
+if __name__ == "__main__":
+    main()
