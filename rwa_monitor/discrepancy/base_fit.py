@@ -21,7 +21,7 @@ import numpy as np
 from rwa_monitor.discrepancy.derived_friction import speed_noise_taps
 from rwa_monitor.discrepancy.mapper import Mapper, in_turn
 from rwa_monitor.discrepancy.moments import Moments
-from rwa_monitor.discrepancy.noise import Noise, clip_outliers, estimate_noise
+from rwa_monitor.discrepancy.noise import Noise, clip_outliers, estimate_noise, long_run_variance
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.record import Record
 from rwa_monitor.discrepancy.segmentation import segment
@@ -36,6 +36,7 @@ JUMP_PENALTY: Final = 3.0  # times log N, for place, size and sign of a jump (Zh
 ANNEALING: Final = (8.0, 3.0, 1.0, 1.0, 1.0, 1.0)
 CONVERGED: Final = 0.1  # change of the criterion
 TUKEY: Final = 4.685  # scales of the residual: 95 % efficient for Gaussian noise (Huber, Robust Statistics, 1981)
+MOST_MEMORY: Final = 4.0  # times that of the filter: more is a law that is missing
 MIN_USED: Final = 40  # fewer moving samples cannot tell a law of the speed from their noise
 HEAVY_SHARE: Final = 1e-3  # of samples beyond four standard deviations; Gaussian noise has 6e-5
 NEAR_CROSSING: Final = 20  # samples: bristles and balls take a few slots to turn over
@@ -100,7 +101,17 @@ def make_problem(records: Sequence[Record], wheel: Wheel, each: Mapper = in_turn
     problem = with_noise_of(problem, z - slope * speed)
     problem = _with_noise_of_rest(problem)
     problem = _clip(problem)
-    return _with_noise_of_rest(problem)
+    problem = _with_noise_of_rest(problem)
+    return replace(problem, memory=_memory(problem)) if problem.friction_is_derived else problem
+
+
+def _memory(problem: Problem) -> float:
+    """Return the long-run over the single variance of derived friction: that of the filter, or more as it is seen."""
+    taps = problem.derivative_taps
+    covariance = np.correlate(taps, taps, "full")[taps.size - 1 :]
+    of_filter = long_run_variance(covariance) / float(covariance[0])
+    seen = problem.noise.long_run_variance / problem.noise.std**2
+    return float(np.clip(seen, of_filter, MOST_MEMORY * of_filter))
 
 
 def _with_noise_of_rest(problem: Problem) -> Problem:

@@ -129,8 +129,8 @@ def find_discrepancy(
     if no_noise is not None:
         silent |= dict.fromkeys(NOISE_EFFECTS, no_noise)
     elif problem.has_noise:
-        in_band, no_jumps = cage.in_band if cage else (), not explained.jumps
-        others += noise_effects(problem, complete, explained=leftover is None, in_band=in_band, by_law=no_jumps)
+        in_band, by_law = cage.in_band if cage else (), not explained.jumps and not problem.friction_is_derived
+        others += noise_effects(problem, complete, explained=leftover is None, in_band=in_band, by_law=by_law)
         wanders = wandering(problem, complete)
     if leftover is None and wanders is None and explained.jumps:
         others += switching_effects(problem, complete, wheel)

@@ -101,6 +101,8 @@ class Series:
         int64 (j,), first sample of each new level.
     smallest_variance
         Below which noise is the digits of a table [N² m²].
+    memory
+        Samples that say as much as one that is independent; above 1 the noise is taken as white, see `Problem`.
     """
 
     friction: FloatArray
@@ -109,6 +111,7 @@ class Series:
     gap: IntArray
     jumps: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     smallest_variance: float = 0.0
+    memory: float = 1.0
 
     @classmethod
     def of(cls, problem: Problem) -> Self:
@@ -117,7 +120,9 @@ class Series:
         gap[problem.starts[:-1][np.diff(problem.starts) > 0]] = 0
         smallest = problem.smallest_noise_Nm**2
         nowhere = np.zeros(0, dtype=np.int64)
-        return cls(problem.sign * problem.z, problem.sign, problem.sign * problem.speed, gap, nowhere, smallest)
+        return cls(
+            problem.sign * problem.z, problem.sign, problem.sign * problem.speed, gap, nowhere, smallest, problem.memory
+        )
 
     def with_jumps(self, jumps: IntArray) -> Series:
         """Return the same samples with jumps, int64 (j,): the first sample of each new level."""
@@ -196,6 +201,8 @@ class Equations:
         Of the whitened rows.
     smallest_variance
         Added to that of the residual.
+    memory
+        Samples that say as much as one that is independent.
     """
 
     gram: FloatArray
@@ -206,6 +213,7 @@ class Equations:
     samples: int
     log_determinant: float
     smallest_variance: float = 0.0
+    memory: float = 1.0
 
     @classmethod
     def of(cls, series: Series, rows: FloatArray, low: FloatArray, high: FloatArray, law: NoiseLaw) -> Self:
@@ -220,7 +228,9 @@ class Equations:
         """Multiply whitened friction and regressors, float64 (1 + p, n)."""
         products = white @ white.T
         squares, smallest = float(products[0, 0]), series.smallest_variance
-        return cls(products[1:, 1:], products[1:, 0], squares, low, high, series.size, log_determinant, smallest)
+        return cls(
+            products[1:, 1:], products[1:, 0], squares, low, high, series.size, log_determinant, smallest, series.memory
+        )
 
     def solve(self) -> tuple[FloatArray, float]:
         """Return the coefficients within their bounds, and the deviance with the best scale."""
@@ -235,7 +245,7 @@ class Equations:
             solution = np.clip(bounded.x, low, high)
         left = self.squares - 2.0 * solution @ moment + solution @ gram @ solution
         variance = max(left, 1e-15 * self.squares, SMALLEST) / self.samples + self.smallest_variance
-        deviance = float(self.samples * np.log(variance) + self.log_determinant)
+        deviance = float(self.samples * np.log(variance) + self.log_determinant) / self.memory
         return np.clip(solution / scale, self.low, self.high), deviance
 
 
@@ -282,7 +292,7 @@ def _noise_of(series: Series, start: NoiseLaw, again: bool) -> NoiseLaw:
     best, least = law, score(law)
     for _ in range(2):  # colour and growth hide each other at first
         others = best.growth, best.level_spread
-        if start.correlation > 0.0 or not again:
+        if series.memory == 1.0 and (start.correlation > 0.0 or not again):
             coloured = _coloured(score, best, best if best.correlation > 0.0 else start, 0.3 if again else 1.0)
             best, least = min((best, least), coloured, key=lambda one: one[1])
         if start.growth != 0.0 or not again:

@@ -88,13 +88,16 @@ def estimate_noise(pieces: Sequence[FloatArray], each: Mapper = in_turn) -> Nois
     significant: IntArray = np.flatnonzero(np.abs(covariance[1 : lags.size + 1]) > doubt).astype(np.int64)
     reach = _last_of_first_run(significant)
     covariance[reach + 1 :] = 0.0
-    # Variance of a mean of m samples times m: R₀ + 2 Σ (1 - h/m) R_h.
-    h = np.arange(1, MAX_LAG + 1)
-    long_run = max(
-        float(covariance[0] + 2 * np.sum(np.clip(1 - h / m, 0, None) * covariance[1:])) for m in range(1, 4 * MAX_LAG)
-    )
+    long_run = long_run_variance(covariance)
     std = float(np.sqrt(sill))
     return Noise(max(std, 1e-300), covariance, max(long_run, 1e-300))
+
+
+def long_run_variance(covariance: FloatArray) -> float:
+    """Return the largest variance of a mean of m samples, times m: R₀ + 2 Σ (1 - h/m) R_h, of R at lags from 0 on."""
+    h = np.arange(1, covariance.size)
+    means = range(1, 4 * max(covariance.size - 1, 1))
+    return max(float(covariance[0] + 2 * np.sum(np.clip(1 - h / m, 0, None) * covariance[1:])) for m in means)
 
 
 def tail_factor(values: FloatArray) -> float:

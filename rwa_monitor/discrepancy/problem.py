@@ -49,6 +49,9 @@ class Problem:
         Nominal viscous coefficient [N m s/rad] as a weak prior, or None.
     derivative_taps
         Of the filter through which noise of the speed enters friction that is derived.
+    memory
+        Samples of noise that say as much as one that is independent, where friction is derived: known from the filter.
+        Its noise is not whitened: columns of the torque share it. 1 elsewhere, where the law of the noise is fitted.
     each
         Applies a function to each candidate; the answer does not depend on how.
     lowest_viscous
@@ -72,6 +75,7 @@ class Problem:
     jumps: JumpCache = field(default_factory=JumpCache)
     recent: RecentCache = field(default_factory=RecentCache)
     derivative_taps: FloatArray = field(default_factory=lambda: np.ones(1))
+    memory: float = 1.0
     each: Mapper = in_turn
     lowest_viscous: float = -np.inf
     top_speed: float = field(init=False)

@@ -53,7 +53,7 @@ def with_exact_jumps(problem: Problem, model: Model) -> Model:
     series, law = Series.of(problem), model.law
     # Along the rotation, the noise of the torque changes its sign where the direction does.
     spread = series.spread(law)
-    variance = float(np.mean((model.fit.residual / spread) ** 2)) * spread**2
+    variance = series.memory * float(np.mean((model.fit.residual / spread) ** 2)) * spread**2
     along, slot = model.fit.level + model.fit.residual, np.cumsum(np.maximum(series.gap, 1))
     apart, jumps = np.flatnonzero(~_reverses(problem)), []
     for a, b in pairwise(problem.starts.tolist()):

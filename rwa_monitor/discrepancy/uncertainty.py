@@ -209,7 +209,7 @@ def _standard_deviations(problem: Problem, model: Model, columns: FloatArray) ->
         rows = np.vstack([residual, columns.T, np.ones(problem.size)]) * series.sign
         white, _ = series.whitened(rows, model.law)
         residual, design = white[0], white[1:].T
-        variance = float(residual @ residual) / residual.size
+        variance = series.memory * float(residual @ residual) / residual.size
     scale = np.sqrt(np.sum(design**2, axis=0))
     scale[scale == 0] = 1.0
     design = design / scale
