@@ -55,7 +55,7 @@ def with_exact_jumps(problem: Problem, model: Model) -> Model:
     spread = series.spread(law)
     variance = series.memory * float(np.mean((model.fit.residual / spread) ** 2)) * spread**2
     along, slot = model.fit.level + model.fit.residual, np.cumsum(np.maximum(series.gap, 1))
-    apart, jumps = np.flatnonzero(~_reverses(problem)), []
+    apart, jumps = np.flatnonzero(~_reverses(problem)), [np.zeros(0, dtype=np.int64)]
     for a, b in pairwise(problem.starts.tolist()):
         kept = apart[(apart >= a) & (apart < b)]
         if kept.size:
@@ -110,7 +110,7 @@ def _placed(problem: Problem, along: FloatArray, jumps: IntArray) -> IntArray:
 
 
 def _reverses(problem: Problem) -> BoolArray:
-    """Return which samples are so near a change of direction that no jump of the level is told there, bool (n,)."""
+    """Return which samples are so near a change of direction that a jump of the level would not show, bool (n,)."""
     return distance_to_crossings(problem, np.arange(problem.size)) < REVERSAL
 
 
