@@ -50,6 +50,7 @@ from rwa_monitor.discrepancy.search import (
     Approach,
     Progress,
     grow,
+    prune,
     rank,
     search,
 )
@@ -340,10 +341,13 @@ def _with_formula(approach: Approach, explained: _Explained, score_of_curve: flo
     models = approach.extensions(found.ladder[-1], shown, progress)
     if not models or models[0].score > score_of_curve + EQUIVALENT_WITHIN:
         return explained
-    best = models[0]
-    near = [model.names[-1] for model in models[1:] if model.score - best.score < EQUIVALENT_WITHIN]
-    entry = Found(best.names[-1], found.ladder[-1].score - best.score, tuple(near))
-    found = replace(found, ladder=(*found.ladder, best), found=(*found.found, entry))
+    near = [model.names[-1] for model in models[1:] if model.score - models[0].score < EQUIVALENT_WITHIN]
+    best = prune(approach, models[0], keep_last=True)  # what was named may have stood in for a part of it
+    gain = approach.without(best, len(best.terms) - 1).score - best.score
+    names = set(best.names)
+    named = (*(one for one in found.found if one.name in names), Found(best.names[-1], gain, tuple(near)))
+    shorter = (one for one in found.ladder if set(one.names) <= names and len(one.terms) < len(best.terms))
+    found = replace(found, ladder=(*shorter, best), found=tuple(sorted(named, key=lambda one: -one.gain)))
     return replace(explained, found=found, leftover=None, complete=best)
 
 

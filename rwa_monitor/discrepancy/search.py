@@ -97,12 +97,12 @@ def grow(
             best_rejected, rejected = gain, (rivals[0].names or ("",))[-1]
             break
         swapped, of_last = _swap(approach, rivals[0], testable, progress)
-        pruned = _prune(approach, swapped, keep_last=True)
+        pruned = prune(approach, swapped, keep_last=True)
         known = (pruned, of_last) if of_last is not None and pruned is swapped else None
         ladder.append(pruned)
         if pruned.score >= current.score:
             break
-    final = _prune(approach, min(ladder, key=lambda model: model.score))
+    final = prune(approach, min(ladder, key=lambda model: model.score))
     ladder = [*(model for model in ladder if len(model.terms) < len(final.terms)), final]
     of_final = known[1] if known is not None and known[0] is final else None
     return Growth(tuple(ladder), tuple(testable), tuple(untestable), best_rejected, rejected, of_final)
@@ -139,7 +139,7 @@ def _swap(
     return model, tuple(tried)
 
 
-def _prune(approach: Approach, model: Model, *, keep_last: bool = False) -> Model:
+def prune(approach: Approach, model: Model, *, keep_last: bool = False) -> Model:
     """Leave out effects that later ones have made superfluous, and parameters that do not pay."""
     while True:
         simpler = [approach.without(model, index) for index in range(len(model.terms) - keep_last)]
