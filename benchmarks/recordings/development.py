@@ -18,33 +18,11 @@ import numpy as np
 from scipy.io import loadmat
 from scipy.signal import butter, filtfilt
 
-from benchmarks.recordings.validation import git_list, git_show
-
-
-def save(
-    out: Path,
-    name: str,
-    period: float,
-    columns: dict[str, np.ndarray],
-    wheel: dict | None = None,
-    motor_off: bool = False,
-    dead_band: float | None = None,
-) -> None:
-    out.mkdir(parents=True, exist_ok=True)
-    table = np.column_stack(list(columns.values()))
-    np.savetxt(out / f"{name}.csv", table, delimiter=",", header=",".join(columns), comments="", fmt="%.9g")
-    text = f'[wheel]\nname = "{name}"\nsample_period_s = {period:.6g}\n'
-    text += "".join(f"{key} = {value!r}\n" for key, value in (wheel or {}).items())
-    if motor_off:
-        text += "\n[friction]\nmotor_off = true\n"
-    if dead_band is not None:
-        text += f"\n[window]\nsamples = {len(table)}\nhop = {len(table)}\ndead_band_rad_s = {dead_band}\n"
-    (out / f"{name}.toml").write_text(text)
-    print(f"{name}: {len(table)} rows")
+from benchmarks.recordings.validation import git_list, git_show, save
 
 
 def emps(source: str, out: Path) -> None:
-    """Linear axis:
+    """Linear axis.
 
     F = g vir − M a; position at 1 kHz, zero-phase Butterworth of 4th order at 20 Hz, central differences.
     """
@@ -68,15 +46,15 @@ def emps(source: str, out: Path) -> None:
         save(
             out,
             name,
-            10 * dt,
-            {"time_s": time[part] - time[part][0], "speed_rad_s": speed[part], "friction_torque_Nm": friction[part]},
+            {"time_s": time[part], "speed_rad_s": speed[part], "friction_torque_Nm": friction[part]},
             {"inertia_kg_m2": mass},
             dead_band=0.005,
+            period=10 * dt,
         )
 
 
 def flywheel(source: str, out: Path) -> None:
-    """Flywheel running down:
+    """Flywheel running down.
 
     means over 1 s of rpm at 50 Hz; friction = −J dω/dt by central differences of the means.
     """
@@ -104,22 +82,22 @@ def flywheel(source: str, out: Path) -> None:
         save(
             out,
             name,
-            1.0,
             {"time_s": at[1:-1], "speed_rad_s": speed[1:-1], "friction_torque_Nm": friction[1:-1]},
             {"inertia_kg_m2": inertia},
+            period=1.0,
         )
         save(
             out,
             name + "_motor_off",
-            1.0,
             {"time_s": at, "speed_rad_s": speed},
             {"inertia_kg_m2": inertia},
             motor_off=True,
+            period=1.0,
         )
 
 
 def track(events: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Times and counts of whole turns:
+    """Times and counts of whole turns.
 
     the event next to where the last turns say it must come; all others are phantoms.
 
@@ -184,22 +162,22 @@ def coast(events: np.ndarray, out: Path, name: str, inertia: float, turns: int =
     save(
         out,
         name,
-        period,
-        {"time_s": middle[rows] - middle[rows[0]], "speed_rad_s": speed[rows], "friction_torque_Nm": -inertia * slope},
+        {"time_s": middle[rows], "speed_rad_s": speed[rows], "friction_torque_Nm": -inertia * slope},
         {"inertia_kg_m2": inertia},
+        period=period,
     )
     save(
         out,
         name + "_motor_off",
-        period,
         {"time_s": middle, "speed_rad_s": speed},
         {"inertia_kg_m2": inertia},
         motor_off=True,
+        period=period,
     )
 
 
 def drum(source: str, out: Path) -> None:
-    """Drum running down in air:
+    """Drum running down in air.
 
     one row a turn, J = 10 (arbitrary); the columns are μs, drum rate, turns, wheel rate, turns.
     """

@@ -37,12 +37,14 @@ def save(
     wheel: dict | None = None,
     motor_off: bool = False,
     dead_band: float | None = None,
+    period: float | None = None,
 ) -> None:
+    """Write a table and its wheel file; the sample period [s] is the median step of the time where none is given."""
     out.mkdir(parents=True, exist_ok=True)
     columns = {**columns, "time_s": columns["time_s"] - columns["time_s"][0]}
     table = np.column_stack(list(columns.values()))
     np.savetxt(out / f"{name}.csv", table, delimiter=",", header=",".join(columns), comments="", fmt="%.9g")
-    period = float(np.median(np.diff(columns["time_s"])))
+    period = period or float(np.median(np.diff(columns["time_s"])))
     text = f'[wheel]\nname = "{name}"\nsample_period_s = {period:.6g}\n'
     text += "".join(f"{key} = {value!r}\n" for key, value in (wheel or {}).items())
     if motor_off:
@@ -262,7 +264,7 @@ def reaction_wheel(source: str, out: Path) -> None:
     """From ethanfrick1962/ASEN3801Lab3.
 
     Reaction wheel of a teaching spin module: a current for five seconds, then none. K_T = 33.5 mN m/A; every second
-    row, for the drive tells each value twice; J = 1.05e-4 kg m² fitted over five levels of current (not known
+    row, for the drive logs each value twice; J = 1.05e-4 kg m² fitted over five levels of current (not known
     otherwise).
     """
     for level in (8, 10, 15, 20):

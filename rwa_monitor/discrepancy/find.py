@@ -362,8 +362,9 @@ def _grown(
 
 def _taken_over(problem: Problem, model: Model | None) -> list[Model]:
     """Return a model of nearly the same data fitted anew, one effect more in each."""
-    counts = range(1, len(model.terms) + 1) if model is not None else ()
-    return [refit(problem, model.terms[:count], [model.fit.jumps]) for count in counts] if model is not None else []
+    if model is None:
+        return []
+    return [refit(problem, model.terms[: i + 1], [model.fit.jumps]) for i in range(len(model.terms))]
 
 
 def _with_slope_jumps(

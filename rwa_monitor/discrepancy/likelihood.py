@@ -103,6 +103,8 @@ class Series:
         Below which noise is the digits of a table [N² m²].
     memory
         Samples that say as much as one that is independent; above 1 the noise is taken as white, see `Problem`.
+    top_speed
+        Largest |ω|, at which the noise has grown by its law's growth [rad/s]; 0: that of these samples.
     """
 
     friction: FloatArray
@@ -112,6 +114,7 @@ class Series:
     jumps: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     smallest_variance: float = 0.0
     memory: float = 1.0
+    top_speed: float = 0.0
 
     @classmethod
     def of(cls, problem: Problem) -> Self:
@@ -144,7 +147,13 @@ class Series:
         gap[:: ENOUGH // STRETCHES] = 0
         jumps = np.flatnonzero(is_jump[kept])
         return replace(
-            self, friction=self.friction[kept], sign=self.sign[kept], speed=self.speed[kept], gap=gap, jumps=jumps
+            self,
+            friction=self.friction[kept],
+            sign=self.sign[kept],
+            speed=self.speed[kept],
+            gap=gap,
+            jumps=jumps,
+            top_speed=float(np.abs(self.speed).max()),
         )
 
     @property
@@ -164,7 +173,7 @@ class Series:
 
     def spread(self, law: NoiseLaw) -> FloatArray:
         """Return the noise's standard deviation at each sample, float64 (n,), of mean logarithm 0."""
-        share = np.abs(self.speed) / np.abs(self.speed).max()
+        share = np.abs(self.speed) / (self.top_speed or np.abs(self.speed).max())
         spread = 1.0 + np.expm1(law.growth) * share
         return np.asarray(spread / np.exp(np.mean(np.log(spread))))
 

@@ -9,18 +9,18 @@ from typing import Final
 import numpy as np
 from scipy import optimize
 
-from rwa_monitor.discrepancy.likelihood import Series
+from rwa_monitor.discrepancy.likelihood import NoiseLaw, Series
 from rwa_monitor.discrepancy.models import Model
 from rwa_monitor.discrepancy.nulls import built_in_nulls
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.result import FoundEffect, ParameterValue
-from rwa_monitor.discrepancy.score import scored
+from rwa_monitor.discrepancy.score import scored, with_law
 from rwa_monitor.discrepancy.search import ACCEPT_GAIN
 from rwa_monitor.physics.effects.base import Channels, Effect
 from rwa_monitor.physics.effects.cage_instability import CageInstability
 from rwa_monitor.physics.effects.catalogue import CATALOGUE, NOISE_EFFECTS
-from rwa_monitor.physics.effects.likelihood import LikelihoodFit
-from rwa_monitor.physics.effects.speed_dependent_noise import SpeedDependentNoise, spread_factor
+from rwa_monitor.physics.effects.likelihood import LikelihoodFit, curvature_std
+from rwa_monitor.physics.effects.speed_dependent_noise import OF_BAND, SpeedDependentNoise, spread_factor
 from rwa_monitor.samples import BoolArray, FloatArray
 
 OUTLIER_AT: Final = 7.0  # standard deviations
@@ -35,6 +35,7 @@ LATER_SHARE: Final = 0.05  # of an accepted gain that the next must reach: no la
 MIN_WHITTLE: Final = 500  # samples
 EM_ROUNDS: Final = 5  # weights and spread in turn; the first two bring nearly all
 WHITTLE_LAGS: Final = 400  # slots: an AR(1) with φ = 0.99 has forgotten itself to 2 %
+GROWTH_STEP: Final = 0.05  # of the logarithm of the spread's growth, for the curvature of the likelihood
 WHITTLE_BINS: Final = 200  # of frequency; a filter of 17 taps varies over a seventeenth
 AROUND_JUMPS: Final = 3  # slots on each side of a jump whose residual depends on where exactly it was put
 
@@ -77,8 +78,8 @@ def noise_effects(
     wall = ACCEPT_GAIN
     with_tails: list[_View] = []  # from the moment that heavy tails are named: the residual with them
     looks_for_cage = explained and not in_band
-    told = {QUANTISED, *([COLOURED] if by_law else []), *(effect.name for effect in found)}
-    left = [name for name in NOISE_EFFECTS if name not in told and (looks_for_cage or name != CAGE)]
+    judged = {QUANTISED, *([COLOURED] if by_law else []), *(effect.name for effect in found)}
+    left = [name for name in NOISE_EFFECTS if name not in judged and (looks_for_cage or name != CAGE)]
     while left:
         fits = {name: [_fit_noise(problem, i, view, name) for i, view in enumerate(views)] for name in left}
         if SPEED in left and with_tails:
@@ -105,26 +106,30 @@ def _of_law(problem: Problem, model: Model) -> list[FoundEffect]:
     """Return the noise effects that the law of a model's noise holds, with what the score loses without each."""
     law = model.law
     assert law is not None, "the model is scored"
-    fits = {}
+    found = []
     if law.correlation > 0.0:
         phi = min(law.correlation, CATALOGUE[COLOURED].parameters[0].high)
-        values, std = {"ar_coefficient": phi}, {"ar_coefficient": float(np.sqrt((1.0 - phi**2) / problem.size))}
-        without = replace(law, white=1.0, correlation=0.0)
-        fits[COLOURED] = values, std, scored(problem, model, without, again=True)
+        gain = _gain_over(problem, model, replace(law, white=1.0, correlation=0.0), parameters=1)
+        std = float(np.sqrt((1.0 - phi**2) / problem.size))
+        of_colour = LikelihoodFit({"ar_coefficient": phi}, {"ar_coefficient": std}, gain, 1, problem.size)
+        found += accepted(problem, {COLOURED: [of_colour]})
     if law.growth > 0.0:
-        slope = float(np.expm1(law.growth)) / problem.top_speed
+        gain = _gain_over(problem, model, replace(law, growth=0.0), parameters=1)
+        std = curvature_std(
+            lambda growth: -0.5 * with_law(problem, model, replace(law, growth=growth)).score, law.growth, GROWTH_STEP
+        )
         values = {parameter.name: float(parameter.default or 0.0) for parameter in CATALOGUE[SPEED].parameters}
-        values["strength_s_rad"] = slope
-        # The spread is known to 1/√(2n); its ratio between both ends of the range to some three times as much.
-        std = dict.fromkeys(values, float("nan")) | {"strength_s_rad": slope * 3.0 / float(np.sqrt(2 * problem.size))}
-        fits[SPEED] = values, std, scored(problem, model, replace(law, growth=0.0), again=True)
-    found = []
-    for name, (values, std, other) in fits.items():
-        # Half of what the score loses, its price taken out: `accepted` charges for the parameters itself.
-        count = len(values) if name == COLOURED else 1
-        gain = 0.5 * (other.score - model.score + count * problem.log_size)
-        found += accepted(problem, {name: [LikelihoodFit(values, std, max(gain, 0.0), count, problem.size)]})
+        values["strength_s_rad"] = float(np.expm1(law.growth)) / problem.top_speed
+        errors = dict.fromkeys(values, np.nan) | {"strength_s_rad": float(np.exp(law.growth)) / problem.top_speed * std}
+        of_growth = LikelihoodFit(values, errors, gain, 1, problem.size, OF_BAND)
+        found += accepted(problem, {SPEED: [of_growth]})
     return found
+
+
+def _gain_over(problem: Problem, model: Model, plainer: NoiseLaw, parameters: int) -> float:
+    """Return the log-likelihood that a law of the noise gains over a plainer one; `accepted` charges for parameters."""
+    lost = scored(problem, model, plainer, again=True).score - model.score
+    return max(0.5 * (lost + parameters * problem.log_size), 0.0)
 
 
 def _whitened(problem: Problem, model: Model, views: Sequence[_View]) -> list[_View]:

@@ -40,11 +40,20 @@ def scored(problem: Problem, model: Model, start: NoiseLaw | None = None, *, aga
         Whether that is the law of nearly the same model: then only near it is looked.
     """
     series = Series.of(problem).with_jumps(model.fit.jumps)
-    rows, low, high = regressors(series, model.terms)
     law = start or (NoiseLaw().apart if series.several else NoiseLaw())
     if problem.has_noise:
-        law, _ = fit_noise(series, rows, low, high, law, again=again and start is not None)
-    return _with_law(problem, series, model, law)
+        law, _ = fit_noise(series, *regressors(series, model.terms), law, again=again and start is not None)
+    return with_law(problem, model, law)
+
+
+def with_law(problem: Problem, model: Model, law: NoiseLaw) -> Model:
+    """Return a model with the coefficients that are best under a law of the noise, and its score."""
+    series = Series.of(problem).with_jumps(model.fit.jumps)
+    rows, low, high = regressors(series, model.terms)
+    coefficients, deviance = Equations.of(series, rows, low, high, law).solve()
+    parameters = price(model.terms) + law.parameters + JUMP_PENALTY * model.fit.jumps.size
+    fit = _fit(problem, series, rows, coefficients, law, model.fit)
+    return replace(model, fit=fit, law=law, score=deviance + series.log_size * parameters)
 
 
 def with_exact_jumps(problem: Problem, model: Model) -> Model:
@@ -67,8 +76,8 @@ def with_exact_jumps(problem: Problem, model: Model) -> Model:
     exact = _placed(problem, along, np.concatenate(jumps))
     if np.array_equal(exact, model.fit.jumps):
         return model
-    other = replace(model, fit=replace(model.fit, jumps=exact))
-    return min(model, _with_law(problem, series.with_jumps(exact), other, law), key=lambda one: one.score)
+    other = with_law(problem, replace(model, fit=replace(model.fit, jumps=exact)), law)
+    return min(model, other, key=lambda one: one.score)
 
 
 def off_reversals(problem: Problem, model: Model) -> Model:
@@ -112,15 +121,6 @@ def _placed(problem: Problem, along: FloatArray, jumps: IntArray) -> IntArray:
 def _reverses(problem: Problem) -> BoolArray:
     """Return which samples are so near a change of direction that a jump of the level would not show, bool (n,)."""
     return distance_to_crossings(problem, np.arange(problem.size)) < REVERSAL
-
-
-def _with_law(problem: Problem, series: Series, model: Model, law: NoiseLaw) -> Model:
-    """Return a model with the coefficients that are best under a law of the noise, and its score."""
-    rows, low, high = regressors(series, model.terms)
-    coefficients, deviance = Equations.of(series, rows, low, high, law).solve()
-    parameters = price(model.terms) + law.parameters + JUMP_PENALTY * model.fit.jumps.size
-    fit = _fit(problem, series, rows, coefficients, law, model.fit)
-    return replace(model, fit=fit, law=law, score=deviance + series.log_size * parameters)
 
 
 def price(terms: Sequence[Term]) -> float:

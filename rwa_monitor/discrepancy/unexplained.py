@@ -116,7 +116,7 @@ def _repeated(
     folds = [_fold(time_s, residual, period) for period in periods]
     powers = [float(np.mean(mean**2)) for mean in folds]
     period = periods[next(i for i, power in enumerate(powers) if power >= FOLDED_SHARE * max(powers))]
-    # A peak is as wide as a period more or less in the record: a short rub tells its period better.
+    # A peak is as wide as a period more or less in the record: a short rub shows its period better.
     near = period * (1.0 + period / float(np.ptp(time_s)) * np.linspace(-0.5, 0.5, 2 * FOLD_BINS + 1))
     folds = [_fold(time_s, residual, one) for one in near]
     best = int(np.argmax([float(np.mean(mean**2)) for mean in folds]))

@@ -108,7 +108,7 @@ class Outcome:
 
     @property
     def without_name(self) -> bool:
-        """Whether something was found that has no name: told by what it follows, or by a formula."""
+        """Whether something was found that has no name: reported by what it follows, or by a formula."""
         return self.unexplained is not None or any(effect["name"] == FORMULA for effect in self.effects)
 
     @property

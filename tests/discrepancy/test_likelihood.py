@@ -54,41 +54,26 @@ def layouts(draw: st.DrawFn) -> tuple[FloatArray, FloatArray, IntArray]:
 
 
 variances = st.sampled_from([0.0, 0.3, 2.0])
+noises = st.tuples(st.sampled_from([0.1, 1.0]), variances, st.sampled_from([0.0, 0.6, 0.999]), variances)
 
 
 @settings(max_examples=40)
-@given(
-    layouts(), st.sampled_from([0.1, 1.0]), variances, st.sampled_from([0.0, 0.6, 0.999]), variances, st.integers(0, 99)
-)
+@given(layouts(), noises, st.integers(0, 99))
 def test_whitening_is_that_of_the_dense_covariance(
-    layout: tuple[FloatArray, FloatArray, IntArray],
-    white: float,
-    coloured: float,
-    correlation: float,
-    differenced: float,
-    seed: int,
+    layout: tuple[FloatArray, FloatArray, IntArray], parts: Parts, seed: int
 ) -> None:
     sign, drift, gap = layout
-    parts = white, coloured, correlation, differenced
     columns = np.random.default_rng(seed).normal(size=(3, COUNT))
     rows = columns.copy()
     assert_whitened(rows, whiten(rows, sign, drift, gap, parts), columns, dense(sign, drift, gap, parts))
 
 
 @settings(max_examples=40)
-@given(
-    layouts(), st.sampled_from([0.1, 1.0]), variances, st.sampled_from([0.0, 0.6, 0.999]), variances, st.integers(0, 99)
-)
+@given(layouts(), noises, st.integers(0, 99))
 def test_a_jump_is_a_level_of_which_nothing_is_known(
-    layout: tuple[FloatArray, FloatArray, IntArray],
-    white: float,
-    coloured: float,
-    correlation: float,
-    differenced: float,
-    seed: int,
+    layout: tuple[FloatArray, FloatArray, IntArray], parts: Parts, seed: int
 ) -> None:
     sign, drift, gap = layout
-    parts = white, coloured, correlation, differenced
     rng = np.random.default_rng(seed)
     columns = rng.normal(size=(3, COUNT))
     jumps = np.sort(rng.choice(np.arange(1, COUNT), 5, replace=False))

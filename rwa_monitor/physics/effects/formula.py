@@ -382,7 +382,7 @@ _BY_TEXT: Final = {"".join(key.split()): one for one in FORMULAS.values() for ke
 
 
 def parse(law: str) -> type[Formula]:
-    """Return the structure with an id or a text, spaces left aside.
+    """Return the structure with an id or a text; spaces do not count.
 
     Raises
     ------
