@@ -15,10 +15,10 @@ import numpy as np
 from scipy import fft, optimize
 
 from rwa_monitor.discrepancy.base_fit import Fit
+from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.record import Record
 from rwa_monitor.discrepancy.result import Unexplained
-from rwa_monitor.discrepancy.search import ACCEPT_GAIN
 from rwa_monitor.kernels.effects import turned_angle
 from rwa_monitor.physics.effects.torque_ripple import LOWEST_ORDER, MANY_TURNS, MAX_HARMONIC, TorqueRipple
 from rwa_monitor.samples import FloatArray

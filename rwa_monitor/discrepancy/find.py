@@ -25,7 +25,7 @@ from rwa_monitor.discrepancy.jump_terms import JUMP_TERMS
 from rwa_monitor.discrepancy.jumping import Jumping, extensions, refit
 from rwa_monitor.discrepancy.known_effects import known_delay, records_of
 from rwa_monitor.discrepancy.lattice import drawn_again
-from rwa_monitor.discrepancy.likelihood import NoiseLaw
+from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN, NoiseLaw
 from rwa_monitor.discrepancy.mapper import Mapper, in_turn
 from rwa_monitor.discrepancy.models import Found, Growth, Model, SearchResult
 from rwa_monitor.discrepancy.noise_effects import noise_effects
@@ -44,7 +44,6 @@ from rwa_monitor.discrepancy.result import (
 )
 from rwa_monitor.discrepancy.rounding import without_rounding
 from rwa_monitor.discrepancy.search import (
-    ACCEPT_GAIN,
     EQUIVALENT_WITHIN,
     WORTH_SWAPPING,
     Approach,
@@ -229,10 +228,10 @@ def _without_jumps(
     approach = Smooth(problem)
     found = search(approach, [effect for effect in effects if effect.name in MEAN_EFFECTS], progress)
     model = found.ladder[-1]
-    if model.score > most:
+    leftover, score_of_curve = left_over(problem, model)
+    if min(model.score, score_of_curve) > most:  # the other may have a free curve, too
         return None
     problem = with_noise_of(problem, model.fit.residual)
-    leftover, score_of_curve = left_over(problem, model)
     explained = _Explained(problem, found, leftover, model, jumps=False)
     return _with_formula(approach, explained, score_of_curve, progress) if leftover is not None else explained
 

@@ -24,6 +24,8 @@ from rwa_monitor.samples import FloatArray, IntArray
 
 Score = Callable[["NoiseLaw"], float]
 
+ACCEPT_GAIN: Final = 25.0  # by which a hypothesis must lower the score: no false name in 24 null records (effects.md)
+FEWEST_MEMORIES: Final = 20.0  # in the data: noise that forgets itself less often is a level that wanders
 ENOUGH: Final = 10_000  # samples, from which the noise's law is known to some per cent
 STRETCHES: Final = 10
 ROUNDS: Final = 4  # of coefficients and noise in turn
@@ -77,10 +79,15 @@ class NoiseLaw:
         long_run = self.white + (1.0 - self.white) * (1.0 + self.correlation) / (1.0 - self.correlation)
         return (long_run - 1.0) / (long_run + 1.0)
 
-    @property
-    def parameters(self) -> int:
-        """How many parameters are in use."""
-        return 2 * (self.correlation > 0.0) + (self.growth != 0.0) + (self.level_spread > 0.0)
+    def price(self, size: int) -> float:
+        """Return what the law costs in `size` samples: log N a parameter.
+
+        A level that wanders is what no cause is known of: it must pay as much as a hypothesis, as no law does that
+        explains the same.
+        """
+        parameters = 2 * (self.correlation > 0.0) + (self.growth != 0.0) + (self.level_spread > 0.0)
+        wanders = self.correlation > 0.0 and size * (1.0 - self.correlation) < FEWEST_MEMORIES
+        return float(np.log(size)) * parameters + ACCEPT_GAIN * wanders
 
 
 @dataclass(frozen=True, slots=True)
@@ -287,7 +294,7 @@ def _round(
     """Fit coefficients under a noise law, and the noise to what they leave; return it and the score with it."""
     coefficients, _ = Equations.of(series, rows, low, high, start).solve()
     law = _noise_of(replace(series, friction=series.friction - coefficients @ rows).in_part(), start, again)
-    return law, Equations.of(series, rows, low, high, law).solve()[1] + series.log_size * law.parameters
+    return law, Equations.of(series, rows, low, high, law).solve()[1] + law.price(series.size)
 
 
 def _noise_of(series: Series, start: NoiseLaw, again: bool) -> NoiseLaw:
@@ -295,7 +302,7 @@ def _noise_of(series: Series, start: NoiseLaw, again: bool) -> NoiseLaw:
     free = np.full(2, np.inf)
 
     def score(law: NoiseLaw) -> float:
-        return Equations.of(series, series.base, -free, free, law).solve()[1] + series.log_size * law.parameters
+        return Equations.of(series, series.base, -free, free, law).solve()[1] + law.price(series.size)
 
     law = replace(start, white=1.0, correlation=0.0)
     best, least = law, score(law)

@@ -7,9 +7,9 @@ from typing import Final
 
 from rwa_monitor.discrepancy.find import CANDIDATES
 from rwa_monitor.discrepancy.finished_search import Search
+from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN
 from rwa_monitor.discrepancy.plan import DECIDES, PlannedManoeuvre, rank_for_untested, rank_manoeuvres
 from rwa_monitor.discrepancy.result import Unexplained
-from rwa_monitor.discrepancy.search import ACCEPT_GAIN
 from rwa_monitor.discrepancy.untested import not_testable
 from rwa_monitor.physics.effects.catalogue import CATALOGUE, MEAN_EFFECTS
 

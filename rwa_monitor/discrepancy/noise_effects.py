@@ -9,13 +9,12 @@ from typing import Final
 import numpy as np
 from scipy import optimize
 
-from rwa_monitor.discrepancy.likelihood import NoiseLaw, Series
+from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN, NoiseLaw, Series
 from rwa_monitor.discrepancy.models import Model
 from rwa_monitor.discrepancy.nulls import built_in_nulls
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.result import FoundEffect, ParameterValue
 from rwa_monitor.discrepancy.score import scored, with_law
-from rwa_monitor.discrepancy.search import ACCEPT_GAIN
 from rwa_monitor.physics.effects.base import Channels, Effect
 from rwa_monitor.physics.effects.cage_instability import CageInstability
 from rwa_monitor.physics.effects.catalogue import CATALOGUE, NOISE_EFFECTS

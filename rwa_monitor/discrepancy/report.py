@@ -12,12 +12,12 @@ from rwa_monitor.discrepancy.find import CANDIDATES, candidates
 from rwa_monitor.discrepancy.finished_search import Search
 from rwa_monitor.discrepancy.ladder import ladder
 from rwa_monitor.discrepancy.lattice import steps_in_words
+from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN
 from rwa_monitor.discrepancy.next_flight import plan
 from rwa_monitor.discrepancy.nulls import built_in_nulls
 from rwa_monitor.discrepancy.record import left_out_in_words
 from rwa_monitor.discrepancy.report_template import PAGE
 from rwa_monitor.discrepancy.result import DiscrepancyResult, FoundEffect, Gain
-from rwa_monitor.discrepancy.search import ACCEPT_GAIN
 from rwa_monitor.discrepancy.untested import Detectable, detectable_strengths, not_testable
 from rwa_monitor.discrepancy.views import all_views
 from rwa_monitor.physics.effects.catalogue import effect_class

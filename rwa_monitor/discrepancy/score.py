@@ -51,9 +51,9 @@ def with_law(problem: Problem, model: Model, law: NoiseLaw) -> Model:
     series = Series.of(problem).with_jumps(model.fit.jumps)
     rows, low, high = regressors(series, model.terms)
     coefficients, deviance = Equations.of(series, rows, low, high, law).solve()
-    parameters = price(model.terms) + law.parameters + JUMP_PENALTY * model.fit.jumps.size
+    parameters = price(model.terms) + JUMP_PENALTY * model.fit.jumps.size
     fit = _fit(problem, series, rows, coefficients, law, model.fit)
-    return replace(model, fit=fit, law=law, score=deviance + series.log_size * parameters)
+    return replace(model, fit=fit, law=law, score=deviance + series.log_size * parameters + law.price(series.size))
 
 
 def with_exact_jumps(problem: Problem, model: Model) -> Model:

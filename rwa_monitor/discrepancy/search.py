@@ -10,10 +10,10 @@ from typing import Final, Protocol
 
 import numpy as np
 
+from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN
 from rwa_monitor.discrepancy.models import Found, Growth, Model, SearchResult
 from rwa_monitor.physics.effects.base import MeanEffect
 
-ACCEPT_GAIN: Final = 25.0  # effects.md: no false name in 24 null records at this threshold
 EQUIVALENT_WITHIN: Final = 10.0  # effects.md, step 6
 MAX_EFFECTS: Final = 4
 WORTH_SWAPPING: Final = 1.0  # of the score

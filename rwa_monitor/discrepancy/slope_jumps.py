@@ -18,10 +18,10 @@ from rwa_monitor.discrepancy.base_fit import JUMP_PENALTY, jump_sets, strong_jum
 from rwa_monitor.discrepancy.gain import held_out
 from rwa_monitor.discrepancy.jump_terms import ViscousJumpTerm
 from rwa_monitor.discrepancy.jumping import refit
+from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN
 from rwa_monitor.discrepancy.models import Model
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.result import ParameterValue
-from rwa_monitor.discrepancy.search import ACCEPT_GAIN
 from rwa_monitor.discrepancy.terms import Term
 from rwa_monitor.kernels.segmentation import optimal_lines
 from rwa_monitor.physics.effects.base import Channels, Memory, Parameter

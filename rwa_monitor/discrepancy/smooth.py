@@ -15,12 +15,12 @@ import numpy as np
 
 from rwa_monitor.discrepancy.base_fit import Fit
 from rwa_monitor.discrepancy.gain import BLOCKS, HeldOut
-from rwa_monitor.discrepancy.likelihood import Equations, NoiseLaw, Series, fit_noise
+from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN, Equations, NoiseLaw, Series, fit_noise
 from rwa_monitor.discrepancy.models import Model
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.result import Unexplained
 from rwa_monitor.discrepancy.score import price, regressors, scored, term_rows
-from rwa_monitor.discrepancy.search import ACCEPT_GAIN, Effects, Progress
+from rwa_monitor.discrepancy.search import Effects, Progress
 from rwa_monitor.discrepancy.shape_profile import profile
 from rwa_monitor.discrepancy.terms import Term
 from rwa_monitor.discrepancy.testable import sort_out, speed_curve
@@ -116,7 +116,7 @@ class Smooth:
     def _background(self, terms: Sequence[Term], law: NoiseLaw) -> _Background:
         rows, low, high = regressors(self.series, terms)
         white, log_determinant = self.series.whitened(np.vstack([self.series.friction, rows]), law)
-        known = self.series.log_size * (price(terms) + law.parameters)
+        known = self.series.log_size * price(terms) + law.price(self.series.size)
         return _Background(self.problem, self.series, law, white, low, high, log_determinant, known)
 
 

@@ -17,10 +17,10 @@ from rwa_monitor.discrepancy.base_fit import jump_sets, strong_jumps, strong_lev
 from rwa_monitor.discrepancy.free_curves import CURVES, Periodic, PeriodicDrag, PeriodicRub, StepInSpeed
 from rwa_monitor.discrepancy.gain import trained
 from rwa_monitor.discrepancy.jumping import Jumping, refit
+from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN
 from rwa_monitor.discrepancy.models import Model, SearchResult
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.result import Unexplained
-from rwa_monitor.discrepancy.search import ACCEPT_GAIN
 from rwa_monitor.discrepancy.terms import Term, make_term
 from rwa_monitor.discrepancy.thresholds import best_threshold
 from rwa_monitor.samples import FloatArray

@@ -15,9 +15,9 @@ from typing import Final
 import numpy as np
 
 from rwa_monitor.discrepancy.base_fit import remove_levels, segment_starts
+from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN
 from rwa_monitor.discrepancy.models import Model
 from rwa_monitor.discrepancy.problem import Problem
-from rwa_monitor.discrepancy.search import ACCEPT_GAIN
 from rwa_monitor.discrepancy.shape_profile import middle_shape
 from rwa_monitor.discrepancy.terms import available, depends_on_level, make_term
 from rwa_monitor.physics.effects.base import MeanEffect

@@ -19,9 +19,9 @@ import numpy as np
 from rwa_monitor.discrepancy.find import find_discrepancy, prepare
 from rwa_monitor.discrepancy.finished_search import Search
 from rwa_monitor.discrepancy.jumping import extensions
+from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN
 from rwa_monitor.discrepancy.models import Model
 from rwa_monitor.discrepancy.record import make_record
-from rwa_monitor.discrepancy.search import ACCEPT_GAIN
 from rwa_monitor.discrepancy.terms import make_term
 from rwa_monitor.formats.table import read_table
 from rwa_monitor.formats.wheel_file import read_wheel

@@ -10,8 +10,8 @@ from typing import Final
 import numpy as np
 
 from rwa_monitor.discrepancy.base_fit import Fit, fit
+from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN
 from rwa_monitor.discrepancy.problem import Problem
-from rwa_monitor.discrepancy.search import ACCEPT_GAIN
 from rwa_monitor.errors import InputError
 from rwa_monitor.identification.parting import MOST_CONFUSED, TIERS, Parted, confused_share
 from rwa_monitor.physics.wheel import SwitchingSystem
