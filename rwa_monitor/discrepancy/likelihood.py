@@ -86,8 +86,11 @@ class NoiseLaw:
         explains the same.
         """
         parameters = 2 * (self.correlation > 0.0) + (self.growth != 0.0) + (self.level_spread > 0.0)
-        wanders = self.correlation > 0.0 and size * (1.0 - self.correlation) < FEWEST_MEMORIES
-        return float(np.log(size)) * parameters + ACCEPT_GAIN * wanders
+        return float(np.log(size)) * parameters + ACCEPT_GAIN * self.wanders(size)
+
+    def wanders(self, size: int) -> bool:
+        """Say whether, in `size` samples, this is no noise but a level that wanders."""
+        return self.correlation > 0.0 and size * (1.0 - self.correlation) < FEWEST_MEMORIES
 
 
 @dataclass(frozen=True, slots=True)

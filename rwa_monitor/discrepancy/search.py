@@ -16,6 +16,7 @@ from rwa_monitor.physics.effects.base import MeanEffect
 
 EQUIVALENT_WITHIN: Final = 10.0  # effects.md, step 6
 MAX_EFFECTS: Final = 4
+TRIED_IN_PAIRS: Final = 2  # effects, to which a second is added
 WORTH_SWAPPING: Final = 1.0  # of the score
 
 Progress = Callable[[str], None]
@@ -93,6 +94,11 @@ def grow(
         if not rivals:
             break
         gain = current.score - rivals[0].score
+        if gain < least_gain and _wanders(current):  # of two laws, neither alone may explain what wanders
+            pairs = [pair for one in rivals[:TRIED_IN_PAIRS] for pair in approach.extensions(one, testable, progress)]
+            best = min(pairs, key=lambda pair: pair.score, default=current)
+            if current.score - best.score >= 2.0 * least_gain:
+                rivals, gain = [best], least_gain
         if gain < least_gain:
             best_rejected, rejected = gain, (rivals[0].names or ("",))[-1]
             break
@@ -122,6 +128,11 @@ def rank(approach: Approach, grown: Growth, progress: Progress = lambda _: None)
         found.append(Found(name, approach.without(model, index).score - model.score, tuple(equivalent)))
     ranked = tuple(sorted(found, key=lambda entry: -entry.gain))
     return SearchResult(grown.ladder, ranked, grown.untestable, grown.best_rejected, grown.rejected)
+
+
+def _wanders(model: Model) -> bool:
+    """Say whether a model takes what it lacks for noise: see `NoiseLaw.wanders`."""
+    return model.law is not None and model.law.wanders(model.fit.residual.size)
 
 
 def _swap(
