@@ -30,6 +30,7 @@ ENOUGH: Final = 10_000  # samples, from which the noise's law is known to some p
 STRETCHES: Final = 10
 ROUNDS: Final = 4  # of coefficients and noise in turn
 SETTLED: Final = 0.1  # of the score
+LEAST_PIVOT: Final = 1e-4  # of regressors of length 1, from which elimination keeps enough digits
 SMALLEST: Final = 1e-300  # of what is divided by
 # Ends of the noise's parameters, beyond which a law is no other one: shares of white noise from 3e-4 to 1 - 3e-4,
 # memory of up to a thousand samples, growth by a factor of a hundred, levels a thousand noises apart.
@@ -39,7 +40,11 @@ LONG_MEMORY: Final = 0.95  # φ: noise that takes some sixty samples to forget i
 LARGEST_GROWTH: Final = 4.6
 LARGEST_SPREAD: Final = 14.0
 LEVELS_APART: Final = 100.0  # the spread of levels that a fit starts from
-SIMPLEX: Final = np.array([[0.0, 0.0], [0.7, 0.0], [0.0, 0.7]])  # of logits, from which a fit of the colour starts
+SHORTEST_MEMORY: Final = -4.0  # logit of φ
+COLOURS: Final = ((0.0, 1.0), (-3.0, 0.0), (0.0, 4.0))  # logits of share and φ from which a fit of the colour starts
+LONG_LOGIT: Final = 4.0  # logit of φ from which the fit of a level that wanders starts
+BESIDE: Final = 1e-6  # the border between noise and a level that wanders
+DESCENT: Final = {"eps": 1e-3, "ftol": 1e-6, "gtol": 0.05}  # of the score: to some hundredths
 NOTHING: Final[tuple[dict[str, float], ...]] = (  # each parameter as it is where it is not in use
     {"white": 1.0, "correlation": 0.0},
     {"growth": 0.0},
@@ -255,7 +260,11 @@ class Equations:
         """Return the coefficients within their bounds, and the deviance with the best scale."""
         scale = np.sqrt(np.maximum(self.gram.diagonal(), SMALLEST))
         gram, moment = self.gram / np.outer(scale, scale), self.moment / scale
-        solution = np.linalg.lstsq(gram, moment, rcond=1e-12)[0]
+        factor, failed = linalg.lapack.dpotrf(gram)
+        if failed or factor.diagonal().min() < LEAST_PIVOT:
+            solution = np.linalg.lstsq(gram, moment, rcond=1e-12)[0]
+        else:
+            solution = linalg.lapack.dpotrs(factor, moment)[0]
         low, high = self.low * scale, self.high * scale
         if (solution < low).any() or (solution > high).any():
             values, vectors = linalg.eigh(gram)
@@ -312,7 +321,7 @@ def _noise_of(series: Series, start: NoiseLaw, again: bool) -> NoiseLaw:
     for _ in range(2):  # colour and growth hide each other at first
         others = best.growth, best.level_spread
         if series.memory == 1.0 and (start.correlation > 0.0 or not again):
-            coloured = _coloured(score, best, best if best.correlation > 0.0 else start, 0.3 if again else 1.0)
+            coloured = _coloured(score, best, best if best.correlation > 0.0 else start, series.size, again)
             best, least = min((best, least), coloured, key=lambda one: one[1])
         if start.growth != 0.0 or not again:
             best, least = min((best, least), _along(score, best, "growth", LARGEST_GROWTH), key=lambda one: one[1])
@@ -321,40 +330,37 @@ def _noise_of(series: Series, start: NoiseLaw, again: bool) -> NoiseLaw:
             best, least = min((best, least), spread, key=lambda one: one[1])
         for nothing in NOTHING:  # what stood in for another parameter goes when that one is there
             plainer = replace(best, **nothing)
-            best, least = min((best, least), (plainer, score(plainer)), key=lambda one: one[1])
+            if plainer != best:
+                best, least = min((best, least), (plainer, score(plainer)), key=lambda one: one[1])
         if (best.growth, best.level_spread) == others:
             break
     return best
 
 
-def _coloured(score: Score, other: NoiseLaw, start: NoiseLaw, step: float) -> tuple[NoiseLaw, float]:
-    """Fit share of white noise and memory of a law, from where they were at the start or from three places.
+def _coloured(score: Score, other: NoiseLaw, start: NoiseLaw, size: int, again: bool) -> tuple[NoiseLaw, float]:
+    """Fit share of white noise and memory of a law, as noise and as a level that wanders; `again` only near the start.
 
-    The first steps are so large as SIMPLEX, times `step`.
+    The score is smooth within each of the two, and steps by the price of a hypothesis between them.
     """
 
     def law(at: FloatArray) -> NoiseLaw:
-        share = special.expit(np.clip(at[0], -WIDEST_SHARE, WIDEST_SHARE))
-        return replace(
-            other, white=float(share), correlation=float(special.expit(np.clip(at[1], -4.0, LONGEST_MEMORY)))
-        )
+        return replace(other, white=float(special.expit(at[0])), correlation=float(special.expit(at[1])))
 
-    known = start.correlation > 0.0
-    starts = [(special.logit(start.white), special.logit(start.correlation))] if known else [(0, 1), (-3, 0), (0, 4)]
-
+    border = float(special.logit(1.0 - FEWEST_MEMORIES / max(size, 2.0 * FEWEST_MEMORIES)))
+    noise = SHORTEST_MEMORY, min(border, LONGEST_MEMORY) - BESIDE
+    wandering = min(border, LONGEST_MEMORY) + BESIDE, LONGEST_MEMORY
+    tries = [*((at, noise) for at in COLOURS), ((0.0, LONG_LOGIT), wandering)]
+    if start.correlation > 0.0:
+        at = float(special.logit(start.white)), float(special.logit(start.correlation))
+        tries = [(at, box) for box in (noise, wandering) if not again or box[0] <= at[1] <= box[1]] or [(at, noise)]
     minimize: Any = optimize.minimize
-    options = {"xatol": 0.03, "fatol": 0.05, "maxiter": 80}
-    found = [
-        minimize(
-            lambda at: score(law(at)),
-            at,
-            method="Nelder-Mead",
-            options={**options, "initial_simplex": at + step * SIMPLEX},
-        )
-        for at in starts
-    ]
-    best = min(found, key=lambda one: float(one.fun))
-    return law(best.x), float(best.fun)
+    found: list[tuple[NoiseLaw, float]] = []
+    for (share, memory), box in tries:
+        if box[0] < box[1]:
+            at, bounds = (share, float(np.clip(memory, *box))), ((-WIDEST_SHARE, WIDEST_SHARE), box)
+            best = minimize(lambda x: score(law(x)), at, method="L-BFGS-B", bounds=bounds, options=DESCENT)
+            found.append((law(best.x), float(best.fun)))
+    return min(found, key=lambda one: one[1])
 
 
 def _along(score: Score, law: NoiseLaw, name: str, most: float) -> tuple[NoiseLaw, float]:
