@@ -45,7 +45,6 @@ from rwa_monitor.discrepancy.result import (
 from rwa_monitor.discrepancy.rounding import without_rounding
 from rwa_monitor.discrepancy.search import (
     EQUIVALENT_WITHIN,
-    WORTH_SWAPPING,
     Approach,
     Progress,
     grow,
@@ -54,7 +53,7 @@ from rwa_monitor.discrepancy.search import (
     search,
 )
 from rwa_monitor.discrepancy.slope_jumps import SlopeJumps, shared_strength, with_slope_jumps
-from rwa_monitor.discrepancy.smooth import Smooth, least_score, left_over
+from rwa_monitor.discrepancy.smooth import Smooth, least_score
 from rwa_monitor.discrepancy.smooth import held_out as held_out_smooth
 from rwa_monitor.discrepancy.switching_effects import switching_effects
 from rwa_monitor.discrepancy.uncertainty import ORDER, described, spread
@@ -221,19 +220,18 @@ def _without_jumps(
     if jumping is not None:
         jumps = jumping.fit.jumps.size
         if jumps * SHORTEST_SEGMENTS <= problem.size:
-            most = jumping.score + (ACCEPT_GAIN if jumps else -WORTH_SWAPPING)
+            most = jumping.score + ACCEPT_GAIN
         if not problem.has_noise or least_score(problem, jumping.law or NoiseLaw()) > most:
             return None
     progress("laws without jumps")
     approach = Smooth(problem)
     found = search(approach, [effect for effect in effects if effect.name in MEAN_EFFECTS], progress)
-    model = found.ladder[-1]
-    leftover, score_of_curve = left_over(problem, model)
-    if min(model.score, score_of_curve) > most:  # the other may have a free curve, too
+    found, leftover, complete = judge_leftover(approach, found)
+    if complete.score > most:
         return None
-    problem = with_noise_of(problem, model.fit.residual)
-    explained = _Explained(problem, found, leftover, model, jumps=False)
-    return _with_formula(approach, explained, score_of_curve, progress) if leftover is not None else explained
+    problem = with_noise_of(problem, complete.fit.residual)
+    explained = _Explained(problem, found, leftover, complete, jumps=False)
+    return _with_formula(approach, explained, complete.score, progress) if leftover is not None else explained
 
 
 def _with_simulated(search: Search) -> Search:
@@ -326,7 +324,7 @@ def _explain(problem: Problem, candidates: Sequence[type[MeanEffect]], progress:
     found = rank(approach, grown, progress)
     problem = approach.problem
     progress("what is left")
-    found, leftover, complete = judge_leftover(problem, found)
+    found, leftover, complete = judge_leftover(approach, found)
     found, leftover = told_as_unexplained(problem, found, leftover)
     explained = _Explained(problem, found, leftover, complete)
     return _with_formula(approach, explained, complete.score, progress) if leftover is not None else explained
@@ -356,7 +354,7 @@ def _grown(
     """Return what grows, and the last model with slopes of its own between jumps where that is better."""
     approach = Jumping(problem)
     grown = grow(approach, candidates, progress, _taken_over(problem, begin_with))
-    return approach, grown, _with_slope_jumps(approach.problem, grown, candidates, progress)
+    return approach, grown, _with_slope_jumps(approach, grown, candidates, progress)
 
 
 def _taken_over(problem: Problem, model: Model | None) -> list[Model]:
@@ -367,16 +365,17 @@ def _taken_over(problem: Problem, model: Model | None) -> list[Model]:
 
 
 def _with_slope_jumps(
-    problem: Problem, grown: Growth, candidates: Sequence[type[MeanEffect]], progress: Progress
+    approach: Approach, grown: Growth, candidates: Sequence[type[MeanEffect]], progress: Progress
 ) -> Model | None:
     """Return the last model with slopes of its own between jumps, or None; see `with_slope_jumps`."""
     if not any(effect.name == SlopeJumps.name for effect in candidates):
         return None
     progress("slopes between jumps")
+    problem = approach.problem
 
     def rivals(model: Model) -> list[Model]:
         outside = [effect for effect in candidates if effect.name in OUTSIDE and effect.name not in model.names]
-        return [*with_free_curves(problem, model), *extensions(problem, model, outside)]
+        return [*with_free_curves(approach, model), *extensions(problem, model, outside)]
 
     return with_slope_jumps(problem, grown.ladder[-1], grown.ladder[0], rivals)
 

@@ -16,6 +16,7 @@ from rwa_monitor.physics.effects.base import Channels, Memory, Parameter
 from rwa_monitor.samples import FloatArray
 
 KNOTS: Final = 14  # of a free curve: a feature as wide as a tenth of the range is not missed
+TURN_RAD: Final = 2.0 * np.pi
 KNOTS_OF_TIME: Final = 7  # of the curve over time: what is faster is for jumps
 
 
@@ -127,7 +128,29 @@ class OverTemperature(FreeCurve):
         return channels.bearing_temperature_degC
 
 
-CURVES: Final = (OverSpeed, OverSpeedEven, OverAcceleration, OverAccelerationSize, OverTime, OverTemperature)
+class OverAngle(FreeCurve):
+    """A torque over the angle: a load, as of a joint or a gimbal."""
+
+    name = "curve_angle"
+    signature = "a torque that depends on the angle"
+    flips = False
+
+    @classmethod
+    def quantity(cls, channels: Channels) -> FloatArray:
+        """Return the angle within a turn [rad]."""
+        angle = channels.angle_rad
+        return angle if float(np.ptp(angle[channels.good])) < TURN_RAD else np.mod(angle, TURN_RAD)
+
+
+CURVES: Final = (
+    OverSpeed,
+    OverSpeedEven,
+    OverAcceleration,
+    OverAccelerationSize,
+    OverTime,
+    OverTemperature,
+    OverAngle,
+)
 
 
 def _waves(harmonics: int) -> tuple[Parameter, ...]:

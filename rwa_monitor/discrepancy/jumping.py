@@ -103,6 +103,14 @@ class Jumping:
         others = tuple(term for i, term in enumerate(model.terms) if i != index)
         return _judged(self.problem, Model(others, _fit(self.problem, others, [model.fit.jumps])))
 
+    def refitted(self, terms: Sequence[Term], near: Model, jumps: Sequence[IntArray] = ()) -> Model:
+        """Return a model with other terms than one that is near to it, from these jumps or from those of the near one.
+
+        Of those, also from the strong ones: a curve may explain the rest.
+        """
+        starts = jumps or [*jump_sets(self.problem, near.fit), strong_jumps(self.problem, near.fit)]
+        return refit(self.problem, terms, starts, near.law)
+
     def plainer(self, model: Model) -> Model | None:
         """Return None: nothing but effects can be left out."""
         del model

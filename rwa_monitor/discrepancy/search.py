@@ -12,7 +12,10 @@ import numpy as np
 
 from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN
 from rwa_monitor.discrepancy.models import Found, Growth, Model, SearchResult
+from rwa_monitor.discrepancy.problem import Problem
+from rwa_monitor.discrepancy.terms import Term
 from rwa_monitor.physics.effects.base import MeanEffect
+from rwa_monitor.samples import IntArray
 
 EQUIVALENT_WITHIN: Final = 10.0  # effects.md, step 6
 MAX_EFFECTS: Final = 4
@@ -25,6 +28,10 @@ Effects = Sequence[type[MeanEffect]]
 
 class Approach(Protocol):
     """How models are made; all that it returns is scored."""
+
+    @property
+    def problem(self) -> Problem:
+        """The data."""
 
     def base(self) -> Model:
         """Return the model with dry and viscous friction alone."""
@@ -43,6 +50,9 @@ class Approach(Protocol):
 
     def without(self, model: Model, index: int) -> Model:
         """Return a model without term `index`, refitted."""
+
+    def refitted(self, terms: Sequence[Term], near: Model, jumps: Sequence[IntArray] = ()) -> Model:
+        """Return a model with other terms than one that is near to it; from `jumps`, where it has such."""
 
     def plainer(self, model: Model) -> Model | None:
         """Return a model with the same effects and fewer other parameters; None where there is none."""

@@ -15,10 +15,9 @@ import numpy as np
 
 from rwa_monitor.discrepancy.base_fit import Fit
 from rwa_monitor.discrepancy.gain import BLOCKS, HeldOut
-from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN, Equations, NoiseLaw, Series, fit_noise
+from rwa_monitor.discrepancy.likelihood import Equations, NoiseLaw, Series, fit_noise
 from rwa_monitor.discrepancy.models import Model
 from rwa_monitor.discrepancy.problem import Problem
-from rwa_monitor.discrepancy.result import Unexplained
 from rwa_monitor.discrepancy.score import price, regressors, scored, term_rows
 from rwa_monitor.discrepancy.search import Effects, Progress
 from rwa_monitor.discrepancy.shape_profile import profile
@@ -31,7 +30,6 @@ NO_JUMPS: Final[IntArray] = np.zeros(0, dtype=np.int64)
 REFITTED: Final = 4  # candidates whose noise is refitted in a round, those that screening puts first
 ROUNDS: Final = 3  # of noise and shapes in turn
 SETTLED: Final = 0.5  # of the score
-CURVE_SIGNATURE: Final = "a drag that depends on the speed in a way of its own"
 
 
 class Smooth:
@@ -72,6 +70,11 @@ class Smooth:
     def without(self, model: Model, index: int) -> Model:
         """Return the model without term `index`, refitted."""
         return self._fitted(model.terms[:index] + model.terms[index + 1 :], _law(model))
+
+    def refitted(self, terms: Sequence[Term], near: Model, jumps: Sequence[IntArray] = ()) -> Model:
+        """Return a model with other terms than one that is near to it."""
+        del jumps
+        return self._fitted(tuple(terms), _law(near))
 
     def plainer(self, model: Model) -> Model | None:
         """Return the model with one level of all recordings; None where there is one already."""
@@ -161,37 +164,17 @@ def _follows_level(term: Term) -> bool:
     return term.effect.uses_level or bool(term.effect.needs)
 
 
-# ---- what is left ----------------------------------------------------------------------------------------------------
-
-
-def left_over(problem: Problem, model: Model) -> tuple[Unexplained | None, float]:
-    """Return what a free curve over the speed explains beyond a model without jumps, where that pays, and its score."""
-    series = Series.of(problem)
-    rows, coefficients, score = _with_curve(series, model.terms, _law(model))
-    count = regressors(series, model.terms)[0].shape[0]
-    own = rows.shape[0] - count - np.linalg.matrix_rank(series.base)  # what dry and viscous are not
-    score += series.log_size * own
-    if model.score - score < ACCEPT_GAIN:
-        return None, score
-    left = coefficients @ rows - series.sign * (problem.z - model.fit.residual)
-    return Unexplained(CURVE_SIGNATURE, float(np.std(left))), score
+# ---- as good as any law of the speed ---------------------------------------------------------------------------------
 
 
 def least_score(problem: Problem, law: NoiseLaw) -> float:
     """Return a score below which no law of the speed without jumps comes: that of a free curve which costs nothing."""
     series = Series.of(problem)
-    return _with_curve(series, (), law.apart if series.several else law)[2]
-
-
-def _with_curve(series: Series, terms: Sequence[Term], law: NoiseLaw) -> tuple[FloatArray, FloatArray, float]:
-    """Return rows, coefficients and score of a law with a free curve over the speed, which costs nothing."""
-    rows, low, high = regressors(series, terms)
+    rows, low, high = regressors(series, ())
     curve = speed_curve(series)
     free = np.full(curve.shape[0], np.inf)
     rows, low, high = np.vstack([rows, curve]), np.append(low, -free), np.append(high, free)
-    law, score = fit_noise(series, rows, low, high, law)
-    coefficients, _ = Equations.of(series, rows, low, high, law).solve()
-    return rows, coefficients, score + series.log_size * (price(terms))
+    return fit_noise(series, rows, low, high, law.apart if series.several else law)[1] + series.log_size * price(())
 
 
 def held_out(problem: Problem, model: Model) -> HeldOut:

@@ -8,19 +8,18 @@ effect that is not needed beside the curve was a wrong name for it and is withdr
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
 from typing import Final
 
 import numpy as np
 
-from rwa_monitor.discrepancy.base_fit import jump_sets, strong_jumps, strong_level
+from rwa_monitor.discrepancy.base_fit import strong_jumps, strong_level
 from rwa_monitor.discrepancy.free_curves import CURVES, Periodic, PeriodicDrag, PeriodicRub, StepInSpeed
 from rwa_monitor.discrepancy.gain import trained
-from rwa_monitor.discrepancy.jumping import Jumping, refit
 from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN
 from rwa_monitor.discrepancy.models import Model, SearchResult
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.result import Unexplained
+from rwa_monitor.discrepancy.search import Approach
 from rwa_monitor.discrepancy.terms import Term, make_term
 from rwa_monitor.discrepancy.thresholds import best_threshold
 from rwa_monitor.samples import FloatArray
@@ -36,7 +35,7 @@ FOLDED_SHARE: Final = 0.9  # of the most power that any period folds up
 SHORT_SHARE: Final = 0.25  # of a period: what lasts longer is a wave, not a rub
 
 
-def judge_leftover(problem: Problem, found: SearchResult) -> tuple[SearchResult, Unexplained | None, Model]:
+def judge_leftover(approach: Approach, found: SearchResult) -> tuple[SearchResult, Unexplained | None, Model]:
     """Let free curves compete for what the search left.
 
     Returns
@@ -45,22 +44,20 @@ def judge_leftover(problem: Problem, found: SearchResult) -> tuple[SearchResult,
         The search's result without the names that a free curve makes superfluous; what is left, or None; and the model
         with the curve in it, whose residual is noise.
     """
-    model = found.ladder[-1]
-    rivals = with_free_curves(problem, model)
+    problem, model = approach.problem, found.ladder[-1]
+    rivals = with_free_curves(approach, model)
     step = best_threshold(
         problem, model.terms, model.fit, lambda speed: make_term(problem, StepInSpeed, {"speed_rad_s": speed}, None)
     )
     if step is not None:
-        rivals.append(refit(problem, (*model.terms, step[0]), [step[1]], model.law))
-    if not rivals:
-        return found, None, model
-    best = min(rivals, key=lambda rival: rival.score)
+        rivals.append(approach.refitted((*model.terms, step[0]), model, [step[1]]))
+    best = min(rivals, key=lambda rival: rival.score, default=model)
     if model.score - best.score < ACCEPT_GAIN:
         return found, None, model
     curve = best.terms[-1]
-    kept = [i for i in range(len(model.terms)) if _needed(problem, best, i)]
+    kept = [i for i in range(len(model.terms)) if approach.without(best, i).score - best.score >= ACCEPT_GAIN]
     begin = 1 + sum(term.columns.shape[1] for term in best.terms[:-1])
-    # Between two jumps a curve and the levels trade at will: the smoothest of what fits alike is the size that is told.
+    # Between two jumps a curve and the levels trade at will: the smoothest of what fits alike is the size that counts.
     torque = curve.columns @ trained(problem, best, np.ones(problem.size, dtype=bool))[begin:]
     unexplained = Unexplained(curve.effect.signature, float(np.std(torque)))
     if issubclass(curve.effect, Periodic):
@@ -68,8 +65,8 @@ def judge_leftover(problem: Problem, found: SearchResult) -> tuple[SearchResult,
     if len(kept) == len(model.terms):
         return found, unexplained, best
     terms = tuple(model.terms[i] for i in kept)
-    reduced = refit(problem, terms, jump_sets(problem, best.fit))
-    alone = refit(problem, (*terms, curve), [best.fit.jumps], best.law)
+    reduced = approach.refitted(terms, best)
+    alone = approach.refitted((*terms, curve), best, [best.fit.jumps])
     if reduced.score - model.score > EXPLAINED_SHARE * (reduced.score - alone.score):
         return found, unexplained, best  # a curve over the same quantity makes any law needless, the right one, too
     names = set(reduced.names)
@@ -81,9 +78,11 @@ def judge_leftover(problem: Problem, found: SearchResult) -> tuple[SearchResult,
     )
 
 
-def with_free_curves(problem: Problem, model: Model) -> list[Model]:
+def with_free_curves(approach: Approach, model: Model) -> list[Model]:
     """Return a model extended by each of the free curves."""
-    return problem.each(partial(_with, problem, model), _free_terms(problem, model))
+    return approach.problem.each(
+        lambda term: approach.refitted((*model.terms, term), model), _free_terms(approach, model)
+    )
 
 
 def _folded(problem: Problem, model: Model, curve: Term) -> Unexplained:
@@ -161,10 +160,11 @@ def _lasting_variance(problem: Problem, residual: FloatArray) -> float:
     return max(products / max(pairs, 1), 0.0)
 
 
-def _free_terms(problem: Problem, model: Model) -> list[Term]:
+def _free_terms(approach: Approach, model: Model) -> list[Term]:
     """Return the free curves that these records allow, periodic ones at the best frequency."""
+    problem = approach.problem
     known = [curve for curve in CURVES if all(curve.quantity(one.channels) is not None for one in problem.records)]
-    shown, _ = Jumping(problem).sort_out(known, model)
+    shown, _ = approach.sort_out(known, model)
     terms = [replace(make_term(problem, curve, {}, None), smooth=True) for curve in shown]
     for effect in (Periodic, PeriodicDrag):
         frequency = _best_frequency(problem, model, flips=effect.flips)
@@ -189,15 +189,3 @@ def _best_frequency(problem: Problem, model: Model, *, flips: bool) -> float | N
     spectrum[frequency < 3.0 / (values.size * record.channels.sample_period_s)] = 0.0
     at = int(np.argmax(spectrum))
     return float(frequency[at]) if spectrum[at] > 0 else None
-
-
-def _with(problem: Problem, model: Model, term: Term) -> Model:
-    starts = [*jump_sets(problem, model.fit), strong_jumps(problem, model.fit)]
-    return refit(problem, (*model.terms, term), starts, model.law)
-
-
-def _needed(problem: Problem, model: Model, index: int) -> bool:
-    """Say whether a named term is still worth its price beside the free curve."""
-    others = tuple(term for i, term in enumerate(model.terms) if i != index)
-    without = refit(problem, others, [model.fit.jumps])
-    return without.score - model.score >= ACCEPT_GAIN
