@@ -59,6 +59,8 @@ class Problem:
         effect is propped up by a negative viscosity.
     top_speed
         Largest speed [rad/s].
+    largest_friction_Nm
+        Largest |friction| as measured [N m].
     """
 
     records: tuple[Record, ...]
@@ -79,10 +81,12 @@ class Problem:
     each: Mapper = in_turn
     lowest_viscous: float = -np.inf
     top_speed: float = field(init=False)
+    largest_friction_Nm: float = field(init=False)
 
     def __post_init__(self) -> None:
         """Note what every solution asks for."""
         object.__setattr__(self, "top_speed", float(self.speed.max(initial=0.0)))
+        object.__setattr__(self, "largest_friction_Nm", float(np.abs(self.z_measured).max(initial=0.0)))
 
     def with_empty_caches(self) -> Problem:
         """Return the same data with caches of their own: for what is kept in a cache of these.

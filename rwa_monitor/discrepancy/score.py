@@ -24,6 +24,7 @@ from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 
 REVERSAL: Final = 5  # samples from a change of direction: bristles turn over there, and filters smear
 LEVEL_SAMPLES: Final = 64  # from which a level beside a change of direction is taken
+TINY: Final = np.finfo(np.float64).tiny
 BASE_PARAMETERS: Final = 2  # dry and viscous friction
 
 
@@ -134,10 +135,14 @@ def term_rows(series: Series, term: Term) -> FloatArray:
 
 
 def regressors(series: Series, terms: Sequence[Term]) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the rows of a law and the bounds of their coefficients: dry and viscous friction are not negative."""
+    """Return the rows of a law and the bounds of their coefficients.
+
+    Dry and viscous friction are not negative, and the viscous part is not larger than all friction is.
+    """
     rows = np.vstack([series.base, *(term_rows(series, term) for term in terms)])
     low = np.concatenate([np.zeros(2), *(term.low for term in terms)])
-    high = np.concatenate([np.full(2, np.inf), *(term.high for term in terms)])
+    steepest = float(np.abs(series.friction).max() / max(np.abs(series.speed).max(), TINY))
+    high = np.concatenate([[np.inf, steepest], *(term.high for term in terms)])
     return rows, low, high
 
 

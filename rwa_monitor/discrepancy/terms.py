@@ -27,11 +27,13 @@ from rwa_monitor.discrepancy.base_fit import (
 from rwa_monitor.discrepancy.delay_term import LEAD, SLOPE_REACH, without_pulses
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.record import Record
+from rwa_monitor.discrepancy.unnamed import UnnamedEffect
 from rwa_monitor.physics.effects.base import Channels, MeanEffect
 from rwa_monitor.physics.effects.torque_ripple import TorqueRipple
 from rwa_monitor.samples import FloatArray, IntArray
 
 ROBUST_PAIRS: Final = 8_000  # differences that the robust start looks at, evenly spread
+TINY: Final = np.finfo(np.float64).tiny
 ROBUST_ROUNDS: Final = 5  # reweightings; the shape only starts the fit
 
 
@@ -195,6 +197,10 @@ def make_term_with(
         if keep and not depends_on_level(effect):
             problem.columns.put(key, columns)
     low, high = (np.array([getattr(p, end) for p in strengths]) for end in ("low", "high"))
+    if not issubclass(effect, UnnamedEffect):
+        # No part of the friction is larger than all of it: parts that cancel each other fit anything.
+        most = problem.largest_friction_Nm / np.maximum(np.abs(columns).max(axis=0, initial=0.0), TINY)
+        low, high = np.maximum(low, -most), np.minimum(high, most)
     return Term(effect, dict(shape), columns, low, high, price=_price(problem, effect, shape))
 
 
