@@ -38,6 +38,8 @@ class Samples:
         float64 (n,) or None, friction torque [N m], positive when it opposes positive rotation.
     motor_current_A, motor_torque_Nm, motor_voltage_V, bearing_temperature_degC
         float64 (n,) or None, optional channels [A, N m, V, °C].
+    angle_rad
+        float64 (n,) or None, measured angle of the wheel [rad], within one turn or counted on; of tables only.
 
     Raises
     ------
@@ -52,15 +54,16 @@ class Samples:
     motor_torque_Nm: FloatArray | None = None
     motor_voltage_V: FloatArray | None = None
     bearing_temperature_degC: FloatArray | None = None
+    angle_rad: FloatArray | None = None
 
     def __post_init__(self) -> None:
         """Bring every channel to its one type and check that all have one length."""
         object.__setattr__(self, "time_ns", np.ascontiguousarray(self.time_ns, dtype=np.int64))
-        for name in CHANNELS:
+        for name in TABLE_CHANNELS:
             values = getattr(self, name)
             if values is not None:
                 object.__setattr__(self, name, np.ascontiguousarray(values, dtype=np.float64))
-        for name in ("time_ns", *CHANNELS):
+        for name in ("time_ns", *TABLE_CHANNELS):
             values = getattr(self, name)
             if values is not None and values.shape != (self.time_ns.size,):
                 raise InputError("samples", f"has shape {values.shape}, time_ns has {self.time_ns.shape}", name)
@@ -82,7 +85,7 @@ class Samples:
                 yield field.name, values
 
 
-# The measured channels besides time, in the order in which tables and messages list them.
+# The measured channels besides time, in the order in which messages list them, and tables, which may hold one more.
 CHANNELS: Final = (
     "speed_rad_s",
     "friction_torque_Nm",
@@ -91,6 +94,7 @@ CHANNELS: Final = (
     "motor_voltage_V",
     "bearing_temperature_degC",
 )
+TABLE_CHANNELS: Final = (*CHANNELS, "angle_rad")
 
 
 def concatenate(parts: list[Samples]) -> Samples:
@@ -104,7 +108,7 @@ def concatenate(parts: list[Samples]) -> Samples:
     if not parts:
         raise InputError("samples", "nothing to join")
     joined = {}
-    for name in ("time_ns", *CHANNELS):
+    for name in ("time_ns", *TABLE_CHANNELS):
         arrays = [getattr(part, name) for part in parts]
         missing = sum(array is None for array in arrays)
         if missing == len(arrays):

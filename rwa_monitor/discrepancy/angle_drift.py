@@ -17,8 +17,7 @@ from numpy.typing import NDArray
 from rwa_monitor.discrepancy.base_fit import Fit
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.record import Record
-from rwa_monitor.kernels.effects import turned_angle
-from rwa_monitor.physics.effects.torque_ripple import MAX_HARMONIC, coherent_slots
+from rwa_monitor.physics.effects.torque_ripple import MAX_HARMONIC, angle_turned, coherent_slots
 from rwa_monitor.samples import FloatArray
 
 ComplexArray = NDArray[np.complex128]
@@ -50,7 +49,7 @@ def with_angle_drift(problem: Problem, base: Fit) -> Problem:
 
 
 def track_drift(record: Record, residual_Nm: FloatArray, variance: float) -> FloatArray | None:
-    """Return the drift of the angle, float64 (n,) [rad]; None where no ripple is sure or the angle does not drift.
+    """Return the drift of the angle, float64 (n,) [rad]; None where no ripple is sure or the angle is measured.
 
     Parameters
     ----------
@@ -62,9 +61,9 @@ def track_drift(record: Record, residual_Nm: FloatArray, variance: float) -> Flo
         Variance of the residual's noise at any frequency, at most [N² m²].
     """
     channels = record.channels
-    usable = channels.good & np.isfinite(channels.speed_rad_s)
-    state = np.array([0.0, np.nan, 0.0])
-    angle = turned_angle(channels.speed_rad_s, usable, channels.sample_period_s, state)
+    if channels.measured_angle_rad is not None:
+        return None
+    angle, _ = angle_turned(channels)
     counted = (residual_Nm != 0.0).astype(np.float64)
     best: tuple[float, int, int, ComplexArray, FloatArray] | None = None
     for harmonic in range(1, MAX_HARMONIC + 1):

@@ -19,8 +19,13 @@ from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.record import Record
 from rwa_monitor.discrepancy.result import Unexplained
-from rwa_monitor.kernels.effects import turned_angle
-from rwa_monitor.physics.effects.torque_ripple import LOWEST_ORDER, MANY_TURNS, MAX_HARMONIC, TorqueRipple
+from rwa_monitor.physics.effects.torque_ripple import (
+    LOWEST_ORDER,
+    MANY_TURNS,
+    MAX_HARMONIC,
+    TorqueRipple,
+    angle_turned,
+)
 from rwa_monitor.samples import FloatArray
 
 CELLS_PER_PERIOD: Final = 4  # of the highest order: what falls between cells blurs it by a tenth
@@ -141,10 +146,7 @@ def ripple_with(order: float) -> type[TorqueRipple]:
 
 def _turns(record: Record) -> FloatArray:
     """Return the angle of a record in turns, float64 (slots,)."""
-    channels = record.undrifted
-    usable = channels.good & np.isfinite(channels.speed_rad_s)
-    state = np.array([0.0, np.nan, 0.0])
-    return turned_angle(channels.speed_rad_s, usable, channels.sample_period_s, state) / (2.0 * np.pi)
+    return angle_turned(record.undrifted)[0] / (2.0 * np.pi)
 
 
 def _sum(values: FloatArray, at: FloatArray, order: float) -> complex:

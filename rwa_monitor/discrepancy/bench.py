@@ -14,10 +14,11 @@ from typing import Any, Final
 
 import numpy as np
 
+from rwa_monitor.errors import InputError
 from rwa_monitor.physics.effects.base import Channels, MeanEffect
 from rwa_monitor.physics.torque_balance import inertia_of, without_motor
 from rwa_monitor.physics.wheel import Wheel
-from rwa_monitor.samples import CHANNELS, NANOSECONDS_PER_SECOND, BoolArray, FloatArray, IntArray, Samples
+from rwa_monitor.samples import NANOSECONDS_PER_SECOND, TABLE_CHANNELS, BoolArray, FloatArray, IntArray, Samples
 
 OFF_A_STEP: Final = 0.05  # of the median step, from the nearest whole number of them: a step of an uneven clock
 UNEVEN_SHARE: Final = 0.1  # of the steps; fewer are single late samples
@@ -26,6 +27,9 @@ LONGEST_BRIDGE: Final = 4.0  # median steps between two rows over which values a
 NEAR_PERIOD: Final = (0.8, 1.25)  # median step over the wheel's period: so near, that period is kept
 LEAST_HALF: Final = 2  # rows to each side from which dω/dt is told
 MOST_HALF: Final = 200
+TURN: Final = 2.0 * np.pi  # rad
+WITHIN_A_TURN: Final = 1.001  # of a turn: the range of an angle that begins anew with each
+LOST_SHARE: Final = 0.5  # of what the speed turns by, that an angle may slip; more is another shaft's, or in degrees
 SCALED_ONLY: Final = "motor off: friction is -J dω/dt, which the inertia only scales"
 EVEN_CLOCK: Final = "an even clock: here the noise has the colour of slopes over several rows, or of interpolation"
 NO_TORQUE: Final = f"{SCALED_ONLY}, and the motor gives no torque"
@@ -79,12 +83,48 @@ def as_measured(recordings: Sequence[tuple[str, Samples]], wheel: Wheel) -> Benc
     wheel = wheel.model_copy(update={"sample_period_s": period_s})
     found, notes = [], []
     for name, samples in rows:
-        fitted = samples if even[name] else _in_slots(samples, wheel) if own else _interpolated(samples, wheel)
+        # Within a turn straight lines would lead back from its end to its beginning.
+        fitted = (
+            samples
+            if even[name]
+            else _in_slots(samples, wheel)
+            if own
+            else _interpolated(with_turns(samples, name), wheel)
+        )
         found.append((name, without_motor(fitted, wheel)))
         if not even[name]:
             notes.append(f"{name}: {_in_words(samples, fitted, period_s, own=own)}")
     made = any(samples.friction_torque_Nm is None and not even[name] for name, samples in recordings)
     return Bench(found, wheel, notes, made)
+
+
+def with_turns(samples: Samples, source: str) -> Samples:
+    """Return the samples with a measured angle that counts on from turn to turn, by the integral of the speed.
+
+    Raises
+    ------
+    InputError
+        If the angle counts on as it was measured, and not as the speed's integral does.
+    """
+    angle, moving = samples.angle_rad, np.isfinite(samples.speed_rad_s)
+    if angle is None or not (known := np.isfinite(angle)).any() or not moving.any():
+        return samples
+    steps = _steps_s(samples)
+    held = np.interp(samples.time_ns, samples.time_ns[moving], samples.speed_rad_s[moving])
+    turned = np.append(0.0, np.cumsum(0.5 * steps * (held[1:] + held[:-1])))
+    beyond = angle[known] - turned[known]
+    if float(np.ptp(angle[known])) <= TURN * WITHIN_A_TURN:
+        beyond = np.unwrap(beyond)
+    elif float(np.ptp(beyond)) > TURN + LOST_SHARE * float(np.ptp(turned)):
+        raise InputError(
+            source,
+            f"covers {float(np.ptp(angle[known])):.4g} rad where speed_rad_s turns by {float(np.ptp(turned)):.4g} rad:"
+            " an angle in degrees is the column angle_deg; leave out that of another shaft",
+            "angle_rad",
+        )
+    counted = np.full(angle.size, np.nan)
+    counted[known] = turned[known] + beyond
+    return replace(samples, angle_rad=counted)
 
 
 def not_shown_without_motor(effects: Sequence[type[MeanEffect]], wheel: Wheel) -> dict[str, str]:
@@ -154,7 +194,7 @@ def _interpolated(samples: Samples, wheel: Wheel) -> Samples:
     longest = LONGEST_BRIDGE * float(np.median(np.diff(time)))
     columns: dict[str, Any] = {
         name: _on_lines(grid, time, values, longest)
-        for name in CHANNELS
+        for name in TABLE_CHANNELS
         if (values := getattr(samples, name)) is not None
     }
     return Samples(time_ns=grid, **columns)

@@ -19,7 +19,7 @@ import numpy as np
 from scipy.ndimage import correlate1d
 
 from rwa_monitor.discrepancy import alignment
-from rwa_monitor.discrepancy.bench import is_even
+from rwa_monitor.discrepancy.bench import is_even, with_turns
 from rwa_monitor.discrepancy.derived_friction import derived_friction
 from rwa_monitor.discrepancy.plausible import check_plausible
 from rwa_monitor.discrepancy.reversals import averages_over_reversals
@@ -28,6 +28,7 @@ from rwa_monitor.discrepancy.steps import Steps, source_of_friction, steps_of
 from rwa_monitor.discrepancy.unit_check import check_inertia, shown_inertia
 from rwa_monitor.errors import InputError
 from rwa_monitor.physics.effects.base import Channels
+from rwa_monitor.physics.effects.torque_ripple import angle_turned
 from rwa_monitor.physics.speed import wheel_angle
 from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, BoolArray, FloatArray, IntArray, Samples
@@ -105,11 +106,12 @@ class Record:
 
     @property
     def undrifted(self) -> Channels:
-        """Return the channels with a speed whose integral is the angle without its drift."""
+        """Return the channels with the angle without its drift."""
         if self.angle_drift_rad is None:
             return self.channels
-        rate = np.gradient(self.angle_drift_rad, self.channels.sample_period_s)
-        return replace(self.channels, speed_rad_s=self.channels.speed_rad_s + rate)
+        angle, _ = angle_turned(self.channels)
+        # What the drift begins with is a constant of the angle, which begins at zero.
+        return replace(self.channels, measured_angle_rad=angle + self.angle_drift_rad - self.angle_drift_rad[0])
 
 
 def make_record(samples: Samples, wheel: Wheel, source: str, delay: alignment.Delay | None = None) -> Record:
@@ -131,10 +133,10 @@ def make_record(samples: Samples, wheel: Wheel, source: str, delay: alignment.De
     InputError
         If friction is neither given nor derivable, the record is far sparser than the wheel's sample period,
         values lie beyond the wheel's limits (wrong units), speed and torque show the wheel's inertia in another unit,
-        or a channel is at its end stop most of the time.
+        a measured angle does not follow the speed, or a channel is at its end stop most of the time.
     """
     check_plausible(samples, wheel, source)
-    measured, samples = samples, without_end_stops(samples, source)
+    measured, samples = samples, with_turns(without_end_stops(samples, source), source)
     slot = _slots_of(samples, wheel, source)
     count = int(slot[-1]) + 1
     motion = _motion(samples, wheel, slot)
@@ -189,12 +191,14 @@ def _channels(
 ) -> Channels:
     """Return the motion as effects see it, from neighbours `hole` slots away."""
     speed, torque = motion.speed_rad_s, motion.torque_Nm
+    turned = wheel_angle(_hold(speed), wheel.sample_period_s)
+    measured = _measured_angle(_on_grid(samples.angle_rad, slot), turned)
     return Channels(
         time_s=np.arange(speed.size, dtype=np.float64) * wheel.sample_period_s,
         speed_rad_s=speed,
         direction=np.sign(speed),
         acceleration_rad_s2=_from_neighbours(speed, hole, SMOOTHING_REACH, order=1) / wheel.sample_period_s,
-        angle_rad=wheel_angle(_hold(speed), wheel.sample_period_s),
+        angle_rad=turned if measured is None else measured,
         motor_torque_Nm=None if torque is None else _from_neighbours(torque, 0, SMOOTHING_REACH, order=0),
         bearing_temperature_degC=_smooth_temperature(_on_grid(samples.bearing_temperature_degC, slot)),
         dry_level_Nm=None,
@@ -203,7 +207,21 @@ def _channels(
         motor_torque_rate_Nm_s=(
             None if torque is None else _from_neighbours(torque, 0, SMOOTHING_REACH, order=1) / wheel.sample_period_s
         ),
+        measured_angle_rad=measured,
     )
+
+
+def _measured_angle(angle: FloatArray | None, turned: FloatArray) -> FloatArray | None:
+    """Return the measured angle on every slot [rad]; from one to the next the speed's integral leads.
+
+    Parameters
+    ----------
+    angle, turned
+        float64 (n,), as measured, NaN where not, and as the speed's integral [rad].
+    """
+    if angle is None or not np.isfinite(angle).any():
+        return None
+    return turned + _hold(angle - turned)
 
 
 def _check_inertia(samples: Samples, motion: alignment.Motion, wheel: Wheel, source: str) -> None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Final
 
@@ -12,10 +12,13 @@ from rwa_monitor.errors import InputError
 from rwa_monitor.formats.foreign import header_hint
 from rwa_monitor.formats.repeated_rows import ordering_advice
 from rwa_monitor.hints import closest
-from rwa_monitor.samples import CHANNELS, NANOSECONDS_PER_SECOND, Samples
+from rwa_monitor.samples import NANOSECONDS_PER_SECOND, TABLE_CHANNELS, FloatArray, IntArray, Samples
 
 TIME_COLUMNS: Final = ("time_ns", "time_s")  # the exact one first: it counts where a table has both
 REQUIRED_CHANNELS: Final = ("speed_rad_s",)
+# A column in another unit than the channel's: the channel, and what is its unit in that of the column.
+IN_OTHER_UNITS: Final = {"angle_deg": ("angle_rad", np.pi / 180.0)}
+_COLUMNS: Final = (*TABLE_CHANNELS, *IN_OTHER_UNITS)
 MAX_ROWS: Final = 20_000_000  # 29 days at 8 Hz, 1.1 GB with all channels
 MAX_COLUMNS: Final = 1_000
 MAX_SPAN_NS: Final = 2**61  # 73 years: the slot of a sample is reckoned in int64 with twice its time
@@ -44,7 +47,8 @@ class Layout:
     Attributes
     ----------
     time, channels
-        Name → position in the table, of the time column (one entry) and of the channels in the order of `CHANNELS`.
+        Name → position in the table, of the time column (one entry) and of the channels in the order of
+        `TABLE_CHANNELS`, those in other units last.
     ignored
         Names of all other columns.
     """
@@ -64,7 +68,7 @@ def lay_out(names: Sequence[str], source: str) -> Layout:
     """
     if len(names) > MAX_COLUMNS:
         raise InputError(source, f"has {len(names)} columns; the limit is {MAX_COLUMNS}")
-    for name in (*TIME_COLUMNS, *CHANNELS):
+    for name in (*TIME_COLUMNS, *_COLUMNS):
         if names.count(name) > 1:
             raise InputError(source, "is there twice", f"column {name}")
     time = [name for name in TIME_COLUMNS if name in names]
@@ -73,7 +77,10 @@ def lay_out(names: Sequence[str], source: str) -> Layout:
         missing = [" or ".join(reversed(TIME_COLUMNS)), *missing]
     if missing:
         raise InputError(source, _missing_columns(names, missing), f"column {missing[0]}")
-    channels = {name: names.index(name) for name in CHANNELS if name in names}
+    channels = {name: names.index(name) for name in _COLUMNS if name in names}
+    for name, (channel, _) in IN_OTHER_UNITS.items():
+        if name in channels and channel in channels:
+            raise InputError(source, f"is there beside {channel}: leave one of them out", f"column {name}")
     known = {time[0], *channels}
     ignored = tuple(name for name in names if name not in known)
     return Layout({time[0]: names.index(time[0])}, channels, ignored)
@@ -107,7 +114,7 @@ def unknown_columns(names: Sequence[str]) -> str:
     """Name columns that are left out, each with the known one that it may have been meant to be."""
     shown = []
     for name in names:
-        meant = closest(name, (*TIME_COLUMNS, *CHANNELS))
+        meant = closest(name, (*TIME_COLUMNS, *_COLUMNS))
         shown.append(f"{name} (did you mean {meant}?)" if meant else name)
     return ", ".join(shown)
 
@@ -120,13 +127,15 @@ def check_rows(rows: int, source: str) -> None:
         raise InputError(source, f"has {rows:,} rows; the limit is {MAX_ROWS:,}: split it, and use --carry")
 
 
-def table_of(samples: Samples, layout: Layout, source: str, first_row: int) -> SampleTable:
+def table_of(
+    time_ns: IntArray, columns: Mapping[str, FloatArray], layout: Layout, source: str, first_row: int
+) -> SampleTable:
     """Return a table once its time is checked.
 
     Parameters
     ----------
-    samples
-        All rows, at least one.
+    time_ns, columns
+        All rows, at least one: time, and the columns of the layout, each in the unit of its name.
     layout, source
         Of the table.
     first_row
@@ -137,6 +146,11 @@ def table_of(samples: Samples, layout: Layout, source: str, first_row: int) -> S
     InputError
         If time does not strictly increase, or its span is too long.
     """
+    channels = dict(columns)
+    for name, (channel, factor) in IN_OTHER_UNITS.items():
+        if name in channels:
+            channels[channel] = factor * channels.pop(name)
+    samples = Samples(time_ns=time_ns, **channels)
     _check_time(samples, layout, source, first_row)
     return SampleTable(samples, layout.ignored)
 

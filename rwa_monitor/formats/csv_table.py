@@ -98,7 +98,7 @@ def _table(content: bytes, source: str) -> SampleTable:
         row += len(rows)
     check_rows(row - FIRST_DATA_ROW, source)
     joined = {name: np.concatenate(parts) for name, parts in channels.items()}
-    return table_of(Samples(time_ns=np.concatenate(times), **joined), layout, source, FIRST_DATA_ROW)
+    return table_of(np.concatenate(times), joined, layout, source, FIRST_DATA_ROW)
 
 
 def write_csv(samples: Samples, path: Path) -> None:

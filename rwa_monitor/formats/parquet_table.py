@@ -62,7 +62,7 @@ def read_parquet(path: Path) -> SampleTable:
         raise InputError(source, f"is no readable Parquet file: {first_line(error)}") from error
     time_ns = _nanoseconds(table[time_name], time_name, source)
     channels = {name: _numbers(table[name]) for name in layout.channels}
-    return table_of(Samples(time_ns=time_ns, **channels), layout, source, FIRST_ROW)
+    return table_of(time_ns, channels, layout, source, FIRST_ROW)
 
 
 def _check_footer(file: Any, columns: Sequence[str], source: str) -> None:

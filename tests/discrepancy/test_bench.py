@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from rwa_monitor.discrepancy.bench import SCALED_ONLY, as_measured, is_even, not_shown_without_motor
+from rwa_monitor.discrepancy.bench import SCALED_ONLY, as_measured, is_even, not_shown_without_motor, with_turns
 from rwa_monitor.discrepancy.find import CANDIDATES, find_discrepancy
 from rwa_monitor.discrepancy.finished_search import Search
 from rwa_monitor.errors import InputError
@@ -150,6 +154,73 @@ def test_uneven_current_is_interpolated_and_it_is_said() -> None:
     assert is_even(even.time_ns)
     assert 25 < np.count_nonzero(np.isnan(even.speed_rad_s)) < 35
     assert names(find_discrepancy([("log", table)], wheel)) == ["quadratic_drag"]
+
+
+def slipping(seed: int = 0, rows: int = 4000) -> tuple[Samples, Array]:
+    """Return samples with a ripple at three a turn of a shaft that slips at every fourth row or so, and its angle."""
+    rng, fine = np.random.default_rng(seed), 50  # the wheel makes five turns from row to row
+    swept = 30.0 + 12.0 * np.sin(2 * np.pi * np.arange(rows * fine) / fine / 700.0)
+    turned = np.append(0.0, np.cumsum(0.5 * (swept[1:] + swept[:-1]) / fine))[::fine]
+    angle = turned - np.cumsum((rng.random(rows) < 1 / 4) * rng.uniform(-np.pi, np.pi, rows))
+    speed = swept[::fine]
+    friction = 1.6e-3 + 5e-6 * speed + 2e-4 * np.cos(3 * angle + 0.7) + 4e-5 * rng.normal(size=rows)
+    return samples(np.arange(rows), speed + 0.02 * rng.normal(size=rows), friction), angle
+
+
+@pytest.mark.parametrize("within_a_turn", [True, False])
+def test_a_measured_angle_finds_the_ripple_that_the_speed_has_lost(within_a_turn: bool) -> None:
+    table, angle = slipping()
+    wheel = Wheel(name="slips", sample_period_s=1.0)
+    blind = find_discrepancy([("integrated", table)], wheel).result.gain
+    assert blind is not None
+    assert blind.rmse_extended_Nm > 0.9 * blind.rmse_base_Nm
+    given = np.mod(angle, 2 * np.pi) if within_a_turn else angle
+    given[np.random.default_rng(1).integers(0, len(table), 40)] = np.nan
+    search = find_discrepancy([("measured", replace(table, angle_rad=given))], wheel)
+    assert names(search) == ["torque_ripple"]
+    found = search.result.effects[0].parameters
+    assert found["harmonic"].value == 3.0
+    gain = search.result.gain
+    assert gain is not None
+    assert gain.rmse_extended_Nm == pytest.approx(4e-5, rel=0.05)
+    for name, hidden in (("strength_cos_Nm", 2e-4 * np.cos(0.7)), ("strength_sin_Nm", -2e-4 * np.sin(0.7))):
+        std = found[name].std
+        assert std is not None
+        assert abs(found[name].value - hidden) < 4 * std
+        assert std < 2e-6
+
+
+@given(turns=st.integers(-3, 3), start=st.floats(0.0, 6.28), seed=st.integers(0, 99))
+def test_the_turns_of_an_angle_are_counted(turns: int, start: float, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    time = np.cumsum(rng.uniform(0.5, 1.5, 50))
+    speed = 20.0 * np.sin(time / 20.0)
+    steps = 0.5 * np.diff(time) * (speed[1:] + speed[:-1])
+    angle = start + 2 * np.pi * turns + np.append(0.0, np.cumsum(steps + rng.uniform(-0.5, 0.5, 49)))
+    table = replace(samples(time, speed), angle_rad=np.mod(angle, 2 * np.pi))
+    counted = with_turns(table, "log").angle_rad
+    assert counted is not None
+    np.testing.assert_allclose(np.diff(counted), np.diff(angle), atol=1e-6)
+    assert with_turns(replace(table, angle_rad=counted), "log").angle_rad == pytest.approx(counted, abs=1e-6)
+
+
+def test_an_angle_in_degrees_is_refused_with_its_column() -> None:
+    table, angle = slipping()
+    for wrong in (np.degrees(angle), np.mod(np.degrees(angle), 360.0), 5.0 * angle):
+        with pytest.raises(InputError, match=r"log: angle_rad: covers .* is the column angle_deg"):
+            find_discrepancy([("log", replace(table, angle_rad=wrong))], Wheel(name="slips", sample_period_s=1.0))
+
+
+def test_an_uneven_angle_is_interpolated_over_the_end_of_a_turn() -> None:
+    rng = np.random.default_rng(0)
+    time = np.cumsum(0.1 * (1 + 0.3 * rng.uniform(-1, 1, 2000)))
+    speed, angle = np.full(2000, 20.0), 20.0 * time
+    table = Samples(
+        (time * 1e9).astype(np.int64), speed, motor_torque_Nm=np.ones(2000), angle_rad=np.mod(angle, 2 * np.pi)
+    )
+    ((_, even),) = as_measured([("log", table)], Wheel(name="on", sample_period_s=0.1)).recordings
+    assert even.angle_rad is not None
+    np.testing.assert_allclose(np.diff(even.angle_rad), 2.0, atol=1e-6)
 
 
 def test_what_is_made_even_stays_as_it_is() -> None:

@@ -15,8 +15,9 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
 from rwa_monitor.errors import InputError
+from rwa_monitor.formats.parquet_table import write_columns
 from rwa_monitor.formats.table import file_format, read_table, table_writer
-from rwa_monitor.samples import CHANNELS, Samples
+from rwa_monitor.samples import TABLE_CHANNELS, FloatArray, Samples
 
 # Each example writes its own file in the one folder, so sharing that folder between examples is harmless.
 in_one_folder = settings(
@@ -137,7 +138,7 @@ def any_samples(draw: st.DrawFn) -> Samples:
     """Draw any telemetry that a table can hold: increasing times, optional channels, any float64."""
     times = sorted(draw(st.sets(st.integers(-(2**60), 2**60 - 1), min_size=1, max_size=20)))
     values = hnp.arrays(np.float64, len(times), elements=st.floats(width=64))
-    optional = {name: draw(st.none() | values) for name in CHANNELS[1:]}
+    optional = {name: draw(st.none() | values) for name in TABLE_CHANNELS[1:]}
     return Samples(time_ns=np.array(times), speed_rad_s=draw(values), **optional)
 
 
@@ -153,6 +154,21 @@ def test_a_written_table_comes_back_bit_for_bit(tmp_path: Path, suffix: str, sam
         np.testing.assert_array_equal(read, written)
         same_sign = np.signbit(read) == np.signbit(written)
         assert (same_sign | np.isnan(written)).all()
+
+
+@given(angle=hnp.arrays(np.float64, 5, elements=st.floats(-1e9, 1e9)))
+@in_one_folder
+def test_an_angle_is_the_same_in_degrees(tmp_path: Path, angle: FloatArray) -> None:
+    rows = "".join(f"{at},1,{value!r}\n" for at, value in enumerate(np.degrees(angle).tolist()))
+    in_degrees = read_table(csv_file(tmp_path, f"time_s,speed_rad_s,angle_deg\n{rows}"))
+    assert in_degrees.ignored_columns == ()
+    assert in_degrees.samples.angle_rad is not None
+    np.testing.assert_allclose(in_degrees.samples.angle_rad, angle, rtol=1e-15)
+    path = tmp_path / "table.parquet"
+    write_columns(
+        {"time_ns": in_degrees.samples.time_ns, "speed_rad_s": np.ones(5), "angle_deg": np.degrees(angle)}, path
+    )
+    np.testing.assert_array_equal(read_table(path).samples.angle_rad, in_degrees.samples.angle_rad)
 
 
 def test_the_same_samples_give_the_same_bytes_and_no_left_over(tmp_path: Path) -> None:
@@ -172,6 +188,11 @@ REFUSED = {
     "only newlines": (b"\n\n", "row 1", "no header"),
     "only a header": (HEAD, "", "no rows"),
     "no time": ("speed_rad_s\n1\n", "column time_s or time_ns", "is missing"),
+    "two angles": (
+        "time_s,speed_rad_s,angle_rad,angle_deg\n0,1,0,0\n",
+        "column angle_deg",
+        "is there beside angle_rad: leave one of them out",
+    ),
     "no speed": ("time_s,speed_rpm\n0,1\n", "column speed_rad_s", "is 'speed_rpm' in rpm? Times 0.1047198 it is"),
     "misspelt": ("time_s,speed_rads\n0,1\n", "column speed_rad_s", "is 'speed_rads' in the unit of speed_rad_s?"),
     "no header": ("0.0,1.5\n0.1,1.5\n", "column time_s or time_ns", "row 1 holds numbers: the first row must name"),

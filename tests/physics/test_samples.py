@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from rwa_monitor.errors import InputError
-from rwa_monitor.samples import CHANNELS, Samples, concatenate
+from rwa_monitor.samples import TABLE_CHANNELS, Samples, concatenate
 
 
 def samples(n=10, **channels):
@@ -23,7 +23,7 @@ def test_every_channel_gets_its_one_type():
     assert len(found) == 2
 
 
-@pytest.mark.parametrize("name", CHANNELS)
+@pytest.mark.parametrize("name", TABLE_CHANNELS)
 def test_arrays_of_unequal_length_are_refused(name):
     with pytest.raises(InputError, match=f"samples: {name}: has shape"):
         Samples(**{"time_ns": np.arange(3), "speed_rad_s": np.zeros(3), name: np.zeros(4)})
@@ -48,7 +48,7 @@ def test_channels_present_in_order():
         "friction_torque_Nm",
         "bearing_temperature_degC",
     ]
-    assert [field.name for field in dataclasses.fields(Samples)] == ["time_ns", *CHANNELS]
+    assert [field.name for field in dataclasses.fields(Samples)] == ["time_ns", *TABLE_CHANNELS]
 
 
 def test_cut_and_joined_is_the_same():

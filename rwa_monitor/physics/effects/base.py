@@ -47,6 +47,8 @@ class Channels:
     motor_torque_rate_Nm_s
         d(K_T·I)/dt [N m/s], from neighbours that exclude every sample entering the friction of the slot; None where
         it is not prepared, `current_delay` then takes a backward difference of `motor_torque_Nm`.
+    measured_angle_rad
+        The wheel's angle where it does not follow from the speed alone [rad]; None where it is the speed's integral.
     """
 
     time_s: FloatArray
@@ -60,6 +62,7 @@ class Channels:
     sample_period_s: float
     good: BoolArray
     motor_torque_rate_Nm_s: FloatArray | None = None
+    measured_angle_rad: FloatArray | None = None
 
     def __len__(self) -> int:
         """Count the slots."""

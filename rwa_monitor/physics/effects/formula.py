@@ -17,11 +17,16 @@ import numpy as np
 
 from rwa_monitor.errors import InputError
 from rwa_monitor.hints import did_you_mean
-from rwa_monitor.kernels.effects import turned_angle
 from rwa_monitor.physics.effects.base import Channels, MeanEffect, Memory, Parameter
 from rwa_monitor.physics.effects.columns import known_or_nan
 from rwa_monitor.physics.effects.resolution import narrowed
-from rwa_monitor.physics.effects.torque_ripple import LOWEST_ORDER, MANY_TURNS, MAX_HARMONIC, angle_range_turns
+from rwa_monitor.physics.effects.torque_ripple import (
+    LOWEST_ORDER,
+    MANY_TURNS,
+    MAX_HARMONIC,
+    angle_range_turns,
+    angle_turned,
+)
 from rwa_monitor.samples import FloatArray
 
 BLOCK: Final = "formula"  # the name of the effect in a wheel file
@@ -123,11 +128,9 @@ def _since_slew(channels: Channels, shape: Mapping[str, float], memory: Memory) 
 
 
 def _angle(channels: Channels, shape: Mapping[str, float], memory: Memory) -> tuple[FloatArray, Memory]:
-    """Return the wheel's angle [rad], integrated as `torque_ripple` does."""
+    """Return the wheel's angle [rad], as `torque_ripple` takes it."""
     del shape
-    state = np.array([0.0, np.nan, 0.0]) if memory is None else memory.copy()
-    usable = channels.good & np.isfinite(channels.speed_rad_s)
-    return turned_angle(channels.speed_rad_s, usable, channels.sample_period_s, state), state
+    return angle_turned(channels, memory)
 
 
 FUNCTIONS: Final = {

@@ -72,12 +72,12 @@ class TorqueRipple(MeanEffect):
 
         At 8 Hz a wheel turns many times between two samples, so that the phase depends on how the speed is integrated:
         by rectangles it is off by half a slot's angle, which changes with the speed. One rule for simulation and
-        search, the trapezoidal one, keeps them together; `Channels.angle_rad` may follow another.
+        search, the trapezoidal one, keeps them together; `Channels.angle_rad` may follow another. A measured angle
+        is taken as it is.
         """
-        state = np.array([0.0, np.nan, 0.0]) if memory is None else memory.copy()
-        usable = channels.good & np.isfinite(channels.speed_rad_s)
-        phase = shape["harmonic"] * turned_angle(channels.speed_rad_s, usable, channels.sample_period_s, state)
-        return stack(np.cos(phase), np.sin(phase), np.cos(2.0 * phase), np.sin(2.0 * phase)), state
+        angle, memory = angle_turned(channels, memory)
+        phase = shape["harmonic"] * angle
+        return stack(np.cos(phase), np.sin(phase), np.cos(2.0 * phase), np.sin(2.0 * phase)), memory
 
     @classmethod
     def reach_between(cls, channels: Channels) -> dict[str, float]:
@@ -92,12 +92,20 @@ class TorqueRipple(MeanEffect):
         return {"harmonic": double} if double <= MAX_HARMONIC else None
 
 
+def angle_turned(channels: Channels, memory: Memory = None) -> tuple[FloatArray, Memory]:
+    """Return the wheel's angle [rad], NaN where unknown: as measured, else the speed's integral and its memory."""
+    usable = channels.good & np.isfinite(channels.speed_rad_s)
+    if channels.measured_angle_rad is not None:
+        return np.where(usable, channels.measured_angle_rad, np.nan), memory
+    state = np.array([0.0, np.nan, 0.0]) if memory is None else memory.copy()
+    return turned_angle(channels.speed_rad_s, usable, channels.sample_period_s, state), state
+
+
 def angle_range_turns(channels: Channels) -> float:
     """Return between how many turns the wheel's angle lies; orders nearer than one over that look alike."""
-    usable = channels.good & np.isfinite(channels.speed_rad_s)
-    state = np.array([0.0, np.nan, 0.0])
-    angle = turned_angle(channels.speed_rad_s, usable, channels.sample_period_s, state)[usable]
-    return float(np.ptp(angle)) / (2.0 * np.pi) if angle.size else 0.0
+    angle, _ = angle_turned(channels)
+    known = angle[np.isfinite(angle)]
+    return float(np.ptp(known)) / (2.0 * np.pi) if known.size else 0.0
 
 
 def coherent_slots(harmonic: float, speed_noise_rad_s: float, sample_period_s: float) -> int:
