@@ -19,7 +19,7 @@ from rwa_monitor.errors import InputError
 from rwa_monitor.live.friction import source_of
 from rwa_monitor.live.trends import CoefficientTrend, WindowFriction, wheel_trends
 from rwa_monitor.messages import Diagnosis
-from rwa_monitor.physics.torque_balance import mended_friction, torque_constant_of, without_motor
+from rwa_monitor.physics.torque_balance import mended_friction, torque_per_ampere, without_motor
 from rwa_monitor.physics.wheel import Wheel, built_in_wheel
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, SECONDS_PER_HOUR, FloatArray, IntArray, Samples
 
@@ -90,8 +90,9 @@ def _friction(samples: Samples, wheel: Wheel) -> FloatArray:
     given: FloatArray = getattr(samples, source)
     if source == "friction_torque_Nm":
         return given
-    motor_torque_Nm = torque_constant_of(wheel) * given if source == "motor_current_A" else given
-    return mended_friction(samples.speed_rad_s, motor_torque_Nm, wheel)
+    speed_rad_s = samples.speed_rad_s
+    per_unit = torque_per_ampere(given, speed_rad_s, wheel) if source == "motor_current_A" else 1.0
+    return mended_friction(speed_rad_s, per_unit * given, wheel)
 
 
 def _minutes(time_ns: IntArray, diagnosis: Diagnosis) -> FloatArray:

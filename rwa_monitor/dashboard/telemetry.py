@@ -12,7 +12,7 @@ from pydantic import Field
 
 from rwa_monitor.diagnosis.evidence_curve import evidence_curve
 from rwa_monitor.messages import Diagnosis, Message, Number, TimeNs, dump_json
-from rwa_monitor.physics.torque_balance import half_width, mended_friction
+from rwa_monitor.physics.torque_balance import half_width, mended_friction, torque_per_ampere
 from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, FloatArray, IntArray, Samples, concatenate
 from rwa_monitor.slots import SlotGrid
@@ -60,7 +60,8 @@ class DerivedFriction:
         """Take samples in; return those whose friction is known now."""
         torque = samples.motor_torque_Nm
         if torque is None and samples.motor_current_A is not None and self.wheel.torque_constant_Nm_A is not None:
-            torque = self.wheel.torque_constant_Nm_A * samples.motor_current_A
+            current_A = samples.motor_current_A
+            torque = torque_per_ampere(current_A, samples.speed_rad_s, self.wheel) * current_A
         if samples.friction_torque_Nm is not None or torque is None or self.wheel.inertia_kg_m2 is None:
             return samples
         joined = Samples(samples.time_ns, samples.speed_rad_s, motor_torque_Nm=torque)

@@ -38,7 +38,7 @@ def check_plausible(samples: Samples, wheel: Wheel, source: str) -> None:
     voltage, current = samples.motor_voltage_V, samples.motor_current_A
     if voltage is not None and current is not None and None not in known:
         resistance, back_emf = float(known[0] or 0), float(known[1] or 0)
-        expected = resistance * current + back_emf * samples.speed_rad_s
+        expected = resistance * current + back_emf * (wheel.gear_ratio or 1.0) * samples.speed_rad_s
         both = np.isfinite(expected) & np.isfinite(voltage)
         scale = float(np.sqrt(np.mean(expected[both] ** 2))) if both.any() else 0.0
         # Half of the signal: a sensor may be off by per cents, a unit is off by factors.

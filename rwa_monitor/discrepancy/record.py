@@ -30,6 +30,7 @@ from rwa_monitor.errors import InputError
 from rwa_monitor.physics.effects.base import Channels
 from rwa_monitor.physics.effects.torque_ripple import angle_turned
 from rwa_monitor.physics.speed import wheel_angle
+from rwa_monitor.physics.torque_balance import torque_per_ampere
 from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, BoolArray, FloatArray, IntArray, Samples
 from rwa_monitor.slots import SlotGrid
@@ -281,7 +282,7 @@ def _motion(samples: Samples, wheel: Wheel, slot: IntArray) -> alignment.Motion:
     torque = _on_grid(samples.motor_torque_Nm, slot)
     if torque is None and samples.motor_current_A is not None and wheel.torque_constant_Nm_A is not None:
         current = _on_grid(samples.motor_current_A, slot)
-        torque = wheel.torque_constant_Nm_A * current if current is not None else None
+        torque = torque_per_ampere(current, speed, wheel) * current if current is not None else None
     return alignment.Motion(speed, torque, _on_grid(samples.friction_torque_Nm, slot), steps_of(samples, wheel))
 
 

@@ -55,4 +55,4 @@ def steps_of(samples: Samples, wheel: Wheel) -> Steps | None:
         return Steps("friction", step, "N m", step)
     if samples.motor_torque_Nm is not None:
         return Steps("motor torque", step, "N m", step)
-    return Steps("current", step, "A", step * (wheel.torque_constant_Nm_A or 0.0))
+    return Steps("current", step, "A", step * (wheel.torque_per_ampere_Nm_A or 0.0))

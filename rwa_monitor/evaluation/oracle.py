@@ -26,7 +26,7 @@ from rwa_monitor.diagnosis.window_diagnosis import Changepoint
 from rwa_monitor.kernels.changepoints import refine_in_colour
 from rwa_monitor.physics.datasets import LabelledWindow
 from rwa_monitor.physics.telemetry import Truth
-from rwa_monitor.physics.torque_balance import mended_friction
+from rwa_monitor.physics.torque_balance import mended_friction, torque_per_ampere
 from rwa_monitor.samples import FloatArray, IntArray
 
 ORACLE_SCALE = 8  # slots: the assignment moves a candidate by half of this at most
@@ -152,7 +152,6 @@ def on_slots(window: LabelledWindow) -> tuple[FloatArray, FloatArray]:
         torque[at] = samples.friction_torque_Nm
         return speed, torque
     assert samples.motor_current_A is not None  # recipes give friction or current
-    assert wheel.torque_constant_Nm_A is not None
     motor = np.full(slots, np.nan)
-    motor[at] = samples.motor_current_A * wheel.torque_constant_Nm_A
+    motor[at] = torque_per_ampere(samples.motor_current_A, samples.speed_rad_s, wheel) * samples.motor_current_A
     return speed, mended_friction(speed, motor, wheel)

@@ -24,6 +24,7 @@ from rwa_monitor.physics.torque_balance import (
     half_width,
     inertia_of,
     rounding_error,
+    torque_per_ampere,
 )
 from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import FloatArray, Samples
@@ -127,7 +128,8 @@ class FrictionSource:
         if samples.motor_torque_Nm is not None:
             return samples.motor_torque_Nm
         if samples.motor_current_A is not None and self.wheel.torque_constant_Nm_A is not None:
-            return self.wheel.torque_constant_Nm_A * samples.motor_current_A
+            current_A = samples.motor_current_A
+            return torque_per_ampere(current_A, samples.speed_rad_s, self.wheel) * current_A
         return None
 
     # ---- slots → friction ----------------------------------------------------------------------------------------

@@ -136,11 +136,11 @@ def largest_acceleration(wheel: Wheel) -> float:
     """Return the acceleration that a planned move may use [rad/s²]: what the maximum current leaves after friction."""
     assert wheel.nominal is not None
     unit = wheel.nominal.nominal_speed_rad_s
-    if wheel.limits.max_current_A is None or wheel.torque_constant_Nm_A is None or wheel.inertia_kg_m2 is None:
+    if wheel.limits.max_current_A is None or wheel.torque_per_ampere_Nm_A is None or wheel.inertia_kg_m2 is None:
         return unit / UNLIMITED_ACCELERATION_S
     # Three times the nominal friction at nominal speed covers switching systems and anomalies.
     friction = 3.0 * (wheel.nominal.dry_torque_Nm + wheel.nominal.viscous_Nm_s_rad * unit)
-    torque = CURRENT_RESERVE * wheel.limits.max_current_A * wheel.torque_constant_Nm_A - friction
+    torque = CURRENT_RESERVE * wheel.limits.max_current_A * wheel.torque_per_ampere_Nm_A - friction
     if torque <= 0:
         raise InputError(
             f"wheel {wheel.name}", "cannot overcome three times the nominal friction", "limits.max_current_A"

@@ -361,12 +361,14 @@ def _measure(
     if scenario.friction_given:
         channels["friction_torque_Nm"] = torque
     if motor is not None and wheel.torque_constant_Nm_A is not None:
-        current = motor / wheel.torque_constant_Nm_A
+        per_ampere = torque_balance.torque_per_ampere(motor, motion.speed_rad_s, wheel)
+        current = motor / per_ampere
         measured = measure(current, sensors.current_noise_A or 0.0, sensors.current_quantum_A or 0.0, current_rng)
         channels["motor_current_A"] = measured
-        channels["motor_torque_Nm"] = wheel.torque_constant_Nm_A * measured
+        channels["motor_torque_Nm"] = per_ampere * measured
         if wheel.winding_resistance_ohm is not None and wheel.back_emf_constant_V_s_rad is not None:
-            voltage = wheel.winding_resistance_ohm * current + wheel.back_emf_constant_V_s_rad * motion.speed_rad_s
+            per_speed = wheel.back_emf_constant_V_s_rad * (wheel.gear_ratio or 1.0)
+            voltage = wheel.winding_resistance_ohm * current + per_speed * motion.speed_rad_s
             channels["motor_voltage_V"] = measure(voltage, sensors.voltage_noise_V, 0.0, voltage_rng)
     if scenario.channels is None:
         channels.pop("motor_torque_Nm", None)

@@ -1,6 +1,7 @@
 """The torque balance of the rotor, and the friction derived from it: the one place that knows the sign.
 
-J·dω/dt = K_T·I − friction. Friction is the *resisting* torque: positive when it opposes positive rotation (errata 1).
+J·dω/dt = K_T·I − friction, all at the wheel's axis: behind a gear K_T is the motor's times the ratio. Friction is the
+*resisting* torque: positive when it opposes positive rotation (errata 1).
 A plain difference of a real tachometer is useless (errata 17), so dω/dt comes from a Savitzky-Golay filter; the noise
 that it leaves is coloured, and the later stages get its autocovariance from here.
 """
@@ -261,8 +262,32 @@ def inertia_of(wheel: Wheel) -> float:
     return wheel.inertia_kg_m2
 
 
+def torque_per_ampere(drive: FloatArray, speed_rad_s: FloatArray, wheel: Wheel) -> float | FloatArray:
+    """Return the torque at the wheel's axis that an ampere gives [N m/A]: K_T, times the ratio of a gear.
+
+    A gear with an efficiency η hands on that part of the power that goes through it: of the motor's torque η while the
+    motor drives the wheel, and 1/η while the wheel drives the motor.
+
+    Parameters
+    ----------
+    drive, speed_rad_s
+        float64 (n,), current [A] or torque of the motor [N m], of which the sign counts, and the wheel's speed [rad/s].
+    wheel
+        Its torque constant and gear.
+
+    Raises
+    ------
+    InputError
+        If the wheel has no torque constant.
+    """
+    constant = torque_constant_of(wheel)
+    if wheel.gear_efficiency is None:
+        return constant
+    return constant * np.where(drive * speed_rad_s < 0.0, 1.0 / wheel.gear_efficiency, wheel.gear_efficiency)
+
+
 def torque_constant_of(wheel: Wheel) -> float:
-    """Return the wheel's torque constant [N m/A]; raises InputError where the wheel file has none."""
-    if wheel.torque_constant_Nm_A is None:
+    """Return the torque constant at the wheel's axis [N m/A]; raises InputError where the wheel file has none."""
+    if wheel.torque_per_ampere_Nm_A is None:
         raise InputError(f"wheel {wheel.name}", "is missing; current says nothing without it", "torque_constant_Nm_A")
-    return wheel.torque_constant_Nm_A
+    return wheel.torque_per_ampere_Nm_A

@@ -148,6 +148,8 @@ class Wheel(Strict):
     sample_period_s: Annotated[float, Field(gt=0, le=MAX_PERIOD_S)]
     inertia_kg_m2: Positive | None = None
     torque_constant_Nm_A: Positive | None = None
+    gear_ratio: Positive | None = None  # turns of the motor for one of the wheel; unset without a gear
+    gear_efficiency: Annotated[float, Field(gt=0, le=1)] | None = None  # unset: the gear's loss is friction
     winding_resistance_ohm: Positive | None = None
     back_emf_constant_V_s_rad: Positive | None = None
 
@@ -163,6 +165,8 @@ class Wheel(Strict):
     def _consistent(self) -> Wheel:
         if period_ns(self.sample_period_s) < MIN_PERIOD_NS:
             raise ValueError(f"sample_period_s = {self.sample_period_s} is below one microsecond")
+        if self.gear_efficiency is not None and self.gear_ratio is None:
+            raise ValueError("gear_efficiency is that of a gear: gear_ratio is missing")
         names = [system.name for system in self.fss]
         if len(set(names)) != len(names):
             raise ValueError(f"two switching systems have one name: {', '.join(names)}")
@@ -179,11 +183,18 @@ class Wheel(Strict):
         return (*RESERVED_ANOMALIES, *(system.name for system in self.fss))
 
     @property
-    def max_motor_torque_Nm(self) -> float | None:
-        """Torque of the motor at its largest current [N m]; None where limit or torque constant is not known."""
-        if self.limits.max_current_A is None or self.torque_constant_Nm_A is None:
+    def torque_per_ampere_Nm_A(self) -> float | None:
+        """Torque of a current at the wheel's axis, before a gear's loss [N m/A]; None without a torque constant."""
+        if self.torque_constant_Nm_A is None:
             return None
-        return self.limits.max_current_A * self.torque_constant_Nm_A
+        return self.torque_constant_Nm_A * (self.gear_ratio or 1.0)
+
+    @property
+    def max_motor_torque_Nm(self) -> float | None:
+        """Largest torque of the motor at the wheel's axis [N m]; None where limit or torque constant is not known."""
+        if self.limits.max_current_A is None or self.torque_per_ampere_Nm_A is None:
+            return None
+        return self.limits.max_current_A * self.torque_per_ampere_Nm_A / (self.gear_efficiency or 1.0)
 
     @property
     def torque_unit_Nm(self) -> float:

@@ -12,8 +12,10 @@ from hypothesis import strategies as st
 from rwa_monitor.discrepancy.bench import SCALED_ONLY, as_measured, is_even, not_shown_without_motor, with_turns
 from rwa_monitor.discrepancy.find import CANDIDATES, find_discrepancy
 from rwa_monitor.discrepancy.finished_search import Search
+from rwa_monitor.discrepancy.unit_check import shown_inertia
 from rwa_monitor.errors import InputError
 from rwa_monitor.identification.identify import identify
+from rwa_monitor.physics.torque_balance import torque_per_ampere
 from rwa_monitor.physics.wheel import FrictionFilter, Wheel
 from rwa_monitor.samples import Samples
 from tests.discrepancy.simple import Array
@@ -221,6 +223,48 @@ def test_an_uneven_angle_is_interpolated_over_the_end_of_a_turn() -> None:
     ((_, even),) = as_measured([("log", table)], Wheel(name="on", sample_period_s=0.1)).recordings
     assert even.angle_rad is not None
     np.testing.assert_allclose(np.diff(even.angle_rad), 2.0, atol=1e-6)
+
+
+def geared(efficiency: float = 1.0, offset_A: float = 0.0) -> Samples:
+    """Return speed and motor current of a wheel of 5 kg m² behind a gear of 24, a motor of 0.05 N m/A."""
+    rng = np.random.default_rng(0)
+    time = 0.1 * np.arange(6000)
+    swings = ((12.0, 100.0), (2.5, 41.0))  # rad/s, s
+    speed = 3.0 + sum(top * np.sin(2 * np.pi * time / period) for top, period in swings)
+    slew = sum(top * 2 * np.pi / period * np.cos(2 * np.pi * time / period) for top, period in swings)
+    torque = 5.0 * slew + 0.3 * np.sign(speed) + 0.05 * speed
+    of_motor = torque / 24.0 * np.where(torque * speed > 0, 1 / efficiency, efficiency)
+    current = of_motor / 0.05 + offset_A + 0.005 * rng.normal(size=time.size)
+    measured = speed + 1e-4 * rng.normal(size=time.size)
+    return Samples((time * 1e9).astype(np.int64), measured, motor_current_A=current)
+
+
+def test_behind_a_gear_inertia_friction_and_offset_are_the_wheels() -> None:
+    wheel = Wheel(name="geared", sample_period_s=0.1, inertia_kg_m2=5.0, torque_constant_Nm_A=0.05, gear_ratio=24.0)
+    table = geared(offset_A=0.02)
+    search = find_discrepancy([("log", table)], wheel)
+    assert names(search) == ["torque_bias"]
+    bias = search.result.effects[0].parameters["strength_Nm"]
+    assert bias.std is not None
+    assert abs(bias.value - 0.02 * 0.05 * 24.0) < 4 * bias.std
+    assert search.extended.fit.coefficients[0] == pytest.approx(0.05, rel=0.01)
+    assert np.median(search.extended.fit.level) == pytest.approx(0.3, rel=0.01)
+    assert table.motor_current_A is not None
+    shown = shown_inertia(
+        table.speed_rad_s,
+        torque_per_ampere(table.motor_current_A, table.speed_rad_s, wheel) * table.motor_current_A,
+        0.1,
+    )
+    assert shown is not None
+    assert shown.value == pytest.approx(5.0, rel=0.01)
+
+
+def test_the_loss_of_a_gear_is_none_of_the_wheels_friction() -> None:
+    wheel = Wheel(name="geared", sample_period_s=0.1, inertia_kg_m2=5.0, torque_constant_Nm_A=0.05, gear_ratio=24.0)
+    told = find_discrepancy([("log", geared(0.8))], wheel.model_copy(update={"gear_efficiency": 0.8}))
+    assert told.result.verdict == "adequate"
+    assert np.median(told.extended.fit.level) == pytest.approx(0.3, rel=0.01)
+    assert "load_dependence" in names(find_discrepancy([("log", geared(0.8))], wheel))
 
 
 def test_what_is_made_even_stays_as_it_is() -> None:

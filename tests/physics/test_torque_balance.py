@@ -10,7 +10,7 @@ from scipy import signal
 
 from rwa_monitor.errors import InputError
 from rwa_monitor.physics import torque_balance as tb
-from rwa_monitor.physics.wheel import Derivative, FrictionFilter, built_in_wheel
+from rwa_monitor.physics.wheel import Derivative, FrictionFilter, Wheel, built_in_wheel
 
 PERIOD = 0.125
 GOLAY = Derivative(method="savitzky_golay", window_s=2.0)
@@ -251,3 +251,23 @@ def test_the_error_does_not_depend_on_where_a_record_is_cut(cut):
     parts = [tb.rounding_error(speed[: cut + reach], motor[: cut + reach], SLEWS)[:cut]]
     parts.append(tb.rounding_error(speed[cut - reach :], motor[cut - reach :], SLEWS)[reach:])
     assert np.array_equal(np.concatenate(parts), tb.rounding_error(speed, motor, SLEWS), equal_nan=True)
+
+
+@given(
+    st.floats(-10.0, 10.0), st.floats(-100.0, 100.0), st.floats(1e-3, 1.0), st.floats(0.1, 300.0), st.floats(0.05, 1.0)
+)
+def test_a_gear_hands_on_its_share_of_the_power(current, speed, constant, ratio, efficiency):
+    bare = Wheel(name="w", sample_period_s=PERIOD, torque_constant_Nm_A=constant)
+    geared = bare.model_copy(update={"gear_ratio": ratio})
+    lossy = geared.model_copy(update={"gear_efficiency": efficiency})
+    at = np.array([current]), np.array([speed])
+    assert tb.torque_per_ampere(*at, geared) == pytest.approx(ratio * tb.torque_per_ampere(*at, bare))
+    wheel_W = float(tb.torque_per_ampere(*at, lossy)[0]) * current * speed
+    motor_W = constant * current * ratio * speed  # the motor turns `ratio` times as fast
+    into, out_of = (motor_W, wheel_W) if motor_W > 0 else (-wheel_W, -motor_W)
+    assert out_of == pytest.approx(efficiency * into)
+
+
+def test_an_efficiency_without_a_gear_is_refused():
+    with pytest.raises(InputError, match="gear_ratio is missing"):
+        Wheel.from_toml('[wheel]\nname = "w"\nsample_period_s = 0.1\ngear_efficiency = 0.9\n', "w.toml")
