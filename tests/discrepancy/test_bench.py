@@ -250,11 +250,8 @@ def test_behind_a_gear_inertia_friction_and_offset_are_the_wheels() -> None:
     assert search.extended.fit.coefficients[0] == pytest.approx(0.05, rel=0.01)
     assert np.median(search.extended.fit.level) == pytest.approx(0.3, rel=0.01)
     assert table.motor_current_A is not None
-    shown = shown_inertia(
-        table.speed_rad_s,
-        torque_per_ampere(table.motor_current_A, table.speed_rad_s, wheel) * table.motor_current_A,
-        0.1,
-    )
+    per_ampere = torque_per_ampere(table.motor_current_A, table.speed_rad_s, wheel)
+    shown = shown_inertia(table.speed_rad_s, per_ampere * table.motor_current_A, 0.1)
     assert shown is not None
     assert shown.value == pytest.approx(5.0, rel=0.01)
 
@@ -262,7 +259,9 @@ def test_behind_a_gear_inertia_friction_and_offset_are_the_wheels() -> None:
 def test_the_loss_of_a_gear_is_none_of_the_wheels_friction() -> None:
     wheel = Wheel(name="geared", sample_period_s=0.1, inertia_kg_m2=5.0, torque_constant_Nm_A=0.05, gear_ratio=24.0)
     told = find_discrepancy([("log", geared(0.8))], wheel.model_copy(update={"gear_efficiency": 0.8}))
-    assert told.result.verdict == "adequate"
+    # The current's noise counts more at the wheel while that drives the motor: two widths, as of heavy tails.
+    assert set(names(told)) <= {"heavy_tailed_noise"}
+    assert told.result.unexplained is None
     assert np.median(told.extended.fit.level) == pytest.approx(0.3, rel=0.01)
     assert "load_dependence" in names(find_discrepancy([("log", geared(0.8))], wheel))
 
