@@ -96,7 +96,13 @@ Recordings = Samples | Sequence[Samples] | Mapping[str, Samples]
 # ---- in --------------------------------------------------------------------------------------------------------------
 
 
-def read(path: PathLike, *, telemetry_map: PathLike | None = None, xtce: PathLike | None = None) -> Samples:
+def read(
+    path: PathLike,
+    *,
+    telemetry_map: PathLike | None = None,
+    xtce: PathLike | None = None,
+    wheel: Wheel | None = None,
+) -> Samples:
     """Read the telemetry of one wheel: CSV, Parquet, MCAP, space packets or a ROS 2 bag.
 
     Parameters
@@ -107,6 +113,8 @@ def read(path: PathLike, *, telemetry_map: PathLike | None = None, xtce: PathLik
         For space packets and ROS 2 bags: the file that says which parameter or topic is which channel.
     xtce
         For space packets: the XTCE definition of what is in them.
+    wheel
+        For a run down with the motor off, and for a table of pulses: says that it is one, and how many make a turn.
 
     Returns
     -------
@@ -125,7 +133,7 @@ def read(path: PathLike, *, telemetry_map: PathLike | None = None, xtce: PathLik
     """
     file = Path(path)
     map_file, xtce_file = (None if given is None else Path(given) for given in (telemetry_map, xtce))
-    content = read_telemetry(file, read_decoding(map_file, xtce_file))
+    content = read_telemetry(file, read_decoding(map_file, xtce_file).of_wheel(wheel))
     for note in (*content.problems, *content.notes):
         warnings.warn(note, stacklevel=2)
     return joined(only_wheel(content, display_name(file)))

@@ -16,6 +16,7 @@ import numpy as np
 
 from rwa_monitor.errors import InputError
 from rwa_monitor.physics.effects.base import Channels, MeanEffect
+from rwa_monitor.physics.effects.torque_ripple import TorqueRipple
 from rwa_monitor.physics.torque_balance import inertia_of, without_motor
 from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, TABLE_CHANNELS, BoolArray, FloatArray, IntArray, Samples
@@ -27,10 +28,12 @@ LONGEST_BRIDGE: Final = 4.0  # median steps between two rows over which values a
 NEAR_PERIOD: Final = (0.8, 1.25)  # median step over the wheel's period: so near, that period is kept
 LEAST_HALF: Final = 2  # rows to each side from which dω/dt is told
 MOST_HALF: Final = 200
+ROWS_AT_ONCE: Final = 10_000  # of which the neighbours are laid out: 32 MB at most, a few times
 TURN: Final = 2.0 * np.pi  # rad
 WITHIN_A_TURN: Final = 1.001  # of a turn: the range of an angle that begins anew with each
 LOST_SHARE: Final = 0.5  # of what the speed turns by, that an angle may slip; more is another shaft's, or in degrees
 SCALED_ONLY: Final = "motor off: friction is -J dω/dt, which the inertia only scales"
+MEAN_OF_A_TURN: Final = "speed measured within a turn: from pulses it is the mean over each"
 EVEN_CLOCK: Final = "an even clock: here the noise has the colour of slopes over several rows, or of interpolation"
 NO_TORQUE: Final = f"{SCALED_ONLY}, and the motor gives no torque"
 
@@ -74,7 +77,7 @@ def as_measured(recordings: Sequence[tuple[str, Samples]], wheel: Wheel) -> Benc
     InputError
         If the motor is off, friction is not given, and the wheel has no inertia.
     """
-    even = {name: is_even(samples.time_ns) for name, samples in recordings}
+    even = {name: _is_on_grid(samples, wheel) for name, samples in recordings}
     if all(even.values()):
         return Bench([(name, without_motor(samples, wheel)) for name, samples in recordings], wheel, [])
     rows = [(name, samples if even[name] else _with_slope_friction(samples, wheel)) for name, samples in recordings]
@@ -96,6 +99,14 @@ def as_measured(recordings: Sequence[tuple[str, Samples]], wheel: Wheel) -> Benc
             notes.append(f"{name}: {_in_words(samples, fitted, period_s, own=own)}")
     made = any(samples.friction_torque_Nm is None and not even[name] for name, samples in recordings)
     return Bench(found, wheel, notes, made)
+
+
+def _is_on_grid(samples: Samples, wheel: Wheel) -> bool:
+    """Return whether a recording is even, and where it may be of pulses also whether it has the wheel's period."""
+    if wheel.pulses_per_turn is None or len(samples) < 3:
+        return is_even(samples.time_ns)
+    ratio = float(np.median(_steps_s(samples))) / wheel.sample_period_s
+    return is_even(samples.time_ns) and abs(ratio - 1.0) <= OFF_A_STEP
 
 
 def with_turns(samples: Samples, source: str) -> Samples:
@@ -128,15 +139,17 @@ def with_turns(samples: Samples, source: str) -> Samples:
 
 
 def not_shown_without_motor(effects: Sequence[type[MeanEffect]], wheel: Wheel) -> dict[str, str]:
-    """Return the effects that no record shows while the motor is off, with the reason; none where it is on."""
-    if not wheel.friction.motor_off:
-        return {}
-    reasons = {effect.name: _why_not_shown(effect) for effect in effects}
+    """Return the effects that no record shows while the motor is off, or of pulses, each with the reason."""
+    reasons = {effect.name: _why_not_shown(effect, wheel) for effect in effects}
     return {name: why for name, why in reasons.items() if why is not None}
 
 
-def _why_not_shown(effect: type[MeanEffect]) -> str | None:
-    """Say why an effect cannot show: it follows the motor's torque, or is nothing without acceleration."""
+def _why_not_shown(effect: type[MeanEffect], wheel: Wheel) -> str | None:
+    """Say why an effect cannot show: each turn averages it out, or it is nothing without motor or acceleration."""
+    if wheel.pulses_per_turn is not None and issubclass(effect, TorqueRipple):
+        return MEAN_OF_A_TURN
+    if not wheel.friction.motor_off:
+        return None
     if "motor_torque_Nm" in effect.needs:
         return NO_TORQUE
     shape = {parameter.name: parameter.typical for parameter in effect.shape_parameters()}
@@ -231,16 +244,24 @@ def _slopes(samples: Samples, window_s: float) -> FloatArray:
     if len(samples) <= 2 * half:
         return result
     time = (samples.time_ns - samples.time_ns[0]) / NANOSECONDS_PER_SECOND
-    windows = np.lib.stride_tricks.sliding_window_view
-    offset = windows(time, 2 * half + 1) - time[half:-half, None]
+    times, speeds = (
+        np.lib.stride_tricks.sliding_window_view(values, 2 * half + 1) for values in (time, samples.speed_rad_s)
+    )
+    for begin in range(0, len(times), ROWS_AT_ONCE):
+        rows = slice(begin, min(begin + ROWS_AT_ONCE, len(times)))
+        result[half + rows.start : half + rows.stop] = _slopes_in(times[rows], speeds[rows], half)
+    return result
+
+
+def _slopes_in(times: FloatArray, speeds: FloatArray, middle: int) -> FloatArray:
+    """Return the slope at the middle of each window, float64 (n,), from times and values (n, m)."""
+    offset = times - times[:, [middle]]
     scale = np.abs(offset).max(axis=1, keepdims=True)
     offset = offset / scale
     powers = np.stack([np.sum(offset**power, axis=1) for power in range(5)], axis=1)
     gram = powers[:, np.add.outer(np.arange(3), np.arange(3))]
-    speed = windows(samples.speed_rad_s, 2 * half + 1)
-    moment = np.stack([np.sum(speed * offset**power, axis=1) for power in range(3)], axis=1)
-    result[half:-half] = np.linalg.solve(gram, moment[..., None])[:, 1, 0] / scale[:, 0]
-    return result
+    moment = np.stack([np.sum(speeds * offset**power, axis=1) for power in range(3)], axis=1)
+    return np.asarray(np.linalg.solve(gram, moment[..., None])[:, 1, 0] / scale[:, 0])
 
 
 def _half(samples: Samples, window_s: float) -> int:

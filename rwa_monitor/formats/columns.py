@@ -15,6 +15,7 @@ from rwa_monitor.hints import closest
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, TABLE_CHANNELS, FloatArray, IntArray, Samples
 
 TIME_COLUMNS: Final = ("time_ns", "time_s")  # the exact one first: it counts where a table has both
+PULSE_COLUMNS: Final = ("pulse_time_ns", "pulse_time_s")  # of a table that is one of pulses, without a speed
 REQUIRED_CHANNELS: Final = ("speed_rad_s",)
 # A column in another unit than the channel's: the channel, and what is its unit in that of the column.
 IN_OTHER_UNITS: Final = {"angle_deg": ("angle_rad", np.pi / 180.0)}
@@ -34,10 +35,16 @@ class SampleTable:
         The telemetry; time strictly increases, there is at least one sample.
     ignored_columns
         Names of the columns that were left out, in the table's order.
+    are_pulses
+        Whether each row is a pulse of the wheel: its speed is then not measured, but follows from the times.
+    notes
+        What was made of the rows, a sentence each.
     """
 
     samples: Samples
     ignored_columns: tuple[str, ...]
+    are_pulses: bool = False
+    notes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,11 +75,14 @@ def lay_out(names: Sequence[str], source: str) -> Layout:
     """
     if len(names) > MAX_COLUMNS:
         raise InputError(source, f"has {len(names)} columns; the limit is {MAX_COLUMNS}")
-    for name in (*TIME_COLUMNS, *_COLUMNS):
+    for name in (*TIME_COLUMNS, *PULSE_COLUMNS, *_COLUMNS):
         if names.count(name) > 1:
             raise InputError(source, "is there twice", f"column {name}")
     time = [name for name in TIME_COLUMNS if name in names]
     missing = [name for name in REQUIRED_CHANNELS if name not in names]
+    if missing and not time:
+        time = [name for name in PULSE_COLUMNS if name in names]
+        missing = [] if time else missing
     if not time:
         missing = [" or ".join(reversed(TIME_COLUMNS)), *missing]
     if missing:
@@ -114,7 +124,7 @@ def unknown_columns(names: Sequence[str]) -> str:
     """Name columns that are left out, each with the known one that it may have been meant to be."""
     shown = []
     for name in names:
-        meant = closest(name, (*TIME_COLUMNS, *_COLUMNS))
+        meant = closest(name, (*TIME_COLUMNS, *PULSE_COLUMNS, *_COLUMNS))
         shown.append(f"{name} (did you mean {meant}?)" if meant else name)
     return ", ".join(shown)
 
@@ -150,9 +160,12 @@ def table_of(
     for name, (channel, factor) in IN_OTHER_UNITS.items():
         if name in channels:
             channels[channel] = factor * channels.pop(name)
+    are_pulses = any(name in PULSE_COLUMNS for name in layout.time)
+    if are_pulses:
+        channels.setdefault(REQUIRED_CHANNELS[0], np.full(time_ns.size, np.nan))
     samples = Samples(time_ns=time_ns, **channels)
     _check_time(samples, layout, source, first_row)
-    return SampleTable(samples, layout.ignored)
+    return SampleTable(samples, layout.ignored, are_pulses)
 
 
 def _check_time(samples: Samples, layout: Layout, source: str, first_row: int) -> None:
@@ -176,7 +189,7 @@ def _check_time(samples: Samples, layout: Layout, source: str, first_row: int) -
 
 def _as_written(time_ns: int, column: str) -> str:
     """Write a time in the unit of its column, exactly."""
-    if column == "time_ns":
+    if column.endswith("_ns"):
         return f"{time_ns} ns"
     whole, rest = divmod(abs(time_ns), NANOSECONDS_PER_SECOND)
     digits = f"{rest:09d}".rstrip("0")

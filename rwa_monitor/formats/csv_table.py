@@ -47,7 +47,7 @@ _PLAIN_DECIMAL: Final = re.compile(r"([+-]?[0-9]{1,18})(?:\.([0-9]*))?")
 _ANY_DECIMAL: Final = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]{1,9})?")
 _FIRST_LINE: Final = re.compile(rb"([^\r\n]*)(\r\n|\r|\n|$)")
 _LARGEST_INT64: Final = 2**63 - 1
-_PLACES: Final = {"time_s": 9, "time_ns": 0}  # of a nanosecond in the unit of the column
+_PLACES: Final = {"_s": 9, "_ns": 0}  # of a nanosecond in the unit with which the column's name ends
 _CONTEXT: Final = decimal.Context(prec=40, Emax=decimal.MAX_EMAX, Emin=decimal.MIN_EMIN)
 _ROWS_AT_ONCE: Final = 50_000  # as texts, which take 20 times the memory of their values
 
@@ -177,9 +177,9 @@ def _numbers(texts: Sequence[str], column: str, source: str, row: int) -> FloatA
 
 def _nanoseconds(texts: Sequence[str], column: str, source: str, row: int) -> IntArray:
     """Return times [ns] from their texts in s or ns; decimal from end to end."""
-    times = np.empty(len(texts), dtype=np.int64)
+    times, places = np.empty(len(texts), dtype=np.int64), _PLACES[column[column.rindex("_") :]]
     for at, text in enumerate(texts):
-        time_or_reason = _nanoseconds_of(text, _PLACES[column])
+        time_or_reason = _nanoseconds_of(text, places)
         if isinstance(time_or_reason, str):
             raise InputError(source, time_or_reason, f"row {row + at}, column {column}")
         times[at] = time_or_reason

@@ -128,7 +128,7 @@ def _nanoseconds(column: Column, name: str, source: str) -> IntArray:
     missing = pc.index(pc.is_null(column), True).as_py()
     if missing >= 0:
         raise InputError(source, "is empty; every row needs a time", f"row {missing + FIRST_ROW}, column {name}")
-    if name == "time_ns":
+    if name.endswith("_ns"):
         if not pa.types.is_integer(column.type):
             raise InputError(source, f"holds {column.type}, not integers", f"column {name}")
         try:

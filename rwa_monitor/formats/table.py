@@ -17,6 +17,7 @@ from rwa_monitor.formats.columns import SampleTable
 from rwa_monitor.formats.csv_table import read_csv, write_csv
 from rwa_monitor.formats.files import display_name, unreadable
 from rwa_monitor.formats.parquet import parquet
+from rwa_monitor.physics.pulses import speed_of_pulses
 from rwa_monitor.samples import Samples
 
 PARQUET_MAGIC: Final = b"PAR1"
@@ -66,8 +67,15 @@ def file_format(path: Path) -> FileFormat:
     return "packets" if suffix in PACKET_SUFFIXES else "csv"
 
 
-def read_table(path: Path) -> SampleTable:
-    """Read a sample table, CSV or Parquet.
+def read_table(path: Path, pulses_per_turn: int | None = None) -> SampleTable:
+    """Read a sample table, CSV or Parquet, or a table of pulses, of which the speed is worked out.
+
+    Parameters
+    ----------
+    path
+        The table.
+    pulses_per_turn
+        Of the wheel; None where that is not known.
 
     Raises
     ------
@@ -76,10 +84,17 @@ def read_table(path: Path) -> SampleTable:
     MissingExtraError
         If what it takes to read Parquet is not installed.
     """
-    if file_format(path) != "parquet":
-        return read_csv(path)
-    table: SampleTable = parquet().read_parquet(path)
-    return table
+    table: SampleTable = parquet().read_parquet(path) if file_format(path) == "parquet" else read_csv(path)
+    if not table.are_pulses:
+        return table
+    source = display_name(path)
+    if pulses_per_turn is None:
+        raise InputError(
+            source, "holds pulses: how many make a turn is pulses_per_turn, under [wheel] in the wheel file"
+        )
+    turning = speed_of_pulses(table.samples, pulses_per_turn, source)
+    note = f"{source}: {turning.in_words(len(table.samples), pulses_per_turn)}"
+    return SampleTable(turning.samples, table.ignored_columns, notes=(note,))
 
 
 def table_writer(path: Path) -> Callable[[Samples, Path], None]:

@@ -100,15 +100,20 @@ class Decoding:
         What space packets look like.
     motor_off
         Whether a table of time and speed alone will do: with the motor off friction is the inertia's torque.
+    pulses_per_turn
+        Of a table of pulses; None where that is not known.
     """
 
     map: TextFile | None = None
     xtce: TextFile | None = None
     motor_off: bool = False
+    pulses_per_turn: int | None = None
 
     def of_wheel(self, wheel: Wheel | None) -> Decoding:
         """Return what telemetry of a wheel is read with."""
-        return replace(self, motor_off=bool(wheel is not None and wheel.friction.motor_off))
+        if wheel is None:
+            return self
+        return replace(self, motor_off=bool(wheel.friction.motor_off), pulses_per_turn=wheel.pulses_per_turn)
 
     def sha256(self) -> str | None:
         """Return a hash of both texts; None where there is none."""

@@ -47,7 +47,7 @@ def read_telemetry(path: Path, decoding: Decoding = NO_DECODING) -> TelemetryFil
 def _read_table(path: Path, decoding: Decoding) -> TelemetryFile:
     """Read a sample table, CSV or Parquet: its columns say what they are."""
     source = display_name(path)
-    table = read_table(path)
+    table = read_table(path, decoding.pulses_per_turn)
     ignored = f"columns ignored: {unknown_columns(table.ignored_columns)}" if table.ignored_columns else ""
     if not decoding.motor_off and all(getattr(table.samples, name) is None for name in FRICTION_CHANNELS):
         reason = (
@@ -55,7 +55,7 @@ def _read_table(path: Path, decoding: Decoding) -> TelemetryFile:
             " down with its motor off, --motor-off or motor_off = true in the wheel file's [friction] will do"
         )
         raise InputError(source, f"{reason}; {ignored}" if ignored else reason)
-    notes = [f"{source}: {ignored}"] if ignored else []
+    notes = [*table.notes, *([f"{source}: {ignored}"] if ignored else [])]
     return TelemetryFile([WheelTelemetry(source, "", None, [SampleBatch(table.samples)])], notes=notes)
 
 

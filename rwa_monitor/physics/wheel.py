@@ -150,6 +150,7 @@ class Wheel(Strict):
     torque_constant_Nm_A: Positive | None = None
     gear_ratio: Positive | None = None  # turns of the motor for one of the wheel; unset without a gear
     gear_efficiency: Annotated[float, Field(gt=0, le=1)] | None = None  # unset: the gear's loss is friction
+    pulses_per_turn: Annotated[int, Field(ge=1, le=10_000)] | None = None  # of tables of pulse times
     winding_resistance_ohm: Positive | None = None
     back_emf_constant_V_s_rad: Positive | None = None
 

@@ -3,17 +3,27 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.integrate import solve_ivp
 
-from rwa_monitor.discrepancy.bench import SCALED_ONLY, as_measured, is_even, not_shown_without_motor, with_turns
+from rwa_monitor.discrepancy.bench import (
+    MEAN_OF_A_TURN,
+    SCALED_ONLY,
+    as_measured,
+    is_even,
+    not_shown_without_motor,
+    with_turns,
+)
 from rwa_monitor.discrepancy.find import CANDIDATES, find_discrepancy
 from rwa_monitor.discrepancy.finished_search import Search
 from rwa_monitor.discrepancy.unit_check import shown_inertia
 from rwa_monitor.errors import InputError
+from rwa_monitor.formats.table import read_table
 from rwa_monitor.identification.identify import identify
 from rwa_monitor.physics.torque_balance import torque_per_ampere
 from rwa_monitor.physics.wheel import FrictionFilter, Wheel
@@ -264,6 +274,42 @@ def test_the_loss_of_a_gear_is_none_of_the_wheels_friction() -> None:
     assert told.result.unexplained is None
     assert np.median(told.extended.fit.level) == pytest.approx(0.3, rel=0.01)
     assert "load_dependence" in names(find_discrepancy([("log", geared(0.8))], wheel))
+
+
+def pulse_times(windage: float, per_turn: int) -> Array:
+    """Return when a wheel of 1.8 kg m² that runs down from 20 rad/s gives its pulses, one less and one more."""
+    rng = np.random.default_rng(per_turn)
+    marks = np.arange(per_turn) / per_turn + 0.02 / per_turn * rng.uniform(-1, 1, per_turn)
+    angle = 2 * np.pi * (np.arange(350)[:, None] + marks).ravel()
+    run: Array = solve_ivp(
+        lambda _, y: [1.0 / y[1], -drag(y[1], windage) / (1.8 * y[1])],
+        (min(angle[0], 0.0), angle[-1]),
+        [0.0, 20.0],
+        t_eval=np.sort(np.append(angle, 2 * np.pi * 123.3)),
+        rtol=1e-10,
+        atol=1e-12,
+    ).y[0]
+    return np.delete(run, 57 * per_turn) + 1e-5 * rng.normal(size=run.size - 1)
+
+
+@pytest.mark.parametrize("windage", [WINDAGE, 0.0])
+@pytest.mark.parametrize("per_turn", [1, 24])
+def test_pulses_of_a_run_down_show_its_drag(windage: float, per_turn: int, tmp_path: Path) -> None:
+    path = tmp_path / "pulses.csv"
+    rows = "".join(f"{time:.9f}\n" for time in pulse_times(windage, per_turn))
+    path.write_text(f"pulse_time_s\n{rows}", encoding="utf-8")
+    table = read_table(path, per_turn)
+    assert f"{per_turn} a turn, 1 missed, 1 phantom" in table.notes[0]
+    wheel = bench(1.8).model_copy(update={"pulses_per_turn": per_turn})
+    made = as_measured([("pulses", table.samples)], wheel)
+    assert "time steps are uneven" in made.notes[0]
+    search = find_discrepancy([("pulses", table.samples)], wheel)
+    assert names(search) == (["quadratic_drag"] if windage else [])
+    assert search.result.unexplained is None
+    assert dict(search.result.untested)["torque_ripple"] == MEAN_OF_A_TURN
+    assert search.extended.fit.coefficients[0] == pytest.approx(0.002, rel=0.02)
+    if windage:
+        assert search.result.effects[0].parameters["strength_Nm_s2_rad2"].value == pytest.approx(WINDAGE, rel=0.01)
 
 
 def test_what_is_made_even_stays_as_it_is() -> None:

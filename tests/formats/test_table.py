@@ -171,6 +171,21 @@ def test_an_angle_is_the_same_in_degrees(tmp_path: Path, angle: FloatArray) -> N
     np.testing.assert_array_equal(read_table(path).samples.angle_rad, in_degrees.samples.angle_rad)
 
 
+@given(steps=st.lists(st.integers(95_000_000, 105_000_000), min_size=20, max_size=60))
+@in_one_folder
+def test_pulse_times_are_the_same_in_seconds_and_nanoseconds(tmp_path: Path, steps: list[int]) -> None:
+    times = np.cumsum(steps)
+    whole = csv_file(tmp_path, "pulse_time_ns\n" + "".join(f"{time}\n" for time in times))
+    expected = read_table(whole, 2).samples
+    seconds = csv_file(tmp_path, "pulse_time_s\n" + "".join(f"{Decimal(int(time)).scaleb(-9)}\n" for time in times))
+    path = tmp_path / "table.parquet"
+    write_columns({"pulse_time_ns": times}, path)
+    for other in (read_table(seconds, 2).samples, read_table(path, 2).samples):
+        np.testing.assert_array_equal(other.time_ns, expected.time_ns)
+        np.testing.assert_array_equal(other.speed_rad_s, expected.speed_rad_s)
+    np.testing.assert_allclose(expected.speed_rad_s, np.pi / 0.1, rtol=0.06)
+
+
 def test_the_same_samples_give_the_same_bytes_and_no_left_over(tmp_path: Path) -> None:
     samples = read_table(csv_file(tmp_path, GOOD)).samples
     first, second = tmp_path / "first.csv", tmp_path / "second.csv"
