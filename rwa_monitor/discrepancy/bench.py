@@ -9,10 +9,12 @@ a motor torque are speed and torque interpolated, as the filter for dω/dt needs
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
 from typing import Any, Final
 
 import numpy as np
+from scipy.ndimage import median_filter
 
 from rwa_monitor.errors import InputError
 from rwa_monitor.physics.effects.base import Channels, MeanEffect
@@ -20,6 +22,7 @@ from rwa_monitor.physics.effects.torque_ripple import TorqueRipple
 from rwa_monitor.physics.torque_balance import inertia_of, without_motor
 from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, TABLE_CHANNELS, BoolArray, FloatArray, IntArray, Samples
+from rwa_monitor.words import counted
 
 OFF_A_STEP: Final = 0.05  # of the median step, from the nearest whole number of them: a step of an uneven clock
 UNEVEN_SHARE: Final = 0.1  # of the steps; fewer are single late samples
@@ -28,6 +31,10 @@ LONGEST_BRIDGE: Final = 4.0  # median steps between two rows over which values a
 NEAR_PERIOD: Final = (0.8, 1.25)  # median step over the wheel's period: so near, that period is kept
 LEAST_HALF: Final = 2  # rows to each side from which dω/dt is told
 MOST_HALF: Final = 200
+MAX_GAP_FACTOR: Final = 4  # a record may hold at most this many slots per sample; sparser ones are wrong files
+BREAK: Final = 50.0  # median steps around a step that is a break
+STEPS_AROUND: Final = 11
+SHORTEST_STRETCH: Final = 16  # rows between two breaks; fewer show nothing of friction
 ROWS_AT_ONCE: Final = 10_000  # of which the neighbours are laid out: 32 MB at most, a few times
 TURN: Final = 2.0 * np.pi  # rad
 WITHIN_A_TURN: Final = 1.001  # of a turn: the range of an angle that begins anew with each
@@ -44,8 +51,8 @@ class Bench:
 
     Attributes
     ----------
-    recordings
-        Name and samples of each.
+    recordings, held_out
+        Name and samples of each; one with breaks is several.
     wheel
         With the sample period that fits them.
     notes
@@ -58,6 +65,7 @@ class Bench:
     wheel: Wheel
     notes: list[str]
     noise_is_made: bool = False
+    held_out: list[tuple[str, Samples]] = field(default_factory=list)
 
 
 def is_even(time_ns: IntArray) -> bool:
@@ -69,14 +77,31 @@ def is_even(time_ns: IntArray) -> bool:
     return float(np.mean(off)) <= UNEVEN_SHARE
 
 
-def as_measured(recordings: Sequence[tuple[str, Samples]], wheel: Wheel) -> Bench:
+def as_measured(
+    recordings: Sequence[tuple[str, Samples]], wheel: Wheel, held_out: Sequence[tuple[str, Samples]] = ()
+) -> Bench:
     """Return recordings of a wheel on one even grid; unchanged where they are. What it returns it leaves unchanged.
+
+    Parameters
+    ----------
+    recordings, held_out
+        Name and samples of each, those that are searched and those that are not.
+    wheel
+        Its constants.
 
     Raises
     ------
     InputError
         If the motor is off, friction is not given, and the wheel has no inertia.
     """
+    (searched, notes), (others, of_others) = _stretches(recordings, wheel), _stretches(held_out, wheel)
+    fitted = _on_one_grid([*searched, *others], wheel)
+    count, notes = len(searched), [*notes, *of_others, *fitted.notes]
+    return replace(fitted, recordings=fitted.recordings[:count], notes=notes, held_out=fitted.recordings[count:])
+
+
+def _on_one_grid(recordings: Sequence[tuple[str, Samples]], wheel: Wheel) -> Bench:
+    """Return recordings without breaks on one even grid, as `as_measured` does."""
     even = {name: _is_on_grid(samples, wheel) for name, samples in recordings}
     if all(even.values()):
         return Bench([(name, without_motor(samples, wheel)) for name, samples in recordings], wheel, [])
@@ -99,6 +124,38 @@ def as_measured(recordings: Sequence[tuple[str, Samples]], wheel: Wheel) -> Benc
             notes.append(f"{name}: {_in_words(samples, fitted, period_s, own=own)}")
     made = any(samples.friction_torque_Nm is None and not even[name] for name, samples in recordings)
     return Bench(found, wheel, notes, made)
+
+
+def _stretches(recordings: Sequence[tuple[str, Samples]], wheel: Wheel) -> tuple[list[tuple[str, Samples]], list[str]]:
+    """Return recordings with each stretch between breaks as one of its own, and what was done, a sentence each.
+
+    Breaks of an even clock that the grid has room for stay: they are slots without a sample.
+    """
+    found, notes = [], []
+    for name, samples in recordings:
+        steps = np.diff(samples.time_ns)
+        sparse = float(steps.sum()) > MAX_GAP_FACTOR * wheel.period_ns * len(samples)
+        after = _breaks(steps) + 1 if sparse or not is_even(samples.time_ns) else np.zeros(0, dtype=np.int64)
+        parts = [samples[begin:end] for begin, end in pairwise([0, *after.tolist(), len(samples)])]
+        kept = [part for part in parts if len(part) >= SHORTEST_STRETCH]
+        if not after.size or not kept:
+            found.append((name, samples))
+            continue
+        found += [(f"{name} ({at} of {len(kept)})", part) for at, part in enumerate(kept, start=1)]
+        notes.append(
+            f"{name}: {counted(after.size, 'break')}, the longest of {steps.max() / NANOSECONDS_PER_SECOND:.4g} s:"
+            f" read as {counted(len(kept), 'recording')}"
+        )
+        if left := len(samples) - sum(map(len, kept)):
+            notes[-1] += f"; {counted(left, 'row')} in stretches of fewer than {SHORTEST_STRETCH} left out"
+    return found, notes
+
+
+def _breaks(steps_ns: IntArray) -> IntArray:
+    """Return the steps that are breaks: many times as long as those around."""
+    if steps_ns.size < STEPS_AROUND:
+        return np.zeros(0, dtype=np.int64)
+    return np.flatnonzero(steps_ns > BREAK * median_filter(steps_ns, STEPS_AROUND, mode="mirror"))
 
 
 def _is_on_grid(samples: Samples, wheel: Wheel) -> bool:

@@ -107,9 +107,8 @@ def find_discrepancy(
     InputError
         If a recording cannot be used: no friction, too few samples in motion, wrong units.
     """
-    bench = as_measured([*recordings, *held_out_recordings], wheel)
-    wheel = bench.wheel
-    recordings, held_out_recordings = bench.recordings[: len(recordings)], bench.recordings[len(recordings) :]
+    bench = as_measured(recordings, wheel, held_out_recordings)
+    wheel, recordings, held_out_recordings = bench.wheel, bench.recordings, bench.held_out
     known = any(block.name == DelayTerm.name for block in wheel.effect)
     delay = known_delay(wheel) if known else delay_of(recordings, wheel)
     problem = prepare(records_of(recordings, wheel, delay), wheel, each)

@@ -19,7 +19,7 @@ import numpy as np
 from scipy.ndimage import correlate1d
 
 from rwa_monitor.discrepancy import alignment
-from rwa_monitor.discrepancy.bench import is_even, with_turns
+from rwa_monitor.discrepancy.bench import MAX_GAP_FACTOR, is_even, with_turns
 from rwa_monitor.discrepancy.derived_friction import derived_friction
 from rwa_monitor.discrepancy.plausible import check_plausible
 from rwa_monitor.discrepancy.reversals import averages_over_reversals
@@ -35,7 +35,6 @@ from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, BoolArray, FloatArray, IntArray, Samples
 from rwa_monitor.slots import SlotGrid
 
-MAX_GAP_FACTOR: Final = 4  # a record may hold at most this many slots per sample; sparser ones are wrong files
 MAX_UNEVEN_FACTOR: Final = 64  # where the clock is uneven, and each row has a short slot of its own (`bench`)
 MIN_REST_SLOTS: Final = 8  # shorter stays near zero are crossings
 # Of the median speed: where rows are few to a turn of the motion, neighbours differ by that, and not by noise.

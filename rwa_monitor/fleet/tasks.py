@@ -174,10 +174,10 @@ class FindDiscrepancy(Task):
 
     def __call__(self, file: Path) -> Done:
         content, telemetry, samples = _one_wheel(file, self.decoding.of_wheel(self.wheel))
-        bench = as_measured([samples], self.wheel or telemetry.constants or built_in_wheel())
-        search = find_discrepancy(bench.recordings, bench.wheel, lambda _: None)
+        wheel = self.wheel or telemetry.constants or built_in_wheel()
+        search = find_discrepancy([samples], wheel, lambda _: None)
         message = json.dumps(search.result.to_json(), ensure_ascii=False, allow_nan=False)
-        notes = (*content.notes, *bench.notes)
+        notes = (*content.notes, *as_measured([samples], wheel).notes)
         return Done([discrepancy_row(str(file), search.result, message)], tuple(content.problems), notes)
 
 

@@ -121,7 +121,7 @@ def _usual(step: FloatArray, reach: int) -> FloatArray:
 def _is_regular(ratio: FloatArray) -> BoolArray:
     """Return which steps, over the usual one, differ from that by no more than most do."""
     off = np.abs(ratio - 1.0)
-    return off <= np.clip(SPREADS / MAD_OF_NORMAL * float(np.median(off)), LEAST_OFF, MOST_OFF)
+    return np.asarray(off <= np.clip(SPREADS / MAD_OF_NORMAL * float(np.median(off)), LEAST_OFF, MOST_OFF))
 
 
 def _means(values: FloatArray, borders: IntArray) -> FloatArray:

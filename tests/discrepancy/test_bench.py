@@ -27,7 +27,7 @@ from rwa_monitor.formats.table import read_table
 from rwa_monitor.identification.identify import identify
 from rwa_monitor.physics.torque_balance import torque_per_ampere
 from rwa_monitor.physics.wheel import FrictionFilter, Wheel
-from rwa_monitor.samples import Samples
+from rwa_monitor.samples import Samples, concatenate
 from tests.discrepancy.simple import Array
 
 OFF = FrictionFilter(motor_off=True)
@@ -310,6 +310,23 @@ def test_pulses_of_a_run_down_show_its_drag(windage: float, per_turn: int, tmp_p
     assert search.extended.fit.coefficients[0] == pytest.approx(0.002, rel=0.02)
     if windage:
         assert search.result.effects[0].parameters["strength_Nm_s2_rad2"].value == pytest.approx(WINDAGE, rel=0.01)
+
+
+@pytest.mark.parametrize("uneven", [0.0, 0.3])
+def test_runs_down_in_one_table_hours_apart_are_recordings_of_their_own(uneven: float) -> None:
+    runs = [run_down(WINDAGE, uneven, seed=seed) for seed in range(3)]
+    runs.append(runs[0][:5])
+    hours = 3_600_000_000_000 * np.array([0, 2, 4, 30])
+    table = concatenate([replace(run, time_ns=run.time_ns + by) for run, by in zip(runs, hours.tolist(), strict=True)])
+    made = as_measured([("runs", table)], bench(), [("aside", runs[0])])
+    assert [name for name, _ in made.recordings] == ["runs (1 of 3)", "runs (2 of 3)", "runs (3 of 3)"]
+    assert [name for name, _ in made.held_out] == ["aside"]
+    assert "runs: 3 breaks, the longest of" in made.notes[0]
+    assert "read as 3 recordings; 5 rows in stretches of fewer than 16 left out" in made.notes[0]
+    search = find_discrepancy([("runs", table)], bench())
+    assert names(search) == ["quadratic_drag"]
+    strength = search.result.effects[0].parameters["strength_Nm_s2_rad2"]
+    assert strength.value == pytest.approx(WINDAGE, rel=0.002)
 
 
 def test_what_is_made_even_stays_as_it_is() -> None:
