@@ -49,8 +49,8 @@ def command(
 
     Where there is too little data to learn a switching system's law, nothing is written and the command says how much
     more is needed. What is learned is taken for nominal, so a failing wheel's recordings hide its failure: the command
-    says so where friction drifts, and diagnoses the recordings with the wheel file at the end. With --each the files
-    are learned one by one, side by side.
+    says so where friction drifts, and diagnoses the recordings with the wheel file, which it does not write where that
+    calls them anomalous. With --each the files are learned one by one, side by side.
     """
     from rwa_monitor.cli.progress import status_line
     from rwa_monitor.cli.recordings import read_recordings, with_motor_off
@@ -74,13 +74,13 @@ def command(
         say(note)
     with status_line("learning"):
         learned = identify(bench.recordings, bench.wheel, systems=not no_systems)
+    with status_line("diagnosing what was learned from"):
+        doubt = not_nominal(bench.recordings, learned.wheel)
     head = "".join(f"# {note}\n" for note in learned.notes)
     write_text(output, head + learned.wheel.to_toml())
     for note in learned.notes:
         say(note)
     say(f"written to {output}")
-    with status_line("diagnosing what was learned from"):
-        doubt = not_nominal(bench.recordings, learned.wheel)
     if doubt:
         say(doubt)
     ctx.exit(UNREADABLE if recordings.unreadable else 0)

@@ -211,10 +211,10 @@ class Identify(Task):
         try:
             bench = as_measured([samples], start)
             learned = identify(bench.recordings, bench.wheel, systems=self.systems)
+            doubt = not_nominal(bench.recordings, learned.wheel)
         except InputError as error:  # of one of many recordings: which of them must be said
             source = "" if error.source in {name, "identify"} else f"{error.source}: "
             raise InputError(name, f"{source}{error.reason}", error.place) from error
-        doubt = not_nominal(bench.recordings, learned.wheel)
         own = [f"{name}: {note}" for note in (*learned.notes, *((doubt,) if doubt else ()))]
         return Done([wheel_row(str(file), learned)], tuple(content.problems), (*content.notes, *bench.notes, *own))
 
@@ -228,6 +228,11 @@ def not_nominal(recordings: Sequence[tuple[str, Samples]], wheel: Wheel) -> str:
         Name and samples of each.
     wheel
         What `identify` made of them.
+
+    Raises
+    ------
+    InputError
+        If one is anomalous: nothing that calls what it was learned from a failure is a wheel file.
     """
     model = built_in_model()
     windows = [
@@ -238,7 +243,15 @@ def not_nominal(recordings: Sequence[tuple[str, Samples]], wheel: Wheel) -> str:
     others = [(name, diagnosis) for name, diagnosis in windows if diagnosis.verdict != "nominal"]
     if not others:
         return ""
-    name, first = next((other for other in others if other[1].verdict == "anomalous"), others[0])
+    anomalous = [other for other in others if other[1].verdict == "anomalous"]
+    name, first = (anomalous or others)[0]
+    if anomalous:
+        raise InputError(
+            name,
+            f"the wheel learned calls {len(anomalous)} of {len(windows)} windows that it was learned from anomalous, so"
+            " it is not written: leave recordings of a failing wheel out, or let rwa-monitor discrepancy name what the"
+            f" wheel file lacks and give its extended_wheel.toml with --wheel ({first.reason})",
+        )
     return (
         f"with this wheel file {len(others)} of {len(windows)} windows of these recordings are not nominal; {name},"
         f" {first.verdict}: {first.reason}"

@@ -31,7 +31,7 @@ from rwa_monitor.identification.doubts import (
     with_temperature,
 )
 from rwa_monitor.identification.duration_laws import LearnedLaw, Sojourns, learn_laws
-from rwa_monitor.identification.negative_friction import at_one_speed, motion_in_friction, why_negative
+from rwa_monitor.identification.negative_friction import at_one_speed, missing_law, motion_in_friction, why_negative
 from rwa_monitor.identification.parting import Visit, part
 from rwa_monitor.physics.wheel import FrictionRange, Noise, Nominal, SwitchingSystem, Wheel, Window
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, SECONDS_PER_HOUR, FloatArray, IntArray, Samples
@@ -130,7 +130,8 @@ def identify(recordings: Sequence[tuple[str, Samples]], start: Wheel, *, systems
         raise InputError(names, why_negative(problem, fitted, bare, f"dry friction is negative ({base:.3g} N m)"))
     nominal_speed = _round_to_two_digits(float(np.quantile(problem.speed, 0.95)))
     motion = motion_in_friction(problem, fitted, bare)
-    cause = at_one_speed(problem, fitted) if problem.at_one_speed else motion
+    law = None if problem.at_one_speed else missing_law(problem, fitted)
+    cause = at_one_speed(problem, fitted) if problem.at_one_speed else law or motion
     check_enough(problem, base, viscous, names, cause)
     blocks, notes = [], []
     for number, (of_one, system) in enumerate(zip(laws, found, strict=True), start=1):
@@ -156,7 +157,7 @@ def identify(recordings: Sequence[tuple[str, Samples]], start: Wheel, *, systems
         f"viscous {viscous:.5g} ± {viscous_std:.2g} N m s/rad, base dry {base:.5g} ± {dry_std:.2g} N m",
         f"noise {problem.noise.std:.3g} N m; the variance of a long mean is {colour:.1f} times that of white noise",
     )
-    doubts = [*drift, *unnamed_jumps(problem, fitted.jumps, blocks), *([motion] if motion else [])]
+    doubts = [*drift, *unnamed_jumps(problem, fitted.jumps, blocks), *(why for why in (law, motion) if why)]
     if start.nominal is not None:
         asked = slope_in_question(Shown(viscous, viscous_std), start.nominal.viscous_Nm_s_rad)
         doubts += [asked] if asked else []

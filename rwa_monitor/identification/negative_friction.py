@@ -13,6 +13,7 @@ from rwa_monitor.physics.wheel import Wheel
 
 MOTION_VISIBLE_AT: Final = 10.0  # standard deviations of an inertia left in friction, its noise taken to be white
 BENT_VISIBLE_AT: Final = 10.0  # standard deviations of drag with the square of the speed, its noise taken to be white
+BENT_SHARE: Final = 0.02  # of all friction (rms): less does no harm to what is learned
 MOTION_SHARE: Final = 0.02  # of all friction (rms): less does no harm to what is learned
 
 
@@ -37,11 +38,9 @@ def why_negative(problem: Problem, fitted: Fit, wheel: Wheel, finding: str) -> s
         return at_one_speed(problem, fitted)
     if float(np.mean(problem.z)) < 0:
         return f"{finding}, and torque drives the rotation on the average: is the sign of speed or torque right?"
-    if _grows_faster_than_speed(problem, fitted):
-        return (
-            f"{finding}, and drag grows faster than the speed, as windage does: a law is missing, which"
-            " rwa-monitor discrepancy names; its extended_wheel.toml, given with --wheel, lets the rest be learned"
-        )
+    law = missing_law(problem, fitted)
+    if law is not None:
+        return f"{finding}, and {law}"
     motion = motion_in_friction(problem, fitted, wheel)
     if motion is not None:
         return f"{finding}, and {motion}"
@@ -51,12 +50,25 @@ def why_negative(problem: Problem, fitted: Fit, wheel: Wheel, finding: str) -> s
     )
 
 
-def _grows_faster_than_speed(problem: Problem, fitted: Fit) -> bool:
-    """Return whether friction beyond the base law bends upwards over the speed."""
+def missing_law(problem: Problem, fitted: Fit) -> str | None:
+    """Say that friction is no straight line over the speed; None where it is, within its noise or nearly.
+
+    Parameters
+    ----------
+    problem, fitted
+        As for `why_negative`.
+    """
     first = segment_starts(problem, fitted.jumps)
     design = remove_levels(np.column_stack([problem.speed**2, problem.speed]), first)
     value, std = first_slope(design, remove_levels(problem.z, first))
-    return value > BENT_VISIBLE_AT * std
+    off_a_line = abs(value) * float(np.ptp(problem.speed)) ** 2 / 8.0  # of the parabola from its chord, in the middle
+    if abs(value) < BENT_VISIBLE_AT * std or off_a_line < BENT_SHARE * float(np.sqrt(np.mean(problem.z**2))):
+        return None
+    how = "upwards over the speed, as windage or a rise towards rest does" if value > 0 else "downwards over the speed"
+    return (
+        f"drag bends {how}: a law is missing, which rwa-monitor discrepancy names; its extended_wheel.toml, given with"
+        " --wheel, lets the rest be learned"
+    )
 
 
 def at_one_speed(problem: Problem, fitted: Fit) -> str:

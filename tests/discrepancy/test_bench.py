@@ -19,10 +19,12 @@ from rwa_monitor.discrepancy.bench import (
     not_shown_without_motor,
     with_turns,
 )
+from rwa_monitor.discrepancy.extended import extended_wheel
 from rwa_monitor.discrepancy.find import CANDIDATES, find_discrepancy
 from rwa_monitor.discrepancy.finished_search import Search
 from rwa_monitor.discrepancy.unit_check import shown_inertia
 from rwa_monitor.errors import InputError
+from rwa_monitor.fleet.tasks import not_nominal
 from rwa_monitor.formats.table import read_table
 from rwa_monitor.identification.identify import identify
 from rwa_monitor.physics.torque_balance import torque_per_ampere
@@ -107,9 +109,25 @@ def test_motor_off_stays_in_the_wheel_file_and_leaves_others_as_they_are() -> No
     assert "motor_off" not in Wheel(name="on", sample_period_s=0.5).to_toml()
 
 
-def test_windage_is_a_missing_law_to_identify_not_an_inertia() -> None:
-    with pytest.raises(InputError, match="a law is missing"):
-        identify([("coast", run_down(WINDAGE))], bench(), systems=False)
+@pytest.mark.parametrize("windage", [WINDAGE, 1e-4])  # with less, dry friction is not negative, but uncertain
+def test_windage_is_a_missing_law_to_identify_not_an_inertia(windage: float) -> None:
+    with pytest.raises(InputError, match=r"drag bends upwards over the speed, as windage .* a law is missing"):
+        identify([("coast", run_down(windage))], bench(), systems=False)
+
+
+def test_a_little_windage_is_said_and_none_is_not() -> None:
+    for windage in (5e-5, 0.0):
+        notes = identify([("coast", run_down(windage))], bench(), systems=False).notes
+        assert any("a law is missing" in note for note in notes) is (windage > 0)
+
+
+def test_with_the_law_that_was_missing_the_wheel_is_learned() -> None:
+    recordings = [("coast", run_down(WINDAGE))]
+    learned = identify(recordings, extended_wheel(find_discrepancy(recordings, bench())), systems=False).wheel
+    assert learned.nominal is not None
+    assert learned.nominal.dry_torque_Nm == pytest.approx(0.02, rel=0.01)
+    assert learned.nominal.viscous_Nm_s_rad == pytest.approx(0.002, rel=0.01)
+    assert not_nominal(recordings, learned) == ""
 
 
 @pytest.mark.parametrize("rows", [40, 60, 84, 120, 175])

@@ -234,6 +234,23 @@ def test_command_writes_a_wheel_with_its_uncertainties(tmp_path: Path) -> None:
     assert tomllib.loads(text)["wheel"] == {"name": "day", "sample_period_s": 0.125}
 
 
+@pytest.mark.parametrize(("dry", "viscous"), [(2.0, 1.0), (1.0, 2.0)])
+def test_no_wheel_is_written_that_calls_its_own_recordings_anomalous(
+    tmp_path: Path, dry: float, viscous: float
+) -> None:
+    tables = [tmp_path / "one.csv", tmp_path / "other.csv"]
+    for seed, (path, times) in enumerate(zip(tables, ((1.0, 1.0), (dry, viscous)), strict=True)):
+        rng = np.random.default_rng(seed)
+        speed = 150.0 + 100.0 * np.sin(2 * np.pi * np.arange(20_000) / 4800.0)
+        friction = times[0] * 1.6e-3 + times[1] * 5.3e-6 * speed + 3.9e-5 * rng.normal(size=speed.size)
+        table_writer(path)(Samples(125_000_000 * np.arange(speed.size), speed, friction), path)
+    output = tmp_path / "wheel.toml"
+    result = CliRunner().invoke(main, ["identify", *map(str, tables), "--no-systems", "-o", str(output)])
+    assert result.exit_code == 2
+    assert "windows that it was learned from anomalous" in result.output
+    assert not output.exists()
+
+
 def in_motion(**changes: float) -> tuple[list[tuple[str, Samples]], Wheel]:
     """1000 s of one healthy wheel that swings between 30 and 270 rad/s, by its current; factors change channels."""
     wheel = built_in_wheel().model_copy(update={"nominal": None, "fss": (), "limits": Limits()})
