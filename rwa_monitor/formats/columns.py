@@ -80,9 +80,9 @@ def lay_out(names: Sequence[str], source: str) -> Layout:
             raise InputError(source, "is there twice", f"column {name}")
     time = [name for name in TIME_COLUMNS if name in names]
     missing = [name for name in REQUIRED_CHANNELS if name not in names]
-    if missing and not time:
-        time = [name for name in PULSE_COLUMNS if name in names]
-        missing = [] if time else missing
+    pulses = [name for name in PULSE_COLUMNS if name in names]
+    if missing and pulses:
+        time, missing = pulses, []
     if not time:
         missing = [" or ".join(reversed(TIME_COLUMNS)), *missing]
     if missing:
@@ -105,6 +105,10 @@ def _missing_columns(names: Sequence[str], missing: list[str]) -> str:
         return f"{reason}; {hint}"
     shown = ", ".join(repr(name[:40]) for name in names[:8])
     near = _nearest_columns(names, missing)
+    if len(missing) > 1:
+        near += f"; a table of pulses has {PULSE_COLUMNS[1]} alone"
+    elif {"angle_rad", *IN_OTHER_UNITS} & set(names):
+        near += "; of an angle [rad] it is the slope, numpy.gradient(numpy.unwrap(angle_rad), time_s)"
     return f"{reason}; the table has {shown}{', …' if len(names) > 8 else ''}{near}"
 
 

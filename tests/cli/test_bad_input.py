@@ -27,6 +27,37 @@ CASES: dict[str, tuple[str, bytes | None, str, str]] = {
         "diagnose {file}",
         "columns ignored: friction_torque_nm (did you mean friction_torque_Nm?)",
     ),
+    "pulses of an unknown turn": (
+        "t.csv",
+        b"pulse_time_s\n0\n0.1\n",
+        "discrepancy {file}",
+        "t.csv: holds pulses: how many make a turn is pulses_per_turn, under [wheel] in the wheel file",
+    ),
+    "pulses by another name": (
+        "t.csv",
+        b"event_time_s\n0\n0.1\n",
+        "identify {file} -o w.toml",
+        "the table has 'event_time_s'; a table of pulses has pulse_time_s alone",
+    ),
+    "an angle without a speed": (
+        "t.csv",
+        b"time_s,angle_deg,motor_current_A\n0,1,1\n",
+        "discrepancy {file}",
+        "the table has 'time_s', 'angle_deg', 'motor_current_A'; of an angle [rad] it is the slope, numpy.gradient",
+    ),
+    "an angle in degrees": (
+        "t.csv",
+        b"time_s,speed_rad_s,friction_torque_Nm,angle_rad\n"
+        + b"".join(b"%g,20,2e-3,%d\n" % (at / 8, 143 * at % 360) for at in range(400)),
+        "discrepancy {file}",
+        "covers 359 rad where speed_rad_s turns by 997.5 rad: an angle in degrees is the column angle_deg",
+    ),
+    "a loss without a gear": (
+        "w.toml",
+        b"[wheel]\nname='a'\nsample_period_s=0.1\ngear_efficiency=0.9\n",
+        "diagnose {good} --wheel {file}",
+        "gear_efficiency is that of a gear: gear_ratio is missing",
+    ),
     "report into a file": ("t.csv", HEAD, "discrepancy {good} --out {file}", "t.csv: --out: is a file; a folder is"),
     "recording into a file": ("t.csv", HEAD, "run -l tcp/127.0.0.1:0 --record {file}", "t.csv: --record: is a file; a"),
     "wheels that are none": (
