@@ -260,7 +260,8 @@ def geared(efficiency: float = 1.0, offset_A: float = 0.0) -> Samples:
     swings = ((12.0, 100.0), (2.5, 41.0))  # rad/s, s
     speed = 3.0 + sum(top * np.sin(2 * np.pi * time / period) for top, period in swings)
     slew = sum(top * 2 * np.pi / period * np.cos(2 * np.pi * time / period) for top, period in swings)
-    torque = 5.0 * slew + 0.3 * np.sign(speed) + 0.05 * speed
+    dry = np.where(time < 300.0, 0.3, 0.5)  # at one level an offset is the same as dry friction of one direction
+    torque = 5.0 * slew + dry * np.sign(speed) + 0.05 * speed
     of_motor = torque / 24.0 * np.where(torque * speed > 0, 1 / efficiency, efficiency)
     current = of_motor / 0.05 + offset_A + 0.005 * rng.normal(size=time.size)
     measured = speed + 1e-4 * rng.normal(size=time.size)
@@ -276,7 +277,7 @@ def test_behind_a_gear_inertia_friction_and_offset_are_the_wheels() -> None:
     assert bias.std is not None
     assert abs(bias.value - 0.02 * 0.05 * 24.0) < 4 * bias.std
     assert search.extended.fit.coefficients[0] == pytest.approx(0.05, rel=0.01)
-    assert np.median(search.extended.fit.level) == pytest.approx(0.3, rel=0.01)
+    assert search.extended.fit.level[[0, -1]] == pytest.approx([0.3, 0.5], rel=0.02)
     assert table.motor_current_A is not None
     per_ampere = torque_per_ampere(table.motor_current_A, table.speed_rad_s, wheel)
     shown = shown_inertia(table.speed_rad_s, per_ampere * table.motor_current_A, 0.1)
@@ -290,7 +291,7 @@ def test_the_loss_of_a_gear_is_none_of_the_wheels_friction() -> None:
     # The current's noise counts more at the wheel while that drives the motor: two widths, as of heavy tails.
     assert set(names(told)) <= {"heavy_tailed_noise"}
     assert told.result.unexplained is None
-    assert np.median(told.extended.fit.level) == pytest.approx(0.3, rel=0.01)
+    assert told.extended.fit.level[[0, -1]] == pytest.approx([0.3, 0.5], rel=0.02)
     assert "load_dependence" in names(find_discrepancy([("log", geared(0.8))], wheel))
 
 
