@@ -142,20 +142,20 @@ site: $(VENV)/.installed-dev ## builds the documents as a web site in build/site
 
 .PHONY: model
 model: $(VENV)/.installed-dev ## trains the built-in model anew (about two minutes); the same bytes on the same machine
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m rwa_monitor.evaluation.built_in -o rwa_monitor/diagnosis/built_in_model.json
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.built_in_model -o rwa_monitor/diagnosis/built_in_model.json
 
 .PHONY: nulls
 nulls: $(VENV)/.installed-dev ## makes the table that p-values are taken from anew (NULLS_ARGS="--workers 4"; some minutes)
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m rwa_monitor.evaluation.nulls -o rwa_monitor/discrepancy/nulls.json $(NULLS_ARGS)
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.nulls -o rwa_monitor/discrepancy/nulls.json $(NULLS_ARGS)
 
 # The tables are not part of the project; docs/measured.md says where they come from.
 .PHONY: measured
 measured: $(VENV)/.installed-dev ## judges measured friction (MEASURED=DIR); writes docs/measured.md
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m rwa_monitor.evaluation.measured "$(MEASURED)" -o docs/measured.md
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.measured "$(MEASURED)" -o docs/measured.md
 
 .PHONY: accuracy
 accuracy: $(VENV)/.installed-dev ## the accuracy benchmark; writes docs/benchmark.md (ACCURACY_ARGS="--windows 1000")
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python benchmarks/accuracy.py $(ACCURACY_ARGS)
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.accuracy $(ACCURACY_ARGS)
 
 .PHONY: load
 load: $(VENV)/.installed-dev ## the page under load: 1,000 wheels, 50 clients, a browser (LOAD_ARGS="--seconds 60"); docs/dashboard.md

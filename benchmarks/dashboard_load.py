@@ -28,7 +28,7 @@ import numpy as np
 import psutil
 import websockets
 
-from rwa_monitor.evaluation.speed.live import free_endpoint
+from benchmarks.speed.live import free_endpoint
 from rwa_monitor.live.bus import BusOptions, open_session
 from rwa_monitor.messages import Status
 from tests.history.support import diagnosis

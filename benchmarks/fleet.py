@@ -23,7 +23,7 @@ import numpy as np
 import psutil
 
 from benchmarks.output import add_output_option, put_out
-from rwa_monitor.evaluation.speed.machine import describe_machine, peak_memory_bytes
+from benchmarks.speed.machine import describe_machine, peak_memory_bytes
 from rwa_monitor.fleet.cluster import each
 from rwa_monitor.fleet.tasks import Diagnose
 from rwa_monitor.formats.parquet_table import write_parquet

@@ -29,9 +29,9 @@ import zenoh
 
 from benchmarks.beside import Beside
 from benchmarks.output import add_output_option, put_out
+from benchmarks.speed.live import free_endpoint
+from benchmarks.speed.machine import describe_machine
 from rwa_monitor.diagnosis.model import built_in_model
-from rwa_monitor.evaluation.speed.live import free_endpoint
-from rwa_monitor.evaluation.speed.machine import describe_machine
 from rwa_monitor.live.bus import BusOptions, open_session
 from rwa_monitor.live.chain import recordings_of
 from rwa_monitor.live.core import WheelCore

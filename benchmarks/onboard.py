@@ -24,11 +24,11 @@ from threading import Event
 
 import numpy as np
 
+from benchmarks.accuracy.page import table
 from benchmarks.output import add_output_option, put_out
-from rwa_monitor.evaluation.report import table
-from rwa_monitor.evaluation.speed.live import free_endpoint, samples_of
-from rwa_monitor.evaluation.speed.machine import describe_machine
-from rwa_monitor.evaluation.speed.windows import window_of
+from benchmarks.speed.live import free_endpoint, samples_of
+from benchmarks.speed.machine import describe_machine
+from benchmarks.speed.windows import window_of
 from rwa_monitor.live.bus import BusOptions, open_session
 from rwa_monitor.live.publisher import SamplesPublisher
 from rwa_monitor.physics.datasets import generate

@@ -18,14 +18,14 @@ from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
+from benchmarks.accuracy.page import table
 from benchmarks.output import add_output_option, put_out
+from benchmarks.speed.detection import Window
+from benchmarks.speed.live import BATCH, samples_of
+from benchmarks.speed.machine import describe_machine
+from benchmarks.speed.windows import window_of
 from rwa_monitor.diagnosis.evidence import WindowAccumulator
 from rwa_monitor.diagnosis.model import built_in_model
-from rwa_monitor.evaluation.report import table
-from rwa_monitor.evaluation.speed.detection import Window
-from rwa_monitor.evaluation.speed.live import BATCH, samples_of
-from rwa_monitor.evaluation.speed.machine import describe_machine
-from rwa_monitor.evaluation.speed.windows import window_of
 from rwa_monitor.live import windows
 from rwa_monitor.live.core import WheelCore
 from rwa_monitor.live.friction import FrictionSource

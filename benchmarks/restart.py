@@ -27,12 +27,12 @@ from typing import Final
 import numpy as np
 import zenoh
 
+from benchmarks.accuracy.page import table
 from benchmarks.beside import Beside
 from benchmarks.output import add_output_option, put_out
+from benchmarks.speed.live import free_endpoint
+from benchmarks.speed.machine import describe_machine, peak_memory_bytes
 from rwa_monitor.diagnosis.model import built_in_model
-from rwa_monitor.evaluation.report import table
-from rwa_monitor.evaluation.speed.live import free_endpoint
-from rwa_monitor.evaluation.speed.machine import describe_machine, peak_memory_bytes
 from rwa_monitor.live.bus import BusOptions, open_session
 from rwa_monitor.live.core import diagnose_samples
 from rwa_monitor.live.outputs import outputs_of

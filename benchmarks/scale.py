@@ -11,10 +11,10 @@ import math
 from dataclasses import dataclass
 from pathlib import Path
 
+from benchmarks.accuracy.page import table
 from benchmarks.output import add_output_option, put_out
-from rwa_monitor.evaluation.report import table
-from rwa_monitor.evaluation.speed.live import BATCH
-from rwa_monitor.evaluation.speed.report import SpeedReport
+from benchmarks.speed.live import BATCH
+from benchmarks.speed.report import SpeedReport
 
 DOCS = Path(__file__).parents[1] / "docs"
 FLEETS = (10, 1_000, 100_000)

@@ -11,7 +11,7 @@ import json
 import math
 from dataclasses import asdict
 
-from rwa_monitor.evaluation.speed.search import LENGTHS, growth, measure_apart
+from benchmarks.speed.search import LENGTHS, growth, measure_apart
 from rwa_monitor.threads import cores
 
 

@@ -28,7 +28,7 @@ import numpy as np
 
 from benchmarks.beside import Beside
 from benchmarks.output import add_output_option, put_out
-from rwa_monitor.evaluation.speed.live import free_endpoint
+from benchmarks.speed.live import free_endpoint
 from rwa_monitor.live.bus import INBOX_BYTES, OUTPUT_HISTORY, BusOptions, open_session
 from rwa_monitor.live.publisher import SamplesPublisher
 from rwa_monitor.physics.scenario import Scenario

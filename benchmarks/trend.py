@@ -22,10 +22,10 @@ for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
 
 import numpy as np  # noqa: E402
 
+from benchmarks.accuracy.page import table  # noqa: E402
+from benchmarks.accuracy.splits import wilson  # noqa: E402
 from rwa_monitor.diagnosis.model import built_in_model  # noqa: E402
 from rwa_monitor.diagnosis.trend import MIN_WINDOWS, SIGNIFICANCE, find_trend  # noqa: E402
-from rwa_monitor.evaluation.accuracy import wilson  # noqa: E402
-from rwa_monitor.evaluation.report import table  # noqa: E402
 from rwa_monitor.live.core import diagnose_samples  # noqa: E402
 from rwa_monitor.physics.datasets import FLEET_WINDOWS, LabelledWindow, generate  # noqa: E402
 

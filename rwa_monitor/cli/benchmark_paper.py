@@ -27,11 +27,11 @@ def command(ctx: click.Context, windows: int | None, seed: int, workers: int, qu
     """
     from dataclasses import replace
 
+    from benchmarks.paper.benchmark import Size, paper_targets, run
+    from benchmarks.paper.page import to_markdown
+    from benchmarks.paper.pictures import pictures
     from rwa_monitor.cli.progress import track
     from rwa_monitor.cli.talk import say
-    from rwa_monitor.evaluation.paper_page.benchmark import Size, paper_targets, run
-    from rwa_monitor.evaluation.paper_page.page import to_markdown
-    from rwa_monitor.evaluation.paper_page.pictures import pictures
     from rwa_monitor.formats.files import write_text
 
     size = replace(Size(), seed=seed)

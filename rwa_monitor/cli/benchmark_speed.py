@@ -35,10 +35,10 @@ def command(
     """
     import json
 
+    from benchmarks.speed.benchmark import run
+    from benchmarks.speed.report import SpeedReport, to_markdown
     from rwa_monitor.cli.progress import track
     from rwa_monitor.cli.talk import say
-    from rwa_monitor.evaluation.speed.benchmark import run
-    from rwa_monitor.evaluation.speed.report import SpeedReport, to_markdown
     from rwa_monitor.formats.files import write_text
 
     if kept is not None:

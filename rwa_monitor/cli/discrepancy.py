@@ -219,8 +219,8 @@ def _with_diagnosis_gain(found: Search, progress: Callable[[str], None]) -> Sear
     """Add what the extension does to the diagnosis, where the wheel can be simulated and classified."""
     from dataclasses import replace
 
+    from rwa_monitor.cli.diagnosis_gain import diagnosis_gain
     from rwa_monitor.diagnosis.model import built_in_model
-    from rwa_monitor.evaluation.diagnosis_gain import diagnosis_gain
 
     progress("diagnosis with and without the extension")
     rates = diagnosis_gain(found, built_in_model())

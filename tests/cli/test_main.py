@@ -190,7 +190,7 @@ assert list(diagnose_samples(samples, built_in_wheel(), built_in_model()))
 print(*sys.modules, sep="\\n")
 """
 NOT_FOR_A_MONITOR = (
-    "rwa_monitor.api", "rwa_monitor.discrepancy", "rwa_monitor.evaluation", "rwa_monitor.identification",
+    "rwa_monitor.api", "rwa_monitor.discrepancy", "benchmarks", "rwa_monitor.identification",
     "scipy.ndimage", "scipy.optimize", "scipy.signal", "scipy.stats",
     "dask", "joblib", "jinja2", "matplotlib", "pandas", "pyarrow", "sklearn",
 )  # fmt: skip

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy import signal
 
+from benchmarks.adequacy.trials import MEAN_EFFECTS, MOTIONS, diagnose_recipe, hide_and_diagnose
 from rwa_monitor.diagnosis.adequacy import expected_jumps, persistence
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.diagnosis.residual_blocks import Blocks
-from rwa_monitor.evaluation.adequacy import MEAN_EFFECTS, MOTIONS, diagnose_recipe, hide_and_diagnose
 from rwa_monitor.live.core import diagnose_samples
 from rwa_monitor.physics.scenario import Scenario
 from rwa_monitor.physics.sensors import FrictionNoise, Sensors

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from benchmarks.adequacy.trials import hide_and_diagnose
 from rwa_monitor.diagnosis.doubt import Doubt
 from rwa_monitor.diagnosis.results import Components
-from rwa_monitor.evaluation.adequacy import hide_and_diagnose
 from rwa_monitor.physics.scenario import Anomaly
 from rwa_monitor.physics.speed import ProfileKind
 

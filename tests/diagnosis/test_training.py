@@ -6,15 +6,15 @@ from itertools import islice
 import numpy as np
 import pytest
 
+from benchmarks.accuracy.benchmark import detection, false_positives, run
+from benchmarks.accuracy.campaign import outcomes
+from benchmarks.accuracy.outcome import JumpScore, Outcome
+from benchmarks.accuracy.page import to_markdown
+from benchmarks.accuracy.splits import judge, measure, wilson
 from rwa_monitor.diagnosis.features import Features, SystemFeatures
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.diagnosis.training import LabelledFeatures, fit_levels, train, train_svm
 from rwa_monitor.errors import InputError
-from rwa_monitor.evaluation.accuracy import judge, measure, wilson
-from rwa_monitor.evaluation.benchmark import detection, false_positives, run
-from rwa_monitor.evaluation.campaign import outcomes
-from rwa_monitor.evaluation.outcome import JumpScore, Outcome
-from rwa_monitor.evaluation.report import to_markdown
 from rwa_monitor.physics.wheel import built_in_wheel
 
 WHEEL = built_in_wheel()

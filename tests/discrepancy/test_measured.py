@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
+from benchmarks.measured import PUBLISHED, basic_law, bias_beside, load
 from rwa_monitor.discrepancy.find import find_discrepancy
 from rwa_monitor.discrepancy.finished_search import Search
-from rwa_monitor.evaluation.measured import PUBLISHED, basic_law, bias_beside, load
 from rwa_monitor.formats.table import read_table
 from rwa_monitor.formats.wheel_file import read_wheel
 from rwa_monitor.samples import Samples

@@ -14,12 +14,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy import stats
 
+from benchmarks.nulls import null_gains
 from rwa_monitor.discrepancy.find import CANDIDATES, prepare
 from rwa_monitor.discrepancy.jumping import Jumping
 from rwa_monitor.discrepancy.nulls import Nulls, built_in_nulls
 from rwa_monitor.discrepancy.record import make_record
 from rwa_monitor.discrepancy.search import search
-from rwa_monitor.evaluation.nulls import null_gains
 from rwa_monitor.physics.effects.base import Family
 from tests.blind.generator import MANOEUVRES, NOISES, generate, plan
 

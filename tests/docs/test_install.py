@@ -17,9 +17,9 @@ from click.testing import CliRunner
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
+from benchmarks.speed.live import free_endpoint
 from rwa_monitor.cli import doctor
 from rwa_monitor.cli.main import main
-from rwa_monitor.evaluation.speed.live import free_endpoint
 
 ROOT = Path(__file__).parents[2]
 # A program that finds no package but those of a lock: what its first argument lists is not there.

@@ -1,0 +1,129 @@
+"""Many labelled windows through the monitor, on several cores, in order; and the time that each stage takes."""
+
+from __future__ import annotations
+
+import multiprocessing
+import time
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import chain, islice
+from typing import Any, TypeVar
+
+import numpy as np
+
+from benchmarks.accuracy.oracle import on_slots
+from benchmarks.accuracy.outcome import Outcome, evaluate
+from rwa_monitor.diagnosis.assignment import assign
+from rwa_monitor.diagnosis.classification import classify
+from rwa_monitor.diagnosis.components import split
+from rwa_monitor.diagnosis.evidence import WindowAccumulator
+from rwa_monitor.diagnosis.features import features_of
+from rwa_monitor.diagnosis.model import Model, models_for
+from rwa_monitor.diagnosis.paper_assignment import assign_as_paper, split_as_paper
+from rwa_monitor.diagnosis.paper_classification import classify_as_paper
+from rwa_monitor.diagnosis.results import Method
+from rwa_monitor.diagnosis.state import CarriedState
+from rwa_monitor.physics.datasets import RECIPES, LabelledWindow, wheel_windows
+from rwa_monitor.samples import FloatArray
+
+STAGES = ("changepoints", "assignment", "classification")
+
+
+Given = TypeVar("Given")
+Found = TypeVar("Found")
+# Called with results as they come, their number and a description; passes them on.
+Progress = Callable[[Iterable[Any], int, str], Iterable[Any]]
+
+
+def untracked(items: Iterable[Any], total: int, description: str) -> Iterable[Any]:
+    """Pass the items on and tell nobody."""
+    del total, description
+    return items
+
+
+@dataclass(frozen=True, slots=True)
+class _Task:
+    """The windows of one wheel; each process simulates its own, which are large."""
+
+    recipe: str
+    number: int
+    seed: int
+    count: int
+    methods: tuple[Method, ...]
+
+    def run(self) -> list[Outcome]:
+        windows = islice(wheel_windows(self.recipe, self.number, self.seed), self.count)
+        return [evaluate(window, self.methods) for window in windows]
+
+
+def outcomes(
+    recipe: str, count: int, seed: int, workers: int, methods: tuple[Method, ...] = ("joint", "paper")
+) -> Iterator[Outcome]:
+    """Generate labelled windows and run each through the methods and the oracles, in order.
+
+    Parameters
+    ----------
+    recipe, count, seed
+        See `datasets.generate`.
+    workers
+        Processes that simulate and evaluate; 0 works in this one. The result does not depend on it.
+    methods
+        See `evaluate`.
+    """
+    life = RECIPES[recipe].windows
+    tasks = [
+        _Task(recipe, number, seed, min(life, count - number * life), methods) for number in range(-(-count // life))
+    ]
+    yield from chain.from_iterable(in_processes(_Task.run, tasks, workers))
+
+
+def in_processes(work: Callable[[Given], Found], tasks: Sequence[Given], workers: int) -> Iterator[Found]:
+    """Do the work on all tasks in `workers` processes, in order; 0 works in this one."""
+    if workers == 0:
+        yield from map(work, tasks)
+        return
+    # Started afresh, not forked: a fork would copy whatever threads and sessions the caller has.
+    with multiprocessing.get_context("spawn").Pool(workers) as pool:
+        yield from pool.imap(work, tasks, chunksize=1)
+
+
+@dataclass(frozen=True, slots=True)
+class StageTimes:
+    """Wall time of each stage and in total, by window [s]; float64 (windows,) each."""
+
+    method: Method
+    seconds: dict[str, FloatArray]
+
+
+def time_stages(windows: Sequence[LabelledWindow], model: Model, method: Method) -> StageTimes:
+    """Time the stages on given windows, one after the other in this process.
+
+    The first window is run once before, so that what is loaded at first use does not count.
+    """
+    rows = [_time_window(window, model, method) for window in (windows[0], *windows)][1:]
+    seconds = {stage: np.array([row[k] for row in rows]) for k, stage in enumerate(STAGES)}
+    seconds["all"] = np.array([sum(row) for row in rows])
+    return StageTimes(method, seconds)
+
+
+def _time_window(window: LabelledWindow, model: Model, method: Method) -> tuple[float, float, float]:
+    wheel, empty = window.wheel, CarriedState.empty()
+    speed, torque = on_slots(window)
+    good = np.isfinite(speed) & np.isfinite(torque)
+    models, names = models_for(wheel, model), wheel.anomalies
+    begin = time.perf_counter()
+    accumulator = WindowAccumulator(wheel, method, speed.size)
+    accumulator.append(speed, torque, good)
+    evidence = accumulator.close()
+    detected = time.perf_counter()
+    if method == "paper":
+        assignment, estimate = assign_as_paper(evidence, wheel)
+        components = split_as_paper(assignment, estimate, evidence, wheel)
+        assigned = time.perf_counter()
+        classify_as_paper(features_of(components, assignment, wheel), models, names)
+    else:
+        assignment, estimate = assign(evidence, wheel, empty)
+        components = split(assignment, estimate, evidence, wheel, empty)
+        assigned = time.perf_counter()
+        classify(features_of(components, assignment, wheel), models, names, model, empty)
+    return detected - begin, assigned - detected, time.perf_counter() - assigned

@@ -1,0 +1,141 @@
+"""What earlier windows of a wheel are worth: the last window of a record with and without the state carried to it.
+
+Judged by the built-in model, which knows none of these wheels. Three stories are told: an anomaly that was there all
+the time, one that begins with the last window (so that ten healthy windows went before), and the slow growth of the
+recipe `fleet`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import chain
+from typing import Final, Literal
+
+import numpy as np
+
+from benchmarks.accuracy.campaign import Progress, in_processes, untracked
+from rwa_monitor.diagnosis.model import built_in_model
+from rwa_monitor.diagnosis.state import CarriedState
+from rwa_monitor.diagnosis.window_diagnosis import WindowDiagnosis
+from rwa_monitor.live.core import diagnose_samples
+from rwa_monitor.physics.datasets import FLEET_WINDOWS, RECIPES, Recipe, wheel_windows
+from rwa_monitor.physics.scenario import Scenario
+from rwa_monitor.physics.wheel import Wheel
+from rwa_monitor.samples import BoolArray, FloatArray
+
+EARLIER: Final = 10  # windows before the one that is judged
+StoryName = Literal["lasting", "sudden", "growing"]
+LASTING: Final = 2 * EARLIER  # windows of a wheel whose anomaly lasts; those with at least EARLIER before are judged
+STORIES: Final[dict[StoryName, str]] = {
+    "lasting": f"`mild`, {LASTING} windows a wheel, the anomaly there from the first; the last {EARLIER} are judged",
+    "sudden": f"`mild`, the anomaly begins with the last of {EARLIER + 1} windows, which is judged",
+    "growing": f"`fleet`, all {FLEET_WINDOWS} windows of each wheel are judged",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class JudgedWindows:
+    """Windows judged, with and without the state of earlier ones.
+
+    Attributes
+    ----------
+    anomalies
+        Their names.
+    truth
+        bool (windows, anomalies).
+    healthy
+        bool (windows, anomalies), where the anomaly has not begun. While it grows to half of its final severity, it is
+        neither there nor absent.
+    carried, alone
+        bool (windows, anomalies), what is diagnosed with and without the earlier windows.
+    open_carried, open_alone
+        bool (windows,), whether the verdict is inconclusive.
+    """
+
+    anomalies: tuple[str, ...]
+    truth: BoolArray
+    healthy: BoolArray
+    carried: BoolArray
+    alone: BoolArray
+    open_carried: BoolArray
+    open_alone: BoolArray
+
+    def rates(self, diagnosed: BoolArray) -> tuple[FloatArray, FloatArray]:
+        """Return detection and false positives of each anomaly, float64 (anomalies,)."""
+        return (
+            (diagnosed & self.truth).sum(axis=0) / np.maximum(self.truth.sum(axis=0), 1),
+            (diagnosed & self.healthy).sum(axis=0) / np.maximum(self.healthy.sum(axis=0), 1),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class _Task:
+    story: StoryName
+    number: int
+    seed: int
+
+    def run(self) -> list[tuple[list[bool], list[bool], list[bool], list[bool], bool, bool]]:
+        """Return for each window what `JudgedWindows` holds, in its order."""
+        recipe = _recipe(self.story)
+        windows = list(wheel_windows(recipe, self.number, self.seed))
+        model, state, rows = built_in_model(), CarriedState.empty(), []
+        for k, window in enumerate(windows):
+            samples, wheel = window.telemetry.samples, window.wheel
+            (with_state,) = diagnose_samples(samples, wheel, model, carried=state)
+            state = with_state.carried
+            if self.story != "growing" and k < EARLIER:
+                continue
+            (without,) = diagnose_samples(samples, wheel, model)
+            rows.append(
+                (
+                    list(window.labels.values()),
+                    [factor == 1.0 for factor in window.telemetry.truth.factors.values()],
+                    _diagnosed(with_state.diagnosis, model.undecided[1]),
+                    _diagnosed(without.diagnosis, model.undecided[1]),
+                    with_state.diagnosis.verdict == "inconclusive",
+                    without.diagnosis.verdict == "inconclusive",
+                )
+            )
+        return rows
+
+
+def _diagnosed(diagnosis: WindowDiagnosis, least: float) -> list[bool]:
+    return [anomaly.active and anomaly.probability >= least for anomaly in diagnosis.anomalies]
+
+
+def _recipe(story: StoryName) -> Recipe:
+    if story == "growing":
+        return RECIPES["fleet"]
+    mild = RECIPES["mild"]
+    if story == "lasting":
+        return Recipe("lasting", STORIES[story], mild.wheel, mild.scenario, windows=LASTING)
+
+    def sudden(wheel: Wheel, number: int, windows: int, rng: np.random.Generator) -> Scenario:
+        scenario = mild.scenario(wheel, number, windows, rng)
+        onset = EARLIER * wheel.window.samples * wheel.sample_period_s
+        late = {name: anomaly.model_copy(update={"onset_s": onset}) for name, anomaly in scenario.anomalies.items()}
+        return scenario.model_copy(update={"anomalies": late})
+
+    return Recipe("sudden", STORIES[story], mild.wheel, sudden, windows=EARLIER + 1)
+
+
+def judge_story(
+    story: StoryName, wheels: int, seed: int, workers: int, progress: Progress = untracked
+) -> JudgedWindows:
+    """Judge the windows of a story.
+
+    Parameters
+    ----------
+    story
+        One of `STORIES`.
+    wheels, seed
+        How many wheels, and the seed of all randomness.
+    workers
+        Processes; 0 works in this one. The result does not depend on it.
+    progress
+        See `campaign.Progress`.
+    """
+    tasks = [_Task(story, number, seed) for number in range(wheels)]
+    rows = list(chain.from_iterable(progress(in_processes(_Task.run, tasks, workers), wheels, f"story {story}")))
+    columns = [np.array(column, dtype=np.bool_) for column in zip(*rows, strict=True)]
+    return JudgedWindows(next(wheel_windows("mild", 0, seed)).wheel.anomalies, *columns)

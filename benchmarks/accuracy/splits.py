@@ -1,0 +1,215 @@
+"""The paper's protocol: train on 20 % of the windows, judge the other 80 %, for 30 random splits.
+
+From each split comes the matrix of the paper's results: of the windows with a status (row), the share in which each
+anomaly is diagnosed (column). Calibration is judged on all validation windows of all splits.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+from scipy import special, stats
+
+from benchmarks.accuracy.outcome import Outcome
+from rwa_monitor.diagnosis.classification import classify, conclusive
+from rwa_monitor.diagnosis.model import Model, models_for
+from rwa_monitor.diagnosis.paper_classification import classify_as_paper
+from rwa_monitor.diagnosis.results import Method
+from rwa_monitor.diagnosis.state import CarriedState
+from rwa_monitor.diagnosis.training import train
+from rwa_monitor.physics.wheel import Wheel
+from rwa_monitor.samples import BoolArray, FloatArray
+
+TRAINING_SHARE: Final = 0.2
+SPLITS: Final = 30
+COVERAGES: Final = (1.0, 0.995, 0.99, 0.98, 0.95, 0.9)  # shares of the windows, the surest first
+CALIBRATION_BINS: Final = 10
+
+
+@dataclass(frozen=True, slots=True)
+class Calibration:
+    """How good the probabilities of one anomaly are.
+
+    Attributes
+    ----------
+    log_score, brier
+        Mean of -log p(truth) and of (p - truth)², with those of always naming the base rate.
+    expected_error
+        Expected calibration error over ten bins.
+    """
+
+    log_score: float
+    log_score_base: float
+    brier: float
+    brier_base: float
+    expected_error: float
+
+
+@dataclass(frozen=True, slots=True)
+class Accuracy:
+    """Detection over the splits.
+
+    Attributes
+    ----------
+    statuses, anomalies
+        Names of rows and columns.
+    matrix
+        float64 (splits, statuses, anomalies): share of windows with the status in which the anomaly is diagnosed.
+    windows
+        Validation windows of each status in one split, float64 (statuses,), on average.
+    inconclusive
+        float64 (splits,), share of validation windows with that verdict.
+    risk
+        float64 (coverages,): share of windows with a wrong anomaly among the surest COVERAGES of all; a window is as
+        sure as its least sure anomaly.
+    calibration
+        By anomaly.
+    """
+
+    statuses: tuple[str, ...]
+    anomalies: tuple[str, ...]
+    matrix: FloatArray
+    windows: FloatArray
+    inconclusive: FloatArray
+    risk: FloatArray
+    calibration: dict[str, Calibration]
+
+    def interval(self, status: int, anomaly: int) -> tuple[float, float]:
+        """Return the 95 % interval (Wilson) of a rate, as if all windows of the status had been judged once."""
+        rate = float(np.nanmean(self.matrix[:, status, anomaly]))
+        total = float(self.windows[status]) / (1.0 - TRAINING_SHARE)
+        return wilson(rate, total)
+
+
+def wilson(rate: float, total: float) -> tuple[float, float]:
+    """Return Wilson's 95 % interval of a rate observed in `total` trials."""
+    z = float(stats.norm.ppf(0.975))
+    middle = (rate + z * z / (2.0 * total)) / (1.0 + z * z / total)
+    half = z / (1.0 + z * z / total) * np.sqrt(rate * (1.0 - rate) / total + (z / (2.0 * total)) ** 2)
+    return float(max(middle - half, 0.0)), float(min(middle + half, 1.0))
+
+
+def judge(outcomes: Sequence[Outcome], features: str, method: Method, model: Model, wheel: Wheel) -> FloatArray:
+    """Return the probabilities, float64 (windows, anomalies); see `judge_windows`."""
+    return judge_windows(outcomes, features, method, model, wheel)[0]
+
+
+def judge_windows(
+    outcomes: Sequence[Outcome], features: str, method: Method, model: Model, wheel: Wheel
+) -> tuple[FloatArray, BoolArray]:
+    """Return probabilities, float64 (windows, anomalies), and whether the verdict is inconclusive, bool (windows,).
+
+    Parameters
+    ----------
+    outcomes
+        Windows to judge.
+    features
+        Whose features: joint, paper, oracle A or oracle B.
+    method
+        Which classifier.
+    model, wheel
+        The model, and a wheel with the systems that it was trained for.
+    """
+    models, names, empty = models_for(wheel, model), wheel.anomalies, CarriedState.empty()
+    rows, open_ones = [], []
+    for outcome in outcomes:
+        seen = outcome.features[features]
+        if method == "paper":
+            judgement = classify_as_paper(seen, models, names)
+            # The paper's answer is the sign of the decision, whatever the calibration says.
+            rows.append([_on_side(entry.probability, active=entry.active) for entry in judgement.anomalies])
+            open_ones.append(False)
+        else:
+            judgement = classify(seen, models, names, model, empty)
+            rows.append([entry.probability for entry in judgement.anomalies])
+            open_ones.append(not conclusive(judgement.anomalies, *model.undecided))
+    return np.array(rows), np.array(open_ones, dtype=np.bool_)
+
+
+def _on_side(probability: float, *, active: bool) -> float:
+    least = np.nextafter(0.5, 1.0)
+    return max(probability, float(least)) if active else min(probability, 0.5)
+
+
+def measure(
+    outcomes: Sequence[Outcome], features: str, method: Method, wheel: Wheel, seed: int, splits: int = SPLITS
+) -> Accuracy:
+    """Measure detection by the paper's protocol.
+
+    Parameters
+    ----------
+    outcomes
+        All windows of a data set.
+    features, method
+        See `judge`; the classifiers are trained on the same kind of features.
+    wheel
+        A wheel with the systems of the data set.
+    seed
+        Of the random splits.
+    splits
+        Number of random splits.
+    """
+    names = wheel.anomalies
+    labels = np.array([[outcome.labels[name] for name in names] for outcome in outcomes], dtype=bool)
+    statuses = tuple(dict.fromkeys(("nominal", *sorted(outcome.status for outcome in outcomes))))
+    row_of = np.array([statuses.index(outcome.status) for outcome in outcomes])
+    rng = np.random.default_rng(seed)
+    size = round(TRAINING_SHARE * len(outcomes))
+    matrices, inconclusive, windows = [], [], np.zeros(len(statuses))
+    probabilities, truths = [], []
+    for _ in range(splits):
+        order = rng.permutation(len(outcomes))
+        training, validation = order[:size], order[size:]
+        model = train([outcomes[i].labelled(features, features) for i in training], wheel, "split", "benchmark")
+        probability, is_open = judge_windows([outcomes[i] for i in validation], features, method, model, wheel)
+        rows = row_of[validation]
+        # What is undecided counts as not diagnosed; the paper's method always decides.
+        least = model.undecided[1] if method == "joint" else np.nextafter(0.5, 1.0)
+        matrices.append(_shares(probability >= least, rows, len(statuses)))
+        inconclusive.append(float(is_open.mean()))
+        windows += np.bincount(rows, minlength=len(statuses)) / splits
+        probabilities.append(probability)
+        truths.append(labels[validation])
+    everything, truth = np.concatenate(probabilities), np.concatenate(truths)
+    return Accuracy(
+        statuses,
+        names,
+        np.stack(matrices),
+        windows,
+        np.array(inconclusive),
+        _risk(everything, truth),
+        {name: calibrate(everything[:, a], truth[:, a]) for a, name in enumerate(names)},
+    )
+
+
+def _shares(diagnosed: BoolArray, rows: FloatArray, statuses: int) -> FloatArray:
+    """Return the share of windows diagnosed, by status; NaN where a status does not occur."""
+    shares = np.full((statuses, diagnosed.shape[1]), np.nan)
+    for row in range(statuses):
+        if (rows == row).any():
+            shares[row] = diagnosed[rows == row].mean(axis=0)
+    return shares
+
+
+def _risk(probability: FloatArray, truth: BoolArray) -> FloatArray:
+    """Return the share of windows with an error among the surest, float64 (coverages,)."""
+    doubt = np.minimum(probability, 1.0 - probability).max(axis=1)
+    wrong = ((probability > 0.5) != truth).any(axis=1)[np.argsort(doubt, kind="stable")]
+    return np.array([float(wrong[: max(round(coverage * wrong.size), 1)].mean()) for coverage in COVERAGES])
+
+
+def calibrate(probability: FloatArray, truth: BoolArray) -> Calibration:
+    """Judge the probabilities of one anomaly, float64 (n,), against what is true, bool (n,)."""
+    p = np.clip(probability, 1e-6, 1.0 - 1e-6)
+    base = float(np.clip(truth.mean(), 1e-6, 1.0 - 1e-6))
+    log_score = -float(np.where(truth, np.log(p), np.log1p(-p)).mean())
+    bin_of = np.minimum((p * CALIBRATION_BINS).astype(np.int64), CALIBRATION_BINS - 1)
+    error = sum(
+        abs(float(p[bin_of == b].mean()) - float(truth[bin_of == b].mean())) * float((bin_of == b).mean())
+        for b in np.unique(bin_of)
+    )
+    entropy = float(special.entr(base) + special.entr(1.0 - base))
+    return Calibration(log_score, entropy, float(((p - truth) ** 2).mean()), base * (1.0 - base), error)

@@ -1,0 +1,50 @@
+"""Rebuilds the model that ships with the package: `make model`, or `python -m benchmarks.built_in_model -o FILE`.
+
+Identical on the same machine; elsewhere numbers may differ in the last of their 12 digits.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+from typing import Final
+
+from benchmarks.accuracy.campaign import outcomes
+from rwa_monitor.diagnosis.model import Model
+from rwa_monitor.diagnosis.training import train
+from rwa_monitor.physics.wheel import built_in_wheel
+
+RECIPE: Final = "mild"
+WINDOWS: Final = 1000
+SEED: Final = 20_260_101
+COMMAND: Final = "make model"
+
+
+def train_built_in_model(workers: int, windows: int = WINDOWS) -> Model:
+    """Train the built-in model on simulated windows of the built-in wheel's kind.
+
+    Parameters
+    ----------
+    workers
+        Processes; the result does not depend on it.
+    windows
+        Number of windows; fewer give a rougher model for a test.
+    """
+    labelled = [outcome.labelled() for outcome in outcomes(RECIPE, windows, SEED, workers)]
+    return train(labelled, built_in_wheel(), source=f"recipe {RECIPE}, {windows} windows, seed {SEED}", command=COMMAND)
+
+
+def main() -> None:
+    """Write the model to the file that is asked for."""
+    parser = argparse.ArgumentParser(description="Rebuilds the built-in model.")
+    parser.add_argument("-o", "--output", type=Path, required=True, help="file to write")
+    parser.add_argument("--workers", type=int, default=2, help="processes (default 2)")
+    arguments = parser.parse_args()
+    model = train_built_in_model(arguments.workers)
+    arguments.output.write_text(model.to_json(), encoding="utf-8")
+    sys.stderr.write(f"wrote {arguments.output}, sha256 {model.sha256()}\n")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,199 @@
+"""Runs everything that the page shows."""
+
+from __future__ import annotations
+
+import multiprocessing
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+
+from benchmarks.accuracy.benchmark import Benchmark, RecipeResult, Target, summarise, targets
+from benchmarks.accuracy.campaign import StageTimes, time_stages
+from benchmarks.accuracy.splits import Accuracy, measure
+from benchmarks.paper.bins import BinsSweep, sweep
+from benchmarks.paper.examine import ERROR_STEP, HARD, ORACLE, Examined, examine
+from benchmarks.paper.peers import FPOP, Detected, SecondSource, add_second_source, compare
+from benchmarks.paper.run_length import RunLengths, run_lengths
+from benchmarks.speed.peers import (
+    MissingPeerError,
+    Peer,
+    ruptures_pelt,
+    ruptures_window,
+    skchange_fpop,
+    skchange_moving_window,
+)
+from rwa_monitor.diagnosis.model import built_in_model
+from rwa_monitor.diagnosis.results import Method
+from rwa_monitor.physics.datasets import generate
+from rwa_monitor.physics.wheel import built_in_wheel
+from rwa_monitor.samples import IntArray
+
+SPLITS: Final = 30  # random ones, as in the paper
+RECIPE: Final = "paper"
+HARD_RECIPE: Final = "hard"  # on which changepoints are compared as well
+METHODS: Final[tuple[Method, ...]] = ("paper", "joint")
+PAPER_EXCESS_RMSE: Final = 0.0025  # with changepoints, normalised
+PAPER_ERROR: Final = 0.08  # to which the paper's errors follow the Gaussian, normalised
+MORE_BEYOND: Final = 1.05  # times as many samples beyond it as with the true changepoints
+ENOUGH: Final = 100  # windows, below which rates say too little to be called missed
+PEERS: Final = (skchange_fpop, skchange_moving_window, ruptures_window, ruptures_pelt)
+QUICK_PEERS: Final = (skchange_fpop, skchange_moving_window)
+
+Progress = Callable[[Iterable[Examined], int, str], Iterable[Examined]]
+
+
+@dataclass(frozen=True, slots=True)
+class Size:
+    """How much is measured.
+
+    Attributes
+    ----------
+    windows, seed
+        Windows of the recipe `paper`.
+    splits
+        Random splits of the paper's protocol.
+    timed
+        Windows whose stages are timed and whose changepoints are compared with other packages'.
+    peers
+        These packages.
+    """
+
+    windows: int = 300
+    seed: int = 8_130
+    splits: int = SPLITS
+    timed: int = 20
+    peers: tuple[Callable[[], Peer], ...] = PEERS
+
+    def quick(self) -> Size:
+        """Return a small version, for a look and for tests."""
+        return replace(self, windows=40, splits=3, timed=1, peers=QUICK_PEERS)
+
+
+@dataclass(frozen=True, slots=True)
+class PaperBenchmark:
+    """Everything that the page shows.
+
+    Attributes
+    ----------
+    size
+        What was measured.
+    result
+        Accuracy, jumps and rejections of both methods and the oracles.
+    hard
+        Accuracy of the paper's method with hard duration laws, as printed.
+    examined
+        One for each window.
+    bins
+        The sweep of the number of bins.
+    run_lengths
+        Average run lengths.
+    detected
+        By recipe: changepoints beside other packages'.
+    second_source
+        By recipe: what FPOP's candidates would add to ours; empty without skchange.
+    times
+        Of each stage, by method.
+    missing
+        What could not be compared, and why.
+    """
+
+    size: Size
+    result: RecipeResult
+    hard: Accuracy
+    examined: tuple[Examined, ...]
+    bins: BinsSweep
+    run_lengths: RunLengths
+    detected: Mapping[str, tuple[Detected, ...]]
+    second_source: Mapping[str, SecondSource]
+    times: tuple[StageTimes, ...]
+    missing: tuple[str, ...]
+
+    def excess_rmse(self, who: str) -> float:
+        """Return the mean excess RMSE of a method or the oracle, normalised."""
+        return float(np.mean([one.fitted[who].excess_rmse for one in self.examined]))
+
+    def beyond(self, who: str, error: float = PAPER_ERROR) -> float:
+        """Return the share of samples whose absolute error exceeds `error`, a multiple of `ERROR_STEP`."""
+        counts = self.errors(who)
+        return float(counts[round(error / ERROR_STEP) :].sum() / counts.sum())
+
+    def errors(self, who: str) -> IntArray:
+        """Return the histogram of all absolute errors of a method or the oracle, see `Fitted.errors`."""
+        errors: IntArray = np.sum([one.fitted[who].errors for one in self.examined], axis=0)
+        return errors
+
+    @property
+    def enough(self) -> bool:
+        """Whether there are windows enough to call a target missed."""
+        return self.size.windows >= ENOUGH
+
+
+def _untracked(items: Iterable[Examined], total: int, description: str) -> Iterable[Examined]:
+    del total, description
+    return items
+
+
+def run(size: Size, workers: int = 2, progress: Progress = _untracked) -> PaperBenchmark:
+    """Measure everything.
+
+    Parameters
+    ----------
+    size
+        How much.
+    workers
+        Processes that examine windows; 0 works in this one. Only times depend on it.
+    progress
+        Called with the windows as they come, their number and a description; passes them on.
+    """
+    examined = tuple(progress(_examined(size, workers), size.windows, "windows"))
+    outcomes = [one.outcome for one in examined]
+    wheel = built_in_wheel()  # all wheels of the recipe have its systems
+    peers, missing = _installed(size.peers)
+    compared = {recipe: list(generate(recipe, size.timed, size.seed)) for recipe in (RECIPE, HARD_RECIPE)}
+    model = built_in_model()
+    return PaperBenchmark(
+        size=size,
+        result=summarise(RECIPE, outcomes, size.seed, size.splits),
+        hard=measure(outcomes, HARD, "paper", wheel, size.seed, size.splits),
+        examined=examined,
+        bins=sweep(outcomes, "paper", size.seed, size.splits),
+        run_lengths=run_lengths(size.seed),
+        detected={recipe: tuple(compare(windows, peers)) for recipe, windows in compared.items()},
+        second_source={recipe: add_second_source(windows, peers[0]) for recipe, windows in compared.items()}
+        if peers and peers[0].name == FPOP
+        else {},
+        times=tuple(time_stages(compared[RECIPE], model, method) for method in METHODS),
+        missing=missing,
+    )
+
+
+def _examined(size: Size, workers: int) -> Iterable[Examined]:
+    windows = generate(RECIPE, size.windows, size.seed)
+    if workers == 0:
+        yield from map(examine, windows)
+        return
+    # Started afresh, not forked: a fork would copy whatever threads and sessions the caller has.
+    with multiprocessing.get_context("spawn").Pool(workers) as pool:
+        yield from pool.imap(examine, windows, chunksize=1)
+
+
+def _installed(wanted: Sequence[Callable[[], Peer]]) -> tuple[list[Peer], tuple[str, ...]]:
+    found, missing = [], []
+    for peer in wanted:
+        try:
+            found.append(peer())
+        except MissingPeerError as error:
+            missing.append(str(error))
+    return found, tuple(missing)
+
+
+def paper_targets(found: PaperBenchmark) -> list[Target]:
+    """Return what the method `joint` is to reach beside the paper and the oracle, and what it reached."""
+    name = f"samples with an error beyond {PAPER_ERROR}, over those of the oracle"
+    return [
+        *targets(Benchmark((found.result,), found.times)),
+        Target("mean excess RMSE with changepoints", PAPER_EXCESS_RMSE, found.excess_rmse("joint"), False),
+        Target(name, MORE_BEYOND, found.beyond("joint") / found.beyond(ORACLE), False),
+    ]

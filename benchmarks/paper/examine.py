@@ -1,0 +1,130 @@
+"""One labelled window through the stages of both methods: all that the paper's figures show of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+
+from benchmarks.accuracy.outcome import Outcome, evaluate
+from benchmarks.speed.detection import Window
+from benchmarks.speed.windows import window_of
+from rwa_monitor.diagnosis.assignment import assign
+from rwa_monitor.diagnosis.estimation import estimate
+from rwa_monitor.diagnosis.evidence import WindowAccumulator
+from rwa_monitor.diagnosis.features import features_of
+from rwa_monitor.diagnosis.paper_assignment import assign_as_paper, split_as_paper
+from rwa_monitor.diagnosis.results import REJECTED, UNATTRIBUTED, Assignment, Estimate, Evidence, Method
+from rwa_monitor.diagnosis.state import CarriedState
+from rwa_monitor.physics.datasets import LabelledWindow
+from rwa_monitor.samples import FloatArray, IntArray
+
+HARD: Final = "paper, hard laws"  # name of the features of the paper's method as printed
+ORACLE: Final = "oracle"  # knows when jumps are
+ERROR_STEP: Final = 0.002  # of the histogram of absolute errors, normalised; the paper's figure ends at about 0.3
+ERROR_BINS: Final = 151  # the last holds what is beyond
+
+
+@dataclass(frozen=True, slots=True)
+class Fitted:
+    """How well levels and slope between given changepoints fit a window.
+
+    Attributes
+    ----------
+    excess_rmse
+        Root mean square residual less the noise's standard deviation, normalised.
+    errors
+        int64 (ERROR_BINS,), histogram of the absolute residuals in steps of `ERROR_STEP`.
+    """
+
+    excess_rmse: float
+    errors: IntArray
+
+
+@dataclass(frozen=True, slots=True)
+class Work:
+    """What the assignment of a window took: candidates, rejected ones, states expanded, and whether it was cut off."""
+
+    candidates: int
+    rejected: int
+    states: int
+    pruned: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Examined:
+    """What came of one window.
+
+    Attributes
+    ----------
+    outcome
+        Features and jumps of both methods and the oracles, the paper's method with hard laws among them.
+    naive_excess_rmse
+        Of one dry and one viscous coefficient for the whole window.
+    fitted
+        By method, and `ORACLE`.
+    work
+        By method.
+    possible
+        Whether any sequence of jumps is possible under the hard duration laws of the paper.
+    """
+
+    outcome: Outcome
+    naive_excess_rmse: float
+    fitted: Mapping[str, Fitted]
+    work: Mapping[str, Work]
+    possible: bool
+
+
+def examine(labelled: LabelledWindow) -> Examined:
+    """Run one labelled window through everything."""
+    window, wheel = window_of(labelled), labelled.wheel
+    paper, joint = _evidence(window, "paper"), _evidence(window, "joint")
+    as_paper, _ = assign_as_paper(paper, wheel)
+    hard, levels = assign_as_paper(paper, wheel, hard=True)
+    jointly, _ = assign(joint, wheel, CarriedState.empty())
+    features = features_of(split_as_paper(hard, levels, paper, wheel), hard, wheel)
+    outcome = evaluate(labelled)
+    naive = estimate(joint, np.zeros(0, dtype=np.int64))
+    true_jumps = np.unique(labelled.telemetry.truth.changepoints.index)
+    return Examined(
+        outcome=replace(outcome, features={**outcome.features, HARD: features}),
+        naive_excess_rmse=naive.excess_rmse,
+        fitted={
+            "paper": _fitted(window, paper, _accepted(as_paper)),
+            "joint": _fitted(window, joint, _accepted(jointly)),
+            ORACLE: _fitted(window, joint, true_jumps),
+        },
+        work={"paper": _work(as_paper, paper), "joint": _work(jointly, joint)},
+        possible=len(paper.candidates) == 0 or not bool((hard.system == UNATTRIBUTED).all()),
+    )
+
+
+def _evidence(window: Window, method: Method) -> Evidence:
+    accumulator = WindowAccumulator(window.wheel, method, window.speed_rad_s.size)
+    accumulator.append(window.speed_rad_s, window.torque_Nm, window.good)
+    return accumulator.close()
+
+
+def _accepted(assignment: Assignment) -> IntArray:
+    return np.unique(assignment.index[assignment.system != REJECTED])
+
+
+def _work(assignment: Assignment, evidence: Evidence) -> Work:
+    rejected = int(np.count_nonzero(assignment.system == REJECTED))
+    return Work(len(evidence.candidates), rejected, assignment.states, assignment.pruned)
+
+
+def _fitted(window: Window, evidence: Evidence, index: IntArray) -> Fitted:
+    """Fit levels and slope between changepoints, and look at every sample's residual."""
+    levels = estimate(evidence, index)
+    residual = np.abs(window.z - levels.viscous * window.x - _level_of_slots(levels, window.z.size))
+    bins = np.minimum((residual[window.moving] / ERROR_STEP).astype(np.int64), ERROR_BINS - 1)
+    return Fitted(levels.excess_rmse, np.bincount(bins, minlength=ERROR_BINS))
+
+
+def _level_of_slots(levels: Estimate, slots: int) -> FloatArray:
+    lengths = np.diff(np.concatenate(([0], levels.index, [slots])))
+    return np.repeat(levels.level, lengths)

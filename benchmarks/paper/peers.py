@@ -1,0 +1,193 @@
+"""Changepoints only: ours beside other packages that do the same job, and beside a dummy, on the same windows.
+
+The others get what a monitor does not know: the noise's true standard deviation, over the whole of its colour, and
+friction less viscous friction of the true slope. Ours get the samples.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+
+from benchmarks.accuracy.outcome import PLACED_WITHIN
+from benchmarks.speed.detection import Window
+from benchmarks.speed.peers import Peer
+from benchmarks.speed.windows import window_of
+from rwa_monitor.diagnosis.assignment import assign
+from rwa_monitor.diagnosis.evidence import WindowAccumulator
+from rwa_monitor.diagnosis.results import REJECTED, Method
+from rwa_monitor.diagnosis.state import CarriedState
+from rwa_monitor.physics.datasets import LabelledWindow
+from rwa_monitor.physics.truth import Changepoints
+from rwa_monitor.samples import IntArray
+
+FPOP: Final = "skchange FPOP"
+WARM_UP: Final = 4000  # slots
+DUMMY_EVERY: Final = 3000  # samples: about as often as the windows of recipe `paper` jump
+
+Detector = Callable[[Window], IntArray]
+
+
+@dataclass(frozen=True, slots=True)
+class Detected:
+    """What a detector found in all windows.
+
+    Attributes
+    ----------
+    name
+        Of the detector.
+    given
+        What it was told beforehand.
+    visible, found
+        True jumps that can be seen, and those with a changepoint within 5 samples.
+    false
+        Changepoints without a true jump within 5 samples, and second ones for a jump.
+    seconds
+        Median time of a window [s].
+    windows
+        Number of windows.
+    """
+
+    name: str
+    given: str
+    visible: int
+    found: int
+    false: int
+    seconds: float
+    windows: int
+
+
+def compare(windows: Sequence[LabelledWindow], peers: Sequence[Peer]) -> list[Detected]:
+    """Run every detector over the windows, one after the other in this process.
+
+    Parameters
+    ----------
+    windows
+        Labelled windows.
+    peers
+        Of other packages, those that are installed.
+    """
+    pairs = [(whitened(labelled), labelled.telemetry.truth.changepoints) for labelled in windows]
+    return [
+        _run("ours, `joint`: candidates", "samples", lambda window: candidates(window, "joint"), pairs),
+        _run("ours, `joint`: accepted", "samples, switching laws", accepted, pairs),
+        _run("the paper's wGLR, w = 50", "samples", lambda window: candidates(window, "paper"), pairs),
+        *(_run(peer.name, "slope, noise", peer_detector(peer), pairs) for peer in peers),
+        _run(f"dummy: every {DUMMY_EVERY} samples", "nothing", dummy, pairs),
+    ]
+
+
+def whitened(labelled: LabelledWindow) -> Window:
+    """Return a window whose stated noise is that of long means, so that peers raise few false alarms in colour too."""
+    return replace(
+        window_of(labelled), noise_std=labelled.telemetry.truth.long_run_std_Nm / labelled.wheel.torque_unit_Nm
+    )
+
+
+def candidates(window: Window, method: Method) -> IntArray:
+    """Return the candidates of stage 1, int64 (m,)."""
+    accumulator = WindowAccumulator(window.wheel, method, window.speed_rad_s.size)
+    accumulator.append(window.speed_rad_s, window.torque_Nm, window.good)
+    return accumulator.close().candidates.index
+
+
+def accepted(window: Window) -> IntArray:
+    """Return the changepoints that the joint assignment accepts, int64 (m,)."""
+    accumulator = WindowAccumulator(window.wheel, "joint", window.speed_rad_s.size)
+    accumulator.append(window.speed_rad_s, window.torque_Nm, window.good)
+    assignment, _ = assign(accumulator.close(), window.wheel, CarriedState.empty())
+    return np.unique(assignment.index[assignment.system != REJECTED])
+
+
+def peer_detector(peer: Peer) -> Detector:
+    """Return another package's detector, its indices moved to the window's slots."""
+
+    def detect(window: Window) -> IntArray:
+        series = window.series()
+        found = np.asarray(peer.search(series), dtype=np.int64)
+        moving = np.flatnonzero(window.moving)
+        return moving[found[found < series.size]]  # ruptures names the end of the series as well
+
+    return detect
+
+
+def dummy(window: Window) -> IntArray:
+    """Return a changepoint every `DUMMY_EVERY` samples."""
+    return np.arange(DUMMY_EVERY, window.speed_rad_s.size, DUMMY_EVERY, dtype=np.int64)
+
+
+def _run(name: str, given: str, detector: Detector, pairs: Sequence[tuple[Window, Changepoints]]) -> Detected:
+    detector(_beginning(pairs[0][0]))  # compiles
+    visible = found = false = 0
+    seconds = []
+    for window, truth in pairs:
+        begin = time.perf_counter()
+        index = detector(window)
+        seconds.append(time.perf_counter() - begin)
+        jumps, hits, wrong = score(index, truth)
+        visible, found, false = visible + jumps, found + hits, false + wrong
+    return Detected(name, given, visible, found, false, float(np.median(seconds)), len(pairs))
+
+
+def _beginning(window: Window) -> Window:
+    head = slice(0, WARM_UP)
+    return replace(
+        window, speed_rad_s=window.speed_rad_s[head], torque_Nm=window.torque_Nm[head], good=window.good[head]
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class SecondSource:
+    """What another detector's changepoints would add to our candidates.
+
+    Attributes
+    ----------
+    visible, missed
+        True jumps that can be seen, and those that our candidates miss.
+    recovered
+        Missed ones that the other detector finds.
+    false_ours, false_both
+        False candidates of ours alone, and of both together.
+    """
+
+    visible: int
+    missed: int
+    recovered: int
+    false_ours: int
+    false_both: int
+
+
+def add_second_source(windows: Sequence[LabelledWindow], peer: Peer) -> SecondSource:
+    """Count what a peer's changepoints add to our candidates; those within 5 samples of one of ours are the same."""
+    detect = peer_detector(peer)
+    counts = np.zeros(5, dtype=np.int64)
+    for labelled in windows:
+        window, truth = whitened(labelled), labelled.telemetry.truth.changepoints
+        ours, theirs = candidates(window, "joint"), detect(window)
+        apart = (np.abs(theirs[:, None] - ours[None, :]) > PLACED_WITHIN).all(axis=1)
+        visible, found, false = score(ours, truth)
+        _, both, false_both = score(np.sort(np.concatenate([ours, theirs[apart]])), truth)
+        counts += (visible, visible - found, both - found, false, false_both)
+    return SecondSource(*(int(count) for count in counts))
+
+
+def score(index: IntArray, truth: Changepoints) -> tuple[int, int, int]:
+    """Return how many jumps are visible, how many of them were found, and how many changepoints are false.
+
+    Each changepoint counts for one jump, each jump for one changepoint, the nearest first; one that found a jump too
+    small to be seen is neither right nor false. Two jumps at once are one.
+    """
+    slots, where = np.unique(truth.index, return_inverse=True)
+    visible = np.zeros(slots.size, dtype=np.bool_)
+    np.logical_or.at(visible, where, truth.visible)
+    distance = np.abs(index[:, None] - slots[None, :])
+    free, taken = np.ones(index.size, dtype=np.bool_), np.zeros(slots.size, dtype=np.bool_)
+    near = np.argwhere(distance <= PLACED_WITHIN)
+    for i, j in near[np.argsort(distance[near[:, 0], near[:, 1]], kind="stable")]:
+        if free[i] and not taken[j]:
+            free[i], taken[j] = False, True
+    return int(visible.sum()), int((taken & visible).sum()), int(free.sum())

@@ -1,0 +1,1 @@
+"""Public recordings of other machines: fetched, converted, searched, and the answers judged."""

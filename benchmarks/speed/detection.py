@@ -1,0 +1,131 @@
+"""Changepoint detection on one window of 80,000 samples: our kernels, the limit below them, the peers beside them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from benchmarks.speed import plain_paper
+from benchmarks.speed.peers import Peer
+from benchmarks.speed.race import Lap, Runner, laps
+from rwa_monitor.diagnosis.evidence import WindowAccumulator
+from rwa_monitor.diagnosis.peaks import PeakList, ScanSettings, ScanState
+from rwa_monitor.kernels.evidence import KEPT_STATISTIC
+from rwa_monitor.kernels.segmentation import five_sums
+from rwa_monitor.kernels.wglr import BINS, CHUNK, HISTORY, PREFIXES, scan, wglr
+from rwa_monitor.physics.wheel import Wheel
+from rwa_monitor.samples import BoolArray, FloatArray
+
+SEVEN_SCALES: Final = (2, 4, 8, 16, 32, 64, 128)
+ONE_SCALE: Final = plain_paper.SCALE
+NOMINAL_SLOPE: Final = 1.0  # normalised
+LIMIT: Final = "five sequential running sums, compiled (the limit)"
+OURS_ONE: Final = f"ours, one scale w = {ONE_SCALE}"
+OURS_SEVEN: Final = "ours, seven scales 2 … 128"
+OURS_STAGE: Final = "ours, the whole of stage 1 (eight scales, sums, noise, peaks, slope, candidates)"
+PLAIN: Final = f"plain numpy wGLR, one scale w = {ONE_SCALE}"
+
+
+@dataclass(frozen=True, slots=True)
+class Window:
+    """One window on its slots, with what peers are given of it.
+
+    Attributes
+    ----------
+    wheel
+        Its wheel.
+    speed_rad_s, torque_Nm, good
+        (slots,).
+    noise_std
+        Standard deviation of the noise, normalised.
+    slope
+        True viscous coefficient, normalised: peers cannot find it by themselves.
+    """
+
+    wheel: Wheel
+    speed_rad_s: FloatArray
+    torque_Nm: FloatArray
+    good: BoolArray
+    noise_std: float
+    slope: float
+
+    @property
+    def x(self) -> FloatArray:
+        """Normalised speed, float64 (slots,)."""
+        return np.abs(self.speed_rad_s) / self.wheel.speed_unit_rad_s
+
+    @property
+    def z(self) -> FloatArray:
+        """Normalised friction along the motion, float64 (slots,)."""
+        return np.sign(self.speed_rad_s) * self.torque_Nm / self.wheel.torque_unit_Nm
+
+    @property
+    def moving(self) -> BoolArray:
+        """Good slots outside the dead band, bool (slots,)."""
+        return self.good & (np.abs(self.speed_rad_s) >= (self.wheel.window.dead_band_rad_s or 0.0))
+
+    def series(self) -> FloatArray:
+        """Return what peers search: friction less viscous friction, over the noise; the dead band left out."""
+        return np.ascontiguousarray((self.z - self.slope * self.x)[self.moving] / self.noise_std)
+
+
+def detection_laps(window: Window, peers: list[Peer]) -> list[Lap]:
+    """Time everything in turns.
+
+    Parameters
+    ----------
+    window
+        All good, as recipe `paper` gives it.
+    peers
+        Those that are installed.
+    """
+    x, z, used, series = window.x, window.z, window.good, window.series()
+    out = np.empty((5, x.size))
+
+    def stage() -> object:
+        accumulator = WindowAccumulator(window.wheel, slots=x.size)
+        accumulator.append(window.speed_rad_s, window.torque_Nm, window.good)
+        return accumulator.close()
+
+    runners = [
+        Runner(LIMIT, "limit", lambda: five_sums(x, z, out)),
+        Runner("five running sums, numpy cumsum", "limit", lambda: [np.cumsum(v) for v in (x, z, x * x, x * z, z * z)]),
+        Runner(OURS_ONE, "ours", lambda: wglr(x, z, used, ONE_SCALE, plain_paper.WEIGHT, NOMINAL_SLOPE)),
+        Runner(OURS_SEVEN, "ours", seven_scales(window)),
+        Runner(OURS_STAGE, "ours", stage),
+        Runner(PLAIN, "peer", lambda: plain_paper.wglr(x, z)),
+        Runner("plain numpy, with changepoints", "peer", lambda: plain_paper.changepoints(x, z, window.noise_std)),
+        *(Runner(peer.name, "peer", _bound(peer, series), peer.rounds) for peer in peers),
+    ]
+    return laps(runners)
+
+
+def _bound(peer: Peer, series: FloatArray) -> Callable[[], object]:
+    return lambda: peer.search(series)
+
+
+def seven_scales(window: Window) -> Callable[[], object]:
+    """Return the kernel of the live detection over the whole window: statistic, histogram and peaks of seven scales."""
+    scales = np.array(SEVEN_SCALES, dtype=np.int64)
+    variances = np.full(scales.size, window.noise_std**2)
+    floors = KEPT_STATISTIC * variances
+    settings = ScanSettings(scales, plain_paper.WEIGHT, NOMINAL_SLOPE, floors, floors, False)
+    x, z, used = window.x, window.z, window.good
+
+    def run() -> object:
+        """Scan the whole window afresh."""
+        peaks = PeakList(scales)
+        state = ScanState(
+            prefix=np.zeros((PREFIXES, HISTORY + CHUNK + 1)),
+            histogram=np.zeros((scales.size, BINS), dtype=np.int64),
+        )
+        done = 0
+        while done < x.size:
+            peaks.make_room(variances)
+            done = scan(x, z, used, done, x.size, True, settings, state, peaks.arrays, peaks.chunk_peaks)
+        return peaks
+
+    return run

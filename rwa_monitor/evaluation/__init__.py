@@ -1,1 +1,0 @@
-"""How good the diagnosis is: labelled windows through the monitor, figures beside the paper's and an oracle's."""

@@ -1,0 +1,163 @@
+"""`benchmark paper` on a few windows: every table and figure of the paper is there, and counts what it says."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from xml.etree import ElementTree as ET
+
+import numpy as np
+import pytest
+from click.testing import CliRunner, Result
+from scipy import special
+
+from benchmarks.paper.examine import ERROR_STEP, HARD, ORACLE, Examined, examine
+from benchmarks.paper.peers import accepted, add_second_source, candidates, dummy, score
+from benchmarks.paper.pictures import draw_run_lengths
+from benchmarks.paper.run_length import run_lengths
+from benchmarks.speed.peers import Peer
+from benchmarks.speed.windows import window_of
+from rwa_monitor.cli.main import main
+from rwa_monitor.discrepancy.figures import svg
+from rwa_monitor.physics.datasets import LabelledWindow, generate
+from rwa_monitor.physics.truth import Changepoints
+
+SEED = 51
+
+
+@pytest.fixture(scope="module")
+def windows() -> list[LabelledWindow]:
+    return list(generate("paper", 4, SEED))
+
+
+@pytest.fixture(scope="module")
+def examined(windows: list[LabelledWindow]) -> list[Examined]:
+    return [examine(window) for window in windows]
+
+
+@pytest.fixture(scope="module")
+def page(tmp_path_factory: pytest.TempPathFactory) -> tuple[Result, Path]:
+    """Run the small version once."""
+    file = tmp_path_factory.mktemp("page") / "paper.md"
+    arguments = ["benchmark", "paper", "--quick", "--workers", "0", "--seed", str(SEED), "--page", str(file)]
+    return CliRunner().invoke(main, arguments, catch_exceptions=False), file
+
+
+def test_the_command_writes_every_table_and_figure(page: tuple[Result, Path]) -> None:
+    result, file = page
+    assert result.exit_code == 0, result.stderr
+    text = file.read_text(encoding="utf-8")
+    assert result.stdout == text
+    for heading in (
+        "All in one table",
+        "Average run length",
+        "Excess RMSE and survival",
+        "Rejected changepoints",
+        "Work of the assignment",
+        "Anomalies diagnosed",
+        "Number of bins",
+        "Time",
+        "Changepoints beside other packages",
+        "FPOP as a second source",
+    ):
+        assert re.search(rf"^##+ {heading}", text, re.MULTILINE), heading
+    assert "too few to call a target missed" in text
+    for name in (
+        "visible jumps right in place and system",
+        "mean excess RMSE with changepoints",
+        "`paper`, hard laws",
+        "skchange FPOP",
+        "skchange MovingWindow",
+        "dummy: every 3000 samples",
+    ):
+        assert name in text
+    shown = re.findall(r"!\[[^]]+\]\(([^)]+)\)", text)
+    assert len(shown) == 6
+    for picture in shown:
+        root = ET.fromstring((file.parent / picture).read_text(encoding="utf-8"))
+        assert root.tag == "{http://www.w3.org/2000/svg}svg"
+        assert len(list(root.iter("{http://www.w3.org/2000/svg}path"))) > 3
+
+
+def test_every_row_has_as_many_cells_as_its_header(page: tuple[Result, Path]) -> None:
+    for block in re.findall(r"(?:^\|.*\n)+", page[1].read_text(encoding="utf-8"), re.MULTILINE):
+        assert len({line.count(" |") for line in block.splitlines()}) == 1, block
+
+
+def test_pictures_are_the_same_bytes_for_the_same_results() -> None:
+    curves = run_lengths(7)
+    assert svg(draw_run_lengths(curves)) == svg(draw_run_lengths(curves))
+
+
+def test_errors_are_those_of_the_noise_where_jumps_are_known(
+    windows: list[LabelledWindow], examined: list[Examined]
+) -> None:
+    counts = np.sum([one.fitted[ORACLE].errors for one in examined], axis=0)
+    std = windows[0].telemetry.truth.noise_std_Nm / windows[0].wheel.torque_unit_Nm
+    within = counts[: round(std / ERROR_STEP)].sum() / counts.sum()
+    width = ERROR_STEP * round(std / ERROR_STEP) / std  # the edge of the bin beside σ
+    expected = special.erf(width / np.sqrt(2.0))
+    assert within == pytest.approx(expected, abs=5 * np.sqrt(expected * (1 - expected) / counts.sum()))
+    for one in examined:
+        # A thousandth of the noise: a window of 80,000 samples knows its σ to 1/√160,000.
+        assert abs(one.fitted[ORACLE].excess_rmse) < 10 * std / np.sqrt(160_000)
+        assert one.fitted["joint"].excess_rmse < one.naive_excess_rmse
+
+
+def test_both_methods_and_the_printed_one_leave_their_features(examined: list[Examined]) -> None:
+    for one in examined:
+        assert {"paper", HARD, "joint", "oracle A", "oracle B"} <= set(one.outcome.features)
+        assert one.work["joint"].rejected <= one.work["joint"].candidates
+        if one.possible:
+            # Where hard laws allow a sequence of jumps, there is nothing to soften.
+            assert one.outcome.features[HARD].base_dry == one.outcome.features["paper"].base_dry
+
+
+def jumps(*index: int, visible: tuple[bool, ...] | None = None) -> Changepoints:
+    n = len(index)
+    return Changepoints(
+        index=np.array(index, dtype=np.int64),
+        system=np.zeros(n, dtype=np.int64),
+        jump_Nm=np.ones(n),
+        visible=np.ones(n, dtype=bool) if visible is None else np.array(visible),
+        information=np.ones(n),
+    )
+
+
+@pytest.mark.parametrize(
+    ("found", "truth", "expected"),
+    [
+        ([100, 205], jumps(100, 200), (2, 2, 0)),
+        ([100, 206], jumps(100, 200), (2, 1, 1)),
+        ([98, 101], jumps(100), (1, 1, 1)),  # the second one of the same jump is false
+        ([100], jumps(100, 100), (1, 1, 0)),  # two at once are one
+        ([100, 104], jumps(97, 103), (2, 2, 0)),  # the nearest first
+        ([100], jumps(100, 300, visible=(False, True)), (1, 0, 0)),  # too small to be seen: neither right nor false
+        ([], jumps(100), (1, 0, 0)),
+        ([100], jumps(), (0, 0, 1)),
+    ],
+)
+def test_changepoints_are_counted_once(found: list[int], truth: Changepoints, expected: tuple[int, int, int]) -> None:
+    assert score(np.array(found, dtype=np.int64), truth) == expected
+
+
+def test_ours_find_what_a_dummy_does_not(windows: list[LabelledWindow]) -> None:
+    for labelled in windows:
+        window, truth = window_of(labelled), labelled.telemetry.truth.changepoints
+        visible, found, false = score(accepted(window), truth)
+        assert found >= visible - 1
+        assert false <= 1
+        by_chance = 11 * dummy(window).size / window.speed_rad_s.size * visible
+        assert score(dummy(window), truth)[1] <= by_chance + 5 * np.sqrt(by_chance) + 1
+
+
+def test_a_second_source_that_knows_the_truth_recovers_all_that_ours_miss(windows: list[LabelledWindow]) -> None:
+    labelled = windows[0]
+    window, truth = window_of(labelled), labelled.telemetry.truth.changepoints
+    kept = np.flatnonzero(window.moving)
+    told = np.searchsorted(kept, np.unique(truth.index))
+    added = add_second_source([labelled], Peer("truth", lambda series: told))
+    visible, found, false = score(candidates(window, "joint"), truth)
+    assert (added.visible, added.missed, added.false_ours) == (visible, visible - found, false)
+    assert added.recovered == added.missed
+    assert added.false_both == added.false_ours

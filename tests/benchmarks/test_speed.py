@@ -1,0 +1,188 @@
+"""The speed benchmark: its peers do the same work, its ratios hold with generous slack, its results can be kept."""
+
+from __future__ import annotations
+
+import json
+import math
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from benchmarks.speed import benchmark, detection, live, peers, plain_paper, search
+from benchmarks.speed.detection import Window
+from benchmarks.speed.machine import peak_memory_bytes
+from benchmarks.speed.race import Runner, laps
+from benchmarks.speed.report import SpeedReport, Target, to_markdown
+from benchmarks.speed.windows import hard_window, time_hard_window, time_windows, window_of
+from rwa_monitor.diagnosis.model import built_in_model
+from rwa_monitor.kernels.wglr import wglr
+from rwa_monitor.physics.datasets import generate
+from rwa_monitor.physics.wheel import built_in_wheel
+
+# A ratio may be so many times its target before a test fails: processor times of short runs on a shared machine.
+SLACK = 5.0
+SEED = 8_129
+
+
+@pytest.fixture(scope="module")
+def window() -> Window:
+    return window_of(next(iter(generate("paper", 1, SEED))))
+
+
+# ---- the same work ---------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("scale", [2, 50, 128])
+def test_the_compiled_kernel_agrees_with_plain_numpy(window: Window, scale: int) -> None:
+    x, z = window.x, window.z
+    statistic, _ = wglr(x, z, window.good, scale, 1e-4, 1.0)
+    plain = plain_paper.wglr(x, z, scale, 1e-4, 1.0)
+    # Sums over the whole window lose digits that sums over a chunk keep: some 80,000 · eps of a window's Σz².
+    np.testing.assert_allclose(statistic[scale : x.size - scale + 1], plain, rtol=1e-6, atol=1e-7)
+
+
+def test_the_plain_method_finds_what_the_truth_holds() -> None:
+    right = total = 0
+    for labelled in generate("paper", 5, SEED):
+        window, truth = window_of(labelled), labelled.telemetry.truth
+        found = plain_paper.diagnose(
+            window.speed_rad_s, window.torque_Nm, window.wheel, built_in_model(), window.noise_std
+        )
+        assert found.viscous == pytest.approx(window.slope, rel=0.05)
+        jumps = np.unique(truth.changepoints.index[truth.changepoints.visible])
+        right += sum(int(np.abs(found.changepoints - jump).min() <= 5) for jump in jumps)
+        total += jumps.size
+    assert right / total > 0.9  # of the jumps; a plain version in numpy, apart from this one, found 95 to 98 %
+
+
+def test_the_fastest_peer_finds_what_the_truth_holds() -> None:
+    pytest.importorskip("skchange")
+    labelled = next(iter(generate("paper", 1, SEED)))
+    truth = labelled.telemetry.truth.changepoints
+    found = np.asarray(peers.skchange_fpop().search(window_of(labelled).series()))
+    jumps = np.unique(truth.index[truth.visible])
+    assert np.mean([np.abs(found - jump).min() <= 5 for jump in jumps]) > 0.95
+
+
+def test_a_missing_peer_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(name: str) -> object:
+        raise ImportError(name)
+
+    monkeypatch.setattr(peers, "import_module", refuse)
+    told: list[str] = []
+    assert peers.installed(told.append) == []
+    assert "skchange is not installed (pip install skchange); it is left out" in told
+    assert len(told) == len(peers.PEERS)
+
+
+# ---- ratios ----------------------------------------------------------------------------------------------------------
+
+
+def test_kernels_beside_plain_numpy_and_the_limit(window: Window) -> None:
+    x, z, out = window.x, window.z, np.empty((5, window.x.size))
+    found = laps(
+        [
+            Runner("limit", "limit", lambda: detection.five_sums(x, z, out)),
+            Runner("one", "ours", lambda: wglr(x, z, window.good, 50, 1e-4, 1.0)),
+            Runner("seven", "ours", detection.seven_scales(window)),
+            Runner("plain", "peer", lambda: plain_paper.wglr(x, z)),
+        ],
+        rounds=5,
+    )
+    least = {lap.name: lap.least_s for lap in found}
+    assert least["seven"] <= SLACK * least["plain"]
+    assert least["one"] <= SLACK * 6.0 * least["limit"]
+
+
+def test_whole_windows_beside_the_kernel_and_the_plain_method() -> None:
+    times = time_windows(generate("paper", 6, SEED), built_in_model(), None, repeats=2)
+    allowed = 0.25 * np.median(times.kernel) + 0.003
+    assert np.median(times.close) <= SLACK * allowed
+    assert np.isfinite(times.plain).sum() == 2  # every fifth
+    assert np.nanmean(times.plain) >= np.mean(times.whole) / SLACK
+
+
+def test_the_incremental_step_beside_the_same_at_once(window: Window) -> None:
+    of_built_in = Window(
+        built_in_wheel(), window.speed_rad_s, window.torque_Nm, window.good, window.noise_std, window.slope
+    )
+    least = {lap.name: lap.least_s for lap in live.step_laps(of_built_in, built_in_model())}
+    assert least[live.STEP_BATCH] <= SLACK * 2.0 * least[live.STEP_AT_ONCE]
+    cost = live.cost_by_length(of_built_in, built_in_model(), (20_000, 200_000))
+    assert cost[200_000] <= SLACK * cost[20_000]
+
+
+def test_a_window_of_many_alike_jumps_is_bounded_and_says_that_it_pruned() -> None:
+    wheel = built_in_wheel()
+    one, two = hard_window(wheel, np.random.default_rng(1)), hard_window(wheel, np.random.default_rng(1))
+    np.testing.assert_array_equal(one.torque_Nm, two.torque_Nm)
+    hard = time_hard_window(wheel, built_in_model(), SEED, repeats=1)
+    assert (hard.candidates, hard.systems, hard.pruned) == (pytest.approx(200, abs=10), 3, True)
+    assert hard.states < 2_000 * 5 * hard.candidates  # budget of a candidate, rounds of the search
+
+
+# ---- what is kept ----------------------------------------------------------------------------------------------------
+
+
+def test_the_peak_memory_of_a_process_is_not_that_of_the_one_that_started_it() -> None:
+    large = np.ones(60_000_000)
+    ask = "from benchmarks.speed.machine import peak_memory_bytes; print(peak_memory_bytes())"
+    child = subprocess.run([sys.executable, "-c", ask], capture_output=True, text=True, check=True)
+    assert int(child.stdout) < large.nbytes < peak_memory_bytes()
+
+
+def test_a_search_in_a_process_of_its_own_says_what_it_cost() -> None:
+    costs = [search.measure_apart(4000, 1, threads=2), search.measure(8000, 1, threads=1)]
+    assert [cost.named for cost in costs] == [("stribeck",), ("stribeck",)]
+    assert costs[0].memory_GB < 2.0
+    assert search.growth(costs) < SLACK * search.MOST_GROWTH
+
+
+def test_the_search_is_held_against_its_targets() -> None:
+    costs = [
+        search.SearchCost(samples, hidden, 4, wall_s, processor_s, 1.0, ())
+        for samples, hidden, wall_s, processor_s in (
+            (20_000, 1, 3.0, 3.0),
+            (80_000, 1, 8.0, 10.0),
+            (320_000, 1, 40.0, 60.0),
+            (80_000, 0, 3.0, 6.0),
+            (80_000, 2, 11.0, 21.0),
+            (5_000, 2, 2.0, 4.0),
+        )
+    ]
+    slowest, short, memory, growth = search.search_section(costs).targets
+    assert (slowest.reached, slowest.met) == (21.0, False)
+    assert (short.reached, short.met) == (4.0, True)
+    assert memory.met
+    assert (growth.reached, growth.met) == (pytest.approx(1.25), False)
+
+
+def test_help_imports_nothing_heavy() -> None:
+    assert benchmark.imported_at_help() == []
+
+
+def test_a_report_can_be_kept_and_shown_again(window: Window) -> None:
+    section = benchmark.detection_section(
+        laps(
+            [
+                Runner(detection.LIMIT, "limit", lambda: None),
+                Runner(detection.OURS_ONE, "ours", lambda: None),
+                Runner(detection.OURS_SEVEN, "ours", lambda: None),
+                Runner(detection.PLAIN, "peer", lambda: None),
+            ],
+            rounds=2,
+        )
+    )
+    report = SpeedReport({"processor": "none"}, {"windows": 1, "seed": 2}, (section,), ("river is not installed",))
+    again = SpeedReport.from_json(json.loads(json.dumps(report.to_json())))
+    assert to_markdown(again) == to_markdown(report)
+    assert [target.name for target in again.targets] == [target.name for target in report.targets]
+
+
+def test_what_could_not_be_measured_is_neither_met_nor_missed() -> None:
+    target = Target("memory", math.nan, 3.0, least=False, absolute="cannot be read here")
+    assert target.met is None
+    assert Target("ratio", 2.0, 1.0, least=True, absolute="").met
+    assert not Target("ratio", 2.0, 1.0, least=False, absolute="").met
