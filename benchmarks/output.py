@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from pathlib import Path
 
 
@@ -13,6 +14,6 @@ def add_output_option(parser: argparse.ArgumentParser) -> None:
 
 def put_out(page: str, output: Path | None) -> None:
     """Print a page, and write it to the file, None for no file."""
-    print(page)
+    sys.stdout.write(page)
     if output is not None:
         output.write_text(page, encoding="utf-8")

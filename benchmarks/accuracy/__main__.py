@@ -9,10 +9,7 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-import time
-from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
 
 # One thread for linear algebra in every process, before numpy is imported: the workers share the cores.
 for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
@@ -33,21 +30,6 @@ from benchmarks.accuracy.page import to_markdown  # noqa: E402
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "benchmark.md"
 
 
-SAID_EVERY_S = 15.0
-
-
-def _say(items: Iterable[Any], total: int, description: str) -> Iterable[Any]:
-    """Pass the items on; say every few seconds on stderr how many there were."""
-    begin = said = time.monotonic()
-    for number, item in enumerate(items, start=1):
-        yield item
-        now = time.monotonic()
-        if now - said > SAID_EVERY_S or number == total:
-            said = now
-            sys.stderr.write(f"{description}: {number} of {total}, {now - begin:.0f} s\n")
-            sys.stderr.flush()
-
-
 def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--windows", type=int, default=WINDOWS, help="windows per recipe (default %(default)s)")
@@ -64,7 +46,6 @@ def main() -> int:
         arguments.seed,
         arguments.jobs,
         arguments.splits,
-        progress=_say,
         stories={} if arguments.recipes_only else STORY_WHEELS,
         laws_wheels=0 if arguments.recipes_only else LAWS_WHEELS,
     )

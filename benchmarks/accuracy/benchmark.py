@@ -9,11 +9,12 @@ from typing import Final
 
 import numpy as np
 
-from benchmarks.accuracy.campaign import Progress, StageTimes, in_processes, outcomes, time_stages, untracked
+from benchmarks.accuracy.campaign import StageTimes, in_processes, outcomes, time_stages
 from benchmarks.accuracy.carried import JudgedWindows, StoryName, judge_story
 from benchmarks.accuracy.learned_laws import LawsResult, compare_laws
 from benchmarks.accuracy.outcome import JumpScore, Outcome
 from benchmarks.accuracy.splits import Accuracy, measure
+from rwa_monitor.cli.progress import track
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.diagnosis.results import Method
 from rwa_monitor.physics.datasets import generate
@@ -105,7 +106,6 @@ def run(
     seed: int = SEED,
     workers: int = 2,
     splits: int = SPLITS,
-    progress: Progress = untracked,
     stories: Mapping[StoryName, int] | None = None,
     laws_wheels: int = 0,
 ) -> Benchmark:
@@ -119,8 +119,6 @@ def run(
         Processes; the accuracy does not depend on their number, the times are taken in this one.
     splits
         Random splits of the paper's protocol.
-    progress
-        Called with what comes of each window or wheel, their number and a description; passes it on.
     stories
         Wheels of each story of `carried`.
     laws_wheels
@@ -129,17 +127,16 @@ def run(
     results = []
     for recipe in recipes:
         methods: tuple[Method, ...] = ("joint", "paper") if recipe in PAPERS_RECIPES else ("joint",)
-        found = list(progress(outcomes(recipe, windows, seed, workers, methods), windows, f"recipe {recipe}"))
-        results.append(summarise(recipe, found, seed, splits, workers, progress))
-    told = {
-        story: judge_story(story, wheels, seed + STORY_SEED, workers, progress)
-        for story, wheels in (stories or {}).items()
+        found = list(track(outcomes(recipe, windows, seed, workers, methods), windows, f"recipe {recipe}"))
+        results.append(summarise(recipe, found, seed, splits, workers))
+    carried = {
+        story: judge_story(story, wheels, seed + STORY_SEED, workers) for story, wheels in (stories or {}).items()
     }
-    laws = compare_laws(laws_wheels, seed + LAWS_SEED, workers, progress) if laws_wheels else None
+    laws = compare_laws(laws_wheels, seed + LAWS_SEED, workers) if laws_wheels else None
     timed = list(islice(generate(recipes[0], TIMED_WINDOWS, seed), TIMED_WINDOWS))
     model = built_in_model()
     times = (time_stages(timed, model, "paper"), time_stages(timed, model, "joint"))
-    return Benchmark(tuple(results), times, told, laws)
+    return Benchmark(tuple(results), times, carried, laws)
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,14 +160,13 @@ def summarise(
     seed: int,
     splits: int,
     workers: int = 0,
-    progress: Progress = untracked,
 ) -> RecipeResult:
     """Return the result of one recipe from the outcomes of its windows."""
     # All wheels of a recipe have the same systems; their names are all that is needed here.
     wheel = next(iter(generate(recipe, 1, seed))).wheel
     compared = {name: pair for name, pair in COMPARED.items() if pair[0] in found[0].features}
     tasks = [_Comparison(found, features, method, wheel, seed, splits) for features, method in compared.values()]
-    measured = progress(in_processes(_Comparison.run, tasks, workers), len(tasks), f"recipe {recipe}, splits")
+    measured = track(in_processes(_Comparison.run, tasks, workers), len(tasks), f"recipe {recipe}, splits")
     return RecipeResult(
         recipe=recipe,
         windows=len(found),

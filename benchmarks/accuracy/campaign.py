@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import chain, islice
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
@@ -31,14 +31,6 @@ STAGES = ("changepoints", "assignment", "classification")
 
 Given = TypeVar("Given")
 Found = TypeVar("Found")
-# Called with results as they come, their number and a description; passes them on.
-Progress = Callable[[Iterable[Any], int, str], Iterable[Any]]
-
-
-def untracked(items: Iterable[Any], total: int, description: str) -> Iterable[Any]:
-    """Pass the items on and tell nobody."""
-    del total, description
-    return items
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +69,7 @@ def outcomes(
     yield from chain.from_iterable(in_processes(_Task.run, tasks, workers))
 
 
-def in_processes(work: Callable[[Given], Found], tasks: Sequence[Given], workers: int) -> Iterator[Found]:
+def in_processes(work: Callable[[Given], Found], tasks: Iterable[Given], workers: int) -> Iterator[Found]:
     """Do the work on all tasks in `workers` processes, in order; 0 works in this one."""
     if workers == 0:
         yield from map(work, tasks)

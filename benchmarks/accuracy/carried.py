@@ -13,7 +13,8 @@ from typing import Final, Literal
 
 import numpy as np
 
-from benchmarks.accuracy.campaign import Progress, in_processes, untracked
+from benchmarks.accuracy.campaign import in_processes
+from rwa_monitor.cli.progress import track
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.diagnosis.state import CarriedState
 from rwa_monitor.diagnosis.window_diagnosis import WindowDiagnosis
@@ -119,9 +120,7 @@ def _recipe(story: StoryName) -> Recipe:
     return Recipe("sudden", STORIES[story], mild.wheel, sudden, windows=EARLIER + 1)
 
 
-def judge_story(
-    story: StoryName, wheels: int, seed: int, workers: int, progress: Progress = untracked
-) -> JudgedWindows:
+def judge_story(story: StoryName, wheels: int, seed: int, workers: int) -> JudgedWindows:
     """Judge the windows of a story.
 
     Parameters
@@ -132,10 +131,8 @@ def judge_story(
         How many wheels, and the seed of all randomness.
     workers
         Processes; 0 works in this one. The result does not depend on it.
-    progress
-        See `campaign.Progress`.
     """
     tasks = [_Task(story, number, seed) for number in range(wheels)]
-    rows = list(chain.from_iterable(progress(in_processes(_Task.run, tasks, workers), wheels, f"story {story}")))
+    rows = list(chain.from_iterable(track(in_processes(_Task.run, tasks, workers), wheels, f"story {story}")))
     columns = [np.array(column, dtype=np.bool_) for column in zip(*rows, strict=True)]
     return JudgedWindows(next(wheel_windows("mild", 0, seed)).wheel.anomalies, *columns)

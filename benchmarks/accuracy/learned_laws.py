@@ -11,8 +11,9 @@ from typing import Final
 
 import numpy as np
 
-from benchmarks.accuracy.campaign import Progress, in_processes, untracked
+from benchmarks.accuracy.campaign import in_processes
 from benchmarks.accuracy.outcome import JumpScore, score_jumps
+from rwa_monitor.cli.progress import track
 from rwa_monitor.diagnosis.model import Model, built_in_model
 from rwa_monitor.errors import InputError
 from rwa_monitor.identification.identify import identify
@@ -136,7 +137,7 @@ def _diagnose(samples: Samples, wheel: Wheel, model: Model, window: LabelledWind
     return diagnosed, score_jumps(event.diagnosis.changepoints, truth.changepoints, window.wheel, truth.used)
 
 
-def compare_laws(wheels: int, seed: int, workers: int, progress: Progress = untracked) -> LawsResult:
+def compare_laws(wheels: int, seed: int, workers: int) -> LawsResult:
     """Diagnose with true and with identified laws.
 
     Parameters
@@ -145,11 +146,9 @@ def compare_laws(wheels: int, seed: int, workers: int, progress: Progress = untr
         How many wheels, and the seed of all randomness.
     workers
         Processes; 0 works in this one. The result does not depend on it.
-    progress
-        See `campaign.Progress`.
     """
     tasks = [_Task(number, seed) for number in range(wheels)]
-    found = list(progress(in_processes(_Task.run, tasks, workers), wheels, "identified laws"))
+    found = list(track(in_processes(_Task.run, tasks, workers), wheels, "identified laws"))
     rows = [row for one in found for row in one.rows]
     truth, with_true, with_identified = (np.array(column, dtype=np.bool_) for column in zip(*rows, strict=True))
     return LawsResult(

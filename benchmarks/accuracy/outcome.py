@@ -12,15 +12,13 @@ from rwa_monitor.diagnosis.features import Features
 from rwa_monitor.diagnosis.results import Method
 from rwa_monitor.diagnosis.training import LabelledFeatures
 from rwa_monitor.diagnosis.window_diagnosis import Changepoint, WindowDiagnosis
+from rwa_monitor.discrepancy.diagnosis_gain import PLACED_WITHIN, false_changepoints
 from rwa_monitor.errors import InputError
 from rwa_monitor.live.core import diagnose_samples
 from rwa_monitor.physics.datasets import LabelledWindow
 from rwa_monitor.physics.telemetry import Changepoints
 from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import BoolArray, IntArray, Samples
-
-# A jump is found where a changepoint is reported within this many samples (the project's issue 2).
-PLACED_WITHIN = 5
 
 
 @dataclass(frozen=True, slots=True)
@@ -160,15 +158,11 @@ def score_jumps(
         taken[nearest] = True
         placed += 1
         attributed += accepted[nearest].fss == names[int(system)]
-    false = 0
-    for changepoint in accepted:
-        near = np.abs(truth.index - changepoint.index) <= PLACED_WITHIN
-        false += not bool(near.any())
     return JumpScore(
         visible=int(truth.visible.sum()),
         placed=placed,
         attributed=attributed,
-        false=false,
+        false=false_changepoints(found, truth),
         rejected=len(found) - len(accepted),
         hidden=0 if used is None else int(_hidden(truth.index[truth.visible], used).sum()),
     )

@@ -21,8 +21,8 @@ from benchmarks.accuracy.benchmark import (
 from benchmarks.accuracy.campaign import STAGES
 from benchmarks.accuracy.carried import STORIES
 from benchmarks.accuracy.learned_laws import RECORDINGS
-from benchmarks.accuracy.outcome import PLACED_WITHIN
 from benchmarks.accuracy.splits import COVERAGES, TRAINING_SHARE, Accuracy, wilson
+from rwa_monitor.discrepancy.diagnosis_gain import PLACED_WITHIN
 from rwa_monitor.physics.datasets import HARD_SEVERITIES, MILD_SEVERITIES, PAPER_SEVERITIES
 from rwa_monitor.physics.wheel import built_in_wheel
 

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import multiprocessing
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
 
 from benchmarks.accuracy.benchmark import Benchmark, RecipeResult, Target, summarise, targets
-from benchmarks.accuracy.campaign import StageTimes, time_stages
+from benchmarks.accuracy.campaign import StageTimes, in_processes, time_stages
 from benchmarks.accuracy.splits import Accuracy, measure
 from benchmarks.paper.bins import BinsSweep, sweep
 from benchmarks.paper.examine import ERROR_STEP, HARD, ORACLE, Examined, examine
@@ -24,6 +23,7 @@ from benchmarks.speed.peers import (
     skchange_fpop,
     skchange_moving_window,
 )
+from rwa_monitor.cli.progress import track
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.diagnosis.results import Method
 from rwa_monitor.physics.datasets import generate
@@ -40,8 +40,6 @@ MORE_BEYOND: Final = 1.05  # times as many samples beyond it as with the true ch
 ENOUGH: Final = 100  # windows, below which rates say too little to be called missed
 PEERS: Final = (skchange_fpop, skchange_moving_window, ruptures_window, ruptures_pelt)
 QUICK_PEERS: Final = (skchange_fpop, skchange_moving_window)
-
-Progress = Callable[[Iterable[Examined], int, str], Iterable[Examined]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,12 +128,7 @@ class PaperBenchmark:
         return self.size.windows >= ENOUGH
 
 
-def _untracked(items: Iterable[Examined], total: int, description: str) -> Iterable[Examined]:
-    del total, description
-    return items
-
-
-def run(size: Size, workers: int = 2, progress: Progress = _untracked) -> PaperBenchmark:
+def run(size: Size, workers: int = 2) -> PaperBenchmark:
     """Measure everything.
 
     Parameters
@@ -144,10 +137,10 @@ def run(size: Size, workers: int = 2, progress: Progress = _untracked) -> PaperB
         How much.
     workers
         Processes that examine windows; 0 works in this one. Only times depend on it.
-    progress
-        Called with the windows as they come, their number and a description; passes them on.
     """
-    examined = tuple(progress(_examined(size, workers), size.windows, "windows"))
+    examined = tuple(
+        track(in_processes(examine, generate(RECIPE, size.windows, size.seed), workers), size.windows, "windows")
+    )
     outcomes = [one.outcome for one in examined]
     wheel = built_in_wheel()  # all wheels of the recipe have its systems
     peers, missing = _installed(size.peers)
@@ -167,16 +160,6 @@ def run(size: Size, workers: int = 2, progress: Progress = _untracked) -> PaperB
         times=tuple(time_stages(compared[RECIPE], model, method) for method in METHODS),
         missing=missing,
     )
-
-
-def _examined(size: Size, workers: int) -> Iterable[Examined]:
-    windows = generate(RECIPE, size.windows, size.seed)
-    if workers == 0:
-        yield from map(examine, windows)
-        return
-    # Started afresh, not forked: a fork would copy whatever threads and sessions the caller has.
-    with multiprocessing.get_context("spawn").Pool(workers) as pool:
-        yield from pool.imap(examine, windows, chunksize=1)
 
 
 def _installed(wanted: Sequence[Callable[[], Peer]]) -> tuple[list[Peer], tuple[str, ...]]:

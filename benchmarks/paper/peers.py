@@ -13,7 +13,6 @@ from typing import Final
 
 import numpy as np
 
-from benchmarks.accuracy.outcome import PLACED_WITHIN
 from benchmarks.speed.detection import Window
 from benchmarks.speed.peers import Peer
 from benchmarks.speed.windows import window_of
@@ -21,6 +20,7 @@ from rwa_monitor.diagnosis.assignment import assign
 from rwa_monitor.diagnosis.evidence import WindowAccumulator
 from rwa_monitor.diagnosis.results import REJECTED, Method
 from rwa_monitor.diagnosis.state import CarriedState
+from rwa_monitor.discrepancy.diagnosis_gain import PLACED_WITHIN
 from rwa_monitor.physics.datasets import LabelledWindow
 from rwa_monitor.physics.truth import Changepoints
 from rwa_monitor.samples import IntArray

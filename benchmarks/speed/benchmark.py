@@ -6,9 +6,7 @@ import resource
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterable
 from dataclasses import replace
-from itertools import islice
 from typing import Final
 
 import numpy as np
@@ -21,8 +19,9 @@ from benchmarks.speed.race import Lap
 from benchmarks.speed.report import MILLI, Section, SpeedReport, Target
 from benchmarks.speed.search import search_costs, search_section
 from benchmarks.speed.windows import HardWindow, WindowTimes, time_hard_window, time_windows, window_of
+from rwa_monitor.cli.progress import track
 from rwa_monitor.diagnosis.model import built_in_model
-from rwa_monitor.physics.datasets import LabelledWindow, generate
+from rwa_monitor.physics.datasets import generate
 from rwa_monitor.physics.wheel import built_in_wheel
 
 WINDOWS: Final = 1_000
@@ -42,15 +41,8 @@ NANO: Final = 1e9
 MEGA: Final = 1e6
 FORBIDDEN_AT_HELP: Final = ("sklearn", "starlette", "uvicorn")
 
-Progress = Callable[[Iterable[LabelledWindow], int], Iterable[LabelledWindow]]
 
-
-def _untracked(windows: Iterable[LabelledWindow], count: int) -> Iterable[LabelledWindow]:
-    del count
-    return windows
-
-
-def run(windows: int = WINDOWS, seed: int = SEED, progress: Progress = _untracked) -> SpeedReport:
+def run(windows: int = WINDOWS, seed: int = SEED) -> SpeedReport:
     """Run the benchmark.
 
     Parameters
@@ -59,8 +51,6 @@ def run(windows: int = WINDOWS, seed: int = SEED, progress: Progress = _untracke
         Windows of recipe `paper` that are diagnosed.
     seed
         Of these, and of the hard window.
-    progress
-        Called with the windows as they come and their number; passes them on.
     """
     machine = describe_machine()
     missing: list[str] = []
@@ -68,7 +58,7 @@ def run(windows: int = WINDOWS, seed: int = SEED, progress: Progress = _untracke
     fastest = next((peer for peer in peers if peer.name == "skchange FPOP"), None)
     first = window_of(next(iter(generate(RECIPE, 1, seed))))
     model = built_in_model()
-    times = time_windows(progress(islice(generate(RECIPE, windows, seed), windows), windows), model, fastest)
+    times = time_windows(track(generate(RECIPE, windows, seed), windows, "windows"), model, fastest)
     live_window = replace(first, wheel=built_in_wheel())  # the monitor's window, whatever the recipe's wheel is
     stream = live.stream_of(built_in_wheel(), STREAM_WINDOWS, np.random.default_rng(seed))
     sections = (

@@ -219,11 +219,13 @@ def _with_diagnosis_gain(found: Search, progress: Callable[[str], None]) -> Sear
     """Add what the extension does to the diagnosis, where the wheel can be simulated and classified."""
     from dataclasses import replace
 
-    from rwa_monitor.cli.diagnosis_gain import diagnosis_gain
     from rwa_monitor.diagnosis.model import built_in_model
+    from rwa_monitor.discrepancy.diagnosis_gain import diagnosis_gain
+    from rwa_monitor.live.core import diagnose_samples
 
     progress("diagnosis with and without the extension")
-    rates = diagnosis_gain(found, built_in_model())
+    model = built_in_model()
+    rates = diagnosis_gain(found, lambda samples, wheel: next(diagnose_samples(samples, wheel, model)).diagnosis)
     if rates is None or found.result.gain is None:
         return found
     gain = replace(found.result.gain, diagnosis=rates)

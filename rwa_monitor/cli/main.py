@@ -42,7 +42,6 @@ COMMANDS: Final = (
     "bridge",
     "foxglove",
     "dashboard",
-    "benchmark",
     "doctor",
     "completion",
 )

@@ -1,23 +1,24 @@
-"""`benchmark paper` on a few windows: every table and figure of the paper is there, and counts what it says."""
+"""`make benchmark-paper` on a few windows: every table and figure of the paper is there, and counts what it says."""
 
 from __future__ import annotations
 
 import re
+from contextlib import redirect_stdout
+from io import StringIO
 from pathlib import Path
 from xml.etree import ElementTree as ET
 
 import numpy as np
 import pytest
-from click.testing import CliRunner, Result
 from scipy import special
 
+from benchmarks.paper.__main__ import main
 from benchmarks.paper.examine import ERROR_STEP, HARD, ORACLE, Examined, examine
 from benchmarks.paper.peers import accepted, add_second_source, candidates, dummy, score
 from benchmarks.paper.pictures import draw_run_lengths
 from benchmarks.paper.run_length import run_lengths
 from benchmarks.speed.peers import Peer
 from benchmarks.speed.windows import window_of
-from rwa_monitor.cli.main import main
 from rwa_monitor.discrepancy.figures import svg
 from rwa_monitor.physics.datasets import LabelledWindow, generate
 from rwa_monitor.physics.truth import Changepoints
@@ -36,18 +37,20 @@ def examined(windows: list[LabelledWindow]) -> list[Examined]:
 
 
 @pytest.fixture(scope="module")
-def page(tmp_path_factory: pytest.TempPathFactory) -> tuple[Result, Path]:
-    """Run the small version once."""
+def page(tmp_path_factory: pytest.TempPathFactory) -> tuple[int, str, Path]:
+    """Run the small version once; its exit code, what it printed, and the page."""
     file = tmp_path_factory.mktemp("page") / "paper.md"
-    arguments = ["benchmark", "paper", "--quick", "--workers", "0", "--seed", str(SEED), "--page", str(file)]
-    return CliRunner().invoke(main, arguments, catch_exceptions=False), file
+    printed = StringIO()
+    with redirect_stdout(printed):
+        code = main(["--quick", "--workers", "0", "--seed", str(SEED), "-o", str(file)])
+    return code, printed.getvalue(), file
 
 
-def test_the_command_writes_every_table_and_figure(page: tuple[Result, Path]) -> None:
-    result, file = page
-    assert result.exit_code == 0, result.stderr
+def test_the_command_writes_every_table_and_figure(page: tuple[int, str, Path]) -> None:
+    code, printed, file = page
+    assert code == 0
     text = file.read_text(encoding="utf-8")
-    assert result.stdout == text
+    assert printed == text
     for heading in (
         "All in one table",
         "Average run length",
@@ -79,8 +82,8 @@ def test_the_command_writes_every_table_and_figure(page: tuple[Result, Path]) ->
         assert len(list(root.iter("{http://www.w3.org/2000/svg}path"))) > 3
 
 
-def test_every_row_has_as_many_cells_as_its_header(page: tuple[Result, Path]) -> None:
-    for block in re.findall(r"(?:^\|.*\n)+", page[1].read_text(encoding="utf-8"), re.MULTILINE):
+def test_every_row_has_as_many_cells_as_its_header(page: tuple[int, str, Path]) -> None:
+    for block in re.findall(r"(?:^\|.*\n)+", page[2].read_text(encoding="utf-8"), re.MULTILINE):
         assert len({line.count(" |") for line in block.splitlines()}) == 1, block
 
 

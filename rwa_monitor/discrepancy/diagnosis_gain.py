@@ -6,32 +6,34 @@ the recorded one. Seeds are fixed: the same extension gives the same rates.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any, Final
 
 import numpy as np
 
-from benchmarks.accuracy.outcome import score_jumps
-from rwa_monitor.diagnosis.model import Model
+from rwa_monitor.diagnosis.window_diagnosis import Changepoint, WindowDiagnosis
 from rwa_monitor.discrepancy.extended import extended_wheel
 from rwa_monitor.discrepancy.finished_search import Search
 from rwa_monitor.discrepancy.result import DiagnosisGain, Rates
-from rwa_monitor.live.core import diagnose_samples
 from rwa_monitor.physics.scenario import Anomaly, Scenario
 from rwa_monitor.physics.speed import SpeedProfile
-from rwa_monitor.physics.telemetry import Telemetry, simulate
+from rwa_monitor.physics.telemetry import Changepoints, Telemetry, simulate
 from rwa_monitor.physics.wheel import Wheel
+from rwa_monitor.samples import Samples
 
+Diagnose = Callable[[Samples, Wheel], WindowDiagnosis]
 Counts = np.ndarray[Any, np.dtype[np.int64]]
 
 SEED: Final = 41_000  # of the first window; no other part of the project uses 41,000 … 41,999
 WINDOWS: Final = 16
+PLACED_WITHIN: Final = 5  # samples of a true jump within which a changepoint reports it
 # Clear anomalies, so that what is lost is lost to the missing effect: those of the data set recipe `mild`, doubled.
 FACTORS: Final = {"dry": 1.6, "viscous": 1.3}
 FACTOR_OF_SYSTEMS: Final = 2.0
 
 
-def diagnosis_gain(search: Search, model: Model | None, windows: int = WINDOWS) -> DiagnosisGain | None:
+def diagnosis_gain(search: Search, diagnose: Diagnose) -> DiagnosisGain | None:
     """Return detection, false-positive rate and false changepoints before and after the extension.
 
     None where the wheel's file does not allow it to be simulated and classified, or nothing was added.
@@ -40,47 +42,49 @@ def diagnosis_gain(search: Search, model: Model | None, windows: int = WINDOWS) 
     ----------
     search
         A finished search.
-    model
-        The classifiers.
-    windows
-        How many windows are simulated.
+    diagnose
+        Diagnoses the samples of one window of a wheel, as the monitor does, whose room lies above this one.
     """
     wheel, extended = search.wheel, extended_wheel(search)
     complete = None not in (wheel.nominal, wheel.inertia_kg_m2, wheel.torque_constant_Nm_A)
-    if not search.extended.terms or model is None or not complete or not wheel.fss:
+    if not search.extended.terms or not complete or not wheel.fss:
         return None
     if any(system.friction is None for system in wheel.fss):
         return None
     crosses = any(np.ptp(record.channels.direction[record.used]) > 0 for record in search.problem.records)
     speed = SpeedProfile(kind="rich" if crosses else "one_direction")
     statuses = [name for anomaly in wheel.anomalies for name in ("nominal", anomaly)]
-    tries = [(statuses[i % len(statuses)], SEED + i) for i in range(windows)]
-    diagnosed = partial(_diagnosed, wheel, extended, speed, model)
+    tries = [(statuses[i % len(statuses)], SEED + i) for i in range(WINDOWS)]
+    diagnosed = partial(_diagnosed, wheel, extended, speed, diagnose)
     counts = np.sum(search.problem.each(diagnosed, tries), axis=0)
-    return DiagnosisGain(_rates(counts[0], windows), _rates(counts[1], windows), windows)
+    return DiagnosisGain(_rates(counts[0]), _rates(counts[1]), WINDOWS)
 
 
-def _diagnosed(wheel: Wheel, extended: Wheel, speed: SpeedProfile, model: Model, one: tuple[str, int]) -> Counts:
+def _diagnosed(wheel: Wheel, extended: Wheel, speed: SpeedProfile, diagnose: Diagnose, one: tuple[str, int]) -> Counts:
     """Simulate one window with the effects in it and return the counts without and with them known, int64 (2, 5)."""
     status, seed = one
     anomalies = {} if status == "nominal" else {status: Anomaly(factor=FACTORS.get(status, FACTOR_OF_SYSTEMS))}
     duration_s = wheel.window.samples * wheel.sample_period_s
     scenario = Scenario(duration_s=duration_s, speed=speed, anomalies=anomalies)
     telemetry = simulate(scenario, extended, np.random.default_rng(seed))
-    return np.array([_count(telemetry, used, status, model) for used in (wheel, extended)])
+    return np.array([_count(telemetry, diagnose(telemetry.samples, used), used, status) for used in (wheel, extended)])
 
 
-def _count(telemetry: Telemetry, wheel: Wheel, status: str, model: Model) -> Counts:
+def _count(telemetry: Telemetry, diagnosis: WindowDiagnosis, wheel: Wheel, status: str) -> Counts:
     """Return anomalies present, those detected, anomalies absent, those named all the same, and false changepoints."""
-    diagnosis = next(iter(diagnose_samples(telemetry.samples, wheel, model))).diagnosis
     active = {entry.name for entry in diagnosis.anomalies if entry.active}
     present = {status} - {"nominal"}
     absent = set(wheel.anomalies) - present
-    false = score_jumps(diagnosis.changepoints, telemetry.truth.changepoints, wheel).false
+    false = false_changepoints(diagnosis.changepoints, telemetry.truth.changepoints)
     return np.array([len(present), len(present & active), len(absent), len(absent & active), false])
 
 
-def _rates(count: Counts, windows: int) -> Rates:
-    return Rates(
-        float(count[1] / max(count[0], 1)), float(count[3] / max(count[2], 1)), float(count[4] / max(windows, 1))
-    )
+def false_changepoints(found: Sequence[Changepoint], truth: Changepoints) -> int:
+    """Return how many of the changepoints that are not rejected have no true jump within `PLACED_WITHIN` samples."""
+    index = np.array([changepoint.index for changepoint in found if changepoint.fss != "rejected"], dtype=np.int64)
+    near = np.abs(index[:, None] - truth.index[None, :]) <= PLACED_WITHIN
+    return int(index.size - near.any(axis=1).sum())
+
+
+def _rates(count: Counts) -> Rates:
+    return Rates(float(count[1] / max(count[0], 1)), float(count[3] / max(count[2], 1)), float(count[4] / WINDOWS))
