@@ -22,8 +22,8 @@ from typing import Any
 import numpy as np
 import psutil
 
-from benchmarks.output import add_output_option, put_out
-from benchmarks.speed.machine import describe_machine, peak_memory_bytes
+from benchmarks.machine import describe_machine, peak_memory_bytes
+from benchmarks.page import add_output_option, put_out
 from rwa_monitor.fleet.cluster import each
 from rwa_monitor.fleet.tasks import Diagnose
 from rwa_monitor.formats.parquet_table import write_parquet

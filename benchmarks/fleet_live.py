@@ -28,9 +28,9 @@ import psutil
 import zenoh
 
 from benchmarks.beside import Beside
-from benchmarks.output import add_output_option, put_out
+from benchmarks.machine import describe_machine
+from benchmarks.page import add_output_option, put_out
 from benchmarks.speed.live import free_endpoint
-from benchmarks.speed.machine import describe_machine
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.live.bus import BusOptions, open_session
 from rwa_monitor.live.chain import recordings_of

@@ -8,7 +8,6 @@ the record after it was found on the first, without anything fitted there.
 from __future__ import annotations
 
 import argparse
-import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +15,7 @@ from typing import Final
 
 import numpy as np
 
+from benchmarks.page import NONE, add_output_option, page, put_out, section, table
 from rwa_monitor.discrepancy.find import find_discrepancy, prepare
 from rwa_monitor.discrepancy.finished_search import Search
 from rwa_monitor.discrepancy.jumping import extensions
@@ -79,8 +79,12 @@ COLOUR: Final = """\
   looks twice there: with the largest variance that any mean of the noise shows, and with the noise as an
   autoregression, by which effects that change faster than the noise forgets are told from it (joint 3)."""
 OFFSET_HEAD: Final = (
-    "| joint | offset over its error | over that of independent samples | gain of `torque_bias` beside the basic law | "
-    "beside the law found | its strength there [N m] |"
+    "joint",
+    "offset over its error",
+    "over that of independent samples",
+    "gain of `torque_bias` beside the basic law",
+    "beside the law found",
+    "its strength there [N m]",
 )
 JOINT_6: Final = """\
 - **Joint 6** is coupled to joint 5, whose speed its table does not hold. A level that wanders stands for what is
@@ -248,108 +252,129 @@ def load(search: Search, samples: Samples) -> Load:
     )
 
 
-def page(joints: Sequence[Joint]) -> str:
+def to_markdown(joints: Sequence[Joint]) -> str:
     """Return docs/measured.md."""
-    lines = [
-        "# Measured friction: six joints of a robot",
-        "",
+    return page(
+        "Measured friction: six joints of a robot",
         f"Source: {SOURCE}. {ABOUT}",
-        "",
-        "## The basic law beside the published parameters",
-        "",
-        ERRORS,
-        "",
-        "| joint | dry [N m] | published | viscous [N m s/rad] | published | offset [N m] | published | RMSE [N m] |",
-        "|---|---|---|---|---|---|---|---|",
-    ]
+        section("The basic law beside the published parameters", ERRORS, _basic_table(joints)),
+        section(
+            "What it lacks",
+            "Strongest first; in brackets what the data cannot tell from it.",
+            table(
+                [
+                    "joint",
+                    "mean effects",
+                    "noise and jumps",
+                    "unexplained",
+                    "long-run over single variance of the noise",
+                ],
+                [[str(joint.number), *_lacking(joint.search)] for joint in joints],
+            ),
+            "Numbers behind the names are gains of the penalised deviance; 25 is asked for.",
+        ),
+        section("What that gains", GAINS, _gain_table(joints)),
+        *_remarks(joints),
+    )
+
+
+def _basic_table(joints: Sequence[Joint]) -> str:
+    header = ["joint"]
+    for name in ("dry [N m]", "viscous [N m s/rad]", "offset [N m]"):
+        header += [name, "published"]
+    rows = []
     for joint in joints:
-        cells = [
-            f"{value:.3g} ± {std:.2g} | {known:.3g}"
-            for value, std, known in zip(joint.basic.values, joint.basic.std, PUBLISHED[joint.number], strict=True)
-        ]
-        lines.append(f"| {joint.number} | {' | '.join(cells)} | {joint.basic.rmse_Nm:.3g} |")
-    lines += ["", "## What it lacks", "", "Strongest first; in brackets what the data cannot tell from it.", ""]
-    lines += ["| joint | mean effects | noise and jumps | unexplained | long-run over single variance of the noise |"]
-    lines += ["|---|---|---|---|---|"]
-    for joint in joints:
-        result, noise = joint.search.result, joint.search.problem.noise
-        named = [
-            f"`{e.name}` {e.delta_deviance:.0f}" + (f" ({', '.join(e.equivalent)})" if e.equivalent else "")
-            for e in result.effects
-        ]
-        mean = [text for text, e in zip(named, result.effects, strict=True) if e.family == "mean"]
-        other = [text for text, e in zip(named, result.effects, strict=True) if e.family != "mean"]
-        left = (
-            ""
-            if result.unexplained is None
-            else f"{result.unexplained.signature}, {result.unexplained.size_Nm:.2g} N m"
-        )
-        ratio = noise.long_run_variance / noise.std**2
-        lines.append(f"| {joint.number} | {'; '.join(mean)} | {'; '.join(other)} | {left} | {ratio:.1f} |")
-    lines += ["", "Numbers behind the names are gains of the penalised deviance; 25 is asked for.", ""]
-    lines += ["## What that gains", ""]
-    lines += [
-        GAINS,
-        "",
-        "| joint | held out [N m] | jumps | found on the first half | second half [N m] |",
-        "|---|---|---|---|---|",
+        cells = [str(joint.number)]
+        for value, std, known in zip(joint.basic.values, joint.basic.std, PUBLISHED[joint.number], strict=True):
+            cells += [f"{value:.3g} ± {std:.2g}", f"{known:.3g}"]
+        rows.append([*cells, f"{joint.basic.rmse_Nm:.3g}"])
+    return table([*header, "RMSE [N m]"], rows)
+
+
+def _lacking(search: Search) -> list[str]:
+    """Return the cells of what the search found: mean effects, others, what is unexplained, colour of the noise."""
+    effects, noise, left = search.result.effects, search.problem.noise, search.result.unexplained
+    families: dict[bool, list[str]] = {True: [], False: []}
+    for effect in effects:
+        alike = f" ({', '.join(effect.equivalent)})" if effect.equivalent else ""
+        families[effect.family == "mean"].append(f"`{effect.name}` {effect.delta_deviance:.0f}{alike}")
+    return [
+        "; ".join(families[True]),
+        "; ".join(families[False]),
+        "" if left is None else f"{left.signature}, {left.size_Nm:.2g} N m",
+        f"{noise.long_run_variance / noise.std**2:.1f}",
     ]
+
+
+def _gain_table(joints: Sequence[Joint]) -> str:
+    def change(before_Nm: float, after_Nm: float) -> str:
+        return f"{before_Nm:.3g} → {after_Nm:.3g} ({after_Nm / before_Nm - 1:+.0%})"
+
+    rows = []
     for joint in joints:
         gain, half = joint.search.result.gain, joint.half
         assert gain is not None
-        lines.append(
-            f"| {joint.number} | {gain.rmse_base_Nm:.3g} → {gain.rmse_extended_Nm:.3g} "
-            f"({gain.rmse_extended_Nm / gain.rmse_base_Nm - 1:+.0%}) | {gain.changepoints_base} → "
-            f"{gain.changepoints_extended} | {', '.join(half.names) or '–'} | {half.base_Nm:.3g} → "
-            f"{half.extended_Nm:.3g} ({half.extended_Nm / half.base_Nm - 1:+.0%}) |"
+        rows.append(
+            [
+                str(joint.number),
+                change(gain.rmse_base_Nm, gain.rmse_extended_Nm),
+                f"{gain.changepoints_base} → {gain.changepoints_extended}",
+                ", ".join(half.names) or NONE,
+                change(half.base_Nm, half.extended_Nm),
+            ]
         )
-    return "\n".join([*lines, "", *_remarks(joints)]) + "\n"
+    return table(["joint", "held out [N m]", "jumps", "found on the first half", "second half [N m]"], rows)
 
 
 def _remarks(joints: Sequence[Joint]) -> list[str]:
     """Return what a reader must know beside the tables, with the figures it rests on."""
-    lines = ["## What to make of it", ""]
-    near = ", ".join(f"{joint.number}: {joint.basic.near_zero_Nm:+.2f}" for joint in joints)
     times = [float(joint.basic.std[2] / joint.basic.independent_std[2]) for joint in joints]
     offset_rows = [
-        f"| {j.number} | {abs(j.basic.values[2]) / j.basic.std[2]:.1f} | "
-        f"{abs(j.basic.values[2]) / j.basic.independent_std[2]:.1f} | {j.offset.beside_basic[0]:.0f} | "
-        f"{j.offset.beside_found[0]:.0f} | {j.offset.beside_found[1]:+.3f} |"
+        [
+            str(j.number),
+            f"{abs(j.basic.values[2]) / j.basic.std[2]:.1f}",
+            f"{abs(j.basic.values[2]) / j.basic.independent_std[2]:.1f}",
+            f"{j.offset.beside_basic[0]:.0f}",
+            f"{j.offset.beside_found[0]:.0f}",
+            f"{j.offset.beside_found[1]:+.3f}",
+        ]
         for j in joints
     ]
     load_rows = [
-        f"| {j.number} | {j.load.correlation:.2f} | {j.load.raw_ratio:.3f} | {j.load.clean_ratio:.3f} | "
-        f"{j.load.clean_strength:.3f} ± {j.load.clean_std:.3f} |"
+        [
+            str(j.number),
+            f"{j.load.correlation:.2f}",
+            f"{j.load.raw_ratio:.3f}",
+            f"{j.load.clean_ratio:.3f}",
+            f"{j.load.clean_strength:.3f} ± {j.load.clean_std:.3f}",
+        ]
         for j in joints
     ]
+    stribeck = STRIBECK.format(
+        near_zero=NEAR_ZERO,
+        far=FAR,
+        near=", ".join(f"{joint.number}: {joint.basic.near_zero_Nm:+.2f}" for joint in joints),
+        fewest=min(joint.basic.near_zero_samples for joint in joints),
+        most=max(joint.basic.near_zero_samples for joint in joints),
+        least=min(joint.basic.near_zero_reversing for joint in joints),
+        largest=max(joint.basic.near_zero_reversing for joint in joints),
+        reversal_ms=1e3 * REVERSAL_S,
+    )
+    offset = OFFSET.format(low=min(times), high=max(times), accept=ACCEPT_GAIN)
     return [
-        *lines,
-        STRIBECK.format(
-            near_zero=NEAR_ZERO,
-            far=FAR,
-            near=near,
-            fewest=min(joint.basic.near_zero_samples for joint in joints),
-            most=max(joint.basic.near_zero_samples for joint in joints),
-            least=min(joint.basic.near_zero_reversing for joint in joints),
-            largest=max(joint.basic.near_zero_reversing for joint in joints),
-            reversal_ms=1e3 * REVERSAL_S,
+        section(
+            "What to make of it",
+            "\n".join((stribeck, COLOUR, offset, JOINT_6, ONE_RECORD)),
+            table(OFFSET_HEAD, offset_rows),
         ),
-        COLOUR,
-        OFFSET.format(low=min(times), high=max(times), accept=ACCEPT_GAIN),
-        JOINT_6,
-        ONE_RECORD,
-        "",
-        OFFSET_HEAD,
-        "|---|---|---|---|---|---|",
-        *offset_rows,
-        "",
-        "## Load dependence",
-        "",
-        LOAD,
-        "",
-        "| joint | correlation of motor torque and friction | raw | without friction | strength [-] |",
-        "|---|---|---|---|---|",
-        *load_rows,
+        section(
+            "Load dependence",
+            LOAD,
+            table(
+                ["joint", "correlation of motor torque and friction", "raw", "without friction", "strength [-]"],
+                load_rows,
+            ),
+        ),
     ]
 
 
@@ -365,13 +390,11 @@ def _rms(values: FloatArray) -> float:
 
 def main() -> None:
     """Judge the joints of a folder and write the page."""
-    parser = argparse.ArgumentParser(description="Judges measured friction and writes a page of figures.")
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path, help="folder that holds wheel.toml and joint1.csv … joint6.csv")
-    parser.add_argument("-o", "--output", type=Path, required=True, help="file to write")
-    arguments = parser.parse_args()
-    joints = [judge_joint(arguments.folder, number) for number in JOINTS]
-    arguments.output.write_text(page(joints), encoding="utf-8")
-    sys.stderr.write(f"wrote {arguments.output}\n")
+    add_output_option(parser)
+    options = parser.parse_args()
+    put_out(to_markdown([judge_joint(options.folder, number) for number in JOINTS]), options.output)
 
 
 if __name__ == "__main__":

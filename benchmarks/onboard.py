@@ -24,10 +24,9 @@ from threading import Event
 
 import numpy as np
 
-from benchmarks.accuracy.page import table
-from benchmarks.output import add_output_option, put_out
+from benchmarks.machine import describe_machine
+from benchmarks.page import add_output_option, put_out, table
 from benchmarks.speed.live import free_endpoint, samples_of
-from benchmarks.speed.machine import describe_machine
 from benchmarks.speed.windows import window_of
 from rwa_monitor.live.bus import BusOptions, open_session
 from rwa_monitor.live.publisher import SamplesPublisher

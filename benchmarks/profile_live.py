@@ -18,11 +18,10 @@ from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
-from benchmarks.accuracy.page import table
-from benchmarks.output import add_output_option, put_out
+from benchmarks.machine import describe_machine
+from benchmarks.page import add_output_option, put_out, table
 from benchmarks.speed.detection import Window
 from benchmarks.speed.live import BATCH, samples_of
-from benchmarks.speed.machine import describe_machine
 from benchmarks.speed.windows import window_of
 from rwa_monitor.diagnosis.evidence import WindowAccumulator
 from rwa_monitor.diagnosis.model import built_in_model

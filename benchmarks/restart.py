@@ -27,11 +27,10 @@ from typing import Final
 import numpy as np
 import zenoh
 
-from benchmarks.accuracy.page import table
 from benchmarks.beside import Beside
-from benchmarks.output import add_output_option, put_out
+from benchmarks.machine import describe_machine, peak_memory_bytes
+from benchmarks.page import add_output_option, put_out, table
 from benchmarks.speed.live import free_endpoint
-from benchmarks.speed.machine import describe_machine, peak_memory_bytes
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.live.bus import BusOptions, open_session
 from rwa_monitor.live.core import diagnose_samples

@@ -11,8 +11,7 @@ import math
 from dataclasses import dataclass
 from pathlib import Path
 
-from benchmarks.accuracy.page import table
-from benchmarks.output import add_output_option, put_out
+from benchmarks.page import add_output_option, put_out, table
 from benchmarks.speed.live import BATCH
 from benchmarks.speed.report import SpeedReport
 

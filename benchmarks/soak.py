@@ -27,7 +27,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.beside import Beside
-from benchmarks.output import add_output_option, put_out
+from benchmarks.page import add_output_option, put_out
 from benchmarks.speed.live import free_endpoint
 from rwa_monitor.live.bus import INBOX_BYTES, OUTPUT_HISTORY, BusOptions, open_session
 from rwa_monitor.live.publisher import SamplesPublisher

@@ -1,6 +1,6 @@
-"""Trends over windows, measured on whole lives of wheels of the recipe `fleet`; writes docs/trend.md.
+"""Trends over windows, measured on whole lives of wheels of the recipe `fleet`: `make benchmark-trend`.
 
-    python benchmarks/trend.py [--wheels N] [--seed N] [--workers N]
+    python -m benchmarks.trend [--wheels N] [--seed N] [--workers N] [-o FILE]
 
 Each wheel lives for 24 windows, in which one anomaly, or none, begins at a random time and grows to the end. Every
 window is diagnosed with the state that the ones before it left, and after each the trend is looked for anew, as a
@@ -10,26 +10,21 @@ monitor does.
 from __future__ import annotations
 
 import argparse
-import multiprocessing
-import os
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import islice
-from pathlib import Path
 
-for variable in ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"):
-    os.environ.setdefault(variable, "1")
+import numpy as np
 
-import numpy as np  # noqa: E402
+from benchmarks.accuracy.campaign import in_processes
+from benchmarks.page import NONE, add_output_option, counted, page, put_out, section, table
+from rwa_monitor.cli.progress import track
+from rwa_monitor.diagnosis.model import built_in_model
+from rwa_monitor.diagnosis.trend import MIN_WINDOWS, SIGNIFICANCE, find_trend
+from rwa_monitor.live.core import diagnose_samples
+from rwa_monitor.physics.datasets import FLEET_WINDOWS, LabelledWindow, generate
+from rwa_monitor.samples import FloatArray
 
-from benchmarks.accuracy.page import table  # noqa: E402
-from benchmarks.accuracy.splits import wilson  # noqa: E402
-from rwa_monitor.diagnosis.model import built_in_model  # noqa: E402
-from rwa_monitor.diagnosis.trend import MIN_WINDOWS, SIGNIFICANCE, find_trend  # noqa: E402
-from rwa_monitor.live.core import diagnose_samples  # noqa: E402
-from rwa_monitor.physics.datasets import FLEET_WINDOWS, LabelledWindow, generate  # noqa: E402
-
-PAGE = Path(__file__).resolve().parent.parent / "docs" / "trend.md"
 COEFFICIENTS = ("dry", "viscous")
 SHARE = 0.9  # of the final growth: the limit whose time is foretold
 LOOKS = (12, 16, 20)  # windows after which the foretold times are judged
@@ -44,8 +39,8 @@ class Life:
     growth_s: float
     factor: float
     window_s: float
-    value: dict[str, np.ndarray]
-    std: dict[str, np.ndarray]
+    value: dict[str, FloatArray]
+    std: dict[str, FloatArray]
     healthy: dict[str, float]
 
 
@@ -108,32 +103,25 @@ def judge(life: Life, coefficient: str) -> tuple[int | None, dict[int, Foretold]
     return first, at_looks, at_first
 
 
-def rate(count: int, total: int) -> str:
-    low, high = wilson(count / total, total) if total else (0.0, 1.0)
-    return f"{count} of {total} ({100 * low:.0f}–{100 * high:.0f} %)"
-
-
-def page(found: list[Life], command: str) -> str:
+def to_markdown(found: list[Life], command: str) -> str:
     """Write the page."""
     alarms, delays, foretold = [], [], []
     for coefficient in COEFFICIENTS:
         judged = [(life, *judge(life, coefficient)) for life in found]
         without = [first for life, first, *_ in judged if life.anomaly != coefficient]
-        alarms.append([coefficient, rate(sum(first is not None for first in without), len(without))])
+        alarms.append([coefficient, counted(sum(first is not None for first in without), len(without))])
         growing = [(life, first) for life, first, *_ in judged if life.anomaly == coefficient]
         late = [first - life.onset_s / life.window_s for life, first in growing if first is not None]
         early = sum(first is not None and first < life.onset_s / life.window_s for life, first in growing)
-        delays.append(
-            [coefficient, rate(len(late), len(growing)), f"{np.median(late):.1f}", f"{max(late):.1f}", str(early)]
-        )
+        delay = [f"{np.median(late):.1f}", f"{max(late):.1f}"] if late else [NONE, NONE]
+        delays.append([coefficient, counted(len(late), len(growing)), *delay, str(early)])
         groups = {f"after {look} windows": [looks[look] for *_, looks, _ in judged if look in looks] for look in LOOKS}
         groups["when first announced"] = [at_first for *_, at_first in judged if at_first is not None]
         for when, each in groups.items():
             if each:
                 ahead, width = (np.median([getattr(one, field) for one in each]) for field in ("ahead", "width"))
-                foretold.append(
-                    [coefficient, when, rate(sum(one.held for one in each), len(each)), f"{ahead:.1f}", f"{width:.1f}"]
-                )
+                held = counted(sum(one.held for one in each), len(each))
+                foretold.append([coefficient, when, held, f"{ahead:.1f}", f"{width:.1f}"])
     introduction = (
         f"Made by `{command}`: {len(found)} wheels of the recipe `fleet`, {FLEET_WINDOWS} windows of 80,000 samples "
         "each, simulated and diagnosed window by window with the state carried on. In one wheel of five nothing "
@@ -141,36 +129,41 @@ def page(found: list[Life], command: str) -> str:
         f"random time to the end. A trend is looked for after every window from the {MIN_WINDOWS}th, and announced "
         f"where p < {SIGNIFICANCE:g} (`rwa_monitor/diagnosis/trend.py` says how). Brackets: 95 % intervals."
     )
-    false_alarms = (
-        "## False alarms\n\nWheels whose coefficient does not grow, and on which a growth of it was announced at "
-        "any of the looks of their whole life:\n\n"
-    )
-    growth = "## Growth found\n\nDelay: windows from the beginning of the growth to the announcement.\n\n"
-    limits = (
-        f"## Time to a limit\n\nHow often the 95 % interval holds the true time at which {100 * SHARE:.0f} % of the "
-        "final growth is reached, and how far off and how wide it was, in windows (median).\n\n"
-    )
-    parts = [
-        "# Trends over windows",
+    return page(
+        "Trends over windows",
         introduction,
-        false_alarms + table(["coefficient", "announced"], alarms),
-        growth + table(["coefficient", "announced", "median delay", "longest", "before it began"], delays),
-        limits + table(["coefficient", "when", "interval holds the truth", "ahead", "width"], foretold),
-    ]
-    return "\n\n".join(parts) + "\n"
+        section(
+            "False alarms",
+            "Wheels whose coefficient does not grow, and on which a growth of it was announced at any of the looks of "
+            "their whole life:",
+            table(["coefficient", "announced"], alarms),
+        ),
+        section(
+            "Growth found",
+            "Delay: windows from the beginning of the growth to the announcement.",
+            table(["coefficient", "announced", "median delay", "longest", "before it began"], delays),
+        ),
+        section(
+            "Time to a limit",
+            f"How often the 95 % interval holds the true time at which {100 * SHARE:.0f} % of the final growth is "
+            "reached, and how far off and how wide it was, in windows (median).",
+            table(["coefficient", "when", "interval holds the truth", "ahead", "width"], foretold),
+        ),
+    )
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    """Follow the lives and write the page."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--wheels", type=int, default=60)
     parser.add_argument("--seed", type=int, default=7_001)
     parser.add_argument("--workers", type=int, default=2)
+    add_output_option(parser)
     options = parser.parse_args()
-    with multiprocessing.get_context("spawn").Pool(options.workers) as pool:
-        found = list(pool.imap(live, lives(options.wheels, options.seed)))
-    text = page(found, f"python benchmarks/trend.py --wheels {options.wheels} --seed {options.seed}")
-    PAGE.write_text(text, encoding="utf-8")
-    print(text)
+    lives_of = lives(options.wheels, options.seed)
+    found = list(track(in_processes(live, lives_of, options.workers), options.wheels, "wheels"))
+    text = to_markdown(found, f"python -m benchmarks.trend --wheels {options.wheels} --seed {options.seed}")
+    put_out(text, options.output)
 
 
 if __name__ == "__main__":

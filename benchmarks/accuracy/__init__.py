@@ -1,1 +1,1 @@
-"""How often diagnoses of labelled windows are right, beside the paper and oracles: `make accuracy`."""
+"""How often diagnoses of labelled windows are right, beside the paper and oracles: `make benchmark-accuracy`."""

@@ -14,6 +14,7 @@ from benchmarks.accuracy.carried import JudgedWindows, StoryName, judge_story
 from benchmarks.accuracy.learned_laws import LawsResult, compare_laws
 from benchmarks.accuracy.outcome import JumpScore, Outcome
 from benchmarks.accuracy.splits import Accuracy, measure
+from benchmarks.target import Target, at_least, at_most
 from rwa_monitor.cli.progress import track
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.diagnosis.results import Method
@@ -181,21 +182,6 @@ def summarise(
 # ---- targets ---------------------------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, slots=True)
-class Target:
-    """One figure that the method `joint` is to reach; `least` says whether it is a lower bound."""
-
-    name: str
-    wanted: float
-    reached: float
-    least: bool
-
-    @property
-    def met(self) -> bool:
-        """Whether it is reached."""
-        return self.reached >= self.wanted if self.least else self.reached <= self.wanted
-
-
 def targets(benchmark: Benchmark) -> list[Target]:
     """Return the project's targets for what was run, with what was reached."""
     found = []
@@ -211,7 +197,7 @@ def targets(benchmark: Benchmark) -> list[Target]:
         if story in benchmark.carried:
             judged = benchmark.carried[story]
             for anomaly, reached in zip(judged.anomalies, judged.rates(judged.carried)[0], strict=True):
-                found.append(Target(f"mild after ten windows: detection of {anomaly}", 0.99, float(reached), True))
+                found.append(at_least(f"mild after ten windows: detection of {anomaly}", float(reached), 0.99))
     if benchmark.laws:
         found += _targets_of_laws(benchmark.laws)
     return found
@@ -223,8 +209,8 @@ def _targets_of_jumps(result: RecipeResult) -> list[Target]:
     hard = name == "hard"
     wanted = best.attributed / best.visible - 0.01 if hard else 0.995
     return [
-        Target(f"{name}: visible jumps right in place and system", wanted, jumps.attributed / jumps.visible, True),
-        Target(f"{name}: false changepoints per window", 0.5 if hard else 0.05, jumps.false / result.windows, False),
+        at_least(f"{name}: visible jumps right in place and system", jumps.attributed / jumps.visible, wanted),
+        at_most(f"{name}: false changepoints per window", jumps.false / result.windows, 0.5 if hard else 0.05),
     ]
 
 
@@ -235,12 +221,12 @@ def _targets_of_anomalies(result: RecipeResult) -> list[Target]:
     for anomaly in joint.anomalies:
         wanted = 0.985 if name == "paper" else detection(oracle, anomaly) - below
         allowed = 0.005 if name == "paper" else false_positives(oracle, anomaly) + above
-        found.append(Target(f"{name}: detection of {anomaly}", wanted, detection(joint, anomaly), True))
-        found.append(Target(f"{name}: false positives of {anomaly}", allowed, false_positives(joint, anomaly), False))
+        found.append(at_least(f"{name}: detection of {anomaly}", detection(joint, anomaly), wanted))
+        found.append(at_most(f"{name}: false positives of {anomaly}", false_positives(joint, anomaly), allowed))
     if name != "hard":
-        found.append(Target(f"{name}: fss_1 seen as fss_2", 0.01, confusion(joint), False))
+        found.append(at_most(f"{name}: fss_1 seen as fss_2", confusion(joint), 0.01))
     most = 0.10 if name == "hard" else 0.02
-    found.append(Target(f"{name}: inconclusive windows", most, float(joint.inconclusive.mean()), False))
+    found.append(at_most(f"{name}: inconclusive windows", float(joint.inconclusive.mean()), most))
     return found
 
 
@@ -249,9 +235,9 @@ def _targets_of_calibration(result: RecipeResult) -> list[Target]:
     for anomaly, entry in result.accuracy["joint"].calibration.items():
         name = f"{result.recipe}: {anomaly}"
         found += [
-            Target(f"{name}, log score (base rate)", entry.log_score_base, entry.log_score, False),
-            Target(f"{name}, Brier score (base rate)", entry.brier_base, entry.brier, False),
-            Target(f"{name}, expected calibration error", 0.03, entry.expected_error, False),
+            at_most(f"{name}, log score (base rate)", entry.log_score, entry.log_score_base),
+            at_most(f"{name}, Brier score (base rate)", entry.brier, entry.brier_base),
+            at_most(f"{name}, expected calibration error", entry.expected_error, 0.03),
         ]
     return found
 
@@ -261,11 +247,10 @@ def _targets_of_derived(result: RecipeResult, benchmark: Benchmark) -> list[Targ
     given = [one for one in benchmark.recipes if one.recipe == "mild"]
     joint = result.accuracy["joint"]
     return [
-        Target(
+        at_least(
             f"derived: detection of {anomaly} (less than 2 points below friction given)",
-            detection(one.accuracy["joint"], anomaly) - 0.02,
             detection(joint, anomaly),
-            True,
+            detection(one.accuracy["joint"], anomaly) - 0.02,
         )
         for one in given
         for anomaly in joint.anomalies
@@ -277,9 +262,9 @@ def _targets_of_laws(laws: LawsResult) -> list[Target]:
     for a, anomaly in enumerate(laws.anomalies):
         there = laws.truth[:, a]
         known, learned = (float(seen[there, a].mean()) for seen in (laws.with_true, laws.with_identified))
-        found.append(Target(f"identified laws: detection of {anomaly}", known - 0.005, learned, True))
+        found.append(at_least(f"identified laws: detection of {anomaly}", learned, known - 0.005))
         known, learned = (float(seen[~there, a].mean()) for seen in (laws.with_true, laws.with_identified))
-        found.append(Target(f"identified laws: false positives of {anomaly}", known + 0.005, learned, False))
+        found.append(at_most(f"identified laws: false positives of {anomaly}", learned, known + 0.005))
     return found
 
 

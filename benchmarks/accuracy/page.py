@@ -12,16 +12,17 @@ from benchmarks.accuracy.benchmark import (
     STORY_SEED,
     Benchmark,
     RecipeResult,
-    Target,
     confusion,
     detection,
     false_positives,
     targets,
 )
-from benchmarks.accuracy.campaign import STAGES
+from benchmarks.accuracy.campaign import STAGES, StageTimes
 from benchmarks.accuracy.carried import STORIES
 from benchmarks.accuracy.learned_laws import RECORDINGS
-from benchmarks.accuracy.splits import COVERAGES, TRAINING_SHARE, Accuracy, wilson
+from benchmarks.accuracy.splits import COVERAGES, TRAINING_SHARE, Accuracy
+from benchmarks.page import NONE, page, percent, section, table, with_interval
+from benchmarks.target import target_table
 from rwa_monitor.discrepancy.diagnosis_gain import PLACED_WITHIN
 from rwa_monitor.physics.datasets import HARD_SEVERITIES, MILD_SEVERITIES, PAPER_SEVERITIES
 from rwa_monitor.physics.wheel import built_in_wheel
@@ -68,7 +69,6 @@ def to_markdown(benchmark: Benchmark, command: str) -> str:
     first = benchmark.recipes[0]
     judged = round((1.0 - TRAINING_SHARE) * first.windows)
     introduction = (
-        "# Accuracy of the diagnosis\n\n"
         f"Made by `{command}`. All windows are simulated, with labels. Seed {first.seed} and the two after it were "
         "used for nothing else.\n\n"
         f"Protocol of the paper: train on {100 * TRAINING_SHARE:.0f} % of the windows, judge the others ({judged} of "
@@ -81,65 +81,28 @@ def to_markdown(benchmark: Benchmark, command: str) -> str:
         "- oracle C, of changepoints, is told that there is a jump, the noise and the laws; where exactly it is and "
         "which system made it, it has to find out.\n\n" + CHANGED_AFTER_RESULTS
     )
-    parts = [
+    return page(
+        "Accuracy of the diagnosis",
         introduction,
-        "## Targets of `joint`\n\n" + target_table(targets(benchmark)),
+        section("Targets of `joint`", target_table(targets(benchmark))),
         *(_recipe_section(result) for result in benchmark.recipes),
         *_carried_section(benchmark),
         *_laws_section(benchmark),
-        _time_table(benchmark),
-    ]
-    return "\n\n".join(parts) + "\n"
-
-
-def table(header: list[str], rows: list[list[str]]) -> str:
-    """Write a Markdown table."""
-    lines = [header, ["---"] * len(header), *rows]
-    return "\n".join("| " + " | ".join(line) + " |" for line in lines)
-
-
-def percent(share: float) -> str:
-    """Write a share as a percentage with one decimal; two where it is close to an end."""
-    digits = 1 if 0.02 < share < 0.98 else 2
-    return f"{100.0 * share:.{digits}f} %"
-
-
-def with_interval(share: float, windows: float) -> str:
-    """Write a share with its 95 % interval."""
-    if windows == 0.0:
-        return "–"
-    low, high = wilson(share, windows)
-    return f"{percent(share)} ({100 * low:.1f}–{100 * high:.1f})"
-
-
-def target_table(wanted: Sequence[Target]) -> str:
-    """Write targets with what was reached."""
-    rows = [
-        [
-            target.name,
-            f"{'≥' if target.least else '≤'} {target.wanted:.3f}",
-            f"{target.reached:.4f}",
-            "yes" if target.met else "**no**",
-        ]
-        for target in wanted
-    ]
-    return table(["figure", "wanted", "reached", "met"], rows)
+        _time_section(benchmark),
+    )
 
 
 def _recipe_section(result: RecipeResult) -> str:
-    severities = ", ".join(f"{name} ×{factor:g}" for name, factor in _SEVERITIES.get(result.recipe, {}).items())
-    head = f"## Recipe `{result.recipe}`: {result.windows} windows, seed {result.seed}"
-    parts = [head]
-    if severities:
-        parts.append(f"Severities: {severities}.")
-    parts += [
+    severities = ", ".join(f"{name} ×{factor:g}" for name, factor in _SEVERITIES[result.recipe].items())
+    return section(
+        f"Recipe `{result.recipe}`: {result.windows} windows, seed {result.seed}",
+        f"Severities: {severities}.",
         _summary_table(result),
         *(matrix_table(result.accuracy[name], name) for name in _matrices(result)),
         _jump_table(result),
         _calibration_table(result),
         _risk_table(result),
-    ]
-    return "\n\n".join(parts)
+    )
 
 
 def _matrices(result: RecipeResult) -> tuple[str, ...]:
@@ -175,9 +138,9 @@ def _summary_table(result: RecipeResult) -> str:
             + [percent(confusion(accuracy)) for accuracy in accuracies.values()]
         )
     rows.append(
-        ["inconclusive windows", "–"]
+        ["inconclusive windows", NONE]
         + [
-            "–" if name == "paper" else percent(float(accuracy.inconclusive.mean()))
+            NONE if name == "paper" else percent(float(accuracy.inconclusive.mean()))
             for name, accuracy in accuracies.items()
         ]
     )
@@ -218,7 +181,7 @@ def _jump_table(result: RecipeResult) -> str:
     rows = []
     for method, score in result.jumps.items():
         counts = np.bincount(np.minimum(result.rejected[method], 6), minlength=7) / result.windows
-        rejected = "–" if method == "oracle C" else " · ".join(f"{100 * share:.1f}" for share in counts)
+        rejected = NONE if method == "oracle C" else " · ".join(f"{100 * share:.1f}" for share in counts)
         rows.append(
             [
                 method,
@@ -240,7 +203,7 @@ def _jump_table(result: RecipeResult) -> str:
             percent(chance),
             percent(chance / systems),
             f"{rate * (1.0 - chance):.1f}",
-            "–",
+            NONE,
         ]
     )
     if "paper" in result.jumps:
@@ -274,18 +237,17 @@ def _carried_section(benchmark: Benchmark) -> list[str]:
             rows.append([anomaly, *cells])
         inconclusive = f"{percent(float(judged.open_carried.mean()))}, alone {percent(float(judged.open_alone.mean()))}"
         header = ["anomaly", "detection", "without earlier windows", "false positives", "without earlier windows"]
-        parts.append(
-            f"### {STORIES[story][0].upper()}{STORIES[story][1:]}\n\n{judged.truth.shape[0]} windows. Inconclusive: "
-            f"{inconclusive}.\n\n" + table(header, rows)
-        )
+        title = f"{STORIES[story][0].upper()}{STORIES[story][1:]}"
+        text = f"{judged.truth.shape[0]} windows. Inconclusive: {inconclusive}."
+        parts.append(section(title, text, table(header, rows), level=3))
     if not parts:
         return []
-    head = (
-        f"## What earlier windows are worth\n\nSeed {benchmark.recipes[0].seed + STORY_SEED}, judged by the built-in "
+    text = (
+        f"Seed {benchmark.recipes[0].seed + STORY_SEED}, judged by the built-in "
         "model. Windows of one wheel share its base friction, so the intervals are somewhat too narrow. An anomaly "
         "that grows counts from half of its final size on; false positives are counted where it has not begun."
     )
-    return [head, *parts]
+    return [section("What earlier windows are worth", text, *parts)]
 
 
 def _laws_section(benchmark: Benchmark) -> list[str]:
@@ -303,7 +265,7 @@ def _laws_section(benchmark: Benchmark) -> list[str]:
         rows.append([anomaly, *cells])
     right = [score.attributed / score.visible for score in (laws.jumps_true, laws.jumps_identified)]
     text = (
-        f"## With laws from `identify`\n\nSeed {benchmark.recipes[0].seed + LAWS_SEED}: {laws.wheels} wheels, each "
+        f"Seed {benchmark.recipes[0].seed + LAWS_SEED}: {laws.wheels} wheels, each "
         f"identified from {RECORDINGS} healthy windows; "
         f"for {laws.refused} `identify` says that there is too little data, and {laws.misread} come out with other "
         f"systems. Of the others {laws.truth.shape[0]} windows of the recipe `mild`, judged by the built-in model. "
@@ -311,7 +273,7 @@ def _laws_section(benchmark: Benchmark) -> list[str]:
         f"right in place and system: {percent(right[0])} with the true laws, {percent(right[1])} with those identified."
     )
     header = ["anomaly", "detection, true laws", "identified laws", "false positives, true laws", "identified laws"]
-    return [text + "\n\n" + table(header, rows)]
+    return [section("With laws from `identify`", text, table(header, rows))]
 
 
 def _calibration_table(result: RecipeResult) -> str:
@@ -328,17 +290,23 @@ def _calibration_table(result: RecipeResult) -> str:
     return "Calibration of `joint`\n\n" + table(header, rows)
 
 
-def _time_table(benchmark: Benchmark) -> str:
-    rows = []
-    for stage in (*STAGES, "all"):
-        cells = []
-        for times in benchmark.times:
-            milliseconds = 1e3 * times.seconds[stage]
-            cells.append(f"{np.median(milliseconds):.2f} ms (max {milliseconds.max():.2f} ms)")
-        rows.append([stage, PAPER_TIMES[stage], *cells])
+def _time_section(benchmark: Benchmark) -> str:
     count = benchmark.times[0].seconds["all"].size
-    header = ["stage", "the paper (laptop)", *(f"{times.method}, median" for times in benchmark.times)]
-    return (
-        f"## Time of each stage\n\nOne window of 80,000 samples, {count} windows, one core; "
-        "changepoints include the intake of the samples.\n\n" + table(header, rows)
-    )
+    text = f"One window of 80,000 samples, {count} windows, one core; changepoints include the intake of the samples."
+    return section("Time of each stage", text, time_table(benchmark.times))
+
+
+def time_table(measured: Sequence[StageTimes]) -> str:
+    """Return the time that each stage takes, by method, beside the paper's."""
+    rows = [
+        [
+            stage,
+            PAPER_TIMES[stage],
+            *(
+                f"{1e3 * np.median(times.seconds[stage]):.2f} ms (max {1e3 * times.seconds[stage].max():.2f} ms)"
+                for times in measured
+            ),
+        ]
+        for stage in (*STAGES, "all")
+    ]
+    return table(["stage", "the paper (laptop)", *(f"{times.method}, median" for times in measured)], rows)

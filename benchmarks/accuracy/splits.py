@@ -11,9 +11,10 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy import special, stats
+from scipy import special
 
 from benchmarks.accuracy.outcome import Outcome
+from benchmarks.page import wilson
 from rwa_monitor.diagnosis.classification import classify, conclusive
 from rwa_monitor.diagnosis.model import Model, models_for
 from rwa_monitor.diagnosis.paper_classification import classify_as_paper
@@ -82,14 +83,6 @@ class Accuracy:
         rate = float(np.nanmean(self.matrix[:, status, anomaly]))
         total = float(self.windows[status]) / (1.0 - TRAINING_SHARE)
         return wilson(rate, total)
-
-
-def wilson(rate: float, total: float) -> tuple[float, float]:
-    """Return Wilson's 95 % interval of a rate observed in `total` trials."""
-    z = float(stats.norm.ppf(0.975))
-    middle = (rate + z * z / (2.0 * total)) / (1.0 + z * z / total)
-    half = z / (1.0 + z * z / total) * np.sqrt(rate * (1.0 - rate) / total + (z / (2.0 * total)) ** 2)
-    return float(max(middle - half, 0.0)), float(min(middle + half, 1.0))
 
 
 def judge(outcomes: Sequence[Outcome], features: str, method: Method, model: Model, wheel: Wheel) -> FloatArray:

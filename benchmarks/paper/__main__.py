@@ -14,18 +14,19 @@ import sys
 from collections.abc import Sequence
 from dataclasses import replace
 
-from benchmarks.output import add_output_option, put_out
+from benchmarks.page import add_output_option, put_out
 from benchmarks.paper.benchmark import Size, paper_targets, run
 from benchmarks.paper.page import to_markdown
 from benchmarks.paper.pictures import pictures
+from benchmarks.target import exit_code
 from rwa_monitor.formats.files import write_text
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Measure, write page and pictures, and return the exit code."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--windows", type=int, help=f"how many windows (default {Size.windows})")
-    parser.add_argument("--seed", type=int, default=8_130, help="of the windows (default %(default)s)")
+    parser.add_argument("--windows", type=int, help=f"how many windows (default {Size().windows})")
+    parser.add_argument("--seed", type=int, default=Size().seed, help="of the windows (default %(default)s)")
     parser.add_argument("--workers", type=int, default=2, help="processes; 0 works in this one (default %(default)s)")
     parser.add_argument("--quick", action="store_true", help="few windows and splits, and only the quick peers")
     add_output_option(parser)
@@ -47,10 +48,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         folder.mkdir(parents=True, exist_ok=True)
         for name, drawing in pictures(found).items():
             write_text(folder / f"{stem}_{name}.svg", drawing)
-    missed = [target for target in paper_targets(found) if not target.met] if found.enough else []
-    for target in missed:
-        sys.stderr.write(f"missed: {target.name}: {target.reached:.4f}, wanted {target.wanted:.4f}\n")
-    return 1 if missed else 0
+    return exit_code(paper_targets(found) if found.enough else [])
 
 
 if __name__ == "__main__":

@@ -8,7 +8,7 @@ from typing import Final
 
 import numpy as np
 
-from benchmarks.accuracy.benchmark import Benchmark, RecipeResult, Target, summarise, targets
+from benchmarks.accuracy.benchmark import Benchmark, RecipeResult, summarise, targets
 from benchmarks.accuracy.campaign import StageTimes, in_processes, time_stages
 from benchmarks.accuracy.splits import Accuracy, measure
 from benchmarks.paper.bins import BinsSweep, sweep
@@ -23,6 +23,7 @@ from benchmarks.speed.peers import (
     skchange_fpop,
     skchange_moving_window,
 )
+from benchmarks.target import Target, at_most
 from rwa_monitor.cli.progress import track
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.diagnosis.results import Method
@@ -177,6 +178,6 @@ def paper_targets(found: PaperBenchmark) -> list[Target]:
     name = f"samples with an error beyond {PAPER_ERROR}, over those of the oracle"
     return [
         *targets(Benchmark((found.result,), found.times)),
-        Target("mean excess RMSE with changepoints", PAPER_EXCESS_RMSE, found.excess_rmse("joint"), False),
-        Target(name, MORE_BEYOND, found.beyond("joint") / found.beyond(ORACLE), False),
+        at_most("mean excess RMSE with changepoints", found.excess_rmse("joint"), PAPER_EXCESS_RMSE),
+        at_most(name, found.beyond("joint") / found.beyond(ORACLE), MORE_BEYOND),
     ]

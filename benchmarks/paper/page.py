@@ -7,27 +7,23 @@ from typing import Final
 
 import numpy as np
 
-from benchmarks.accuracy.benchmark import detection, false_positives
-from benchmarks.accuracy.campaign import STAGES
+from benchmarks.accuracy.benchmark import confusion, detection, false_positives
 from benchmarks.accuracy.page import (
     PAPER_CONFUSION,
     PAPER_DETECTION,
     PAPER_FALSE,
     PAPER_REJECTED,
-    PAPER_TIMES,
     matrix_table,
-    percent,
-    table,
-    target_table,
+    time_table,
     windows_with,
-    with_interval,
 )
-from benchmarks.accuracy.splits import Accuracy, wilson
+from benchmarks.page import NONE, counted, page, percent, section, table, with_interval
 from benchmarks.paper.benchmark import HARD_RECIPE, METHODS, RECIPE, PaperBenchmark, paper_targets
 from benchmarks.paper.bins import BinsSweep
 from benchmarks.paper.examine import ORACLE
 from benchmarks.paper.peers import Detected
 from benchmarks.paper.run_length import PAPER_RUN_LENGTHS, PAPER_WEIGHTS, PAPER_WINDOW, RunLengths
+from benchmarks.target import target_table
 from rwa_monitor.diagnosis.tuning import TuningCheck
 
 PAPER: Final = (
@@ -35,7 +31,6 @@ PAPER: Final = (
     "Anomalies in Satellite Reaction Wheels*, [arXiv:2509.04060](https://arxiv.org/abs/2509.04060), 2025"
 )
 NOT_GIVEN: Final = "not given"
-NONE: Final = "–"
 WORTH_IT: Final = 0.005  # share of jumps recovered from which a second source would be worth a second pass
 WORK_EDGES: Final = (0, 11, 21, 31, 41, 10**6)  # of the table of work, candidates
 
@@ -55,7 +50,6 @@ def to_markdown(found: PaperBenchmark, command: str, pictures: str) -> str:
     size = found.size
     impossible = sum(not one.possible for one in found.examined)
     introduction = (
-        "# Every table and figure of the paper\n\n"
         f"The paper is {PAPER}.\n\n"
         f"Made by `{command}`: {size.windows} simulated windows of 80,000 samples, recipe `{RECIPE}`, seed "
         f"{size.seed}, {size.splits} random splits into 20 % for training and 80 % for validation, as in the paper. "
@@ -69,10 +63,11 @@ def to_markdown(found: PaperBenchmark, command: str, pictures: str) -> str:
         "then. `paper` gives impossible durations a price where there is no other way; `paper, hard laws` leaves all "
         "jumps of such a window to no system, as the printed algorithm would. Both stand side by side."
     )
-    parts = [
+    return page(
+        "Every table and figure of the paper",
         introduction,
-        "## All in one table\n\n" + _summary(found),
-        "## Targets of `joint`\n\n" + _targets(found),
+        section("All in one table", _summary(found)),
+        section("Targets of `joint`", *_targets(found)),
         run_length_section(found.run_lengths, pictures),
         _fit_section(found, pictures),
         _rejection_section(found),
@@ -81,17 +76,16 @@ def to_markdown(found: PaperBenchmark, command: str, pictures: str) -> str:
         _bins_section(found.bins, pictures),
         _time_section(found, pictures),
         _detector_section(found),
-    ]
-    return "\n\n".join(parts) + "\n"
+    )
 
 
 def _picture(pictures: str, name: str, title: str) -> str:
     return f"![{title}]({pictures}{name}.svg)"
 
 
-def _targets(found: PaperBenchmark) -> str:
-    few = f"{found.size.windows} windows are too few to call a target missed.\n\n"
-    return ("" if found.enough else few) + target_table(paper_targets(found))
+def _targets(found: PaperBenchmark) -> list[str]:
+    few = [] if found.enough else [f"{found.size.windows} windows are too few to call a target missed."]
+    return [*few, target_table(paper_targets(found))]
 
 
 # ---- the summary -----------------------------------------------------------------------------------------------------
@@ -113,7 +107,7 @@ def _summary(found: PaperBenchmark) -> str:
             [f"false positives of {anomaly}", PAPER_FALSE]
             + [with_interval(false_positives(accuracy, anomaly), lacking) for accuracy in accuracies]
         )
-    rows.append(["fss_1 seen as fss_2", PAPER_CONFUSION, *(_confusion(accuracy) for accuracy in accuracies)])
+    rows.append(["fss_1 seen as fss_2", PAPER_CONFUSION, *(percent(confusion(accuracy)) for accuracy in accuracies)])
     naive = f"{np.mean([one.naive_excess_rmse for one in found.examined]):.3f}"
     rows.append(["mean excess RMSE, one dry coefficient", "0.13", naive, naive, naive, naive])
     rmse = {who: f"{found.excess_rmse(who):.5f}" for who in ("paper", "joint", ORACLE)}
@@ -137,11 +131,6 @@ def _summary(found: PaperBenchmark) -> str:
     return table(["", "the paper", "method `paper`", "`paper`, hard laws", "method `joint`", "oracle B"], rows)
 
 
-def _confusion(accuracy: Accuracy) -> str:
-    share = accuracy.matrix[:, accuracy.statuses.index("fss_1"), accuracy.anomalies.index("fss_2")]
-    return percent(float(np.nanmean(share)))
-
-
 # ---- one section for each figure -------------------------------------------------------------------------------------
 
 
@@ -155,18 +144,17 @@ def run_length_section(curves: RunLengths, pictures: str) -> str:
     simulated = ["second row, simulated", *(_simulated(curves.simulated[w]) for w in PAPER_WEIGHTS)]
     paper = ["the paper, ω not stated", *(_paper_run_length(w) for w in PAPER_WEIGHTS)]
     header = ["steady change of ω/ω_nominal per sample", *(f"W_b = {w:.0e}" for w in PAPER_WEIGHTS)]
-    return (
-        "## Average run length at 0.1 % missed jumps\n\n"
+    return section(
+        "Average run length at 0.1 % missed jumps",
         f"Samples between false alarms at w = {PAPER_WINDOW}, for a jump of 3 σ, in closed form. It depends on how the "
         "speed moves, which the paper does not say; the second row is the steady acceleration that gives its figure "
         "for W_b = 1e-8, and its figure for 1e-4 then comes out too. The simulated row shows what χ² leaves out: a "
         "right prior that weighs about as much as the ramp also takes noise off the statistic. `rwa-monitor tune` "
-        "gives w, W_b and threshold for a stated acceleration, with that, and checks them by simulation.\n\n"
-        + table(header, [*rows, simulated, paper])
-        + "\n\n"
-        + _picture(pictures, "run_length", "Average run length over w")
-        + "\n\nLeft: lines as the rows of the table (solid, dashed, dotted, dash-dotted), colours for W_b. Right: the "
-        "second row, for several sizes of the jump. The black line is the paper's aim, 1e6."
+        "gives w, W_b and threshold for a stated acceleration, with that, and checks them by simulation.",
+        table(header, [*rows, simulated, paper]),
+        _picture(pictures, "run_length", "Average run length over w"),
+        "Left: lines as the rows of the table (solid, dashed, dotted, dash-dotted), colours for W_b. Right: the "
+        "second row, for several sizes of the jump. The black line is the paper's aim, 1e6.",
     )
 
 
@@ -191,16 +179,14 @@ def _fit_section(found: PaperBenchmark, pictures: str) -> str:
         name = f"changepoints of `{who}`" if who != ORACLE else "true changepoints"
         alike = f"{np.corrcoef(naive, each)[0, 1]:.2f}"
         rows.append([name, "0.0025", f"{each.mean():.5f}", f"{each.min():.5f} … {each.max():.5f}", alike])
-    return (
-        "## Excess RMSE and survival of the absolute error\n\n"
+    return section(
+        "Excess RMSE and survival of the absolute error",
         "Root mean square error less the noise's estimated standard deviation, normalised; all samples outside the "
         "dead band count, those around changepoints too. The paper's data hold more than its model, these do not. The "
-        "paper finds no correlation between the two errors.\n\n"
-        + table(["", "the paper, mean", "mean", "range", "correlation with the first row"], rows)
-        + "\n\n"
-        + _picture(pictures, "excess_rmse", "Histograms of the excess RMSE")
-        + "\n\n"
-        + _picture(pictures, "errors", "Survival function of the absolute error")
+        "paper finds no correlation between the two errors.",
+        table(["", "the paper, mean", "mean", "range", "correlation with the first row"], rows),
+        _picture(pictures, "excess_rmse", "Histograms of the excess RMSE"),
+        _picture(pictures, "errors", "Survival function of the absolute error"),
     )
 
 
@@ -209,11 +195,12 @@ def _rejection_section(found: PaperBenchmark) -> str:
     for method, rejected in found.result.rejected.items():
         shares = 100 * np.bincount(np.minimum(rejected, 6), minlength=7) / len(rejected)
         rows.append([f"`{method}`", *(f"{share:.1f}" for share in shares)])
-    return (
-        "## Rejected changepoints\n\nShare of windows [%] by number of candidates that the assignment rejects (the "
+    return section(
+        "Rejected changepoints",
+        "Share of windows [%] by number of candidates that the assignment rejects (the "
         "paper's columns begin at 0, errata 14). Method `paper` rejects more than the paper says: at jumps of 10 to "
-        "25 σ, side lobes of a single scale clear the threshold by themselves (errata 4).\n\n"
-        + table(["rejected", "0", "1", "2", "3", "4", "5", "more"], rows)
+        "25 σ, side lobes of a single scale clear the threshold by themselves (errata 4).",
+        table(["rejected", "0", "1", "2", "3", "4", "5", "more"], rows),
     )
 
 
@@ -231,13 +218,13 @@ def _work_section(found: PaperBenchmark, pictures: str) -> str:
             )
         rows.append(cells)
     header = ["candidates", *(f"`{m}`: {what}" for m in METHODS for what in ("windows", "mean", "most", "pruned"))]
-    return (
-        "## Work of the assignment\n\nStates expanded by number of candidates; the paper's iterations are 116.6 on "
+    return section(
+        "Work of the assignment",
+        "States expanded by number of candidates; the paper's iterations are 116.6 on "
         "average and exponential at worst. Method `joint` keeps the best of all paths with the same future (errata 8), "
-        "in compiled code, and says when it had to prune.\n\n"
-        + table(header, rows)
-        + "\n\n"
-        + _picture(pictures, "work", "States expanded over the number of candidates")
+        "in compiled code, and says when it had to prune.",
+        table(header, rows),
+        _picture(pictures, "work", "States expanded over the number of candidates"),
     )
 
 
@@ -248,7 +235,7 @@ def _matrix_section(found: PaperBenchmark) -> str:
         "joint": found.result.accuracy["joint"],
         "oracle B": found.result.accuracy["oracle B"],
     }
-    return "## Anomalies diagnosed\n\n" + "\n\n".join(matrix_table(one, name) for name, one in accuracies.items())
+    return section("Anomalies diagnosed", *(matrix_table(one, name) for name, one in accuracies.items()))
 
 
 def _bins_section(swept: BinsSweep, pictures: str) -> str:
@@ -256,39 +243,28 @@ def _bins_section(swept: BinsSweep, pictures: str) -> str:
         [str(bins), *(f"{100 * np.nanmean(wrong[b]):.1f}" for wrong in (swept.training, swept.validation))]
         for b, bins in enumerate(swept.bins)
     ]
-    return (
-        "## Number of bins\n\nWindows misclassified [%], anomaly of fss_1, method `paper`, mean of the splits. The "
-        "paper's validation error levels off at about 40 bins, which it uses. Method `joint` has no bins.\n\n"
-        + table(["bins", "training", "validation"], rows)
-        + "\n\n"
-        + _picture(pictures, "bins", "Misclassification over the number of bins")
+    return section(
+        "Number of bins",
+        "Windows misclassified [%], anomaly of fss_1, method `paper`, mean of the splits. The "
+        "paper's validation error levels off at about 40 bins, which it uses. Method `joint` has no bins.",
+        table(["bins", "training", "validation"], rows),
+        _picture(pictures, "bins", "Misclassification over the number of bins"),
     )
 
 
 def _time_section(found: PaperBenchmark, pictures: str) -> str:
-    rows = [
-        [
-            stage,
-            PAPER_TIMES[stage],
-            *(
-                f"{1e3 * np.median(t.seconds[stage]):.2f} ms (max {1e3 * t.seconds[stage].max():.2f} ms)"
-                for t in found.times
-            ),
-        ]
-        for stage in (*STAGES, "all")
-    ]
-    return (
-        f"## Time\n\nMedian of {found.size.timed} windows on one core; the paper's laptop was another "
-        "machine. `rwa-monitor benchmark speed` measures time with care.\n\n"
-        + table(["stage", "the paper", *(f"`{t.method}`" for t in found.times)], rows)
-        + "\n\n"
-        + _picture(pictures, "times", "Time of each stage")
+    return section(
+        "Time",
+        f"Median of {found.size.timed} windows on one core; the paper's laptop was another "
+        "machine. `make benchmark-speed` measures time with care.",
+        time_table(found.times),
+        _picture(pictures, "times", "Time of each stage"),
     )
 
 
 def _detector_section(found: PaperBenchmark) -> str:
     introduction = (
-        "## Changepoints beside other packages\n\nThe same windows for all, one after the other in one process. A "
+        "The same windows for all, one after the other in one process. A "
         "visible jump counts as found within 5 samples. The other packages are told the true viscous slope and the "
         "true noise, over all of its colour, and search friction less viscous friction; ours get the samples. `joint` "
         "has its candidates first, then what its assignment keeps of them."
@@ -300,22 +276,20 @@ def _detector_section(found: PaperBenchmark) -> str:
         parts.append("Left out: " + "; ".join(found.missing) + ".")
     if found.second_source:
         parts.append(_second_source(found))
-    return "\n\n".join(parts)
+    return section("Changepoints beside other packages", *parts)
 
 
 def _detector_table(detected: tuple[Detected, ...]) -> str:
-    rows = []
-    for one in detected:
-        low, high = wilson(one.found / one.visible, one.visible)
-        rows.append(
-            [
-                one.name,
-                one.given,
-                f"{one.found} of {one.visible} ({100 * low:.2f}–{100 * high:.2f} %)",
-                f"{one.false / one.windows:.2f}",
-                f"{1e3 * one.seconds:.3g} ms",
-            ]
-        )
+    rows = [
+        [
+            one.name,
+            one.given,
+            counted(one.found, one.visible, 2),
+            f"{one.false / one.windows:.2f}",
+            f"{1e3 * one.seconds:.3g} ms",
+        ]
+        for one in detected
+    ]
     return table(["detector", "is told", "visible jumps found", "false per window", "time of a window"], rows)
 
 
@@ -325,12 +299,13 @@ def _second_source(found: PaperBenchmark) -> str:
         for recipe, s in found.second_source.items()
     ]
     header = ["recipe", "visible jumps", "our candidates miss", "FPOP finds of these", "our false", "false of both"]
-    return (
-        "### FPOP as a second source of candidates\n\n"
+    return section(
+        "FPOP as a second source of candidates",
         "FPOP with a shared slope that it fits can at best find what FPOP finds when it is told the true slope and the "
-        "true noise. That best case, skchange's FPOP, beside our candidates:\n\n"
-        + table(header, rows)
-        + f"\n\n{_verdict(found)}"
+        "true noise. That best case, skchange's FPOP, beside our candidates:",
+        table(header, rows),
+        _verdict(found),
+        level=3,
     )
 
 

@@ -14,9 +14,10 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from benchmarks.output import add_output_option, put_out
+from benchmarks.page import add_output_option, put_out
 from benchmarks.speed.benchmark import SEED, WINDOWS, run
 from benchmarks.speed.report import SpeedReport, to_markdown
+from benchmarks.target import exit_code
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -38,7 +39,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         content = json.dumps(report.to_json(), indent=1, ensure_ascii=False)
         options.json.write_text(content + "\n", encoding="utf-8")
     put_out(to_markdown(report), options.output)
-    return 1 if any(target.met is False for target in report.targets) else 0
+    return exit_code(report.targets)
 
 
 if __name__ == "__main__":

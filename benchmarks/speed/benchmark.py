@@ -11,14 +11,15 @@ from typing import Final
 
 import numpy as np
 
+from benchmarks.machine import describe_machine
 from benchmarks.speed import detection, live
 from benchmarks.speed.detection import detection_laps
-from benchmarks.speed.machine import describe_machine
 from benchmarks.speed.peers import installed
 from benchmarks.speed.race import Lap
-from benchmarks.speed.report import MILLI, Section, SpeedReport, Target
+from benchmarks.speed.report import MILLI, Section, SpeedReport
 from benchmarks.speed.search import search_costs, search_section
 from benchmarks.speed.windows import HardWindow, WindowTimes, time_hard_window, time_windows, window_of
+from benchmarks.target import at_least, at_most
 from rwa_monitor.cli.progress import track
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.physics.datasets import generate
@@ -82,19 +83,17 @@ def detection_section(laps: list[Lap]) -> Section:
         title="Changepoint detection, one window of 80,000 samples",
         text="Peers are given the viscous slope and the noise, which ours finds.",
         targets=(
-            Target(
+            at_most(
                 "wGLR at seven scales / plain numpy wGLR at one",
                 seven / plain,
                 1.0,
-                least=False,
-                absolute=f"{MILLI * seven:.2f} ms, {MILLI * plain:.1f} ms",
+                f"{MILLI * seven:.2f} ms, {MILLI * plain:.1f} ms",
             ),
-            Target(
+            at_most(
                 "wGLR at one scale / five sequential running sums",
                 one / limit,
                 6.0,
-                least=False,
-                absolute=f"{MILLI * one:.2f} ms, {MILLI * limit:.2f} ms",
+                f"{MILLI * one:.2f} ms, {MILLI * limit:.2f} ms",
             ),
         ),
         laps=tuple(laps),
@@ -119,42 +118,37 @@ def window_section(times: WindowTimes, hard: HardWindow) -> Section:
             + ("says that it pruned." if hard.pruned else "is exact.")
         ),
         targets=(
-            Target(
+            at_most(
                 "window close → diagnosis, median / (¼ seven-scale wGLR + 3 ms)",
                 median / allowed,
                 1.0,
-                least=False,
-                absolute=f"{MILLI * median:.2f} ms, {MILLI * allowed:.2f} ms",
+                f"{MILLI * median:.2f} ms, {MILLI * allowed:.2f} ms",
             ),
-            Target(
+            at_most(
                 "window close → diagnosis, 99th percentile / median",
                 tail / median,
                 4.0,
-                least=False,
-                absolute=f"{MILLI * tail:.2f} ms, most {MILLI * times.close.max():.1f} ms",
+                f"{MILLI * tail:.2f} ms, most {MILLI * times.close.max():.1f} ms",
             ),
-            Target(
+            at_most(
                 f"{hard.candidates} candidates, {hard.systems} systems / median window",
                 hard.seconds / median,
                 100.0,
-                least=False,
-                absolute=f"{MILLI * hard.seconds:.0f} ms, {hard.states} states, "
+                f"{MILLI * hard.seconds:.0f} ms, {hard.states} states, "
                 + ("pruned and says so" if hard.pruned else "exact"),
             ),
-            Target(
+            at_least(
                 "plain paper method / ours, whole window, mean of each",
                 float(plain.mean() / whole.mean()),
                 10.0,
-                least=True,
-                absolute=f"mean {MILLI * plain.mean():.1f} ms, ours {MILLI * whole.mean():.2f} ms; "
+                f"mean {MILLI * plain.mean():.1f} ms, ours {MILLI * whole.mean():.2f} ms; "
                 f"ratio of medians {np.median(plain) / np.median(whole):.1f}",
             ),
-            Target(
+            at_most(
                 "whole window / changepoints alone by skchange FPOP",
                 float(np.median(times.whole)) / peer_median,
                 1.0,
-                least=False,
-                absolute=f"{MILLI * float(np.median(times.whole)):.2f} ms, {MILLI * peer_median:.2f} ms",
+                f"{MILLI * float(np.median(times.whole)):.2f} ms, {MILLI * peer_median:.2f} ms",
             ),
         ),
         figures={
@@ -182,21 +176,19 @@ def step_section(laps: list[Lap], cost: dict[int, float]) -> Section:
             f"{live.REPEATED} new cores. All that these windows need is loaded before."
         ),
         targets=(
-            Target(
+            at_most(
                 f"incremental step at batches of {live.BATCH} / the same core at once, per sample",
                 step / at_once,
                 4.0,
-                least=False,
-                absolute=f"{step / STEP_SAMPLES * NANO:.0f} ns, {at_once / STEP_SAMPLES * NANO:.0f} ns a sample; "
+                f"{step / STEP_SAMPLES * NANO:.0f} ns, {at_once / STEP_SAMPLES * NANO:.0f} ns a sample; "
                 f"stage 1 alone {median[live.STEP_STAGE] / STEP_SAMPLES * NANO:.0f} ns, "
                 f"seven-scale kernel alone {median[live.STEP_KERNEL] / STEP_SAMPLES * NANO:.0f} ns",
             ),
-            Target(
+            at_most(
                 "cost per sample from 10³ to 10⁷ samples, most / least",
                 max(cost.values()) / min(cost.values()),
                 FLAT,
-                least=False,
-                absolute=", ".join(f"{length:.0e}: {seconds * NANO:.0f} ns" for length, seconds in cost.items()),
+                ", ".join(f"{length:.0e}: {seconds * NANO:.0f} ns" for length, seconds in cost.items()),
             ),
         ),
         laps=tuple(laps),
@@ -220,26 +212,23 @@ def pipe_section(bare: list[live.PipeRate], ours: list[live.PipeRate]) -> Sectio
             "records, guards, detects, diagnoses, records and publishes."
         ),
         targets=(
-            Target(
+            at_least(
                 "bus → recording / bare Zenoh → JSON → MCAP pipe, samples a second",
                 rates[1] / rates[0],
                 0.5,
-                least=True,
-                absolute=f"{rates[1]:,.0f} a second, {rates[0]:,.0f} a second",
+                f"{rates[1]:,.0f} a second, {rates[0]:,.0f} a second",
             ),
-            Target(
+            at_least(
                 "the same by the clock",
                 by_the_clock[1] / by_the_clock[0],
                 0.5,
-                least=True,
-                absolute=f"{by_the_clock[1]:,.0f} a second, {by_the_clock[0]:,.0f} a second",
+                f"{by_the_clock[1]:,.0f} a second, {by_the_clock[0]:,.0f} a second",
             ),
-            Target(
+            at_most(
                 "samples lost on the way",
                 float(lost),
                 0.0,
-                least=False,
-                absolute=f"{lost} of {len(ours)} runs{account and f' ({account})'}",
+                f"{lost} of {len(ours)} runs{account and f' ({account})'}",
             ),
         ),
         figures={
@@ -258,12 +247,11 @@ def memory_section(found: list[live.Memory | None]) -> Section:
         name = "all channels" if every else "the required channels"
         most = max((one.of_a_wheel for one in by_channels[every]), default=np.nan) / MEGA
         targets.append(
-            Target(
+            at_most(
                 f"memory of one wheel with {name} [MB]",
                 most,
                 bound,
-                least=False,
-                absolute=", ".join(f"{one.wheels} wheels: {one.of_a_wheel / MEGA:.2f} MB" for one in by_channels[every])
+                ", ".join(f"{one.wheels} wheels: {one.of_a_wheel / MEGA:.2f} MB" for one in by_channels[every])
                 or "resident memory cannot be read here",
             )
         )
@@ -271,19 +259,17 @@ def memory_section(found: list[live.Memory | None]) -> Section:
     if few is not None and many is not None:
         whole = (many.empty + FLEET * many.of_a_wheel) / MEGA / 1e3
         targets += [
-            Target(
+            at_most(
                 f"memory of {FLEET} wheels in one process [GB], from {many.wheels}",
                 whole,
                 13.0,
-                least=False,
-                absolute=f"{many.empty / MEGA:.0f} MB and {many.of_a_wheel / MEGA:.2f} MB a wheel",
+                f"{many.empty / MEGA:.0f} MB and {many.of_a_wheel / MEGA:.2f} MB a wheel",
             ),
-            Target(
+            at_most(
                 f"memory of a wheel, {many.wheels} / {few.wheels} wheels (linear)",
                 many.of_a_wheel / few.of_a_wheel,
                 1.1,
-                least=False,
-                absolute=f"{many.of_a_wheel / MEGA:.2f} MB, {few.of_a_wheel / MEGA:.2f} MB",
+                f"{many.of_a_wheel / MEGA:.2f} MB, {few.of_a_wheel / MEGA:.2f} MB",
             ),
         ]
     return Section(
@@ -312,19 +298,17 @@ def help_section() -> Section:
         + ", ".join(FORBIDDEN_AT_HELP)
         + (": none." if not heavy else f": {', '.join(heavy)}."),
         targets=(
-            Target(
+            at_most(
                 f"`--help`, processor time, median of {HELP_RUNS} [s]",
                 float(np.median(busy_s)),
                 0.3,
-                least=False,
-                absolute=f"by the clock {min(seconds):.2f} to {max(seconds):.2f} s",
+                f"by the clock {min(seconds):.2f} to {max(seconds):.2f} s",
             ),
-            Target(
+            at_most(
                 "heavy packages imported by `--help`",
                 float(len(heavy)),
                 0.0,
-                least=False,
-                absolute=", ".join(heavy) or "none",
+                ", ".join(heavy) or "none",
             ),
         ),
     )

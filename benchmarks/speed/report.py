@@ -3,50 +3,21 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any, Final
 
-from benchmarks.accuracy.page import table
+from benchmarks.machine import in_words
+from benchmarks.page import page, section, table
 from benchmarks.speed.race import Lap
+from benchmarks.target import Target, target_table
 
 MILLI: Final = 1e3
-COMMAND: Final = "rwa-monitor benchmark speed"
+COMMAND: Final = "make benchmark-speed"
 HOW: Final = (
     "All that is compared ran in one process on one core, in turns, so that whatever else the machine did hit all "
     "alike: the ratios are what counts. Times are processor times of the thread that worked; those of windows are the "
     "least of three runs each, those of kernels medians with their quartiles."
 )
-
-
-@dataclass(frozen=True, slots=True)
-class Target:
-    """One line of the table of targets.
-
-    Attributes
-    ----------
-    name
-        What is measured.
-    reached, bound
-        The figure, and what it may be at most or must be at least; NaN where it could not be measured.
-    least
-        Whether the bound is a lower one.
-    absolute
-        The figures behind it, in words.
-    """
-
-    name: str
-    reached: float
-    bound: float
-    least: bool
-    absolute: str
-
-    @property
-    def met(self) -> bool | None:
-        """Whether it is reached; None where it could not be measured."""
-        if math.isnan(self.reached):
-            return None
-        return self.reached >= self.bound if self.least else self.reached <= self.bound
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,7 +55,7 @@ class SpeedReport:
     @property
     def targets(self) -> list[Target]:
         """All targets, in order."""
-        return [target for section in self.sections for target in section.targets]
+        return [target for part in self.sections for target in part.targets]
 
     def to_json(self) -> dict[str, Any]:
         """Return the report as plain content; NaN becomes null."""
@@ -95,13 +66,13 @@ class SpeedReport:
             "missing": list(self.missing),
             "sections": [
                 {
-                    "title": section.title,
-                    "text": section.text,
-                    "targets": [_plain(asdict(target)) | {"met": target.met} for target in section.targets],
-                    "laps": [lap.to_json() for lap in section.laps],
-                    "figures": _plain(section.figures),
+                    "title": part.title,
+                    "text": part.text,
+                    "targets": [_plain(asdict(target)) | {"met": target.met} for target in part.targets],
+                    "laps": [lap.to_json() for lap in part.laps],
+                    "figures": _plain(part.figures),
                 }
-                for section in self.sections
+                for part in self.sections
             ],
         }
 
@@ -142,38 +113,20 @@ def _plain(content: dict[str, Any]) -> dict[str, Any]:
 
 def to_markdown(report: SpeedReport) -> str:
     """Write the page."""
-    machine = ", ".join(f"{name} {value}" for name, value in report.machine.items())
-    settings = ", ".join(f"{name} {value}" for name, value in report.settings.items())
-    parts = [
-        "# Speed",
-        f"Made by `{COMMAND}` ({settings}) on: {machine}.",
+    return page(
+        "Speed",
+        f"Made by `{COMMAND}` ({in_words(report.settings)}) on: {in_words(report.machine)}.",
         HOW,
         *(f"Left out: {text}." for text in report.missing),
-        "## Targets\n\n" + target_table(report.targets),
-        *(_section(section) for section in report.sections),
-    ]
-    return "\n\n".join(parts) + "\n"
+        section("Targets", target_table(report.targets, "g", ".3g")),
+        *(_section(part) for part in report.sections),
+    )
 
 
-def target_table(targets: Sequence[Target]) -> str:
-    """Write the table of targets."""
-    rows = [
-        [
-            target.name,
-            f"{'≥' if target.least else '≤'} {target.bound:g}",
-            "not measured" if target.met is None else f"{target.reached:.3g}",
-            {True: "yes", False: "**no**", None: "–"}[target.met],
-            target.absolute,
-        ]
-        for target in targets
-    ]
-    return table(["what", "wanted", "reached", "met", "figures"], rows)
-
-
-def _section(section: Section) -> str:
-    parts = [f"## {section.title}", section.text]
-    if section.laps:
-        fastest = min((lap.median_s for lap in section.laps if lap.role == "ours"), default=math.nan)
+def _section(part: Section) -> str:
+    parts = [part.text]
+    if part.laps:
+        fastest = min((lap.median_s for lap in part.laps if lap.role == "ours"), default=math.nan)
         rows = [
             [
                 lap.name,
@@ -184,16 +137,16 @@ def _section(section: Section) -> str:
                 str(lap.runs),
                 f"{lap.median_s / fastest:.2f}",
             ]
-            for lap in section.laps
+            for lap in part.laps
         ]
         parts.append(
             table(["what", "whose", "median [ms]", "quartiles [ms]", "least [ms]", "runs", "× our fastest"], rows)
         )
-    if section.figures:
+    if part.figures:
         rows = [
             [name, value if isinstance(value, str) else f"{value:.4g}"]
-            for name, value in section.figures.items()
+            for name, value in part.figures.items()
             if value is not None
         ]
         parts.append(table(["figure", "value"], rows))
-    return "\n\n".join(parts)
+    return section(part.title, *parts)

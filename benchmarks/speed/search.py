@@ -1,21 +1,29 @@
 """What the discrepancy search costs: processor time, wall-clock time and memory, and how they grow with the record.
 
-Every record is searched by a process of its own, so that its memory is its own. The machine's load changes the
-wall-clock time, hardly the processor time.
+    python -m benchmarks.speed.search [--samples N …] [--hidden N] [--threads N]
+
+This part of `make benchmark-speed` alone, as JSON: one line for each length, and one with the growth. Every record
+is searched by a process of its own, so that its memory is its own. The machine's load changes the wall-clock time,
+hardly the processor time.
 """
 
 from __future__ import annotations
 
+import argparse
+import json
+import math
+import sys
 import time
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from multiprocessing import get_context
 from typing import Final
 
 import numpy as np
 
-from benchmarks.speed.machine import peak_memory_bytes
-from benchmarks.speed.report import Section, Target
+from benchmarks.machine import peak_memory_bytes
+from benchmarks.speed.report import Section
+from benchmarks.target import at_most
 from rwa_monitor.discrepancy.find import find_discrepancy
 from rwa_monitor.physics.scenario import Scenario
 from rwa_monitor.physics.speed import SpeedProfile
@@ -113,7 +121,7 @@ def search_section(costs: list[SearchCost]) -> Section:
             "the machine did."
         ),
         targets=tuple(
-            Target(what, reached, most, least=False, absolute=figures)
+            at_most(what, reached, most, figures)
             for what, reached, most, figures in (
                 (
                     f"search of {LENGTH:,} samples, processor time, the slowest of {len(by_hidden)} [s]",
@@ -146,3 +154,25 @@ def search_section(costs: list[SearchCost]) -> Section:
             for cost in costs
         },
     )
+
+
+def main() -> int:
+    """Measure all lengths, one after the other, and return the exit code."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--samples", type=int, nargs="+", default=LENGTHS)
+    parser.add_argument("--hidden", type=int, choices=(0, 1, 2), default=1)
+    parser.add_argument("--threads", type=int, default=cores())
+    options = parser.parse_args()
+    costs = []
+    for samples in options.samples:
+        costs.append(measure_apart(samples, options.hidden, options.threads))
+        sys.stdout.write(json.dumps(asdict(costs[-1])) + "\n")
+    factor, longer = growth(costs), costs[-1].samples / costs[0].samples
+    exponent = 1 + math.log(factor) / math.log(longer) if longer > 1 else math.nan
+    whole = {"times_longer": longer, "per_sample": round(factor, 3), "exponent": round(exponent, 3)}
+    sys.stdout.write(json.dumps(whole) + "\n")
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

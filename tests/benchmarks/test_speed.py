@@ -10,12 +10,13 @@ import sys
 import numpy as np
 import pytest
 
+from benchmarks.machine import peak_memory_bytes
 from benchmarks.speed import benchmark, detection, live, peers, plain_paper, search
 from benchmarks.speed.detection import Window
-from benchmarks.speed.machine import peak_memory_bytes
 from benchmarks.speed.race import Runner, laps
-from benchmarks.speed.report import SpeedReport, Target, to_markdown
+from benchmarks.speed.report import SpeedReport, to_markdown
 from benchmarks.speed.windows import hard_window, time_hard_window, time_windows, window_of
+from benchmarks.target import at_least, at_most
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.kernels.wglr import wglr
 from rwa_monitor.physics.datasets import generate
@@ -128,7 +129,7 @@ def test_a_window_of_many_alike_jumps_is_bounded_and_says_that_it_pruned() -> No
 
 def test_the_peak_memory_of_a_process_is_not_that_of_the_one_that_started_it() -> None:
     large = np.ones(60_000_000)
-    ask = "from benchmarks.speed.machine import peak_memory_bytes; print(peak_memory_bytes())"
+    ask = "from benchmarks.machine import peak_memory_bytes; print(peak_memory_bytes())"
     child = subprocess.run([sys.executable, "-c", ask], capture_output=True, text=True, check=True)
     assert int(child.stdout) < large.nbytes < peak_memory_bytes()
 
@@ -182,7 +183,7 @@ def test_a_report_can_be_kept_and_shown_again(window: Window) -> None:
 
 
 def test_what_could_not_be_measured_is_neither_met_nor_missed() -> None:
-    target = Target("memory", math.nan, 3.0, least=False, absolute="cannot be read here")
+    target = at_most("memory", math.nan, 3.0, "cannot be read here")
     assert target.met is None
-    assert Target("ratio", 2.0, 1.0, least=True, absolute="").met
-    assert not Target("ratio", 2.0, 1.0, least=False, absolute="").met
+    assert at_least("ratio", 2.0, 1.0).met
+    assert not at_most("ratio", 2.0, 1.0).met

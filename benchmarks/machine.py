@@ -1,9 +1,10 @@
-"""What a benchmark ran on."""
+"""What a benchmark ran on, and the most memory that a process took."""
 
 from __future__ import annotations
 
 import os
 import platform
+from collections.abc import Mapping
 from importlib import metadata
 from pathlib import Path
 from typing import Final
@@ -39,6 +40,16 @@ def describe_machine() -> dict[str, str]:
         except metadata.PackageNotFoundError:
             continue  # the page says what is missing
     return described
+
+
+def machine_in_words() -> str:
+    """Return `describe_machine` in one line."""
+    return in_words(describe_machine())
+
+
+def in_words(named: Mapping[str, object]) -> str:
+    """Return names and values in one line."""
+    return ", ".join(f"{name} {value}" for name, value in named.items())
 
 
 def peak_memory_bytes(process: int | str = "self") -> int:
