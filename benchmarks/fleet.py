@@ -23,7 +23,7 @@ import numpy as np
 import psutil
 
 from benchmarks.machine import describe_machine, peak_memory_bytes
-from benchmarks.page import add_output_option, put_out
+from benchmarks.page import add_output_option, page, put_out, table
 from rwa_monitor.fleet.cluster import each
 from rwa_monitor.fleet.tasks import Diagnose
 from rwa_monitor.formats.parquet_table import write_parquet
@@ -48,7 +48,7 @@ def main() -> None:
         files = _recordings(Path(folder), options.recordings)
         few = _measure(files[: options.recordings // 4], max(options.workers), 1)  # first: a peak stays
         measured = {workers: _measure(files, workers, options.repeats) for workers in options.workers}
-    put_out(_page(measured, few, options.recordings), options.output)
+    put_out(to_markdown(measured, few, options.recordings), options.output)
 
 
 def _recordings(folder: Path, count: int) -> list[Path]:
@@ -96,24 +96,32 @@ def _workers(workers: int) -> list[psutil.Process]:
 
 def _worker_s(workers: int) -> float:
     """Return the processor time of all workers so far [s]."""
-    return sum(used.user + used.system for used in (worker.cpu_times() for worker in _workers(workers)))
+    return float(sum(used.user + used.system for used in (worker.cpu_times() for worker in _workers(workers))))
 
 
-def _page(measured: dict[int, dict[str, Any]], few: dict[str, Any], recordings: int) -> str:
+def to_markdown(measured: dict[int, dict[str, Any]], few: dict[str, Any], recordings: int) -> str:
     alone = min(measured[1]["seconds"])
     rows = [
-        f"| {workers} | {min(found['seconds']):.1f} s ({max(found['seconds']):.1f} s) | "
-        f"{recordings / min(found['seconds']):.1f} | {alone / workers / min(found['seconds']):.2f} | "
-        f"{found['worker_ms']:.1f} ms | {found['around_ms']:.1f} ms | {found['peak_MB']:.0f} MB |"
+        [
+            str(workers),
+            f"{min(found['seconds']):.1f} s ({max(found['seconds']):.1f} s)",
+            f"{recordings / min(found['seconds']):.1f}",
+            f"{alone / workers / min(found['seconds']):.2f}",
+            f"{found['worker_ms']:.1f} ms",
+            f"{found['around_ms']:.1f} ms",
+            f"{found['peak_MB']:.0f} MB",
+        ]
         for workers, found in measured.items()
     ]
+    head = ["workers", "time", "recordings a second", "efficiency", "worker's ms", "around it, ms"]
+    head.append("peak memory of a worker")
     most = measured[max(measured)]
     by_processor = measured[1]["worker_ms"] / (most["worker_ms"] + most["around_ms"])
     unmeasured = "" if 4 in measured else " With 4 it was not measured this time."
     load = ", ".join(f"{value:.1f}" for value in os.getloadavg())
-    return f"""# Many recordings at once
-
-<!-- Written by `make fleet`. -->
+    return page(
+        "Many recordings at once",
+        f"""<!-- Written by `make fleet`. -->
 
 `diagnose`, `train`, and with `--each` also `identify` and `discrepancy`, work on many recordings at once: in a
 process for each core, or with `--scheduler tcp://host:8786` on a Dask cluster that is there
@@ -139,9 +147,7 @@ rwa-monitor diagnose day/*.parquet --scheduler tcp://scheduler:8786 --results /s
 {recordings} recordings of 80,000 samples, Parquet, best (worst) of {len(measured[1]["seconds"])} runs,
 {describe_machine()["processor"]} ({psutil.cpu_count(logical=False)} physical), load before the run included: {load}.
 
-| workers | time | recordings a second | efficiency | worker's ms | around it, ms | peak memory of a worker |
-|---|---|---|---|---|---|---|
-{chr(10).join(rows)}
+{table(head, rows)}
 
 The ms are processor time of a recording, the worker's own and that of the process that hands them out.
 
@@ -152,8 +158,8 @@ that hands out shares the cores with as many workers, it is {by_processor:.2f}: 
 with {max(measured)}.
 
 A worker's memory does not grow with the number of recordings: {few["peak_MB"]:.0f} MB after {recordings // 4},
-{most["peak_MB"]:.0f} MB after {recordings * len(most["seconds"])}.
-"""
+{most["peak_MB"]:.0f} MB after {recordings * len(most["seconds"])}.""",
+    )
 
 
 if __name__ == "__main__":

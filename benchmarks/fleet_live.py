@@ -29,7 +29,7 @@ import zenoh
 
 from benchmarks.beside import Beside
 from benchmarks.machine import describe_machine
-from benchmarks.page import add_output_option, put_out
+from benchmarks.page import add_output_option, page, put_out, table
 from benchmarks.speed.live import free_endpoint
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.live.bus import BusOptions, open_session
@@ -137,7 +137,18 @@ def measure(wheels: int, seconds: float, filled: int = 0) -> Measured:
         if filled:
             record_full_windows(folder, samples[:filled], wheels)
         program = ["-c", RUN] if filled else ["-m", "rwa_monitor"]
-        command = ["taskset", "-c", str(cores[0]), sys.executable, *program, "run", "-e", endpoint, "--record", folder]
+        command = [
+            "taskset",
+            "-c",
+            str(cores[0]),
+            sys.executable,
+            *program,
+            "run",
+            "-e",
+            endpoint,
+            "--record",
+            str(folder),
+        ]
         monitor = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
         os.sched_setaffinity(0, cores[1:] or cores)
         assert monitor.stderr is not None
@@ -200,7 +211,7 @@ def _drive(
     sent = second * RATE_HZ * count
     while sum(wheel.received for wheel in fleet) < sent and time.monotonic() < deadline:
         time.sleep(0.5)
-    subscriber.undeclare()
+    subscriber.undeclare()  # type: ignore[no-untyped-call]
     received = sum(wheel.received for wheel in fleet)
     return Measured(count, seconds, np.array(lags), used / seconds, memory, sent, received, beside_cores)
 
@@ -210,13 +221,21 @@ def _cpu_s(process: psutil.Process) -> float:
     return float(times.user + times.system)
 
 
-def page(found: list[Measured], full: Measured) -> str:
+def to_markdown(found: list[Measured], full: Measured) -> str:
     """Return what was measured as a table."""
     named = [*((f"{m.wheels:,}", m) for m in found), (f"{full.wheels:,}, full windows, rotation", full)]
     rows = [
-        f"| {name} | {np.median(m.lags_s):.2f} s | {np.quantile(m.lags_s, 0.99):.2f} s | {m.lags_s.max():.2f} s | "
-        f"{100 * m.share_of_core:.0f} % | {m.memory_MB:.0f} MB | {m.sent} | {m.sent - m.received} | "
-        f"{m.beside_cores:.1f} |"
+        [
+            name,
+            f"{np.median(m.lags_s):.2f} s",
+            f"{np.quantile(m.lags_s, 0.99):.2f} s",
+            f"{m.lags_s.max():.2f} s",
+            f"{100 * m.share_of_core:.0f} %",
+            f"{m.memory_MB:.0f} MB",
+            str(m.sent),
+            str(m.sent - m.received),
+            f"{m.beside_cores:.1f}",
+        ]
         for name, m in named
     ]
     late = [
@@ -224,8 +243,8 @@ def page(found: list[Measured], full: Measured) -> str:
     ]
     verdict = f"Not met by the largest lag: {'; '.join(late)}." if late else "Met in each row."
     load = ", ".join(f"{value:.1f}" for value in os.getloadavg())
-    head = (
-        "# A fleet live\n\n<!-- Written by `make fleet-live`. -->\n\n"
+    introduction = (
+        "<!-- Written by `make fleet-live`. -->\n\n"
         "One `rwa-monitor run` that records, pinned to one core; the fleet publishes from a process on the others.\n"
         "The lag of a wheel is the age of its oldest message that the monitor's own `status` does not count yet.\n"
         f"Wanted: 1,000 wheels at {RATE_HZ} Hz with a lag under a second.\n{verdict}\n\n"
@@ -241,10 +260,10 @@ def page(found: list[Measured], full: Measured) -> str:
     tail = (
         f"In the last row all windows have {FULL_SLOTS:,} of 80,000 slots from the beginning, and the recording ends\n"
         f"after {FILE_AGE_S:.0f} s instead of a day: within the {full.seconds:.0f} s that count, the next one was\n"
-        f"begun and the state of one wheel after the other {brought}.\n"
+        f"begun and the state of one wheel after the other {brought}."
     )
-    columns = "| wheels | lag, median | 99 % | largest | share of the core | memory | samples sent | lost | beside |"
-    return "\n".join([head, "", columns, "|---" * 9 + "|", *rows, "", tail])
+    head = ["wheels", "lag, median", "99 %", "largest", "share of the core", "memory", "samples sent", "lost", "beside"]
+    return page("A fleet live", introduction, table(head, rows), tail)
 
 
 def main() -> None:
@@ -257,7 +276,7 @@ def main() -> None:
     options = parser.parse_args()
     # Those before last 30 s of settling and as long as told; this one until the rotation has ended in any case.
     full = measure(options.full_wheels, max(options.seconds, 120.0), FULL_SLOTS)
-    put_out(page([measure(wheels, options.seconds) for wheels in options.wheels], full), options.output)
+    put_out(to_markdown([measure(wheels, options.seconds) for wheels in options.wheels], full), options.output)
 
 
 if __name__ == "__main__":

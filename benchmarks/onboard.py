@@ -24,10 +24,10 @@ from threading import Event
 
 import numpy as np
 
-from benchmarks.machine import describe_machine
-from benchmarks.page import add_output_option, put_out, table
+from benchmarks.machine import machine_in_words
+from benchmarks.page import add_output_option, page, put_out, table
 from benchmarks.speed.live import free_endpoint, samples_of
-from benchmarks.speed.windows import window_of
+from benchmarks.window import window_of
 from rwa_monitor.live.bus import BusOptions, open_session
 from rwa_monitor.live.publisher import SamplesPublisher
 from rwa_monitor.physics.datasets import generate
@@ -222,9 +222,8 @@ def _size_MB(path: Path) -> float:
     return float(np.sum([file.lstat().st_blocks * 512 for file in files if file.is_file()])) / 1e6
 
 
-def page(measured: Measured, seconds: float) -> str:
+def to_markdown(measured: Measured, seconds: float) -> str:
     """Write docs/onboard.md."""
-    machine = ", ".join(f"{name} {value}" for name, value in describe_machine().items())
     rows = [
         ["disk", f"{measured.disk_MB:.0f} MB", "330 MB"],
         ["`rwa-monitor --help`, processor time", f"{measured.help_s:.2f} s", ""],
@@ -243,9 +242,9 @@ def page(measured: Measured, seconds: float) -> str:
     ]
     tried, slow = ", ".join(str(limit) for limit in LIMITS_MB), 10.0 * measured.share_of_core
     largest = [[f"`{name}`", f"{size:.0f} MB"] for name, size in measured.largest.items()]
-    return f"""# The monitor alone, on a small computer
-
-Made by `make onboard` ({seconds:.0f} s at {RATE_HZ} Hz) on: {machine}.
+    return page(
+        "The monitor alone, on a small computer",
+        f"""Made by `make onboard` ({seconds:.0f} s at {RATE_HZ} Hz) on: {machine_in_words()}.
 
 A wheel that was built elsewhere is installed into a fresh environment beside the packages that a monitor needs;
 `rwa-monitor run` with a recording is pinned to one core and limited in the data that it may write to, and serves
@@ -309,8 +308,8 @@ The fourth stays with the same exponential; of the C library's functions, `hypot
 
 ## What the disk holds
 
-{table(["package", "size"], largest)}
-"""
+{table(["package", "size"], largest)}""",
+    )
 
 
 def main() -> int:
@@ -320,7 +319,7 @@ def main() -> int:
     parser.add_argument("--json", type=Path)
     arguments = parser.parse_args()
     measured = measure(arguments.seconds)
-    put_out(page(measured, arguments.seconds), arguments.output)
+    put_out(to_markdown(measured, arguments.seconds), arguments.output)
     if arguments.json:
         arguments.json.write_text(json.dumps(asdict(measured), indent=1) + "\n")
     return 0

@@ -18,11 +18,10 @@ from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
-from benchmarks.machine import describe_machine
-from benchmarks.page import add_output_option, put_out, table
-from benchmarks.speed.detection import Window
+from benchmarks.machine import machine_in_words
+from benchmarks.page import add_output_option, page, put_out, table
 from benchmarks.speed.live import BATCH, samples_of
-from benchmarks.speed.windows import window_of
+from benchmarks.window import Window, window_of
 from rwa_monitor.diagnosis.evidence import WindowAccumulator
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.live import windows
@@ -156,22 +155,21 @@ def main() -> int:
     messages = [samples_json(samples_of(window, n * BATCH, BATCH), "profile", n) for n in range(count)]
     run(messages[: window.speed_rad_s.size // BATCH + 1])  # fills the caches
     seconds = stages(messages)
-    put_out(page(seconds, count, functions(messages, 20), arguments), arguments.output)
+    put_out(to_markdown(seconds, count, functions(messages, 20), arguments), arguments.output)
     return 0
 
 
-def page(seconds: dict[str, float], count: int, found: list[list[str]], arguments: argparse.Namespace) -> str:
+def to_markdown(seconds: dict[str, float], count: int, found: list[list[str]], arguments: argparse.Namespace) -> str:
     total = sum(seconds.values())
     rows = [
         [stage, f"{1e6 * own / count:.1f}", f"{1e9 * own / count / BATCH:.0f}", f"{own / total:.1%}"]
         for stage, own in sorted(seconds.items(), key=lambda item: -item[1])
     ]
-    machine = ", ".join(f"{name} {value}" for name, value in describe_machine().items())
     most = [stage for stage, _ in sorted(seconds.items(), key=lambda item: -item[1])[:3]]
     at_8_hz = total / count / BATCH * 8.0
-    return f"""# Where the time of the live path goes
-
-Made by `make profile` ({arguments.windows} windows, seed {arguments.seed}) on: {machine}.
+    return page(
+        "Where the time of the live path goes",
+        f"""Made by `make profile` ({arguments.windows} windows, seed {arguments.seed}) on: {machine_in_words()}.
 
 {count} messages of {BATCH} samples through the monitor, from their bytes to the recording:
 {1e6 * total / count:.0f} µs of processor time a message, {1e9 * total / count / BATCH:.0f} ns a sample,
@@ -187,8 +185,8 @@ A window that closes costs its stages once in {80_000 // BATCH} messages; the ta
 Own time by cProfile, which makes calls of Python look dearer than they are; a compiled kernel counts in the function
 that calls it.
 
-{table(["function", "calls", "share"], found)}
-"""
+{table(["function", "calls", "share"], found)}""",
+    )
 
 
 if __name__ == "__main__":

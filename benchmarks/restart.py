@@ -29,7 +29,7 @@ import zenoh
 
 from benchmarks.beside import Beside
 from benchmarks.machine import describe_machine, peak_memory_bytes
-from benchmarks.page import add_output_option, put_out, table
+from benchmarks.page import add_output_option, page, put_out, table
 from benchmarks.speed.live import free_endpoint
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.live.bus import BusOptions, open_session
@@ -227,7 +227,7 @@ def _as_of(window: Diagnosis, wheel: str) -> bytes:
     return window.model_copy(update={"wheel": wheel}).to_json()
 
 
-def page(wheels: int, starts: list[Start], expected: int, right: int, beside_cores: float) -> str:
+def to_markdown(wheels: int, starts: list[Start], expected: int, right: int, beside_cores: float) -> str:
     """Return what was measured as a page."""
     rows = [
         [
@@ -253,9 +253,9 @@ def page(wheels: int, starts: list[Start], expected: int, right: int, beside_cor
         "until it had ended",
     ]
     load = ", ".join(f"{value:.1f}" for value in os.getloadavg())
-    return f"""# A restart of a fleet
-
-<!-- Written by `make restart`. -->
+    return page(
+        "A restart of a fleet",
+        f"""<!-- Written by `make restart`. -->
 
 One `rwa-monitor run` that records {wheels:,} wheels, whose windows of {SLOTS:,} slots are {FULL:.0%} full when it is
 ended: by SIGKILL, and in the next window by SIGTERM. Each wheel sends {OUTAGE_MESSAGES} messages of {BATCH} samples
@@ -275,8 +275,8 @@ one, so that it needs the memory of its open windows (2.7 MB a wheel) and some
 200 MB. A recording grows to twice what it begins with, so that the inputs may take longer than the checkpoints. Every
 five seconds it says how far it is, and systemd is told to wait. The messages that all publishers have kept come again
 at each start: they pass through the inbox. What is missing before them is asked for of 32 publishers at a time, and of
-no further one while more than 128 MB of answers lie here, so that a fleet's histories do not lie in memory at once.
-"""
+no further one while more than 128 MB of answers lie here, so that a fleet's histories do not lie in memory at once.""",
+    )
 
 
 def main() -> None:
@@ -287,7 +287,7 @@ def main() -> None:
     options = parser.parse_args()
     with tempfile.TemporaryDirectory(prefix="rwa-restart-") as folder:
         beside = Beside()
-        text = page(options.wheels, *measure(options.wheels, Path(folder)), beside.cores())
+        text = to_markdown(options.wheels, *measure(options.wheels, Path(folder)), beside.cores())
     put_out(text, options.output)
 
 

@@ -11,7 +11,7 @@ import math
 from dataclasses import dataclass
 from pathlib import Path
 
-from benchmarks.page import add_output_option, put_out, table
+from benchmarks.page import add_output_option, page, put_out, table
 from benchmarks.speed.live import BATCH
 from benchmarks.speed.report import SpeedReport
 
@@ -63,7 +63,7 @@ def costs_of(report: SpeedReport) -> Costs:
     )
 
 
-def page(report: SpeedReport, given: Assumptions) -> str:
+def to_markdown(report: SpeedReport, given: Assumptions) -> str:
     """Write docs/scale.md."""
     costs = costs_of(report)
     rows = [row(satellites, costs, given) for satellites in FLEETS]
@@ -87,9 +87,9 @@ def page(report: SpeedReport, given: Assumptions) -> str:
     share = given.router_messages_s / (given.wheels * given.rate_Hz / BATCH)
     catch_up_h = 1000 * given.wheels * given.rate_Hz * DAY_S / costs.pipe_samples_s / 3600.0
     one_by_one = given.router_messages_s / (given.wheels * given.rate_Hz)
-    return f"""# Ten satellites, a thousand, a hundred thousand
-
-Made by `make scale` from the figures of `docs/speed.json` ([Speed](speed.md)), measured on an
+    return page(
+        "Ten satellites, a thousand, a hundred thousand",
+        f"""Made by `make scale` from the figures of `docs/speed.json` ([Speed](speed.md)), measured on an
 {report.machine["processor"]}.
 
 {table(head, body)}
@@ -133,8 +133,8 @@ One router passes on some {given.router_messages_s:,.0f} small messages a second
 {BATCH} samples a message, but of only {one_by_one:,.0f} at one sample a message. Beyond, one router for each group of
 shards: monitors share nothing, so a fleet splits by key expression (`run --wheels`) without loss.
 
-**The overview page** holds at most 5,000 wheels (`dashboard`): above, one dashboard for each group.
-"""
+**The overview page** holds at most 5,000 wheels (`dashboard`): above, one dashboard for each group.""",
+    )
 
 
 def row(satellites: int, costs: Costs, given: Assumptions) -> list[str]:
@@ -178,7 +178,7 @@ def main() -> int:
     add_output_option(parser)
     parser.add_argument("--speed", type=Path, default=DOCS / "speed.json", help="results of the speed benchmark")
     arguments = parser.parse_args()
-    text = page(SpeedReport.from_json(json.loads(arguments.speed.read_text())), Assumptions())
+    text = to_markdown(SpeedReport.from_json(json.loads(arguments.speed.read_text())), Assumptions())
     put_out(text, arguments.output)
     return 0
 

@@ -27,7 +27,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.beside import Beside
-from benchmarks.page import add_output_option, put_out
+from benchmarks.page import add_output_option, page, put_out, table
 from benchmarks.speed.live import free_endpoint
 from rwa_monitor.live.bus import INBOX_BYTES, OUTPUT_HISTORY, BusOptions, open_session
 from rwa_monitor.live.publisher import SamplesPublisher
@@ -152,7 +152,7 @@ def main() -> int:
         with tempfile.TemporaryDirectory(prefix="rwa-soak-") as folder:
             columns.append(_figures(case, *_soak(case, Path(folder))))
     beside = arguments.beside or f"other work that kept {others.cores():.1f} of them busy"
-    put_out(_report(cases[0], columns, beside), arguments.output)
+    put_out(to_markdown(cases[0], columns, beside), arguments.output)
     return 0
 
 
@@ -263,17 +263,15 @@ def _figures(case: Case, readings: list[Reading], status: int) -> dict[str, str]
     }
 
 
-def _report(case: Case, columns: list[dict[str, str]], beside: str) -> str:
-    table = "\n".join(f"| {name} | {' | '.join(column[name] for column in columns)} |" for name in columns[0])
-    return f"""# Soak: {case.seconds / 60.0:.0f} minutes at {case.rate:,.0f} samples a second
+def to_markdown(case: Case, columns: list[dict[str, str]], beside: str) -> str:
+    rows = [[name, *(column[name] for column in columns)] for name in columns[0]]
+    return page(
+        f"Soak: {case.seconds / 60.0:.0f} minutes at {case.rate:,.0f} samples a second",
+        f"""`make soak`: one monitor process for all wheels, messages of {BATCH} samples over TCP on loopback, recording
+with `--record-limit 1`. The lag counts samples that were sent and not yet in a `status`, which comes once a second: up
+to a second of it is the age of the status. On {os.cpu_count()} processors, beside it ran {beside}.
 
-`make soak`: one monitor process for all wheels, messages of {BATCH} samples over TCP on loopback, recording with
-`--record-limit 1`. The lag counts samples that were sent and not yet in a `status`, which comes once a second: up to a
-second of it is the age of the status. On {os.cpu_count()} processors, beside it ran {beside}.
-
-| | as in flight, hurried | short windows |
-|---|---|---|
-{table}
+{table(["", "as in flight, hurried", "short windows"], rows)}
 
 ## What the memory holds, and its bounds
 
@@ -290,8 +288,8 @@ second of it is the age of the status. On {os.cpu_count()} processors, beside it
 - **Messages of wheels whose model does not fit**, for a search: at most 64 MB.
 
 `tests/live/test_memory.py` counts what Python allocates: nothing is kept of windows that were closed and of files that
-were ended, and a new file takes the memory of one checkpoint however many wheels there are.
-"""
+were ended, and a new file takes the memory of one checkpoint however many wheels there are.""",
+    )
 
 
 if __name__ == "__main__":

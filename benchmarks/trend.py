@@ -83,7 +83,7 @@ def lives(wheels: int, seed: int) -> Iterator[list[LabelledWindow]]:
 
 def judge(life: Life, coefficient: str) -> tuple[int | None, dict[int, Foretold], Foretold | None]:
     """Return the window of the first announcement, what was foretold at `LOOKS`, and at the first announcement."""
-    middle_s = (np.arange(FLEET_WINDOWS) + 0.5) * life.window_s
+    middle_s = (np.arange(FLEET_WINDOWS, dtype=np.float64) + 0.5) * life.window_s
     grows = life.anomaly == coefficient
     limit = life.healthy[coefficient] * (1.0 + SHARE * (life.factor - 1.0)) if grows else np.inf
     truth_s = life.onset_s + SHARE * life.growth_s

@@ -11,8 +11,8 @@ from typing import TypeVar
 
 import numpy as np
 
-from benchmarks.accuracy.oracle import on_slots
 from benchmarks.accuracy.outcome import Outcome, evaluate
+from benchmarks.window import on_slots
 from rwa_monitor.diagnosis.assignment import assign
 from rwa_monitor.diagnosis.classification import classify
 from rwa_monitor.diagnosis.components import split

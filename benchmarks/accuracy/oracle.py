@@ -13,6 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from benchmarks.window import on_slots
 from rwa_monitor.diagnosis.assignment import assign
 from rwa_monitor.diagnosis.components import split
 from rwa_monitor.diagnosis.estimation import estimate
@@ -26,8 +27,7 @@ from rwa_monitor.diagnosis.window_diagnosis import Changepoint
 from rwa_monitor.kernels.changepoints import refine_in_colour
 from rwa_monitor.physics.datasets import LabelledWindow
 from rwa_monitor.physics.telemetry import Truth
-from rwa_monitor.physics.torque_balance import mended_friction, torque_per_ampere
-from rwa_monitor.samples import FloatArray, IntArray
+from rwa_monitor.samples import IntArray
 
 ORACLE_SCALE = 8  # slots: the assignment moves a candidate by half of this at most
 
@@ -139,19 +139,3 @@ def jumps_of_ideal_search(window: LabelledWindow) -> tuple[Changepoint, ...]:
     candidates = Candidates(index, np.full(index.size, ORACLE_SCALE), statistic, jump)
     assignment, _ = assign(replace(evidence, candidates=candidates, noise=noise), wheel)
     return changepoints_of(assignment, wheel)
-
-
-def on_slots(window: LabelledWindow) -> tuple[FloatArray, FloatArray]:
-    """Return speed and friction torque on the slots of the window, NaN where there is no sample; float64 (slots,)."""
-    samples, wheel = window.telemetry.samples, window.wheel
-    slots = window.telemetry.truth.used.size
-    at = np.rint((samples.time_ns - samples.time_ns[0]) / wheel.period_ns).astype(np.int64)
-    speed, torque = np.full(slots, np.nan), np.full(slots, np.nan)
-    speed[at] = samples.speed_rad_s
-    if samples.friction_torque_Nm is not None:
-        torque[at] = samples.friction_torque_Nm
-        return speed, torque
-    assert samples.motor_current_A is not None  # recipes give friction or current
-    motor = np.full(slots, np.nan)
-    motor[at] = torque_per_ampere(samples.motor_current_A, samples.speed_rad_s, wheel) * samples.motor_current_A
-    return speed, mended_friction(speed, motor, wheel)

@@ -9,8 +9,7 @@ from typing import Final
 import numpy as np
 
 from benchmarks.accuracy.outcome import Outcome, evaluate
-from benchmarks.speed.detection import Window
-from benchmarks.speed.windows import window_of
+from benchmarks.window import Window, window_of
 from rwa_monitor.diagnosis.assignment import assign
 from rwa_monitor.diagnosis.estimation import estimate
 from rwa_monitor.diagnosis.evidence import WindowAccumulator

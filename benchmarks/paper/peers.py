@@ -13,9 +13,8 @@ from typing import Final
 
 import numpy as np
 
-from benchmarks.speed.detection import Window
 from benchmarks.speed.peers import Peer
-from benchmarks.speed.windows import window_of
+from benchmarks.window import Window, window_of
 from rwa_monitor.diagnosis.assignment import assign
 from rwa_monitor.diagnosis.evidence import WindowAccumulator
 from rwa_monitor.diagnosis.results import REJECTED, Method

@@ -26,7 +26,7 @@ def emps(source: str, out: Path) -> None:
 
     F = g vir − M a; position at 1 kHz, zero-phase Butterworth of 4th order at 20 Hz, central differences.
     """
-    data = loadmat(io.BytesIO(git_show(source, "nlid_emps_sim_data_training.mat")))
+    data = loadmat(io.BytesIO(git_show(source, "nlid_emps_sim_data_training.mat")))  # type: ignore[arg-type]
     gain, mass, cut = 35.15065188, 95.11, 20.0
     time, position, force = (data[k].ravel().astype(float) for k in ("t", "qm", "vir"))
     force = gain * force
@@ -113,7 +113,7 @@ def track(events: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     for first in np.flatnonzero(fine[:-2] & fine[1:-1] & fine[2:]):
         if events[first] in used:
             continue  # in a chain that was followed already
-        time, turn = chain(events, first, gaps[first])
+        time, turn = chain(events, int(first), gaps[first])
         if time.size > 30:
             used.update(time)
         period = np.diff(time) / np.diff(turn)

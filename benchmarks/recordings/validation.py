@@ -34,7 +34,7 @@ def save(
     out: Path,
     name: str,
     columns: dict[str, np.ndarray],
-    wheel: dict | None = None,
+    wheel: dict[str, float] | None = None,
     motor_off: bool = False,
     dead_band: float | None = None,
     period: float | None = None,
@@ -227,7 +227,7 @@ def screws(source: str, out: Path) -> None:
         records.sort(key=lambda r: r[0])
         begin = records[0][0]
         for part, count, keep in (("ladder", 4, None), ("forward", 5, 1), ("backward", 5, -1), ("dwells", 50, None)):
-            parts = []
+            parts: list[np.ndarray] = []
             end = -np.inf
             for at, time, speed, torque in records:
                 if keep is not None and np.sign(speed.mean()) != keep:
@@ -321,7 +321,7 @@ def rack(source: str, out: Path) -> None:
 
     Rack and pinion pushed over one stroke (0.54 s), force cell and servo speed, F − 24.7 kg · a as in extraction.m.
     """
-    data = loadmat(io.BytesIO(git_show(source, "input/sample_workspace_3.mat")))
+    data = loadmat(io.BytesIO(git_show(source, "input/sample_workspace_3.mat")))  # type: ignore[arg-type]
     time, speed, force = (data[k].ravel() for k in ("t", "v", "F"))
     friction = force - 24.7 * np.gradient(speed, time)
     good = np.abs(speed) > 0.01
@@ -388,13 +388,12 @@ def pendulum(source: str, out: Path) -> None:
             [find_peaks(angle, distance=40, height=0.03)[0], find_peaks(-angle, distance=40, height=0.03)[0]]
         )
     )
-    top_time, top = [], []
+    vertices = []
     for k in tops:  # vertex of a parabola over 11 rows
         w = slice(max(k - 5, 0), k + 6)
         c = np.polyfit(time[w] - time[k], angle[w], 2)
-        top_time.append(time[k] - c[1] / (2 * c[0]))
-        top.append(c[2] - c[1] ** 2 / (4 * c[0]))
-    top_time, top = np.array(top_time), np.array(top)
+        vertices.append((time[k] - c[1] / (2 * c[0]), c[2] - c[1] ** 2 / (4 * c[0])))
+    top_time, top = np.array(vertices).T
     top -= np.median((top[:-2] + 2 * top[1:-1] + top[2:]) / 4)  # the middle of the swings
     path = np.diff(top)
     loss = weight * (np.cos(top[1:]) - np.cos(top[:-1]))
@@ -408,7 +407,11 @@ def pendulum(source: str, out: Path) -> None:
         },
         dead_band=0.03,
     )
-    full = lambda x: (np.abs(x[1:]) + np.abs(x[:-1])) / 2  # noqa: E731  # a swing to and fro: an error of the middle cancels
+
+    def full(x: np.ndarray) -> np.ndarray:
+        """Join a swing to and fro: an error of the middle cancels."""
+        return np.asarray((np.abs(x[1:]) + np.abs(x[:-1])) / 2)
+
     save(
         out,
         "pendulum_swings",
@@ -432,13 +435,13 @@ def dyno(source: str, out: Path) -> None:
         .decode()
         .splitlines()
     )
-    rows = []
+    numbers = []
     for line in lines:
         try:
-            rows.append([float(x) for x in line.split(",")])
+            numbers.append([float(x) for x in line.split(",")])
         except ValueError:
             continue
-    rows = np.array([r for r in rows if len(r) == 19])
+    rows = np.array([r for r in numbers if len(r) == 19])
     temperature, current, torque, speed = rows[:, 3], rows[:, 5], rows[:, 9] / 1e3, rows[:, 10]
     good = (np.abs(speed) > 5) & (np.abs(speed - np.sign(speed) * rows[:, 11]) < 2.5)  # at its set-point
     motor = 8.27 / 270 * current

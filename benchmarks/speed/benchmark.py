@@ -18,8 +18,9 @@ from benchmarks.speed.peers import installed
 from benchmarks.speed.race import Lap
 from benchmarks.speed.report import MILLI, Section, SpeedReport
 from benchmarks.speed.search import search_costs, search_section
-from benchmarks.speed.windows import HardWindow, WindowTimes, time_hard_window, time_windows, window_of
+from benchmarks.speed.windows import HardWindow, WindowTimes, time_hard_window, time_windows
 from benchmarks.target import at_least, at_most
+from benchmarks.window import window_of
 from rwa_monitor.cli.progress import track
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.physics.datasets import generate

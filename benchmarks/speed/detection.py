@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
@@ -11,13 +10,13 @@ import numpy as np
 from benchmarks.speed import plain_paper
 from benchmarks.speed.peers import Peer
 from benchmarks.speed.race import Lap, Runner, laps
+from benchmarks.window import Window
 from rwa_monitor.diagnosis.evidence import WindowAccumulator
 from rwa_monitor.diagnosis.peaks import PeakList, ScanSettings, ScanState
 from rwa_monitor.kernels.evidence import KEPT_STATISTIC
 from rwa_monitor.kernels.segmentation import five_sums
 from rwa_monitor.kernels.wglr import BINS, CHUNK, HISTORY, PREFIXES, scan, wglr
-from rwa_monitor.physics.wheel import Wheel
-from rwa_monitor.samples import BoolArray, FloatArray
+from rwa_monitor.samples import FloatArray
 
 SEVEN_SCALES: Final = (2, 4, 8, 16, 32, 64, 128)
 ONE_SCALE: Final = plain_paper.SCALE
@@ -27,49 +26,6 @@ OURS_ONE: Final = f"ours, one scale w = {ONE_SCALE}"
 OURS_SEVEN: Final = "ours, seven scales 2 … 128"
 OURS_STAGE: Final = "ours, the whole of stage 1 (eight scales, sums, noise, peaks, slope, candidates)"
 PLAIN: Final = f"plain numpy wGLR, one scale w = {ONE_SCALE}"
-
-
-@dataclass(frozen=True, slots=True)
-class Window:
-    """One window on its slots, with what peers are given of it.
-
-    Attributes
-    ----------
-    wheel
-        Its wheel.
-    speed_rad_s, torque_Nm, good
-        (slots,).
-    noise_std
-        Standard deviation of the noise, normalised.
-    slope
-        True viscous coefficient, normalised: peers cannot find it by themselves.
-    """
-
-    wheel: Wheel
-    speed_rad_s: FloatArray
-    torque_Nm: FloatArray
-    good: BoolArray
-    noise_std: float
-    slope: float
-
-    @property
-    def x(self) -> FloatArray:
-        """Normalised speed, float64 (slots,)."""
-        return np.abs(self.speed_rad_s) / self.wheel.speed_unit_rad_s
-
-    @property
-    def z(self) -> FloatArray:
-        """Normalised friction along the motion, float64 (slots,)."""
-        return np.sign(self.speed_rad_s) * self.torque_Nm / self.wheel.torque_unit_Nm
-
-    @property
-    def moving(self) -> BoolArray:
-        """Good slots outside the dead band, bool (slots,)."""
-        return self.good & (np.abs(self.speed_rad_s) >= (self.wheel.window.dead_band_rad_s or 0.0))
-
-    def series(self) -> FloatArray:
-        """Return what peers search: friction less viscous friction, over the noise; the dead band left out."""
-        return np.ascontiguousarray((self.z - self.slope * self.x)[self.moving] / self.noise_std)
 
 
 def detection_laps(window: Window, peers: list[Peer]) -> list[Lap]:

@@ -18,8 +18,9 @@ from typing import Final
 import numpy as np
 from mcap.writer import Writer
 
-from benchmarks.speed.detection import Window, seven_scales
+from benchmarks.speed.detection import seven_scales
 from benchmarks.speed.race import Lap, Runner, laps
+from benchmarks.window import Window
 from rwa_monitor.diagnosis.evidence import WindowAccumulator
 from rwa_monitor.diagnosis.model import Model, built_in_model
 from rwa_monitor.live.bus import BusOptions, Inbox, MonitorBus, open_session

@@ -9,10 +9,10 @@ from typing import Final
 
 import numpy as np
 
-from benchmarks.accuracy.oracle import on_slots
 from benchmarks.speed import plain_paper
-from benchmarks.speed.detection import Window, seven_scales
+from benchmarks.speed.detection import seven_scales
 from benchmarks.speed.peers import Peer
+from benchmarks.window import Window, window_of
 from rwa_monitor.diagnosis.assignment import assign
 from rwa_monitor.diagnosis.evidence import WindowAccumulator
 from rwa_monitor.diagnosis.model import Model
@@ -68,15 +68,6 @@ def time_windows(
             _time_window(window, model, peer, 1, with_plain=True)
         rows.append(_time_window(window, model, peer, repeats, with_plain=number % PLAIN_EVERY == 0))
     return WindowTimes(*np.array(rows).T)
-
-
-def window_of(labelled: LabelledWindow) -> Window:
-    """Return a labelled window on its slots, with the truth that peers are given."""
-    speed, torque = on_slots(labelled)
-    wheel, truth = labelled.wheel, labelled.telemetry.truth
-    slope = float(np.mean(truth.viscous_Nm_s_rad)) * wheel.speed_unit_rad_s / wheel.torque_unit_Nm
-    good = np.isfinite(speed) & np.isfinite(torque)
-    return Window(wheel, speed, torque, good, truth.noise_std_Nm / wheel.torque_unit_Nm, slope)
 
 
 def _time_window(window: Window, model: Model, peer: Peer | None, repeats: int, *, with_plain: bool) -> list[float]:

@@ -18,7 +18,7 @@ from benchmarks.paper.peers import accepted, add_second_source, candidates, dumm
 from benchmarks.paper.pictures import draw_run_lengths
 from benchmarks.paper.run_length import run_lengths
 from benchmarks.speed.peers import Peer
-from benchmarks.speed.windows import window_of
+from benchmarks.window import window_of
 from rwa_monitor.discrepancy.figures import svg
 from rwa_monitor.physics.datasets import LabelledWindow, generate
 from rwa_monitor.physics.truth import Changepoints

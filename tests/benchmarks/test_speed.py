@@ -12,11 +12,11 @@ import pytest
 
 from benchmarks.machine import peak_memory_bytes
 from benchmarks.speed import benchmark, detection, live, peers, plain_paper, search
-from benchmarks.speed.detection import Window
 from benchmarks.speed.race import Runner, laps
 from benchmarks.speed.report import SpeedReport, to_markdown
-from benchmarks.speed.windows import hard_window, time_hard_window, time_windows, window_of
+from benchmarks.speed.windows import hard_window, time_hard_window, time_windows
 from benchmarks.target import at_least, at_most
+from benchmarks.window import Window, window_of
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.kernels.wglr import wglr
 from rwa_monitor.physics.datasets import generate

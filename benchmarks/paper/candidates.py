@@ -1,6 +1,6 @@
 """Candidates of stage 1 on many noises: recall, false ones and times, beside the paper's method in plain numpy.
 
-    python -m benchmarks.accuracy.candidates [--windows N] [--seed N]
+    python -m benchmarks.paper.candidates [--windows N] [--seed N]
 
 A jump is visible when an oracle would see it (`Truth.changepoints.visible`), and found when a candidate lies within 5
 samples of it. Confirmed ones were found before the window closed. Times are medians of one run on one core.
@@ -20,9 +20,8 @@ from scipy import signal
 
 from benchmarks.page import page, put_out, table
 from benchmarks.paper.peers import score
-from benchmarks.speed.detection import Window
 from benchmarks.speed.plain_paper import changepoints as plain_changepoints
-from benchmarks.speed.windows import window_of
+from benchmarks.window import Window, window_of
 from rwa_monitor.diagnosis.estimation import default_exclusion, estimate, nominal_slope_prior
 from rwa_monitor.diagnosis.evidence import WindowAccumulator
 from rwa_monitor.diagnosis.results import Method

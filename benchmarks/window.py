@@ -1,0 +1,80 @@
+"""One simulated window on its slots, with what detectors of other packages are given of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from rwa_monitor.physics.datasets import LabelledWindow
+from rwa_monitor.physics.torque_balance import mended_friction, torque_per_ampere
+from rwa_monitor.physics.wheel import Wheel
+from rwa_monitor.samples import BoolArray, FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Window:
+    """One window on its slots, with what peers are given of it.
+
+    Attributes
+    ----------
+    wheel
+        Its wheel.
+    speed_rad_s, torque_Nm, good
+        (slots,).
+    noise_std
+        Standard deviation of the noise, normalised.
+    slope
+        True viscous coefficient, normalised: peers cannot find it by themselves.
+    """
+
+    wheel: Wheel
+    speed_rad_s: FloatArray
+    torque_Nm: FloatArray
+    good: BoolArray
+    noise_std: float
+    slope: float
+
+    @property
+    def x(self) -> FloatArray:
+        """Normalised speed, float64 (slots,)."""
+        return np.abs(self.speed_rad_s) / self.wheel.speed_unit_rad_s
+
+    @property
+    def z(self) -> FloatArray:
+        """Normalised friction along the motion, float64 (slots,)."""
+        return np.sign(self.speed_rad_s) * self.torque_Nm / self.wheel.torque_unit_Nm
+
+    @property
+    def moving(self) -> BoolArray:
+        """Good slots outside the dead band, bool (slots,)."""
+        return self.good & (np.abs(self.speed_rad_s) >= (self.wheel.window.dead_band_rad_s or 0.0))
+
+    def series(self) -> FloatArray:
+        """Return what peers search: friction less viscous friction, over the noise; the dead band left out."""
+        return np.ascontiguousarray((self.z - self.slope * self.x)[self.moving] / self.noise_std)
+
+
+def window_of(labelled: LabelledWindow) -> Window:
+    """Return a labelled window on its slots, with the truth that peers are given."""
+    speed, torque = on_slots(labelled)
+    wheel, truth = labelled.wheel, labelled.telemetry.truth
+    slope = float(np.mean(truth.viscous_Nm_s_rad)) * wheel.speed_unit_rad_s / wheel.torque_unit_Nm
+    good = np.isfinite(speed) & np.isfinite(torque)
+    return Window(wheel, speed, torque, good, truth.noise_std_Nm / wheel.torque_unit_Nm, slope)
+
+
+def on_slots(window: LabelledWindow) -> tuple[FloatArray, FloatArray]:
+    """Return speed and friction torque on the slots of the window, NaN where there is no sample; float64 (slots,)."""
+    samples, wheel = window.telemetry.samples, window.wheel
+    slots = window.telemetry.truth.used.size
+    at = np.rint((samples.time_ns - samples.time_ns[0]) / wheel.period_ns).astype(np.int64)
+    speed, torque = np.full(slots, np.nan), np.full(slots, np.nan)
+    speed[at] = samples.speed_rad_s
+    if samples.friction_torque_Nm is not None:
+        torque[at] = samples.friction_torque_Nm
+        return speed, torque
+    assert samples.motor_current_A is not None  # recipes give friction or current
+    motor = np.full(slots, np.nan)
+    motor[at] = torque_per_ampere(samples.motor_current_A, samples.speed_rad_s, wheel) * samples.motor_current_A
+    return speed, mended_friction(speed, motor, wheel)
