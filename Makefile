@@ -86,7 +86,7 @@ lint: $(VENV)/.installed-dev ## ruff: rules, then formatting
 	$(BIN)/ruff format --check .
 
 .PHONY: types
-types: $(VENV)/.installed-dev ## mypy --strict on the package
+types: $(VENV)/.installed-dev ## mypy --strict on the package and the benchmarks
 	$(BIN)/mypy
 
 .PHONY: layers

@@ -220,6 +220,7 @@ def browse(address: str, during: Any) -> tuple[dict[str, Any], Any]:
 
 @contextmanager
 def program(*command: str) -> Iterator[subprocess.Popen[str]]:
+    """Run a Python program of this tree beside this one, and kill it in the end."""
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(path for path in sys.path if path)}
     process = subprocess.Popen(
         [sys.executable, *command], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment
@@ -277,6 +278,7 @@ def measure(wheels: int, clients: int, seconds: float, diagnoses_per_s: float, r
 
 
 def main() -> int:
+    """Measure, or play one of the parts in a process of its own; return the exit code."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--wheels", type=int, default=1_000)
     parser.add_argument("--clients", type=int, default=50)

@@ -100,6 +100,7 @@ def _worker_s(workers: int) -> float:
 
 
 def to_markdown(measured: dict[int, dict[str, Any]], few: dict[str, Any], recordings: int) -> str:
+    """Return docs/fleet.md."""
     alone = min(measured[1]["seconds"])
     rows = [
         [

@@ -313,6 +313,7 @@ The fourth stays with the same exponential; of the C library's functions, `hypot
 
 
 def main() -> int:
+    """Measure, put out the page, return the exit code."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seconds", type=float, default=60.0, help="how long at 8 Hz")
     add_output_option(parser)

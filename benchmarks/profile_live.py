@@ -137,6 +137,7 @@ def functions(messages: list[bytes], count: int) -> list[list[str]]:
 
 
 def main() -> int:
+    """Profile, put out the page, return the exit code."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--windows", type=int, default=3, help="windows of 80,000 samples")
     parser.add_argument("--seed", type=int, default=8_129)
@@ -160,6 +161,7 @@ def main() -> int:
 
 
 def to_markdown(seconds: dict[str, float], count: int, found: list[list[str]], arguments: argparse.Namespace) -> str:
+    """Return docs/profile.md."""
     total = sum(seconds.values())
     rows = [
         [stage, f"{1e6 * own / count:.1f}", f"{1e9 * own / count / BATCH:.0f}", f"{own / total:.1%}"]

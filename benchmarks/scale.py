@@ -174,6 +174,7 @@ def _bytes(count: float) -> str:
 
 
 def main() -> int:
+    """Work the page out, put it out, return the exit code."""
     parser = argparse.ArgumentParser(description=__doc__)
     add_output_option(parser)
     parser.add_argument("--speed", type=Path, default=DOCS / "speed.json", help="results of the speed benchmark")

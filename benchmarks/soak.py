@@ -134,6 +134,7 @@ def publisher_process(endpoint: str, wheels: int, rate: float, duration_s: float
 
 
 def main() -> int:
+    """Soak both monitors, put out the page, return the exit code."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seconds", type=float, default=600.0)
     parser.add_argument("--rate", type=float, default=100_000.0, help="samples per second, all wheels together")
@@ -264,6 +265,7 @@ def _figures(case: Case, readings: list[Reading], status: int) -> dict[str, str]
 
 
 def to_markdown(case: Case, columns: list[dict[str, str]], beside: str) -> str:
+    """Return docs/soak.md."""
     rows = [[name, *(column[name] for column in columns)] for name in columns[0]]
     return page(
         f"Soak: {case.seconds / 60.0:.0f} minutes at {case.rate:,.0f} samples a second",

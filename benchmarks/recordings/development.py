@@ -1,4 +1,4 @@
-"""Public recordings to friction tables:
+"""Public recordings to friction tables, for development.
 
 python -m benchmarks.recordings.development {emps,flywheel,drum,tx40} SOURCE OUT
 
@@ -123,6 +123,7 @@ def track(events: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def chain(events: np.ndarray, first: int, last: float) -> tuple[np.ndarray, np.ndarray]:
+    """Follow whole turns from an event on, the last one `last` seconds long; return their times and counts."""
     time, turn, growth = [events[first], events[first + 1]], [0, 1], 1.0
     while True:
         for step in (1, 2, 3, 4, 5, 6):
@@ -144,9 +145,9 @@ def chain(events: np.ndarray, first: int, last: float) -> tuple[np.ndarray, np.n
 
 
 def coast(events: np.ndarray, out: Path, name: str, inertia: float, turns: int = 4) -> None:
-    """ω is that of the turn, at its middle;
+    """ω is that of the turn, at its middle.
 
-    for the friction table dω/dt is the slope of a parabola over 2·turns + 1 rows.
+    For the friction table dω/dt is the slope of a parabola over 2·turns + 1 rows.
     """
     time, turn = track(events)
     middle, speed = (time[1:] + time[:-1]) / 2, 2 * np.pi * np.diff(turn) / np.diff(time)

@@ -1,4 +1,6 @@
-"""Public recordings to friction tables, for validation: python -m benchmarks.recordings.validation NAME GITDIR OUT
+"""Public recordings to friction tables, for validation.
+
+    python -m benchmarks.recordings.validation NAME GITDIR OUT
 
 NAME is one of the functions below, GITDIR the git directory of its repository (bare or .git), OUT a folder.
 Each recording becomes OUT/*.csv and OUT/*.toml (wheel file). Friction is positive where it opposes positive
@@ -20,10 +22,12 @@ from scipy.signal import butter, filtfilt, find_peaks
 
 
 def git_show(source: str, path: str) -> bytes:
+    """Return the bytes of a file at the head of a repository."""
     return subprocess.run(["git", "-C", source, "show", f"HEAD:{path}"], check=True, capture_output=True).stdout
 
 
 def git_list(source: str, under: str) -> list[str]:
+    """Return the paths below a folder at the head of a repository."""
     out = subprocess.run(
         ["git", "-C", source, "ls-tree", "-r", "--name-only", "-z", "HEAD", under], check=True, capture_output=True
     )
@@ -64,6 +68,7 @@ def slope(time: np.ndarray, value: np.ndarray, half: int) -> tuple[np.ndarray, n
 
 
 def means(count: int, *columns: np.ndarray) -> list[np.ndarray]:
+    """Return the means of each `count` rows; what is left at the end is dropped."""
     rows = columns[0].size // count
     return [c[: rows * count].reshape(rows, count).mean(1) for c in columns]
 
@@ -198,6 +203,7 @@ def propeller(source: str, out: Path) -> None:
 
 
 def epos(text: str) -> tuple[datetime, np.ndarray]:
+    """Return the date and the rows of a recording of the EPOS controller."""
     lines = text.splitlines()
     start = next(k for k, line in enumerate(lines) if line.startswith("ms;")) + 1
     rows = []
@@ -282,7 +288,7 @@ def reaction_wheel(source: str, out: Path) -> None:
 
 
 def franka(source: str, out: Path) -> None:
-    """longshike/NNFM…:
+    """From longshike/NNFM….
 
     Franka joints 2 and 7, friction torque as published (gravity and dynamics taken off by the authors); means of
     rows.

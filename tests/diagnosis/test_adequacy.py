@@ -18,7 +18,7 @@ from rwa_monitor.physics.telemetry import simulate
 from rwa_monitor.physics.wheel import built_in_wheel
 from rwa_monitor.samples import FloatArray
 
-# Each effect on one motion that shows it, in turn; benchmarks/adequacy.py runs all of them on many seeds.
+# Each effect on one motion that shows it, in turn; benchmarks/adequacy runs all of them on many seeds.
 EITHER_WAY = ("crossings", "rich", "orbit")
 CASES = [(name, EITHER_WAY[i % len(EITHER_WAY)]) for i, name in enumerate(MEAN_EFFECTS)]
 SHOWN_ONE_WAY = ("current_delay", "inertia_error", "stribeck", "torque_ripple")
