@@ -6,10 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from rwa_monitor.diagnosis.evidence import WindowAccumulator
+from rwa_monitor.diagnosis.results import Evidence, Method
 from rwa_monitor.physics.datasets import LabelledWindow
 from rwa_monitor.physics.torque_balance import mended_friction, torque_per_ampere
 from rwa_monitor.physics.wheel import Wheel
-from rwa_monitor.samples import BoolArray, FloatArray
+from rwa_monitor.samples import BoolArray, FloatArray, Samples
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,6 +52,19 @@ class Window:
         """Good slots outside the dead band, bool (slots,)."""
         return self.good & (np.abs(self.speed_rad_s) >= (self.wheel.window.dead_band_rad_s or 0.0))
 
+    @classmethod
+    def of(cls, samples: Samples, wheel: Wheel) -> Window:
+        """Return samples with friction and without gaps as a window whose noise and slope are not given, NaN."""
+        assert samples.friction_torque_Nm is not None
+        everywhere = np.ones(len(samples), dtype=np.bool_)
+        return cls(wheel, samples.speed_rad_s, samples.friction_torque_Nm, everywhere, np.nan, np.nan)
+
+    def evidence(self, method: Method = "joint") -> Evidence:
+        """Run stage 1 over the window at once."""
+        accumulator = WindowAccumulator(self.wheel, method, self.speed_rad_s.size)
+        accumulator.append(self.speed_rad_s, self.torque_Nm, self.good)
+        return accumulator.close()
+
     def series(self) -> FloatArray:
         """Return what peers search: friction less viscous friction, over the noise; the dead band left out."""
         return np.ascontiguousarray((self.z - self.slope * self.x)[self.moving] / self.noise_std)
@@ -57,14 +72,14 @@ class Window:
 
 def window_of(labelled: LabelledWindow) -> Window:
     """Return a labelled window on its slots, with the truth that peers are given."""
-    speed, torque = on_slots(labelled)
+    speed, torque = _on_slots(labelled)
     wheel, truth = labelled.wheel, labelled.telemetry.truth
     slope = float(np.mean(truth.viscous_Nm_s_rad)) * wheel.speed_unit_rad_s / wheel.torque_unit_Nm
     good = np.isfinite(speed) & np.isfinite(torque)
     return Window(wheel, speed, torque, good, truth.noise_std_Nm / wheel.torque_unit_Nm, slope)
 
 
-def on_slots(window: LabelledWindow) -> tuple[FloatArray, FloatArray]:
+def _on_slots(window: LabelledWindow) -> tuple[FloatArray, FloatArray]:
     """Return speed and friction torque on the slots of the window, NaN where there is no sample; float64 (slots,)."""
     samples, wheel = window.telemetry.samples, window.wheel
     slots = window.telemetry.truth.used.size

@@ -12,11 +12,10 @@ from typing import TypeVar
 import numpy as np
 
 from benchmarks.accuracy.outcome import Outcome, evaluate
-from benchmarks.window import on_slots
+from benchmarks.window import window_of
 from rwa_monitor.diagnosis.assignment import assign
 from rwa_monitor.diagnosis.classification import classify
 from rwa_monitor.diagnosis.components import split
-from rwa_monitor.diagnosis.evidence import WindowAccumulator
 from rwa_monitor.diagnosis.features import features_of
 from rwa_monitor.diagnosis.model import Model, models_for
 from rwa_monitor.diagnosis.paper_assignment import assign_as_paper, split_as_paper
@@ -99,14 +98,10 @@ def time_stages(windows: Sequence[LabelledWindow], model: Model, method: Method)
 
 
 def _time_window(window: LabelledWindow, model: Model, method: Method) -> tuple[float, float, float]:
-    wheel, empty = window.wheel, CarriedState.empty()
-    speed, torque = on_slots(window)
-    good = np.isfinite(speed) & np.isfinite(torque)
+    wheel, empty, on_slots = window.wheel, CarriedState.empty(), window_of(window)
     models, names = models_for(wheel, model), wheel.anomalies
     begin = time.perf_counter()
-    accumulator = WindowAccumulator(wheel, method, speed.size)
-    accumulator.append(speed, torque, good)
-    evidence = accumulator.close()
+    evidence = on_slots.evidence(method)
     detected = time.perf_counter()
     if method == "paper":
         assignment, estimate = assign_as_paper(evidence, wheel)

@@ -13,11 +13,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from benchmarks.window import on_slots
+from benchmarks.window import window_of
 from rwa_monitor.diagnosis.assignment import assign
 from rwa_monitor.diagnosis.components import split
 from rwa_monitor.diagnosis.estimation import estimate
-from rwa_monitor.diagnosis.evidence import WindowAccumulator
 from rwa_monitor.diagnosis.features import Features, SystemFeatures, features_of
 from rwa_monitor.diagnosis.physical_units import changepoints_of
 from rwa_monitor.diagnosis.results import Assignment, Candidates, NoiseEstimate
@@ -71,10 +70,7 @@ def features_of_truth(window: LabelledWindow) -> Features:
 def features_with_true_jumps(window: LabelledWindow) -> Features:
     """Return the features of oracle B: the stages' own estimates, given the true changepoints and systems."""
     truth, wheel = window.telemetry.truth, window.wheel
-    speed, torque = on_slots(window)
-    accumulator = WindowAccumulator(wheel, "joint", speed.size)
-    accumulator.append(speed, torque, np.isfinite(speed) & np.isfinite(torque))
-    evidence = accumulator.close()
+    evidence = window_of(window).evidence()
     jumps = truth.changepoints
     index, system = jumps.index, jumps.system
     places = np.unique(index)
@@ -108,10 +104,7 @@ def jumps_of_ideal_search(window: LabelledWindow) -> tuple[Changepoint, ...]:
     The likelihood of a place is that of AR(1) noise whose coefficient is known.
     """
     truth, wheel = window.telemetry.truth, window.wheel
-    speed, torque = on_slots(window)
-    accumulator = WindowAccumulator(wheel, "joint", speed.size)
-    accumulator.append(speed, torque, np.isfinite(speed) & np.isfinite(torque))
-    evidence = accumulator.close()
+    evidence = window_of(window).evidence()
     unit = wheel.torque_unit_Nm
     colour = (window.scenario.noise.ar_coefficient or 0.0) if window.scenario.noise.law == "ar1" else 0.0
     lags = np.arange(evidence.noise.autocovariance.size)

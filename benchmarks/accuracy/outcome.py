@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 
 import numpy as np
 
@@ -48,14 +48,7 @@ class JumpScore:
 
     def __add__(self, other: JumpScore) -> JumpScore:
         """Sum two scores."""
-        return JumpScore(
-            self.visible + other.visible,
-            self.placed + other.placed,
-            self.attributed + other.attributed,
-            self.false + other.false,
-            self.rejected + other.rejected,
-            self.hidden + other.hidden,
-        )
+        return JumpScore(*(one + another for one, another in zip(astuple(self), astuple(other), strict=True)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,15 +65,12 @@ class Outcome:
         By method (joint, paper) and oracle ("oracle A" knows the components, "oracle B" the jumps).
     jumps
         By method, and of "oracle C".
-    coverage
-        Share of good slots.
     """
 
     status: str
     labels: Mapping[str, bool]
     features: Mapping[str, Features]
     jumps: Mapping[str, JumpScore]
-    coverage: float
 
     def labelled(self, joint: str = "joint", paper: str = "paper") -> LabelledFeatures:
         """Return the features to train on, by the names of the methods or oracles."""
@@ -108,13 +98,11 @@ def evaluate(window: LabelledWindow, methods: tuple[Method, ...] = ("joint", "pa
     }
     truth, wheel = window.telemetry.truth, window.wheel
     jumps = {"oracle C": score_jumps(jumps_of_ideal_search(window), truth.changepoints, wheel, truth.used)}
-    coverage = 1.0
     for method in methods:
         diagnosis = only_window(window.telemetry.samples, wheel, method, window.name)
         features[method] = diagnosis.features
         jumps[method] = score_jumps(diagnosis.changepoints, truth.changepoints, wheel, truth.used)
-        coverage = diagnosis.coverage
-    return Outcome(window.status, window.labels, features, jumps, coverage)
+    return Outcome(window.status, window.labels, features, jumps)
 
 
 def only_window(samples: Samples, wheel: Wheel, method: Method, source: str) -> WindowDiagnosis:

@@ -29,9 +29,9 @@ from benchmarks.adequacy.trials import (
 )
 from benchmarks.page import NONE, add_output_option, counted, page, put_out, section, table
 from benchmarks.target import Target, at_least, at_most, exit_code
+from benchmarks.window import Window
 from rwa_monitor.diagnosis import adequacy
 from rwa_monitor.diagnosis.assignment import assign
-from rwa_monitor.diagnosis.evidence import WindowAccumulator
 from rwa_monitor.diagnosis.window_diagnosis import WindowDiagnosis
 from rwa_monitor.physics.datasets import MILD_SEVERITIES
 from rwa_monitor.physics.scenario import Anomaly, Scenario
@@ -199,10 +199,7 @@ def time_check() -> tuple[float, float]:
     wheel, times, others = built_in_wheel(), [], []
     for seed in range(TIMED):
         samples = simulate(Scenario(), wheel, np.random.default_rng(seed % 5)).samples
-        assert samples.friction_torque_Nm is not None
-        window = WindowAccumulator(wheel)
-        window.append(samples.speed_rad_s, samples.friction_torque_Nm, np.ones(len(samples), dtype=np.bool_))
-        evidence = window.close()
+        evidence = Window.of(samples, wheel).evidence()
         began = time.perf_counter()
         assignment, estimate = assign(evidence, wheel)
         middle = time.perf_counter()

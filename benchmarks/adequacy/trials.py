@@ -13,7 +13,7 @@ from typing import Final
 
 import numpy as np
 
-from rwa_monitor.diagnosis.evidence import WindowAccumulator
+from benchmarks.window import Window
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.diagnosis.state import CarriedState
 from rwa_monitor.diagnosis.window import diagnose_window
@@ -118,10 +118,7 @@ def _diagnose(
     scenario: Scenario, wheel: Wheel, seed: int, carried: CarriedState, *, doubting: bool
 ) -> tuple[WindowDiagnosis, CarriedState]:
     samples = simulate(scenario, wheel, np.random.default_rng(seed)).samples
-    assert samples.friction_torque_Nm is not None
-    window = WindowAccumulator(wheel, slots=len(samples))
-    window.append(samples.speed_rad_s, samples.friction_torque_Nm, np.ones(len(samples), dtype=np.bool_))
-    return diagnose_window(window.close(), wheel, built_in_model(), carried, doubting=doubting)
+    return diagnose_window(Window.of(samples, wheel).evidence(), wheel, built_in_model(), carried, doubting=doubting)
 
 
 def _draw(

@@ -12,10 +12,9 @@ from benchmarks.accuracy.outcome import Outcome, evaluate
 from benchmarks.window import Window, window_of
 from rwa_monitor.diagnosis.assignment import assign
 from rwa_monitor.diagnosis.estimation import estimate
-from rwa_monitor.diagnosis.evidence import WindowAccumulator
 from rwa_monitor.diagnosis.features import features_of
 from rwa_monitor.diagnosis.paper_assignment import assign_as_paper, split_as_paper
-from rwa_monitor.diagnosis.results import REJECTED, UNATTRIBUTED, Assignment, Estimate, Evidence, Method
+from rwa_monitor.diagnosis.results import REJECTED, UNATTRIBUTED, Assignment, Estimate, Evidence
 from rwa_monitor.diagnosis.state import CarriedState
 from rwa_monitor.physics.datasets import LabelledWindow
 from rwa_monitor.samples import FloatArray, IntArray
@@ -80,7 +79,7 @@ class Examined:
 def examine(labelled: LabelledWindow) -> Examined:
     """Run one labelled window through everything."""
     window, wheel = window_of(labelled), labelled.wheel
-    paper, joint = _evidence(window, "paper"), _evidence(window, "joint")
+    paper, joint = window.evidence("paper"), window.evidence()
     as_paper, _ = assign_as_paper(paper, wheel)
     hard, levels = assign_as_paper(paper, wheel, hard=True)
     jointly, _ = assign(joint, wheel, CarriedState.empty())
@@ -99,12 +98,6 @@ def examine(labelled: LabelledWindow) -> Examined:
         work={"paper": _work(as_paper, paper), "joint": _work(jointly, joint)},
         possible=len(paper.candidates) == 0 or not bool((hard.system == UNATTRIBUTED).all()),
     )
-
-
-def _evidence(window: Window, method: Method) -> Evidence:
-    accumulator = WindowAccumulator(window.wheel, method, window.speed_rad_s.size)
-    accumulator.append(window.speed_rad_s, window.torque_Nm, window.good)
-    return accumulator.close()
 
 
 def _accepted(assignment: Assignment) -> IntArray:

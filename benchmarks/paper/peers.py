@@ -16,7 +16,6 @@ import numpy as np
 from benchmarks.speed.peers import Peer
 from benchmarks.window import Window, window_of
 from rwa_monitor.diagnosis.assignment import assign
-from rwa_monitor.diagnosis.evidence import WindowAccumulator
 from rwa_monitor.diagnosis.results import REJECTED, Method
 from rwa_monitor.diagnosis.state import CarriedState
 from rwa_monitor.discrepancy.diagnosis_gain import PLACED_WITHIN
@@ -89,16 +88,12 @@ def whitened(labelled: LabelledWindow) -> Window:
 
 def candidates(window: Window, method: Method) -> IntArray:
     """Return the candidates of stage 1, int64 (m,)."""
-    accumulator = WindowAccumulator(window.wheel, method, window.speed_rad_s.size)
-    accumulator.append(window.speed_rad_s, window.torque_Nm, window.good)
-    return accumulator.close().candidates.index
+    return window.evidence(method).candidates.index
 
 
 def accepted(window: Window) -> IntArray:
     """Return the changepoints that the joint assignment accepts, int64 (m,)."""
-    accumulator = WindowAccumulator(window.wheel, "joint", window.speed_rad_s.size)
-    accumulator.append(window.speed_rad_s, window.torque_Nm, window.good)
-    assignment, _ = assign(accumulator.close(), window.wheel, CarriedState.empty())
+    assignment, _ = assign(window.evidence(), window.wheel, CarriedState.empty())
     return np.unique(assignment.index[assignment.system != REJECTED])
 
 

@@ -11,7 +11,6 @@ from benchmarks.speed import plain_paper
 from benchmarks.speed.peers import Peer
 from benchmarks.speed.race import Lap, Runner, laps
 from benchmarks.window import Window
-from rwa_monitor.diagnosis.evidence import WindowAccumulator
 from rwa_monitor.diagnosis.peaks import PeakList, ScanSettings, ScanState
 from rwa_monitor.kernels.evidence import KEPT_STATISTIC
 from rwa_monitor.kernels.segmentation import five_sums
@@ -41,17 +40,12 @@ def detection_laps(window: Window, peers: list[Peer]) -> list[Lap]:
     x, z, used, series = window.x, window.z, window.good, window.series()
     out = np.empty((5, x.size))
 
-    def stage() -> object:
-        accumulator = WindowAccumulator(window.wheel, slots=x.size)
-        accumulator.append(window.speed_rad_s, window.torque_Nm, window.good)
-        return accumulator.close()
-
     runners = [
         Runner(LIMIT, "limit", lambda: five_sums(x, z, out)),
         Runner("five running sums, numpy cumsum", "limit", lambda: [np.cumsum(v) for v in (x, z, x * x, x * z, z * z)]),
         Runner(OURS_ONE, "ours", lambda: wglr(x, z, used, ONE_SCALE, plain_paper.WEIGHT, NOMINAL_SLOPE)),
         Runner(OURS_SEVEN, "ours", seven_scales(window)),
-        Runner(OURS_STAGE, "ours", stage),
+        Runner(OURS_STAGE, "ours", window.evidence),
         Runner(PLAIN, "peer", lambda: plain_paper.wglr(x, z)),
         Runner("plain numpy, with changepoints", "peer", lambda: plain_paper.changepoints(x, z, window.noise_std)),
         *(Runner(peer.name, "peer", _bound(peer, series), peer.rounds) for peer in peers),

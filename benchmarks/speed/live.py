@@ -57,9 +57,7 @@ def samples_of(window: Window, first: int, count: int) -> Samples:
 def stream_of(wheel: Wheel, windows: int, rng: np.random.Generator) -> Window:
     """Return so many windows of a simulated wheel in one, for `samples_of` to repeat."""
     samples = simulate(Scenario(duration_s=windows * wheel.window.samples * wheel.sample_period_s), wheel, rng).samples
-    assert samples.friction_torque_Nm is not None
-    everywhere = np.ones(len(samples), dtype=np.bool_)
-    return Window(wheel, samples.speed_rad_s, samples.friction_torque_Nm, everywhere, np.nan, np.nan)
+    return Window.of(samples, wheel)
 
 
 # ---- the step --------------------------------------------------------------------------------------------------------

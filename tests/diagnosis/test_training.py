@@ -42,7 +42,7 @@ def ideal_windows(count: int, seed: int) -> Iterator[Outcome]:
             ),
         )
         labels = {name: name == status for name in WHEEL.anomalies}
-        yield Outcome(status or "nominal", labels, dict.fromkeys(("joint", "paper"), features), {}, 1.0)
+        yield Outcome(status or "nominal", labels, dict.fromkeys(("joint", "paper"), features), {})
 
 
 def labelled(count: int = 100, seed: int = 1) -> list[LabelledFeatures]:
