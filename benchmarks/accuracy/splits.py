@@ -15,7 +15,7 @@ from scipy import special
 
 from benchmarks.accuracy.outcome import Outcome
 from benchmarks.page import wilson
-from rwa_monitor.diagnosis.classification import classify, conclusive
+from rwa_monitor.diagnosis.classification import Judged, classify
 from rwa_monitor.diagnosis.model import Model, models_for
 from rwa_monitor.diagnosis.paper_classification import classify_as_paper
 from rwa_monitor.diagnosis.results import Method
@@ -118,8 +118,23 @@ def judge_windows(
         else:
             judgement = classify(seen, models, names, model, empty)
             rows.append([entry.probability for entry in judgement.anomalies])
-            open_ones.append(not conclusive(judgement.anomalies, *model.undecided))
+            open_ones.append(not _conclusive(judgement.anomalies, *model.undecided))
     return np.array(rows), np.array(open_ones, dtype=np.bool_)
+
+
+def _conclusive(anomalies: Sequence[Judged], low: float, high: float) -> bool:
+    """Return whether a verdict can be given: an anomaly is certain, or all are decided, shown and like the learned.
+
+    Parameters
+    ----------
+    anomalies
+        The judgement on each.
+    low, high
+        Between these probabilities an anomaly is undecided.
+    """
+    if any(entry.active and entry.probability >= high for entry in anomalies):
+        return True
+    return not any(low < entry.probability < high or entry.unlike or not entry.telling for entry in anomalies)
 
 
 def _on_side(probability: float, *, active: bool) -> float:

@@ -92,21 +92,6 @@ class Judgement:
     tracked: tuple[Tracked | None, Tracked | None] = (None, None)
 
 
-def conclusive(anomalies: Sequence[Judged], low: float, high: float) -> bool:
-    """Return whether a verdict can be given: an anomaly is certain, or all are decided, shown and like the learned.
-
-    Parameters
-    ----------
-    anomalies
-        The judgement on each.
-    low, high
-        Between these probabilities an anomaly is undecided.
-    """
-    if any(entry.active and entry.probability >= high for entry in anomalies):
-        return True
-    return not any(low < entry.probability < high or entry.unlike or not entry.telling for entry in anomalies)
-
-
 def configurations_told(features: Features) -> tuple[IntArray, ...]:
     """Return the configurations of each system's sojourns as the assignment told them, int64 (sojourns,) each."""
     return tuple(system.configuration for system in features.systems)
