@@ -22,19 +22,22 @@ import numpy as np
 from benchmarks.adequacy.trials import (
     MEAN_EFFECTS,
     MOTIONS,
+    Diagnosed,
+    Job,
     Trial,
-    diagnose_plain,
-    diagnose_recipe,
-    hide_and_diagnose,
+    judged,
+    lacking_nothing,
+    plain_and_short,
+    seen,
+    seen_in_short,
 )
 from benchmarks.page import NONE, add_output_option, counted, page, put_out, section, table
 from benchmarks.target import Target, at_least, at_most, exit_code
 from benchmarks.window import Window
 from rwa_monitor.diagnosis import adequacy
 from rwa_monitor.diagnosis.assignment import assign
-from rwa_monitor.diagnosis.window_diagnosis import WindowDiagnosis
 from rwa_monitor.physics.datasets import MILD_SEVERITIES
-from rwa_monitor.physics.scenario import Anomaly, Scenario
+from rwa_monitor.physics.scenario import Scenario
 from rwa_monitor.physics.speed import ProfileKind
 from rwa_monitor.physics.telemetry import simulate
 from rwa_monitor.physics.wheel import built_in_wheel
@@ -48,8 +51,6 @@ SHORT = (20_000, 8_000, 2_000)  # slots of shorter windows
 SHORT_NOMINAL = 50  # windows of each motion and length
 
 Case = tuple[str, ProfileKind]  # effect and motion
-Job = tuple[str, ProfileKind, int, float, str, bool]  # effect, motion, seed, sigmas, anomaly ("" for none), doubting
-Diagnosed = tuple[str, WindowDiagnosis, frozenset[str]]  # recipe, diagnosis, the window's anomalies
 
 MADE = """\
 Made by `python -m benchmarks.adequacy --seed {seed} --seeds {seeds} --nominal {nominal}`. Thresholds were set on
@@ -82,37 +83,6 @@ COST = """\
 The check takes {check_ms:.1f} ms at the close of a window of 80,000 samples (median of 50), the assignment of the same
 windows {assignment_ms:.1f} ms. It reads running sums only; what they do not hold (direction, the dead band, the wheel's
 angle) is gathered as the samples come in, in about 80 kB."""
-
-
-def seen(job: tuple[str, ProfileKind, int]) -> Trial:
-    """Run one trial of the detection table."""
-    name, motion, seed = job
-    return hide_and_diagnose(name, motion, seed)
-
-
-def judged(job: Job) -> Trial:
-    """Run one trial of the diagnosis table: a single window."""
-    name, motion, seed, sigmas, anomaly, doubting = job
-    anomalies = {anomaly: Anomaly(factor=MILD_SEVERITIES[anomaly])} if anomaly else None
-    return hide_and_diagnose(name, motion, seed, sigmas=sigmas, windows=1, anomalies=anomalies, doubting=doubting)
-
-
-def lacking_nothing(job: tuple[str, int, int, bool]) -> Diagnosed:
-    """Diagnose one window of a recipe."""
-    recipe, number, seed, nominal = job
-    return recipe, *diagnose_recipe(recipe, number, seed, nominal=nominal)
-
-
-def seen_in_short(job: tuple[str, ProfileKind, int, float, int]) -> Trial:
-    """Run one trial of the table of shorter windows: a single window."""
-    name, motion, seed, sigmas, slots = job
-    return hide_and_diagnose(name, motion, seed, sigmas=sigmas, windows=1, slots=slots)
-
-
-def plain_and_short(job: tuple[ProfileKind, int, int]) -> bool:
-    """Return whether the model is called adequate in a short window that lacks nothing."""
-    motion, seed, slots = job
-    return diagnose_plain(motion, seed, slots).model_adequate
 
 
 def detection_table(trials: Sequence[Trial]) -> tuple[str, Target]:

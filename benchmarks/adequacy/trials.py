@@ -20,7 +20,7 @@ from rwa_monitor.diagnosis.window import diagnose_window
 from rwa_monitor.diagnosis.window_diagnosis import WindowDiagnosis
 from rwa_monitor.errors import InputError
 from rwa_monitor.live.core import diagnose_samples
-from rwa_monitor.physics.datasets import RECIPES
+from rwa_monitor.physics.datasets import MILD_SEVERITIES, RECIPES
 from rwa_monitor.physics.effects.base import Channels, MeanEffect
 from rwa_monitor.physics.effects.catalogue import CATALOGUE, to_block
 from rwa_monitor.physics.effects.strength import level_columns, strength_for
@@ -34,6 +34,9 @@ MOTIONS: Final[tuple[ProfileKind, ...]] = ("one_direction", "crossings", "rich",
 MEAN_EFFECTS: Final = tuple(name for name, effect in CATALOGUE.items() if issubclass(effect, MeanEffect))
 WINDOW_SLOTS: Final = 80_000  # of the paper
 SHAPE_SPREAD: Final = 2.0  # shape parameters are drawn within this factor of the catalogue's typical value
+
+Job = tuple[str, ProfileKind, int, float, str, bool]  # effect, motion, seed, sigmas, anomaly ("" for none), doubting
+Diagnosed = tuple[str, WindowDiagnosis, frozenset[str]]  # recipe, diagnosis, the window's anomalies
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,3 +169,37 @@ def diagnose_recipe(recipe: str, number: int, seed: int, *, nominal: bool) -> tu
     telemetry = simulate(scenario, wheel, rng)
     (closed,) = diagnose_samples(telemetry.samples, wheel, built_in_model())
     return closed.diagnosis, frozenset(name for name, active in telemetry.truth.labels.items() if active)
+
+
+# ---- for a pool of processes: one argument each ----------------------------------------------------------------------
+
+
+def seen(job: tuple[str, ProfileKind, int]) -> Trial:
+    """Run one trial of the detection table."""
+    name, motion, seed = job
+    return hide_and_diagnose(name, motion, seed)
+
+
+def judged(job: Job) -> Trial:
+    """Run one trial of the diagnosis table: a single window."""
+    name, motion, seed, sigmas, anomaly, doubting = job
+    anomalies = {anomaly: Anomaly(factor=MILD_SEVERITIES[anomaly])} if anomaly else None
+    return hide_and_diagnose(name, motion, seed, sigmas=sigmas, windows=1, anomalies=anomalies, doubting=doubting)
+
+
+def lacking_nothing(job: tuple[str, int, int, bool]) -> Diagnosed:
+    """Diagnose one window of a recipe."""
+    recipe, number, seed, nominal = job
+    return recipe, *diagnose_recipe(recipe, number, seed, nominal=nominal)
+
+
+def seen_in_short(job: tuple[str, ProfileKind, int, float, int]) -> Trial:
+    """Run one trial of the table of shorter windows: a single window."""
+    name, motion, seed, sigmas, slots = job
+    return hide_and_diagnose(name, motion, seed, sigmas=sigmas, windows=1, slots=slots)
+
+
+def plain_and_short(job: tuple[ProfileKind, int, int]) -> bool:
+    """Return whether the model is called adequate in a short window that lacks nothing."""
+    motion, seed, slots = job
+    return diagnose_plain(motion, seed, slots).model_adequate
