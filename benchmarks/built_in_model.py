@@ -39,9 +39,10 @@ def main() -> None:
     """Write the model to the file that is asked for."""
     parser = argparse.ArgumentParser(description="Rebuilds the built-in model.")
     parser.add_argument("-o", "--output", type=Path, required=True, help="file to write")
+    parser.add_argument("--windows", type=int, default=WINDOWS, help="fewer give a rougher model (default %(default)s)")
     parser.add_argument("--workers", type=int, default=2, help="processes (default 2)")
     arguments = parser.parse_args()
-    model = train_built_in_model(arguments.workers)
+    model = train_built_in_model(arguments.workers, arguments.windows)
     arguments.output.write_text(model.to_json(), encoding="utf-8")
     sys.stderr.write(f"wrote {arguments.output}, sha256 {model.sha256()}\n")
 
