@@ -1,9 +1,9 @@
-"""How often the demo's search names the hidden effect first: its story and its wheel for many seeds, without the bus.
+"""How often the demo's search names the hidden effect first: its satellite for many seeds, without the bus.
 
-Run it with ``python -m benchmarks.demo_seeds [--first N] [--count N] [--processes N]``. For each seed the story of the
-demo is told, and the window that the monitor gives to the search (the second one that its model does not fit, of which
-the live core diagnoses as many as it takes) goes to the same function as in the monitor's child process. *exact*: the
-first name is the hidden one; *same*: it is that or one that no such record could tell from it (`demo_hidden.SAME`).
+Run it with ``python -m benchmarks.demo_seeds [--first N] [--count N] [--processes N]``. For each seed the satellite is
+simulated, and the window that the monitor gives to the search (the second one that its model does not fit, of which the
+live core diagnoses as many as it takes) goes to the same function as in the monitor's child process. *exact*: the first
+name is the hidden one; *same*: it is that or one that no such record separates from it (`demo_satellite.SAME`).
 """
 
 from __future__ import annotations
@@ -13,8 +13,7 @@ import multiprocessing
 import time
 from dataclasses import dataclass
 
-from rwa_monitor.cli.demo_hidden import same
-from rwa_monitor.cli.demo_story import WINDOW_SECONDS, Story, samples_key, tell
+from rwa_monitor.cli.demo_satellite import WINDOW_SECONDS, Satellite, same, samples_key, simulate_satellite
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.discrepancy.find import find_discrepancy
 from rwa_monitor.live.core import diagnose_samples
@@ -43,10 +42,10 @@ class Row:
     seconds: float
 
 
-def window_to_search(samples: Samples, story: Story) -> tuple[int, WindowDiagnosed] | None:
+def window_to_search(samples: Samples, satellite: Satellite) -> tuple[int, WindowDiagnosed] | None:
     """Return number and diagnosis of the window that the monitor would have searched, None where all fit."""
     in_a_row = 0
-    for number, event in enumerate(diagnose_samples(samples, story.wheel, built_in_model()), start=1):
+    for number, event in enumerate(diagnose_samples(samples, satellite.wheel, built_in_model()), start=1):
         in_a_row = 0 if event.diagnosis.model_adequate else in_a_row + 1
         if in_a_row == PATIENCE:
             return number, event
@@ -54,23 +53,23 @@ def window_to_search(samples: Samples, story: Story) -> tuple[int, WindowDiagnos
 
 
 def try_seed(seed: int) -> Row:
-    """Tell the story of a seed and search the hidden wheel."""
-    story = tell("benchmark", WINDOWS * WINDOW_SECONDS, start_ns=0, seed=seed)
-    samples = story.telemetry[samples_key("benchmark", story.hiding)]
-    name = story.hidden.effect.name
-    found = window_to_search(samples, story)
+    """Simulate the satellite of a seed and search the hidden wheel."""
+    satellite = simulate_satellite("benchmark", WINDOWS * WINDOW_SECONDS, start_ns=0, seed=seed)
+    samples = satellite.telemetry[samples_key("benchmark", satellite.hiding)]
+    name = satellite.hidden.effect.name
+    found = window_to_search(samples, satellite)
     if found is None:
-        return Row(seed, name, story.hidden.sigmas, 0, "not searched", (), (), (0, 0), 1.0, (0, 0), 0.0)
+        return Row(seed, name, satellite.hidden.sigmas, 0, "not searched", (), (), (0, 0), 1.0, (0, 0), 0.0)
     number, event = found
     inside = (samples.time_ns >= event.start_ns) & (samples.time_ns < event.end_ns)
     began = time.perf_counter()
-    result = find_discrepancy([(story.hiding, samples[inside])], story.wheel).result
+    result = find_discrepancy([(satellite.hiding, samples[inside])], satellite.wheel).result
     seconds = time.perf_counter() - began
     names = [effect.name for effect in result.effects] or ["none"]
     gain = result.gain
     assert gain is not None
     return Row(
-        seed, name, story.hidden.sigmas, number, names[0], tuple(names[1:]),
+        seed, name, satellite.hidden.sigmas, number, names[0], tuple(names[1:]),
         result.effects[0].equivalent if result.effects else (),
         (gain.rmse_base_Nm, gain.rmse_extended_Nm), gain.noise_std_Nm,
         (gain.changepoints_base, gain.changepoints_extended), seconds,

@@ -215,7 +215,7 @@ def _reference() -> str:
 
 
 def _commands() -> Iterator[str]:
-    with click.Context(program, info_name="rwa-monitor") as context:
+    with click.Context(program, info_name="rwa-monitor", **program.context_settings) as context:
         for command, path in _walk(program, context, "rwa-monitor"):
             arguments = [p.make_metavar(context) for p in command.params if isinstance(p, click.Argument)]
             yield f"### `{' '.join([path, *arguments])}`"

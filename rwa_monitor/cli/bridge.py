@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import click
 
+from rwa_monitor.cli.console import log
 from rwa_monitor.cli.options import Whole, bus_options, decoding_options, udp_option, warn_if_alone
-from rwa_monitor.cli.talk import say
 
 if TYPE_CHECKING:
     from rwa_monitor.formats.telemetry import Decoding
@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     type=Whole(1, 10_000),
     metavar="N",
     default=256,
-    show_default=True,
     help="Samples of one message at most.",
 )
 @bus_options
@@ -47,7 +46,7 @@ def command(udp: str, decoding: Decoding, batch: int, bus: BusOptions) -> None:
     decoder = PacketDecoder(decoding, "bridge")
     warn_if_alone(bus)
     if not _is_loopback(address.host):
-        say(f"--udp {udp} takes packets from everybody who reaches it: UDP does not say who sends")
+        log(f"--udp {udp} takes packets from everybody who reaches it: UDP does not say who sends")
     with stop_on_signals() as stop, ExitStack() as stack:
         receiver = stack.enter_context(listening(address))
         session = stack.enter_context(open_session(bus))
@@ -55,8 +54,8 @@ def command(udp: str, decoding: Decoding, batch: int, bus: BusOptions) -> None:
         for publisher in publishers.values():
             stack.callback(publisher.close)
         bridge = Bridge(decoder, publishers, batch)
-        say(f"bridging UDP {address.host} port {address.port} to {', '.join(list(publishers)[:4])}")
-        run_bridge(bridge, receiver, stop, say, BusNews(BusWatch(session, endpoints(bus)), say).look)
+        log(f"bridging UDP {address.host} port {address.port} to {', '.join(list(publishers)[:4])}")
+        run_bridge(bridge, receiver, stop, log, BusNews(BusWatch(session, endpoints(bus)), log).look)
         stop.clear()
         stop.wait(LINGER_S)  # the last message goes out; a second signal ends at once
     click.echo(json.dumps(bridge.counts(), ensure_ascii=False))

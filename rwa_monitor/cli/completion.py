@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import click
 
-from rwa_monitor.cli.talk import PROGRAM
+from rwa_monitor.cli.console import PROGRAM
 
 SHELLS = ("bash", "fish", "zsh")
 

@@ -1,79 +1,71 @@
 """`demo`: the main job in one process, on an embedded bus: simulated satellite, monitor, recording, live view.
 
-The monitor is the one of `run`, and gets nothing but the bus. Who knows the truth is the story, which tells it at the
-end.
+The monitor is the one of `run`, and gets nothing but the bus. The view shows what it publishes there and nothing else.
+The truth, which the simulated satellite knows, is printed at the end.
 """
 
 from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass, field
 from pathlib import Path
 from shlex import quote
 from threading import Event
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import click
 
-from rwa_monitor.cli.options import FILE, Real, Whole, bus_options, not_nan
-from rwa_monitor.cli.talk import say
+from rwa_monitor.cli.console import log
+from rwa_monitor.cli.options import Real, Whole, bus_options, no_browser_option, port_option, record_option
 
 if TYPE_CHECKING:
     import zenoh
+    from rich.table import Table
 
-    from rwa_monitor.cli.demo_story import Story
-    from rwa_monitor.cli.demo_view import DemoView
+    from rwa_monitor.cli.demo_satellite import Satellite
     from rwa_monitor.live.bus import BusOptions
+    from rwa_monitor.messages import Diagnosis, Discrepancy, Gain, Message
 
 DEFAULT_DURATION_S: Final = 90.0
 MAX_DURATION_S: Final = 3600.0  # an hour simulates half a month of four wheels; it is all made before it begins
 DEFAULT_SEED: Final = 1
 BATCH_SAMPLES: Final = 256
 SEARCH_PATIENCE_S: Final = 600.0  # how long a search that has begun may still take at the end: others go before it
+REFRESH_S: Final = 0.2
 
 
 @click.command(name="demo", short_help="The main job on simulated wheels, one of them failing.")
 @click.option(
     "--duration",
     type=Real(1.0, MAX_DURATION_S),
-    callback=not_nan,
     default=DEFAULT_DURATION_S,
-    show_default=True,
     metavar="S",
     help="How long the satellite sends [s].",
 )
-@click.option("--no-browser", is_flag=True, help="Open no browser.")
-@click.option("--port", type=Whole(0, 65535), metavar="P", help="Port of the page.  [default: 8750, or any]")
+@no_browser_option
+@port_option
 @click.option(
     "--seed",
     type=Whole(min=0),
     default=DEFAULT_SEED,
-    show_default=True,
     metavar="N",
     help="Seed of the satellite: another one hides another effect.",
 )
-@click.option(
-    "--record",
-    type=FILE,
-    default=Path("recordings"),
-    show_default=True,
-    metavar="DIR",
-    help="Folder of the recordings.",
-)
+@record_option
 @bus_options
 def command(duration: float, no_browser: bool, port: int | None, seed: int, record: Path, bus: BusOptions) -> None:
     """Show the main job on a simulated satellite: four wheels, one of which begins to fail.
 
     Another one has an effect that the monitor's wheel file lacks; the monitor finds out which. Telemetry flows some 300
     times faster than real time over a bus inside this process; the monitor diagnoses each window as it closes and
-    records everything. At the end the truth is told. Ctrl-C ends it earlier. With -l, -e or -c others can listen too.
-    The page ends with it; rwa-monitor dashboard shows it again.
+    records everything. At the end the truth is printed. Ctrl-C ends it earlier. With -l, -e or -c others can subscribe
+    too. The page ends with it; rwa-monitor dashboard shows it again.
     """
-    from rwa_monitor.cli.demo_story import tell
-    from rwa_monitor.cli.demo_view import DemoView
+    from rwa_monitor.cli.demo_satellite import simulate_satellite
     from rwa_monitor.cli.signals import stop_on_signals
     from rwa_monitor.diagnosis.model import built_in_model
     from rwa_monitor.live.bus import open_session
@@ -83,10 +75,10 @@ def command(duration: float, no_browser: bool, port: int | None, seed: int, reco
 
     # A new satellite each time: what the folder holds of the last one is not carried over to this one's healthy wheels.
     spacecraft = time.strftime("demo-%Y%m%dT%H%M%S", time.gmtime())
-    story = tell(spacecraft, duration, start_ns=time.time_ns(), seed=seed)
+    satellite = simulate_satellite(spacecraft, duration, start_ns=time.time_ns(), seed=seed)
     options = RunOptions(
         wheels=f"rwa/{spacecraft}/*/samples",
-        wheel=story.wheel,
+        wheel=satellite.wheel,
         model=built_in_model(),
         record=record,
         tell_verdicts=False,  # the view has a line for each window
@@ -97,25 +89,25 @@ def command(duration: float, no_browser: bool, port: int | None, seed: int, reco
         ExitStack() as page,
         ThreadPoolExecutor(2) as workers,
     ):
-        say(f"four simulated wheels, {story.speed:.0f} times faster than real time; recording in {record}")
-        served = _serve_page(page, session, record, port, story, no_browser=no_browser)
-        view = DemoView(session, spacecraft, story.start_ns)
+        log(f"four simulated wheels, {satellite.speed:.0f} times faster than real time; recording in {record}")
+        served = _serve_page(page, session, record, port, satellite, no_browser=no_browser)
+        view = DemoView(session, spacecraft, satellite.start_ns)
         ended = Event()
-        monitor = workers.submit(run, options, ended, session=session, say=say)
-        satellite = workers.submit(
-            publish, story.telemetry, session, speed=story.speed, batch_samples=BATCH_SAMPLES, stop=ended
+        monitor = workers.submit(run, options, ended, session=session, say=log)
+        sender = workers.submit(
+            publish, satellite.telemetry, session, speed=satellite.speed, batch_samples=BATCH_SAMPLES, stop=ended
         )
         monitor.add_done_callback(lambda _: stop.set())
-        satellite.add_done_callback(lambda worker: stop.set() if worker.exception() else None)
+        sender.add_done_callback(lambda worker: stop.set() if worker.exception() else None)
         try:
             view.show_until(stop, duration, SEARCH_PATIENCE_S)
         finally:
             ended.set()
-        satellite.result()
+        sender.result()
         monitor.result()
         view.close()
-    _tell_findings(story, view, record)
-    _tell_the_truth(story, view, record)
+    _print_findings(satellite, view, record)
+    _print_truth(satellite, view, record)
     if served:
         click.echo(
             f"The page ended with the demo. To see it again: rwa-monitor dashboard --record {quote(str(record))}"
@@ -123,32 +115,252 @@ def command(duration: float, no_browser: bool, port: int | None, seed: int, reco
 
 
 def _serve_page(
-    page: ExitStack, session: zenoh.Session, record: Path, port: int | None, story: Story, *, no_browser: bool
+    page: ExitStack, session: zenoh.Session, record: Path, port: int | None, satellite: Satellite, *, no_browser: bool
 ) -> bool:
     """Serve the health page while the demo runs; returns whether what it needs is installed."""
     try:
         from rwa_monitor.dashboard.server import DashboardOptions, serve
     except ImportError as error:
-        say(f"no page: {error.name} is missing (pip install 'rwa-monitor[dashboard]')")
+        log(f"no page: {error.name} is missing (pip install 'rwa-monitor[dashboard]')")
         return False
     from rwa_monitor.cli.dashboard import show_page
 
-    # The demo's end is no monitor's death: who looks at its recording later must not be told of one.
-    options = DashboardOptions(port, record, wheel=story.wheel, silent_s=0.0)
-    running = page.enter_context(serve(options, session, say))
+    # The demo's end is no monitor's failure: its recording, shown later, must raise no alarm of one.
+    options = DashboardOptions(port, record, wheel=satellite.wheel, silent_s=0.0)
+    running = page.enter_context(serve(options, session, log))
     show_page(running.address_with_token, no_browser=no_browser)
     return True
 
 
-def _tell_findings(story: Story, view: DemoView, record: Path) -> None:
+# ---- while it runs ---------------------------------------------------------------------------------------------------
+
+
+@dataclass(slots=True)
+class WheelRow:
+    """What is known of one wheel.
+
+    Attributes
+    ----------
+    diagnoses
+        All of them, in order.
+    since_ns
+        Start of the first window of the present verdict; None before the first diagnosis.
+    jumps
+        Provisional changepoints of the running window.
+    window_fill
+        Share of the running window that has passed.
+    anomalous_s
+        Wall-clock time of the first anomalous verdict since the demo began [s]; None while there is none.
+    misfits
+        Windows in a row whose friction model did not fit.
+    searched
+        Whether there were once so many that the monitor began a search.
+    discrepancy, discrepancy_s
+        What the search found, and its wall-clock time since the demo began [s]; None while there is none.
+    """
+
+    diagnoses: list[Diagnosis] = field(default_factory=list)
+    since_ns: int | None = None
+    jumps: int = 0
+    window_fill: float = 0.0
+    anomalous_s: float | None = None
+    misfits: int = 0
+    searched: bool = False
+    discrepancy: Discrepancy | None = None
+    discrepancy_s: float | None = None
+
+    @property
+    def last(self) -> Diagnosis | None:
+        """The latest diagnosis."""
+        return self.diagnoses[-1] if self.diagnoses else None
+
+    @property
+    def model(self) -> str:
+        """What is known of the wheel's friction model, in a few words."""
+        from rwa_monitor.live.searches import PATIENCE
+
+        if self.discrepancy is not None:
+            return _in_words(self.discrepancy)
+        if self.misfits:
+            return "does not fit, searching…" if self.misfits >= PATIENCE else "does not fit"
+        return "fits" if self.diagnoses else ""
+
+
+class DemoView:
+    """Subscribes to the bus, keeps a row for each wheel, and shows them.
+
+    On a terminal it is a live table, otherwise a line for each diagnosis.
+
+    Parameters
+    ----------
+    session
+        The Zenoh session.
+    spacecraft
+        Whose wheels to show.
+    start_ns
+        Where the wheels' clock begins, to show times from there.
+    """
+
+    def __init__(self, session: Any, spacecraft: str, start_ns: int) -> None:
+        from rwa_monitor.live.bus import Inbox
+
+        self.rows: dict[str, WheelRow] = {}
+        self._start_ns = start_ns
+        self._began = time.monotonic()
+        self._inbox = Inbox()
+        # The bus calls from a thread of its own, where nothing but this may happen.
+        self._subscriber = session.declare_subscriber(
+            f"rwa/{spacecraft}/**", lambda sample: self._inbox.put(str(sample.key_expr), sample.payload.to_bytes())
+        )
+
+    def show_until(self, done: Event, seconds: float, patience_s: float) -> None:
+        """Show what comes until `done` is set or the time is over; a search that has begun gets `patience_s` more."""
+        end = time.monotonic() + seconds
+        with self._shown() as refresh:
+            while not done.wait(REFRESH_S) and time.monotonic() < end + (patience_s if self._searching else 0.0):
+                self._take_messages()
+                refresh()
+
+    @property
+    def _searching(self) -> bool:
+        """Whether the monitor searches for what a wheel's model lacks."""
+        return any(row.searched and row.discrepancy is None for row in self.rows.values())
+
+    def close(self) -> None:
+        """Unsubscribe, and take what still waits."""
+        self._subscriber.undeclare()
+        self._take_messages()
+
+    def _take_messages(self) -> None:
+        """Bring what has come into the rows."""
+        from rwa_monitor.messages import Changepoints, Diagnosis, Discrepancy, Status
+
+        kinds = {kind.kind: kind for kind in (Diagnosis, Changepoints, Discrepancy, Status)}
+        while (message := self._inbox.take()) is not None:
+            _, _, wheel, kind = message.key.split("/")
+            if kind in kinds:
+                self._take(self.rows.setdefault(wheel, WheelRow()), kinds[kind].parse(message.payload, message.key))
+
+    def _take(self, row: WheelRow, message: Message) -> None:
+        from rwa_monitor.live.searches import PATIENCE
+        from rwa_monitor.messages import Changepoints, Diagnosis, Discrepancy, Status
+
+        match message:
+            case Status():
+                row.window_fill = message.window_fill
+            case Changepoints():
+                row.jumps += len(message.changepoints)
+            case Diagnosis():
+                if row.last is None or row.last.verdict != message.verdict:
+                    row.since_ns = message.window_start_ns
+                row.diagnoses.append(message)
+                row.jumps = 0
+                row.misfits = 0 if message.model_adequate else row.misfits + 1
+                row.searched = row.searched or row.misfits >= PATIENCE
+                if message.verdict == "anomalous" and row.anomalous_s is None:
+                    row.anomalous_s = self._elapsed_s()
+            case Discrepancy():
+                row.discrepancy, row.discrepancy_s = message, self._elapsed_s()
+
+    def _elapsed_s(self) -> float:
+        """Return how long the demo has been running [s]."""
+        return time.monotonic() - self._began
+
+    @contextmanager
+    def _shown(self) -> Iterator[Callable[[], None]]:
+        """Give the function that brings the picture up to date."""
+        from rich.console import Console
+        from rich.live import Live
+
+        console = Console(highlight=False)
+        if console.is_terminal:
+            with Live(self._table(), console=console, auto_refresh=False) as live:
+                yield lambda: live.update(self._table(), refresh=True)
+            return
+        printed: Counter[str] = Counter()
+        models: dict[str, str] = {}
+
+        def print_new() -> None:
+            for wheel, row in sorted(self.rows.items()):
+                for new in row.diagnoses[printed[wheel] :]:
+                    click.echo(
+                        f"{self._elapsed_s():6.1f} s  {wheel}  {self.hours(new.window_end_ns):5.1f} h  "
+                        f"{new.verdict:12}  {new.reason}"
+                    )
+                printed[wheel] = len(row.diagnoses)
+                if row.model and row.model != models.get(wheel, "fits"):
+                    click.echo(f"{self._elapsed_s():6.1f} s  {wheel}  model {row.model}")
+                models[wheel] = row.model or "fits"
+
+        yield print_new
+        self._take_messages()
+        print_new()
+
+    def _table(self) -> Table:
+        from rich.progress_bar import ProgressBar
+        from rich.table import Table
+        from rich.text import Text
+
+        from rwa_monitor.cli.diagnosis_view import VERDICT_STYLE
+
+        hours = max((self.hours(row.last.window_end_ns) for row in self.rows.values() if row.last), default=0.0)
+        table = Table(title=f"simulated satellite, {hours:.1f} h of telemetry", title_justify="left", expand=True)
+        for column in ("wheel", "verdict", "since", "reason", "friction model", "windows", "jumps", "window"):
+            wide = column in ("reason", "friction model")
+            table.add_column(column, no_wrap=not wide, ratio=1 if wide else None)
+        for wheel, row in sorted(self.rows.items()):
+            verdict = row.last.verdict if row.last else "waiting"
+            table.add_row(
+                wheel,
+                Text(verdict, VERDICT_STYLE.get(verdict, "dim")),
+                f"{self.hours(row.since_ns):.1f} h" if row.since_ns is not None else "",
+                row.last.reason if row.last else "the first window is being filled",
+                Text(row.model, "bold yellow" if row.misfits or row.discrepancy else "dim"),
+                str(len(row.diagnoses)),
+                str(row.jumps),
+                ProgressBar(total=1.0, completed=row.window_fill, width=12),
+            )
+        return table
+
+    def hours(self, time_ns: int) -> float:
+        """Return a time of the wheels' clock as hours since the demo's first sample."""
+        from rwa_monitor.samples import NANOSECONDS_PER_SECOND, SECONDS_PER_HOUR
+
+        return (time_ns - self._start_ns) / NANOSECONDS_PER_SECOND / SECONDS_PER_HOUR
+
+
+def _in_words(found: Discrepancy) -> str:
+    """Return what a search found, in a few words with the gain."""
+    if not found.effects:
+        return f"{found.verdict}, no known effect explains it" if found.unexplained else found.verdict
+    first, *others = found.effects
+    words = f"lacks {first.name}"
+    if first.equivalent:
+        words += f" (or {', '.join(first.equivalent)}: the data cannot separate them)"
+    if others:
+        words += f", and {', '.join(other.name for other in others)}"
+    return f"{words}; {_gain_in_words(found.gain)}" if found.gain is not None else words
+
+
+def _gain_in_words(gain: Gain) -> str:
+    """Return what the effects found gain on held-out data, before → after."""
+    return (
+        f"RMSE {gain.rmse_base_Nm / gain.noise_std_Nm:.3f} → {gain.rmse_extended_Nm / gain.noise_std_Nm:.3f} σ,"
+        f" jumps {gain.changepoints_base} → {gain.changepoints_extended}"
+    )
+
+
+# ---- at the end ------------------------------------------------------------------------------------------------------
+
+
+def _print_findings(satellite: Satellite, view: DemoView, record: Path) -> None:
     """Print what the searches found missing in the wheels' model, what that gains, and where it is written."""
     found_in = {wheel: row.discrepancy for wheel, row in sorted(view.rows.items()) if row.discrepancy is not None}
     for wheel, found in found_in.items():
-        click.echo(f"\nWhat the monitor found in {wheel}, {view.rows[wheel].discrepancy_s:.0f} s into the demo:")
+        row, folder = view.rows[wheel], record / "discrepancy" / found.spacecraft / wheel
+        click.echo(f"\nWhat the monitor found in {wheel}, {row.discrepancy_s:.0f} s into the demo:")
         for effect in found.effects:
-            others = (
-                f", or, as well as these data can tell, {', '.join(effect.equivalent)}" if effect.equivalent else ""
-            )
+            others = f", or, equivalent in these data, {', '.join(effect.equivalent)}" if effect.equivalent else ""
             click.echo(f"  missing in its model: {effect.name}{others}")
             for name, value in effect.parameters.items():
                 spread = f" ± {value.std:.1g}" if value.std is not None else ""
@@ -157,68 +369,62 @@ def _tell_findings(story: Story, view: DemoView, record: Path) -> None:
             click.echo(f"  left unexplained: {found.unexplained.signature}")
         if found.gain is not None and found.effects:
             gain = found.gain
-            rmse = f"{gain.rmse_base_Nm * 1e6:.2f} → {gain.rmse_extended_Nm * 1e6:.2f} µN m"
             score = f"{gain.log_score_base:.4f} → {gain.log_score_extended:.4f} a sample"
-            jumps = f"{gain.changepoints_base} → {gain.changepoints_extended}"
-            click.echo(f"  gain on held-out blocks: RMSE {rmse}, log score {score}; jumps of the friction {jumps}")
-        folder = record / "discrepancy" / found.spacecraft / wheel
-        if wheel == story.hiding and (folder / "extended_wheel.toml").exists():
-            before, after = view.rows[wheel].diagnoses, _diagnose_again(story, folder / "extended_wheel.toml")
-            click.echo(f"  its windows as they were diagnosed: {_verdict_counts(d.verdict for d in before)}")
-            click.echo(f"  and once more, with the model extended: {_verdict_counts(after[: len(before)])}")
-        click.echo(f"  report: {folder / 'report.html'}\n  extended model: {folder / 'extended_wheel.toml'}")
-    if story.hiding not in found_in:
-        row = view.rows.get(story.hiding)
-        searched = row is not None and row.searched
-        what = "the search for it had an answer" if searched else "two windows in a row had shown it"
+            click.echo(f"  gain on held-out blocks: {_gain_in_words(gain)}, log score {score}")
+        if wheel == satellite.hiding and (folder / "extended_wheel.toml").exists():
+            after = _diagnose_again(satellite, folder / "extended_wheel.toml")[: len(row.diagnoses)]
+            click.echo(f"  its windows as they were diagnosed: {_counts(d.verdict for d in row.diagnoses)}")
+            click.echo(f"  and once more, with the augmented model: {_counts(after)}")
+        click.echo(f"  report: {folder / 'report.html'}\n  augmented model: {folder / 'extended_wheel.toml'}")
+    if satellite.hiding not in found_in:
+        hiding = view.rows.get(satellite.hiding)
+        what = "the search for it ended" if hiding and hiding.searched else "two windows in a row had shown it"
         click.echo(
-            f"\nThe model of {story.hiding} lacks an effect. The demo ended before {what};"
+            f"\nThe model of {satellite.hiding} lacks an effect. The demo ended before {what};"
             " a longer --duration gives it time."
         )
 
 
-def _diagnose_again(story: Story, extended: Path) -> list[str]:
-    """Return the verdicts on the full windows of the wheel that hides an effect, with its extended model."""
+def _diagnose_again(satellite: Satellite, extended: Path) -> list[str]:
+    """Return the verdicts on the full windows of the wheel that hides an effect, with its augmented model."""
     from rwa_monitor.diagnosis.model import built_in_model
     from rwa_monitor.live.core import diagnose_samples
     from rwa_monitor.physics.wheel import Wheel
 
     wheel = Wheel.from_toml(extended.read_text(encoding="utf-8"), str(extended))
-    samples = story.hidden.samples
-    windows = diagnose_samples(samples, wheel, built_in_model())
+    windows = diagnose_samples(satellite.hidden.samples, wheel, built_in_model())
     return [window.diagnosis.verdict for window in windows if not window.partial]
 
 
-def _verdict_counts(verdicts: Iterable[str]) -> str:
+def _counts(verdicts: Iterable[str]) -> str:
     return ", ".join(f"{count} {verdict}" for verdict, count in Counter(verdicts).items())
 
 
-def _tell_the_truth(story: Story, view: DemoView, record: Path) -> None:
-    """Print what happened, what the monitor said of it, and how to check the recording."""
-    from rwa_monitor.cli.demo_story import ANOMALY, FACTOR, FAILING
+def _print_truth(satellite: Satellite, view: DemoView, record: Path) -> None:
+    """Print what happened, what the monitor diagnosed, and how to check the recording."""
+    from rwa_monitor.cli.demo_satellite import ANOMALY, FACTOR, FAILING
     from rwa_monitor.words import counted
 
-    click.echo(
-        f"\nWhat was true: the {ANOMALY} friction of {FAILING} grew to {FACTOR} times its nominal value"
-        f" from {view.hours(story.onset_ns):.1f} h on; the other wheels were healthy."
-    )
-    effect = story.hidden.effect
+    effect = satellite.hidden.effect
     values = ", ".join(f"{name} = {value:.4g}" for name, value in effect.parameters.items())
     click.echo(
-        f"{story.hiding} has {effect.name} ({values}), which the monitor's wheel file lacks: {story.hidden.sigmas:.1f}"
-        " standard deviations of the noise beyond what dry and viscous friction can take up."
+        f"\nWhat was true: the {ANOMALY} friction of {FAILING} grew to {FACTOR} times its nominal value"
+        f" from {view.hours(satellite.onset_ns):.1f} h on; the other wheels were healthy.\n"
+        f"{satellite.hiding} has {effect.name} ({values}), which the monitor's wheel file lacks:"
+        f" {satellite.hidden.sigmas:.1f} standard deviations of the noise beyond what dry and viscous friction can take"
+        " up."
     )
     for wheel, row in sorted(view.rows.items()):
-        said = _verdict_counts(diagnosis.verdict for diagnosis in row.diagnoses) or "no window was full yet"
-        click.echo(f"  {wheel}  {counted(len(row.diagnoses), 'window')}: {said}")
+        verdicts = _counts(diagnosis.verdict for diagnosis in row.diagnoses) or "no window was full yet"
+        click.echo(f"  {wheel}  {counted(len(row.diagnoses), 'window')}: {verdicts}")
         first = next((diagnosis for diagnosis in row.diagnoses if diagnosis.verdict == "anomalous"), None)
         if first is not None:
             click.echo(
-                f"           first called anomalous {row.said_anomalous_s:.0f} s into the demo, for the window from"
+                f"           first called anomalous {row.anomalous_s:.0f} s into the demo, for the window from"
                 f" {view.hours(first.window_start_ns):.1f} h to {view.hours(first.window_end_ns):.1f} h: {first.reason}"
             )
     failing = view.rows.get(FAILING)
-    if failing is None or failing.said_anomalous_s is None:
+    if failing is None or failing.anomalous_s is None:
         click.echo(f"The demo ended before {FAILING} was called anomalous; a longer --duration shows it.")
     click.echo(
         f"\nThe recording is in {record}. To check that it replays: rwa-monitor replay --verify {quote(str(record))}"

@@ -2,27 +2,27 @@
 
 from __future__ import annotations
 
-import functools
 import json
 import sys
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 
+from rwa_monitor.cli.console import log
 from rwa_monitor.cli.exit_codes import UNREADABLE
 from rwa_monitor.cli.options import (
     FILE,
-    Decorated,
     FleetOptions,
     Whole,
+    as_one,
     decoding_options,
+    files_argument,
     fleet_options,
     motor_off_option,
     wheel_option,
 )
-from rwa_monitor.cli.talk import say
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -40,56 +40,46 @@ if TYPE_CHECKING:
 class ReportOptions:
     """What a report on one wheel is to hold, beyond the search."""
 
-    out: Path | None
-    bootstrap: int
-    held_out: tuple[Path, ...]
-    no_diagnosis: bool
-    show_plan: bool
-
-    @property
-    def asked_for(self) -> bool:
-        """Whether any of the options was given."""
-        return self != ReportOptions(None, 0, (), False, False)
+    out: Path | None = None
+    bootstrap: int = 0
+    held_out: tuple[Path, ...] = ()
+    no_diagnosis: bool = False
+    show_plan: bool = False
 
 
-def report_options(command: Decorated) -> Decorated:
-    """Add the options of a report on one wheel to the command; it gets them as `wanted`, `ReportOptions`."""
-
-    @click.option(
+report_options = as_one(
+    "wanted",
+    ReportOptions,
+    click.option(
         "--out", type=FILE, metavar="DIR", help="Write report.html, report.json and extended_wheel.toml there."
-    )
-    @click.option(
+    ),
+    click.option(
         "--bootstrap",
         type=Whole(0, 10_000),
         default=0,
         metavar="B",
         help="Take p-values from B simulated records without the effect instead of the table.",
-    )
-    @click.option(
+    ),
+    click.option(
         "--held-out",
         type=FILE,
         multiple=True,
         metavar="FILE",
         help="A recording to measure the gain on: nothing is searched or fitted there. May be given several times.",
-    )
-    @click.option(
+    ),
+    click.option(
         "--no-diagnosis",
         is_flag=True,
         help="Leave out what the extension does to the diagnosis (16 simulated windows: some 6 s of processor time).",
-    )
-    @click.option(
-        "--plan", "show_plan", is_flag=True, help="Rank the manoeuvres that would tell the leading causes apart."
-    )
-    @functools.wraps(command)
-    def with_report(**given: Any) -> Any:
-        wanted = ReportOptions(*(given.pop(field.name) for field in fields(ReportOptions)))
-        return command(wanted=wanted, **given)
-
-    return with_report  # type: ignore[return-value]
+    ),
+    click.option(
+        "--plan", "show_plan", is_flag=True, help="Rank the manoeuvres that would separate the leading causes."
+    ),
+)
 
 
 @click.command(name="discrepancy", short_help="Show what the simulation gets wrong, and name the cause.")
-@click.argument("files", nargs=-1, required=True, type=FILE, metavar="FILE...")
+@files_argument
 @wheel_option
 @motor_off_option
 @click.option("--json", "as_json", is_flag=True, help="Print the report as one JSON object (rwa.Discrepancy).")
@@ -97,9 +87,7 @@ def report_options(command: Decorated) -> Decorated:
 @click.option("--each", is_flag=True, help="Each file is a wheel of its own: a report for each, many at once.")
 @decoding_options
 @fleet_options
-@click.pass_context
 def command(
-    ctx: click.Context,
     files: tuple[Path, ...],
     wheel_file: Path | None,
     motor_off: bool,
@@ -108,10 +96,10 @@ def command(
     each: bool,
     decoding: Decoding,
     fleet: FleetOptions,
-) -> None:
+) -> int:
     """Find what a wheel's simulation lacks: the cause by name, its size, and what adding it gains.
 
-    Several files are recordings of one wheel and give one joint report. Where the data cannot tell causes apart, all
+    Several files are recordings of one wheel and give one joint report. Where the data cannot separate causes, all
     are named, with the manoeuvre that would separate them.
 
     The gain is measured on blocks of the recordings that are left out in turn, or, with --held-out, on other
@@ -124,13 +112,13 @@ def command(
 
     wheel = with_motor_off(read_wheel(wheel_file) if wheel_file else None, motor_off=motor_off)
     if each:
-        if wanted.asked_for:
+        if wanted != ReportOptions():
             raise click.UsageError(
                 "--each gives a short report for each file; --out, --bootstrap, --held-out, --no-diagnosis and --plan"
                 " are for the report on one wheel"
             )
-        ctx.exit(_each(files, wheel, as_json, decoding, fleet))
-    if fleet.asked_for:
+        return _each(files, wheel, as_json, decoding, fleet)
+    if fleet.given:
         raise click.UsageError("--results, --scheduler and --workers need --each: several files are one joint report")
     from rwa_monitor.discrepancy.next_flight import plan
     from rwa_monitor.formats.files import make_folder
@@ -147,32 +135,31 @@ def command(
         _write_report(found, [str(file) for file in files], wanted.out)
     _print(found, planned, as_json)
     if wanted.out is not None:
-        say(f"report written to {wanted.out}")
-    ctx.exit(UNREADABLE if recordings.unreadable or aside.unreadable else 0)
+        log(f"report written to {wanted.out}")
+    return UNREADABLE if recordings.unreadable or aside.unreadable else 0
 
 
 def _search(
     recordings: WheelRecordings, aside: WheelRecordings, wheel: Wheel, wanted: ReportOptions, side_by_side: Mapper
 ) -> Search:
     """Search the recordings, with what else the report is to hold."""
-    from rwa_monitor.cli.progress import status_line
+    from rwa_monitor.cli.console import status_line
     from rwa_monitor.discrepancy.bench import as_measured
     from rwa_monitor.discrepancy.extended import viscous_in_question
     from rwa_monitor.discrepancy.find import find_discrepancy
     from rwa_monitor.discrepancy.plausible import unusual
     from rwa_monitor.discrepancy.saturation import end_stops_in_words
 
-    for note in as_measured([*recordings.samples, *aside.samples], wheel).notes:
-        say(note)
+    log(*as_measured([*recordings.samples, *aside.samples], wheel).notes)
     with status_line("searching") as progress:
         for name, samples in (*recordings.samples, *aside.samples):
             for words in (unusual(samples, wheel), *end_stops_in_words(samples)):
                 if words is not None:
-                    say(f"{name}: {words}")
+                    log(f"{name}: {words}")
         found = find_discrepancy(recordings.samples, wheel, progress, side_by_side, aside.samples)
         asked = viscous_in_question(found)
         if asked is not None:
-            say(asked)
+            log(asked)
         if wanted.bootstrap:
             from rwa_monitor.discrepancy.bootstrap import with_bootstrap
 

@@ -7,9 +7,16 @@ from typing import TYPE_CHECKING
 
 import click
 
+from rwa_monitor.cli.console import log
 from rwa_monitor.cli.exit_codes import UNREADABLE
-from rwa_monitor.cli.options import FILE, FleetOptions, decoding_options, fleet_options, motor_off_option
-from rwa_monitor.cli.talk import say
+from rwa_monitor.cli.options import (
+    FILE,
+    FleetOptions,
+    decoding_options,
+    files_argument,
+    fleet_options,
+    motor_off_option,
+)
 
 if TYPE_CHECKING:
     from rwa_monitor.fleet.tasks import Identify
@@ -17,7 +24,7 @@ if TYPE_CHECKING:
 
 
 @click.command(name="identify", short_help="Learn a wheel's nominal friction, noise and switching laws.")
-@click.argument("files", nargs=-1, required=True, type=FILE, metavar="FILE...")
+@files_argument
 @click.option(
     "-o", "--output", required=True, type=FILE, metavar="W.toml", help="Wheel file to write; with --each the folder."
 )
@@ -33,9 +40,7 @@ if TYPE_CHECKING:
 @click.option("--each", is_flag=True, help="Each file is a wheel of its own: a wheel file for each, many at once.")
 @decoding_options
 @fleet_options
-@click.pass_context
 def command(
-    ctx: click.Context,
     files: tuple[Path, ...],
     output: Path,
     wheel_file: Path | None,
@@ -44,7 +49,7 @@ def command(
     each: bool,
     decoding: Decoding,
     fleet: FleetOptions,
-) -> None:
+) -> int:
     """Learn a wheel file from recordings of one healthy wheel.
 
     Where there is too little data to learn a switching system's law, nothing is written and the command says how much
@@ -52,7 +57,7 @@ def command(
     says so where friction drifts, and diagnoses the recordings with the wheel file, which it does not write where that
     calls them anomalous. With --each the files are learned one by one, side by side.
     """
-    from rwa_monitor.cli.progress import status_line
+    from rwa_monitor.cli.console import status_line
     from rwa_monitor.cli.recordings import read_recordings, with_motor_off
     from rwa_monitor.discrepancy.bench import as_measured
     from rwa_monitor.fleet.tasks import not_nominal
@@ -64,26 +69,24 @@ def command(
     if each:
         from rwa_monitor.fleet.tasks import Identify
 
-        ctx.exit(_each(files, output, Identify(start, not no_systems, decoding), fleet))
-    if fleet.asked_for:
+        return _each(files, output, Identify(start, not no_systems, decoding), fleet)
+    if fleet.given:
         raise click.UsageError("--results, --scheduler and --workers need --each: several files are one wheel")
     recordings = read_recordings(files, decoding.of_wheel(start))
     start = start or recordings.wheel or bare_wheel(files[0].stem, recordings.samples[0][1])
     bench = as_measured(recordings.samples, start)
-    for note in bench.notes:
-        say(note)
+    log(*bench.notes)
     with status_line("learning"):
         learned = identify(bench.recordings, bench.wheel, systems=not no_systems)
     with status_line("diagnosing what was learned from"):
         doubt = not_nominal(bench.recordings, learned.wheel)
     head = "".join(f"# {note}\n" for note in learned.notes)
     write_text(output, head + learned.wheel.to_toml())
-    for note in learned.notes:
-        say(note)
-    say(f"written to {output}")
+    log(*learned.notes)
+    log(f"written to {output}")
     if doubt:
-        say(doubt)
-    ctx.exit(UNREADABLE if recordings.unreadable else 0)
+        log(doubt)
+    return UNREADABLE if recordings.unreadable else 0
 
 
 def _each(files: tuple[Path, ...], folder: Path, task: Identify, options: FleetOptions) -> int:
@@ -104,5 +107,5 @@ def _each(files: tuple[Path, ...], folder: Path, task: Identify, options: FleetO
         for row in done.rows:
             write_text(folder / f"{Path(row['source']).name}.wheel.toml", row["message"])
             written += 1
-    say(f"{counted(written, 'wheel file')} of {counted(len(files), 'recording')} written to {folder}")
+    log(f"{counted(written, 'wheel file')} of {counted(len(files), 'recording')} written to {folder}")
     return fleet.status

@@ -15,10 +15,10 @@ from typing import Any, Final
 
 import click
 
+from rwa_monitor.cli.console import PROGRAM, log
 from rwa_monitor.cli.exit_codes import FAILED, INTERRUPTED, WRONG_USE
 from rwa_monitor.cli.lazy import LazyGroup
 from rwa_monitor.cli.options import FILE
-from rwa_monitor.cli.talk import PROGRAM, say
 from rwa_monitor.errors import InputError, RwaMonitorError
 
 # One thread for linear algebra, whatever the environment says: our matrices are small, threads would only wait for each
@@ -67,25 +67,22 @@ class Program(LazyGroup):
         try:
             status = super().main(args, prog_name or PROGRAM, complete_var, standalone_mode=False, **extra)
             sys.stdout.flush()  # here, where a reader that is gone is quietly the end, and not while Python shuts down
-        except InputError as error:
-            say(str(error))
-            status = WRONG_USE
         except RwaMonitorError as error:
-            say(str(error))
-            status = FAILED
+            log(str(error))
+            status = WRONG_USE if isinstance(error, InputError) else FAILED
         except click.UsageError as error:
             where = error.ctx.command_path if error.ctx else PROGRAM
-            say(f"{error.format_message()} (see '{where} --help')")
+            log(f"{error.format_message()} (see '{where} --help')")
             status = WRONG_USE
         except click.ClickException as error:
-            say(error.format_message())
+            log(error.format_message())
             status = error.exit_code
         except ModuleNotFoundError as error:
             if error.name is None or error.name.startswith("rwa_monitor"):
                 raise
             wanted = EXTRAS.get(error.name.partition(".")[0])
             how = f"pip install 'rwa-monitor[{wanted}]'" if wanted else "install rwa-monitor again, with pip install ."
-            say(f"the package {error.name} is missing: {how}")
+            log(f"the package {error.name} is missing: {how}")
             status = FAILED
         except click.Abort:
             status = INTERRUPTED
@@ -110,7 +107,7 @@ def _print_version(ctx: click.Context, param: click.Parameter, wanted: bool) -> 
     cls=Program,
     modules={name: f"rwa_monitor.cli.{name}" for name in COMMANDS},
     invoke_without_command=True,
-    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100, "show_default": True},
 )
 @click.option(
     "--settings",
@@ -138,10 +135,10 @@ def main(ctx: click.Context, settings: Path | None) -> None:
         click.echo(ctx.get_help(), err=True)
         ctx.exit(WRONG_USE)
     if settings is not None or any(name.startswith("RWA_MONITOR_") for name in os.environ):
-        from rwa_monitor.cli.settings import near_variable, read_settings, unknown_variables
+        from rwa_monitor.cli.settings import read_settings, unknown_variables
 
         ctx.default_map = read_settings(settings, os.environ, main, ctx)
         ours = f"RWA_MONITOR_{ctx.invoked_subcommand.upper()}_"
-        for name in unknown_variables(os.environ, main, ctx):
+        for name, hint in unknown_variables(os.environ, main, ctx).items():
             if name.startswith(ours):
-                say(f"{name} sets no option of {ctx.invoked_subcommand}{near_variable(name, main, ctx)}; it is ignored")
+                log(f"{name} sets no option of {ctx.invoked_subcommand}{hint}; it is ignored")

@@ -6,15 +6,16 @@ import functools
 import math
 import re
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, TypeVar
 
 import click
 
-from rwa_monitor.cli.talk import say
+from rwa_monitor.cli.console import log
 
 if TYPE_CHECKING:
+    from rwa_monitor.formats.telemetry import Decoding
     from rwa_monitor.live.bus import BusOptions
 
 # Endpoints that nobody reaches from outside this machine, and transports whose other end shows who it is.
@@ -25,7 +26,7 @@ BYTES_PER_GB: Final = 1e9
 
 Decorated = TypeVar("Decorated", bound=Callable[..., Any])
 
-# Whether a file exists and can be used is said by whoever reads it, with the reason; click only makes it a Path.
+# Whether a file exists and can be used is found by whoever reads it, with the reason; click only makes it a Path.
 FILE: Final = click.Path(path_type=Path)
 
 
@@ -36,30 +37,61 @@ class Whole(click.IntRange):
 
 
 class Real(click.FloatRange):
-    """A number in a range; NaN lies in none, see `not_nan`."""
+    """A number in a range; NaN lies in none, which click does not see."""
 
     name = "number"
 
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """Return the number."""
+        number = float(super().convert(value, param, ctx))
+        if math.isnan(number):
+            self.fail("nan is no number here", param, ctx)
+        return number
 
-def not_nan(ctx: click.Context, param: click.Parameter, value: float | None) -> float | None:
-    """Refuse NaN, which lies in no range and outside of none; a callback for options with a number."""
-    del ctx, param
-    if value is not None and math.isnan(value):
-        raise click.BadParameter("nan is no number here")
-    return value
+
+def as_one(name: str, make: Callable[..., Any], *options: Callable[[Any], Any]) -> Callable[[Decorated], Decorated]:
+    """Return a decorator that adds options to a command, which gets them as one value.
+
+    Parameters
+    ----------
+    name
+        The parameter of the command.
+    make
+        Makes its value from those of the options, by their names.
+    options
+        Decorators of click.
+    """
+
+    def add(command: Decorated) -> Decorated:
+        @functools.wraps(command)
+        def with_one(**given: Any) -> Any:
+            return command(**{name: make(**{key: given.pop(key) for key in added})}, **given)
+
+        known = len(getattr(command, "__click_params__", ()))
+        for option in reversed(options):
+            option(with_one)
+        added = [parameter.name for parameter in with_one.__click_params__[known:]]  # type: ignore[attr-defined]
+        return with_one  # type: ignore[return-value]
+
+    return add
 
 
+files_argument = click.argument("files", nargs=-1, required=True, type=FILE, metavar="FILE...")
 speed_option = click.option(
     "--speed",
     type=Real(0, min_open=True),
-    callback=not_nan,
     default=1.0,
-    show_default=True,
     metavar="X",
     help="Times real time when publishing; inf: as fast as it goes.",
 )
 wheel_option = click.option(
     "--wheel", "wheel_file", type=FILE, metavar="W.toml", help="Constants of the wheel.  [default: the built-in wheel]"
+)
+wheel_folder_option = click.option(
+    "--wheel-folder",
+    type=FILE,
+    metavar="DIR",
+    help="Wheel files of single wheels, DIR/SPACECRAFT/WHEEL.toml; all others are as --wheel says.",
 )
 model_option = click.option(
     "--model", "model_file", type=FILE, metavar="M.json", help="Trained classifiers.  [default: the built-in model]"
@@ -70,11 +102,23 @@ motor_off_option = click.option(
     help="The wheel runs down with its motor off: friction is -J dω/dt, speed and inertia_kg_m2 are enough.",
 )
 method_option = click.option(
-    "--method",
-    type=click.Choice(["joint", "paper"]),
-    default="joint",
-    show_default=True,
-    help="Assign jumps jointly, or as printed in the paper.",
+    "--method", type=click.Choice(["joint", "paper"]), default="joint", help="Assign jumps jointly, or as in the paper."
+)
+recording_output_option = click.option(
+    "-o", "--output", type=FILE, required=True, metavar="OUT.mcap", help="Where to write; must not exist."
+)
+record_option = click.option(
+    "--record", type=FILE, default=Path("recordings"), metavar="DIR", help="Folder of the recordings and the history."
+)
+port_option = click.option(
+    "--port", type=Whole(0, 65535), metavar="P", help="Port of the page, on loopback.  [default: 8750, or any]"
+)
+no_browser_option = click.option("--no-browser", is_flag=True, help="Open no browser.")
+scheduler_option = click.option(
+    "--scheduler", metavar="ADDR", help="Work on this Dask cluster, such as tcp://host:8786.  [default: this machine]"
+)
+workers_option = click.option(
+    "--workers", type=Whole(1, 1024), metavar="N", help="Processes on this machine.  [default: cores]"
 )
 
 
@@ -83,31 +127,23 @@ def udp_option(*, required: bool, help: str) -> Callable[[Decorated], Decorated]
     return click.option("--udp", required=required, metavar="[HOST:]PORT", help=help)
 
 
-def decoding_options(command: Decorated) -> Decorated:
-    """Add what packets and bags are read with; the command gets it as `decoding`, a `formats.telemetry.Decoding`."""
+def _decoding(map_file: Path | None, xtce_file: Path | None) -> Decoding:
+    from rwa_monitor.formats.telemetry import read_decoding
 
-    @click.option(
+    return read_decoding(map_file, xtce_file)
+
+
+decoding_options = as_one(
+    "decoding",
+    _decoding,
+    click.option(
         "--map",
         "map_file",
         type=FILE,
         metavar="MAP.toml",
         help="For space packets and ROS 2 bags: which parameter or topic is which channel.",
-    )
-    @click.option("--xtce", "xtce_file", type=FILE, metavar="X.xml", help="For space packets: what is in them.")
-    @functools.wraps(command)
-    def with_decoding(map_file: Path | None, xtce_file: Path | None, **rest: Any) -> Any:
-        from rwa_monitor.formats.telemetry import read_decoding
-
-        return command(decoding=read_decoding(map_file, xtce_file), **rest)
-
-    return with_decoding  # type: ignore[return-value]
-
-
-scheduler_option = click.option(
-    "--scheduler", metavar="ADDR", help="Work on this Dask cluster, such as tcp://host:8786.  [default: this machine]"
-)
-workers_option = click.option(
-    "--workers", type=Whole(1, 1024), metavar="N", help="Processes on this machine.  [default: cores]"
+    ),
+    click.option("--xtce", "xtce_file", type=FILE, metavar="X.xml", help="For space packets: what is in them."),
 )
 
 
@@ -119,76 +155,61 @@ class FleetOptions:
     scheduler: str | None
     workers: int | None
 
+    def __post_init__(self) -> None:
+        if self.scheduler is not None and self.workers is not None:
+            raise click.UsageError("--workers is for this machine; the cluster of --scheduler has its own")
+
     @property
-    def asked_for(self) -> bool:
+    def given(self) -> bool:
         """Whether any of the options was given."""
-        return self.results is not None or self.scheduler is not None or self.workers is not None
+        return any(option is not None for option in astuple(self))
 
 
-def fleet_options(command: Decorated) -> Decorated:
-    """Add the options of work on many recordings to a command; it gets them as `fleet`, `FleetOptions`."""
-
-    @click.option(
+fleet_options = as_one(
+    "fleet",
+    FleetOptions,
+    click.option(
         "--results",
         type=FILE,
         metavar="DIR",
         help="Keep one Parquet file for each recording there, and do again only what is not done.",
-    )
-    @scheduler_option
-    @workers_option
-    @functools.wraps(command)
-    def with_fleet(results: Path | None, scheduler: str | None, workers: int | None, **rest: Any) -> Any:
-        if scheduler is not None and workers is not None:
-            raise click.UsageError("--workers is for this machine; the cluster of --scheduler has its own")
-        return command(fleet=FleetOptions(results, scheduler, workers), **rest)
-
-    return with_fleet  # type: ignore[return-value]
+    ),
+    scheduler_option,
+    workers_option,
+)
 
 
-def bus_options(command: Decorated) -> Decorated:
-    """Add the Zenoh options to a command; it gets them as `bus`, a `rwa_monitor.live.bus.BusOptions`."""
+def _bus(**options: Any) -> BusOptions:
+    from rwa_monitor.live.bus import BusOptions
 
-    @click.option("-m", "--mode", type=click.Choice(["peer", "client", "router"]), help="Role in the Zenoh network.")
-    @click.option(
+    return BusOptions(**options)
+
+
+bus_options = as_one(
+    "bus",
+    _bus,
+    click.option("-m", "--mode", type=click.Choice(["peer", "client", "router"]), help="Role in the Zenoh network."),
+    click.option(
         "-e", "--connect", multiple=True, metavar="ENDPOINT", help="Connect there, such as tcp/HOST:7447 (repeatable)."
-    )
-    @click.option(
-        "-l",
-        "--listen",
-        multiple=True,
-        metavar="ENDPOINT",
-        help="Listen there, such as tcp/127.0.0.1:7447 (repeatable).",
-    )
-    @click.option("-c", "--config", type=FILE, metavar="FILE", help="Zenoh configuration (JSON5), as for TLS.")
-    @click.option(
+    ),
+    click.option(
+        "-l", "--listen", multiple=True, metavar="ENDPOINT", help="Listen, as on tcp/127.0.0.1:7447 (repeatable)."
+    ),
+    click.option("-c", "--config", type=FILE, metavar="FILE", help="Zenoh configuration (JSON5), as for TLS."),
+    click.option(
         "--no-multicast-scouting",
         is_flag=True,
         help="Do not look for others by multicast: so it is anyway, unless -c says otherwise.",
-    )
-    @functools.wraps(command)
-    def with_bus(
-        mode: Any,
-        connect: tuple[str, ...],
-        listen: tuple[str, ...],
-        config: Path | None,
-        no_multicast_scouting: bool,
-        **rest: Any,
-    ) -> Any:
-        """Call the command with the options as one."""
-        from rwa_monitor.live.bus import BusOptions
-
-        return command(bus=BusOptions(mode, connect, listen, config, no_multicast_scouting), **rest)
-
-    return with_bus  # type: ignore[return-value]
+    ),
+)
 
 
 def warn_if_alone(bus: BusOptions) -> None:
-    """Say on stderr what the options mean for who is on the bus: nobody else, or everybody on the network."""
+    """Log what the options mean for who is on the bus: nobody else, or everybody on the network."""
     if not (bus.connect or bus.listen or bus.config):
-        say("without -e, -l or -c the bus is this process alone; for example -l tcp/127.0.0.1:7447, and -e elsewhere")
+        log("without -e, -l or -c the bus is this process alone; for example -l tcp/127.0.0.1:7447, and -e elsewhere")
     for endpoint in bus.listen:
         protocol, _, address = endpoint.partition("/")
-        if not address:  # no endpoint: it is refused when the bus is opened, and nobody is let in
-            continue
-        if protocol not in _PROTECTED and not _LOOPBACK.match(address):
-            say(f"{endpoint} lets in everybody who reaches it; docker/client.json5 shows how to join by mutual TLS")
+        # An endpoint without an address is refused when the bus is opened, and nobody is let in.
+        if address and protocol not in _PROTECTED and not _LOOPBACK.match(address):
+            log(f"{endpoint} lets in everybody who reaches it; docker/client.json5 shows how to join by mutual TLS")

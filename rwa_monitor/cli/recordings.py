@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from rwa_monitor.cli.talk import say
+from rwa_monitor.cli.console import log
 
 if TYPE_CHECKING:
     from rwa_monitor.formats.telemetry import Decoding
@@ -68,8 +68,7 @@ def read_recordings(files: Sequence[Path], decoding: Decoding) -> WheelRecording
     unreadable = False
     for file in files:
         content = read_telemetry(file, decoding)
-        for note in (*content.problems, *content.notes):
-            say(note)
+        log(*content.problems, *content.notes)
         unreadable |= bool(content.problems)
         telemetry = only_wheel(content, display_name(file))
         wheel = wheel or telemetry.constants

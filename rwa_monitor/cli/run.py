@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from rwa_monitor.cli.console import log
 from rwa_monitor.cli.options import (
     BYTES_PER_GB,
     FILE,
@@ -17,9 +18,9 @@ from rwa_monitor.cli.options import (
     method_option,
     model_option,
     warn_if_alone,
+    wheel_folder_option,
     wheel_option,
 )
-from rwa_monitor.cli.talk import say
 
 if TYPE_CHECKING:
     from rwa_monitor.diagnosis.results import Method
@@ -37,16 +38,9 @@ def _shard(ctx: click.Context, param: click.Parameter, value: str) -> tuple[int,
 
 
 @click.command(name="run", short_help="Monitor wheels live on a Zenoh bus.")
-@click.option(
-    "--wheels", default="rwa/*/*/samples", show_default=True, metavar="KEYEXPR", help="Keys of the samples to take."
-)
+@click.option("--wheels", default="rwa/*/*/samples", metavar="KEYEXPR", help="Keys of the samples to take.")
 @wheel_option
-@click.option(
-    "--wheel-folder",
-    type=FILE,
-    metavar="DIR",
-    help="Wheel files of single wheels, DIR/SPACECRAFT/WHEEL.toml; all others are as --wheel says.",
-)
+@wheel_folder_option
 @model_option
 @method_option
 @click.option(
@@ -62,7 +56,6 @@ def _shard(ctx: click.Context, param: click.Parameter, value: str) -> tuple[int,
     "--shard",
     callback=_shard,
     default="1/1",
-    show_default=True,
     metavar="I/N",
     help="Serve share I of N: the wheels are divided among N of these.",
 )
@@ -83,7 +76,7 @@ def command(
     """Monitor wheels live: subscribe to their samples, diagnose, publish and record.
 
     Answers on rwa/{spacecraft}/{wheel}/… with status, provisional changepoints, health, and a diagnosis for each
-    window. Stops cleanly on SIGINT and SIGTERM. Under systemd it says when it is ready and gives signs of life.
+    window. Stops cleanly on SIGINT and SIGTERM. Under systemd it notifies when it is ready, and its watchdog.
     """
     from rwa_monitor.cli.signals import stop_on_signals
     from rwa_monitor.formats.model_file import read_model
@@ -94,14 +87,11 @@ def command(
 
     wheel = read_wheel(wheel_file)
     own_wheels = read_wheel_folder(wheel_folder) if wheel_folder else {}
-    for note in wheel.missing():
-        say(f"{wheel.name}: {note}")
-    for (spacecraft, name), own in own_wheels.items():
-        for note in own.missing():
-            say(f"{spacecraft}/{name}: {note}")
+    for name, one in [(wheel.name, wheel), *(("/".join(key), own) for key, own in own_wheels.items())]:
+        log(*(f"{name}: {note}" for note in one.missing()))
     warn_if_alone(bus)
     if record is None:
-        say("nothing is recorded; give --record DIR to be able to replay")
+        log("nothing is recorded; give --record DIR to be able to replay")
     options = RunOptions(
         wheels=wheels,
         wheel=wheel,
@@ -114,4 +104,4 @@ def command(
         shard=shard,
     )
     with stop_on_signals() as stop:
-        run(options, stop, say=say, supervisor=Supervisor(os.environ, alive))
+        run(options, stop, say=log, supervisor=Supervisor(os.environ, alive))

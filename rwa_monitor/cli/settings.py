@@ -30,7 +30,8 @@ from rwa_monitor.physics.toml import parse_toml
 
 MAX_BYTES: Final = 1_000_000  # of a settings file
 PREFIX: Final = "RWA_MONITOR_"  # of the variables
-NOT_AN_OPTION: Final = frozenset({"RWA_MONITOR_SETTINGS"})  # says which file
+# Which file, and what click itself takes for options of `dashboard`.
+OTHERS: Final = frozenset({"RWA_MONITOR_SETTINGS", "RWA_MONITOR_HISTORY", "RWA_MONITOR_TOKEN"})
 
 Settings = dict[str, Any]  # by command, then by parameter, as click takes its default map
 
@@ -38,7 +39,7 @@ Settings = dict[str, Any]  # by command, then by parameter, as click takes its d
 def read_settings(
     path: Path | None, environment: Mapping[str, str], program: click.Group, ctx: click.Context
 ) -> Settings:
-    """Return what the file and, before it, the environment say.
+    """Return what the file and, before it, the environment set.
 
     Variables that set no option are left alone, since other programs make some that begin like ours; `doctor` names
     them all, a command those that begin with its name.
@@ -54,36 +55,38 @@ def read_settings(
         source = display_name(path)
         tables = parse_toml(read_checked_text(path, MAX_BYTES), source, MAX_BYTES, "a settings file")
         settings = _of_tables(tables, program, ctx, source, "")
-    for variable, parents, command, option in _variables(environment, program, ctx):
-        text = environment[variable]
-        value = text.split() if option.multiple else text
-        _check(option, value, ctx, "environment", variable)
-        table = settings
-        for name in (*parents, command):
-            table = table.setdefault(name, {})
-        table[str(option.name)] = value
+    for variable, (commands, option) in _variables(program, ctx).items():
+        if variable in environment:
+            text = environment[variable]
+            value = text.split() if option.multiple else text
+            _check(option, value, ctx, "environment", variable)
+            table = settings
+            for name in commands:
+                table = table.setdefault(name, {})
+            table[str(option.name)] = value
     return settings
 
 
-def unknown_variables(environment: Mapping[str, str], program: click.Group, ctx: click.Context) -> list[str]:
-    """Return the variables that begin like ours and set no option, in alphabetical order."""
-    known = {variable for variable, *_ in _variables(environment, program, ctx)} | NOT_AN_OPTION
-    return sorted(name for name in environment if name.startswith(PREFIX) and name not in known)
+def unknown_variables(environment: Mapping[str, str], program: click.Group, ctx: click.Context) -> dict[str, str]:
+    """Return the variables that begin like ours and set no option, each with "; did you mean …?" where one is near."""
+    known = _variables(program, ctx)
+    ours = sorted(name for name in environment if name.startswith(PREFIX) and name not in {*known, *OTHERS})
+    return {name: did_you_mean(name, known) for name in ours}
 
 
-def near_variable(name: str, program: click.Group, ctx: click.Context) -> str:
-    """Return "; did you mean …?" with the variable that a misspelt one is nearest to, "" where none is near."""
-    return did_you_mean(name, _all_variables(program, ctx))
-
-
-def _all_variables(group: click.Group, ctx: click.Context, parents: tuple[str, ...] = ()) -> Iterator[str]:
+def _variables(
+    group: click.Group, ctx: click.Context, parents: tuple[str, ...] = ()
+) -> dict[str, tuple[tuple[str, ...], click.Option]]:
+    """Return the option that each variable sets, with the names of its command and of the groups above."""
+    found: dict[str, tuple[tuple[str, ...], click.Option]] = {}
     for name in group.list_commands(ctx):
-        command = group.get_command(ctx, name)
+        command, path = group.get_command(ctx, name), (*parents, name)
         if isinstance(command, click.Group):
-            yield from _all_variables(command, ctx, (*parents, name))
+            found |= _variables(command, ctx, path)
         elif command is not None:
-            for key, _ in _options(command):
-                yield PREFIX + "_".join((*parents, name, key)).upper().replace("-", "_")
+            for key, option in _options(command):
+                found[PREFIX + "_".join((*path, key)).upper().replace("-", "_")] = path, option
+    return found
 
 
 def _of_tables(tables: dict[str, Any], group: click.Group, ctx: click.Context, source: str, place: str) -> Settings:
@@ -132,21 +135,3 @@ def _options(command: click.Command) -> Iterator[tuple[str, click.Option]]:
     for option in command.params:
         if isinstance(option, click.Option):
             yield from ((name.removeprefix("--"), option) for name in option.opts if name.startswith("--"))
-
-
-def _variables(
-    environment: Mapping[str, str], group: click.Group, ctx: click.Context, parents: tuple[str, ...] = ()
-) -> Iterator[tuple[str, tuple[str, ...], str, click.Option]]:
-    """Yield each variable that sets an option: its name, the groups above the command, the command, the option."""
-    for name in group.list_commands(ctx):
-        prefix = PREFIX + "_".join((*parents, name, "")).upper()
-        if not any(variable.startswith(prefix) for variable in environment):
-            continue
-        command = group.get_command(ctx, name)
-        if isinstance(command, click.Group):
-            yield from _variables(environment, command, ctx, (*parents, name))
-        elif command is not None:
-            for key, option in _options(command):
-                variable = prefix + key.replace("-", "_").upper()
-                if variable in environment:
-                    yield variable, parents, name, option

@@ -8,19 +8,17 @@ from typing import TYPE_CHECKING, Final
 
 import click
 
+from rwa_monitor.cli.console import log, track
 from rwa_monitor.cli.options import (
     FILE,
     Real,
     Whole,
     bus_options,
-    not_nan,
     speed_option,
     udp_option,
     warn_if_alone,
     wheel_option,
 )
-from rwa_monitor.cli.progress import track
-from rwa_monitor.cli.talk import say
 
 if TYPE_CHECKING:
     from rwa_monitor.live.bus import BusOptions
@@ -35,9 +33,7 @@ scenario_option = click.option(
     metavar="S.toml",
     help="What happens to the wheel.  [default: a healthy wheel in orbit]",
 )
-seed_option = click.option(
-    "--seed", type=Whole(0), default=0, show_default=True, metavar="N", help="The same seed gives the same bytes."
-)
+seed_option = click.option("--seed", type=Whole(0), default=0, metavar="N", help="The same seed gives the same bytes.")
 output_option = click.option("-o", "--output", type=FILE, required=True, metavar="PATH", help="Where to write.")
 
 
@@ -65,9 +61,9 @@ def recording(scenario_file: Path | None, wheel_file: Path | None, seed: int, ou
     window = _simulate(scenario_file, wheel_file, seed, output.stem)
     write(window.telemetry.samples, output)
     if left_out := write_truth(window, output, seed=seed):
-        say(left_out)
+        log(left_out)
     _write_wheel_beside(window, output)
-    say(f"{len(window.telemetry.samples)} samples in {output}, the truth beside it")
+    log(f"{len(window.telemetry.samples)} samples in {output}, the truth beside it")
 
 
 @command.command(short_help="Write labelled windows, to train with.")
@@ -80,7 +76,6 @@ def recording(scenario_file: Path | None, wheel_file: Path | None, seed: int, ou
     "suffix",
     type=click.Choice(["parquet", "csv"]),
     default="parquet",
-    show_default=True,
     help="Of the sample tables.",
 )
 def dataset(recipe: str, count: int, seed: int, output: Path, suffix: str) -> None:
@@ -111,8 +106,8 @@ def dataset(recipe: str, count: int, seed: int, output: Path, suffix: str) -> No
         rows.append(label_row(window, table.name))
     write_labels(header, rows, output / "labels.csv")
     if left_out:
-        say(left_out)
-    say(f"{counted(len(rows), 'window')} in {output}, labels in {output / 'labels.csv'}")
+        log(left_out)
+    log(f"{counted(len(rows), 'window')} in {output}, labels in {output / 'labels.csv'}")
 
 
 @command.command(short_help="Publish one recording on the bus.")
@@ -120,19 +115,13 @@ def dataset(recipe: str, count: int, seed: int, output: Path, suffix: str) -> No
 @wheel_option
 @seed_option
 @speed_option
-@click.option(
-    "--key", default=DEFAULT_KEY, show_default=True, metavar="KEY", help="The samples on the bus; {n} counts wheels."
-)
-@click.option("--count", type=Whole(1, 4096), default=1, show_default=True, metavar="N", help="So many wheels at once.")
-@click.option(
-    "--batch", type=Whole(1, 100_000), default=256, show_default=True, metavar="N", help="Samples of one message."
-)
+@click.option("--key", default=DEFAULT_KEY, metavar="KEY", help="The samples on the bus; {n} counts wheels.")
+@click.option("--count", type=Whole(1, 4096), default=1, metavar="N", help="So many wheels at once.")
+@click.option("--batch", type=Whole(1, 100_000), default=256, metavar="N", help="Samples of one message.")
 @click.option(
     "--linger",
     type=Real(0),
-    callback=not_nan,
     default=2.0,
-    show_default=True,
     metavar="S",
     help="Stay on at the end [s].",
 )
@@ -189,9 +178,9 @@ def publish(
         sent = send(telemetry, sinks, speed=speed, batch_samples=batch, linger_s=linger, stop=stop)
         trouble = watch.trouble() if watch else ""
     if trouble:
-        say(f"{trouble.removesuffix(' Trying again.')} Nobody can have heard the last samples.")
+        log(f"{trouble.removesuffix(' Trying again.')} Nobody can have heard the last samples.")
     total = sum(len(samples) for samples in telemetry.values())
-    say(f"{sent} of {total} samples published on {keys[0]}{f' … {keys[-1]}' if count > 1 else ''}")
+    log(f"{sent} of {total} samples published on {keys[0]}{f' … {keys[-1]}' if count > 1 else ''}")
 
 
 def _simulate(scenario_file: Path | None, wheel_file: Path | None, seed: int, name: str) -> LabelledWindow:

@@ -1,14 +1,5 @@
-"""What the program says to a person: one line each, on stderr; stdout is for data."""
+"""The name by which the benchmark commands know `console.log`; goes with them."""
 
-from __future__ import annotations
+from rwa_monitor.cli.console import log as say
 
-from typing import Final
-
-import click
-
-PROGRAM: Final = "rwa-monitor"
-
-
-def say(message: str) -> None:
-    """Say something on stderr, in one line."""
-    click.echo(f"{PROGRAM}: {' '.join(message.split())}", err=True)
+__all__ = ["say"]

@@ -7,9 +7,8 @@ from pathlib import Path
 
 import click
 
+from rwa_monitor.cli.console import log, track
 from rwa_monitor.cli.options import FILE, scheduler_option, workers_option
-from rwa_monitor.cli.progress import track
-from rwa_monitor.cli.talk import say
 from rwa_monitor.errors import InputError
 
 
@@ -42,7 +41,7 @@ def command(labels_file: Path, wheel_file: Path, output: Path, scheduler: str | 
     windows, failed = [], 0
     for file, outcome in zip(files, track(outcomes, len(files), "reading windows"), strict=True):
         if outcome.result is None:
-            say(outcome.error)
+            log(outcome.error)
             failed += 1
         else:
             windows += [LabelledFeatures(joint, paper, file.anomalies) for joint, paper in outcome.result]
@@ -55,4 +54,4 @@ def command(labels_file: Path, wheel_file: Path, output: Path, scheduler: str | 
     again = shlex.join(["rwa-monitor", "train", names[0], "--wheel", names[1], "-o", names[2]])
     model = train(windows, wheel, source=labels_file.name, command=again)
     write_model(model, output)
-    say(f"{names[2]}: learned from {counted(len(windows), 'window')} of {counted(len(files), 'file')}")
+    log(f"{names[2]}: learned from {counted(len(windows), 'window')} of {counted(len(files), 'file')}")

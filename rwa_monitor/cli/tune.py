@@ -23,7 +23,6 @@ SEED = 20260126  # of the simulated check: the same wishes give the same figures
     "--acceleration",
     type=float,
     default=0.0,
-    show_default=True,
     metavar="A",
     help="Steady change of ω/ω_nominal from sample to sample for which it must hold; 0: constant speed.",
 )
@@ -31,21 +30,18 @@ SEED = 20260126  # of the simulated check: the same wishes give the same figures
     "--slope-error",
     type=Real(min=0, min_open=True),
     default=0.3,
-    show_default=True,
     metavar="E",
     help="Possible error of the nominal viscous coefficient, normalised.",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print one JSON object.")
-@click.pass_context
 def command(
-    ctx: click.Context,
     missed: float,
     run_length: float,
     jump: float,
     acceleration: float,
     slope_error: float,
     as_json: bool,
-) -> None:
+) -> int:
     """Choose the smallest detection window that keeps both wanted rates, and check it by simulation.
 
     In closed form for white noise and a steady acceleration; colour and tails are measured by the monitor itself, which
@@ -61,7 +57,7 @@ def command(
     kept = counted.keeps(missed, run_length)
     if as_json:
         click.echo(json.dumps({**asdict(tuning), "check": {**asdict(counted), "kept": kept}}))
-        ctx.exit(0 if kept else FAILED)
+        return 0 if kept else FAILED
     between, alarms = counted.run_length, counted.alarm_run_length
     click.echo(f"half window w   {tuning.half_width} slots on each side")
     click.echo(f"threshold       {tuning.threshold:.2f} (GLR/σ²)")
@@ -76,4 +72,4 @@ def command(
     click.echo(
         f"wanted          {'kept' if kept else 'NOT kept'}: missed {missed:.3g}, run length {run_length:.3g} samples"
     )
-    ctx.exit(0 if kept else FAILED)
+    return 0 if kept else FAILED

@@ -8,7 +8,7 @@ from threading import Event, Thread
 
 import pytest
 
-from rwa_monitor.cli.doctor_live import look_at_bus, look_at_recordings, look_at_wheel_folder
+from rwa_monitor.cli.doctor import look_at_bus, look_at_recordings, look_at_wheel_folder
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.errors import RwaMonitorError
 from rwa_monitor.live.bus import BusOptions, open_session

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rwa_monitor.cli.moment import time_of
+from rwa_monitor.cli.replay import time_of
 from rwa_monitor.words import time_text
 
 

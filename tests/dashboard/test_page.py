@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 import zenoh
 
-from rwa_monitor.cli.demo_story import FAILING
+from rwa_monitor.cli.demo_satellite import FAILING
 from rwa_monitor.dashboard.server import DashboardOptions, Running, serve
 from rwa_monitor.messages import samples_json
 from rwa_monitor.samples import Samples

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from rwa_monitor.cli.demo_story import demo_wheel, tell
+from rwa_monitor.cli.demo_satellite import demo_wheel, simulate_satellite
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.live.core import diagnose_samples
 from rwa_monitor.live.events import WindowDiagnosed
@@ -61,9 +61,9 @@ def test_a_healthy_wheel_stays_nominal(kind: ProfileKind) -> None:
 
 
 def test_a_healthy_wheel_whose_model_lacks_an_effect_is_not_called_failing() -> None:
-    """The demo's first story: the effect leaves base dry friction in doubt, half of which lies above nominal."""
-    story = tell("test", 90.0, 0, seed=1)
-    windows = [window for window in diagnose_samples(story.hidden.samples, WHEEL, MODEL) if not window.partial]
+    """The demo's first satellite: the effect leaves base dry friction in doubt, half of which lies above nominal."""
+    satellite = simulate_satellite("test", 90.0, 0, seed=1)
+    windows = [window for window in diagnose_samples(satellite.hidden.samples, WHEEL, MODEL) if not window.partial]
     assert not all(window.diagnosis.model_adequate for window in windows)
     assert "anomalous" not in {window.diagnosis.verdict for window in windows}
 

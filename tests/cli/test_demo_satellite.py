@@ -5,19 +5,30 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rwa_monitor.cli.demo_hidden import EFFECTS, PAUSE_S, STRENGTH_SIGMAS, pass_s, same
-from rwa_monitor.cli.demo_story import FAILING, WHEELS, WINDOW_SECONDS, Story, samples_key, tell
+from rwa_monitor.cli.demo_satellite import (
+    EFFECTS,
+    FAILING,
+    PAUSE_S,
+    STRENGTH_SIGMAS,
+    WHEELS,
+    WINDOW_SECONDS,
+    Satellite,
+    pass_s,
+    same,
+    samples_key,
+    simulate_satellite,
+)
 from rwa_monitor.physics.effects.catalogue import MEAN_EFFECTS
 
 DURATION_S = 2 * WINDOW_SECONDS
 
 
-def _tell(seed: int) -> Story:
-    return tell("test", DURATION_S, start_ns=10**18, seed=seed)
+def _satellite(seed: int) -> Satellite:
+    return simulate_satellite("test", DURATION_S, start_ns=10**18, seed=seed)
 
 
-def test_a_seed_always_tells_the_same_story() -> None:
-    one, two = _tell(3), _tell(3)
+def test_a_seed_always_gives_the_same_satellite() -> None:
+    one, two = _satellite(3), _satellite(3)
     assert (one.hiding, one.hidden.effect, one.hidden.sigmas) == (two.hiding, two.hidden.effect, two.hidden.sigmas)
     assert one.telemetry.keys() == two.telemetry.keys() == {samples_key("test", wheel) for wheel in WHEELS}
     for key, samples in one.telemetry.items():
@@ -27,34 +38,34 @@ def test_a_seed_always_tells_the_same_story() -> None:
 
 
 def test_a_longer_demo_hides_the_same_effect() -> None:
-    short, long = _tell(3), tell("test", 2 * DURATION_S, start_ns=10**18, seed=3)
+    short, long = _satellite(3), simulate_satellite("test", 2 * DURATION_S, start_ns=10**18, seed=3)
     assert (short.hiding, short.hidden.effect) == (long.hiding, long.hidden.effect)
     count = len(short.hidden.samples)
     np.testing.assert_array_equal(short.hidden.samples.speed_rad_s, long.hidden.samples.speed_rad_s[:count])
 
 
 @pytest.mark.parametrize("seed", range(6))
-def test_the_monitor_is_not_told_the_effect(seed: int) -> None:
-    story = _tell(seed)
-    assert story.wheel.effect == ()
-    assert story.hiding != FAILING
-    assert story.hidden.effect.name in EFFECTS
-    assert STRENGTH_SIGMAS[0] <= story.hidden.sigmas <= STRENGTH_SIGMAS[1]
+def test_the_monitor_does_not_get_the_effect(seed: int) -> None:
+    satellite = _satellite(seed)
+    assert satellite.wheel.effect == ()
+    assert satellite.hiding != FAILING
+    assert satellite.hidden.effect.name in EFFECTS
+    assert STRENGTH_SIGMAS[0] <= satellite.hidden.sigmas <= STRENGTH_SIGMAS[1]
 
 
 def test_the_hidden_wheel_sends_in_passes_of_a_window() -> None:
-    story = _tell(0)
-    samples = story.hidden.samples
-    assert samples is story.telemetry[samples_key("test", story.hiding)]
+    satellite = _satellite(0)
+    samples = satellite.hidden.samples
+    assert samples is satellite.telemetry[samples_key("test", satellite.hiding)]
     steps_s = np.diff(samples.time_ns) / 1e9
-    pauses = steps_s[steps_s > 1.5 * story.wheel.sample_period_s]
-    np.testing.assert_allclose(pauses, PAUSE_S + story.wheel.sample_period_s)
+    pauses = steps_s[steps_s > 1.5 * satellite.wheel.sample_period_s]
+    np.testing.assert_allclose(pauses, PAUSE_S + satellite.wheel.sample_period_s)
     assert pauses.size == 1  # between two passes
-    assert samples.time_ns[-1] < story.start_ns + 2 * pass_s(story.wheel) * 1e9
+    assert samples.time_ns[-1] < satellite.start_ns + 2 * pass_s(satellite.wheel) * 1e9
 
 
 def test_seeds_hide_different_effects() -> None:
-    assert len({_tell(seed).hidden.effect.name for seed in range(8)}) >= 3
+    assert len({_satellite(seed).hidden.effect.name for seed in range(8)}) >= 3
 
 
 def test_only_what_no_record_tells_apart_counts_as_the_same() -> None:

@@ -1,31 +1,48 @@
-"""What one of the demo's healthy wheels hides: an effect that the monitor's wheel file lacks, drawn by the seed.
+"""The satellite of the demo: four simulated wheels; one begins to fail, one has an effect that its wheel file lacks.
 
-The wheel is exercised in passes. A pass is one window of the monitor and holds a whole "rich" manoeuvre (a ladder of
-speeds both ways, slow and fast crossings), for the search is given one window and must see in it what tells the effects
-apart. Between two passes no telemetry comes for `PAUSE_S`, in which the wheel goes on to the next manoeuvre.
+The monitor gets nothing of this but the samples; the rest is printed at the end, so that the user can compare.
+
+The wheel with the effect, drawn by the seed, is exercised in passes. A pass is one window of the monitor and holds a
+whole "rich" manoeuvre (speeds in steps both ways, slow and fast crossings), for the search is given one window and must
+see in it what separates the effects. Between two passes no telemetry comes for `PAUSE_S`, in which the wheel goes on to
+the next manoeuvre.
 
 The effects are those that speed, acceleration and friction show within a pass. Not among them: what needs a temperature
-that the demo does not send, and what drifts over more than a pass. `inertia_error` cannot be told from
-`torque_constant_error` by any record without a voltage; either name is right.
+that the demo does not send, and what drifts over more than a pass. No record without a voltage separates
+`inertia_error` from `torque_constant_error`; either name is right.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
 
+from rwa_monitor.physics.datasets import scaled_wheel
 from rwa_monitor.physics.effects.base import MeanEffect
 from rwa_monitor.physics.effects.catalogue import CATALOGUE, to_block
 from rwa_monitor.physics.effects.strength import level_columns, strength_for
-from rwa_monitor.physics.scenario import Scenario
+from rwa_monitor.physics.scenario import Anomaly, Scenario
 from rwa_monitor.physics.speed import SpeedProfile
 from rwa_monitor.physics.telemetry import Telemetry, simulate
 from rwa_monitor.physics.truth import true_channels
-from rwa_monitor.physics.wheel import EffectBlock, Wheel
+from rwa_monitor.physics.wheel import EffectBlock, Wheel, Window, built_in_wheel
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, Samples, concatenate
 
+# The built-in wheel, five times as lively, in windows a fifth as long: a window then holds as many jumps as one of the
+# paper's, and fills up while a person watches.
+QUICKER: Final = 5
+WINDOW_SECONDS: Final = 6.0  # wall-clock time in which a window fills
+WHEELS: Final = ("wheel_1", "wheel_2", "wheel_3", "wheel_4")
+FAILING: Final = "wheel_3"
+ANOMALY: Final = "viscous"
+FACTOR: Final = 1.25  # on the nominal viscous friction
+ONSET_SHARE: Final = 0.3  # of the run
+GROWTH_WINDOWS: Final = 0.5
+# What each wheel does, so that no two rows of the table look alike.
+PROFILES: Final = ("rich", "crossings", "rich", "orbit")
 PAUSE_S: Final = 60.0  # simulated time; twice as long as the wheel takes from rest to its nominal speed
 STRENGTH_SIGMAS: Final = (1.0, 2.0)  # RMS of the part orthogonal to sign, speed and levels, in σ of the noise
 # By effect, the ranges of its shape parameters, drawn log-uniformly: about the catalogue's typical values, and such
@@ -62,6 +79,84 @@ class Hidden:
     samples: Samples
 
 
+@dataclass(frozen=True, slots=True)
+class Satellite:
+    """What is published, and what is true.
+
+    Attributes
+    ----------
+    wheel
+        Constants of all four wheels: what the monitor gets.
+    telemetry
+        Samples by bus key.
+    speed
+        Times faster than real time.
+    start_ns, onset_ns
+        Times of the first sample and of the anomaly's onset, on the wheels' clock [ns].
+    hiding, hidden
+        The wheel that has an effect which `wheel` lacks, and the effect.
+    """
+
+    wheel: Wheel
+    telemetry: Mapping[str, Samples]
+    speed: float
+    start_ns: int
+    onset_ns: int
+    hiding: str
+    hidden: Hidden
+
+
+def samples_key(spacecraft: str, wheel: str) -> str:
+    """Return the bus key of a wheel's samples."""
+    return f"rwa/{spacecraft}/{wheel}/samples"
+
+
+def demo_wheel() -> Wheel:
+    """Return the constants of the demo's wheels."""
+    wheel = scaled_wheel(built_in_wheel(), 1.0 / QUICKER)
+    slots = wheel.window.samples // QUICKER
+    window = Window(samples=slots, hop=slots, dead_band_rad_s=wheel.window.dead_band_rad_s)
+    return wheel.model_copy(update={"name": "demo", "window": window})
+
+
+def simulate_satellite(spacecraft: str, duration_s: float, start_ns: int, seed: int) -> Satellite:
+    """Simulate the satellite.
+
+    Parameters
+    ----------
+    spacecraft
+        Its name on the bus.
+    duration_s
+        Wall-clock length of the demo [s].
+    start_ns
+        Time of the first sample [ns].
+    seed
+        Of all randomness.
+    """
+    wheel = demo_wheel()
+    window_s = wheel.window.samples * wheel.sample_period_s
+    speed = window_s / WINDOW_SECONDS
+    simulated_s = duration_s * speed
+    onset_s = ONSET_SHARE * simulated_s
+    failure = {ANOMALY: Anomaly(factor=FACTOR, onset_s=onset_s, growth_s=GROWTH_WINDOWS * window_s)}
+    *streams, hidden_stream = np.random.default_rng(seed).spawn(len(WHEELS) + 1)
+    hiding = str(hidden_stream.choice([name for name in WHEELS if name != FAILING]))
+    hidden = hide(wheel, simulated_s, start_ns, hidden_stream)
+    telemetry = {samples_key(spacecraft, hiding): hidden.samples}
+    for name, profile, rng in zip(WHEELS, PROFILES, streams, strict=True):
+        if name == hiding:
+            continue
+        scenario = Scenario(
+            duration_s=simulated_s,
+            start_ns=start_ns,
+            speed=SpeedProfile(kind=profile),
+            anomalies=failure if name == FAILING else {},
+            channels=("friction_torque_Nm", "motor_current_A"),
+        )
+        telemetry[samples_key(spacecraft, name)] = simulate(scenario, wheel, rng).samples
+    return Satellite(wheel, telemetry, speed, start_ns, start_ns + round(onset_s * 1e9), hiding, hidden)
+
+
 def hide(wheel: Wheel, duration_s: float, start_ns: int, rng: np.random.Generator) -> Hidden:
     """Draw an effect and simulate a wheel that has it.
 
@@ -80,7 +175,7 @@ def hide(wheel: Wheel, duration_s: float, start_ns: int, rng: np.random.Generato
     seeds = passing.integers(2**63, size=max(1, int(np.ceil(duration_s / pass_s(wheel)))))
     # The strength is measured on the first pass as it would be without the effect.
     plain = _pass(wheel, start_ns, np.random.default_rng(seeds[0]))
-    effect, sigmas = draw_effect(wheel, plain, drawing)
+    effect, sigmas = _draw_effect(wheel, plain, drawing)
     block = to_block(effect)
     period_ns = round(pass_s(wheel) * NANOSECONDS_PER_SECOND)
     parts = [
@@ -96,7 +191,7 @@ def pass_s(wheel: Wheel) -> float:
     return wheel.window.samples * wheel.sample_period_s
 
 
-def draw_effect(wheel: Wheel, plain: Telemetry, rng: np.random.Generator) -> tuple[MeanEffect, float]:
+def _draw_effect(wheel: Wheel, plain: Telemetry, rng: np.random.Generator) -> tuple[MeanEffect, float]:
     """Draw effect, shape and strength; the strength from what the base law cannot take up on a motion.
 
     Parameters
@@ -127,7 +222,7 @@ def draw_effect(wheel: Wheel, plain: Telemetry, rng: np.random.Generator) -> tup
 
 
 def same(name: str, other: str) -> bool:
-    """Say whether two names are one answer in the demo."""
+    """Return whether two names are one answer in the demo."""
     return name == other or any({name, other} <= group for group in SAME)
 
 
