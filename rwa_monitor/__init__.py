@@ -6,6 +6,9 @@ Public are the names below (`rwa_monitor.api`, which each comes from when it is 
 the changelog; everything else may change at any time.
 """
 
+# What `__all__` names is in that of the api, which only type checkers import from here.
+# ruff: noqa: F403, F405
+
 from __future__ import annotations
 
 from importlib import import_module
@@ -15,33 +18,7 @@ if TYPE_CHECKING:
     __version__: str
 
     from rwa_monitor import plot
-    from rwa_monitor.api import (
-        CarriedState,
-        CoefficientTrend,
-        Diagnosis,
-        InputError,
-        Learned,
-        Model,
-        Monitor,
-        Report,
-        RwaMonitorError,
-        Samples,
-        Scenario,
-        Search,
-        Telemetry,
-        Wheel,
-        diagnose,
-        extended_wheel,
-        find_discrepancy,
-        frame,
-        identify,
-        read,
-        read_model,
-        read_wheel,
-        replay,
-        simulate,
-        wheel_trends,
-    )
+    from rwa_monitor.api import *
 
 __all__ = [
     "CarriedState",

@@ -10,7 +10,7 @@ for diagnosis in rwa.diagnose(samples, wheel):
 ```
 
 Everything here is thin: it reads files and calls the pure rooms, as the commands do. What it returns are the plain
-values of those rooms and the messages of the bus, so that a script, the command line and the bus say the same.
+values of those rooms and the messages of the bus, so that a script, the command line and the bus give the same.
 
 While something here computes, linear algebra keeps to one thread (`threads.one_thread_of_algebra`): the same bytes on
 every machine, and several times faster.
@@ -209,7 +209,7 @@ class Monitor:
     source
         What the diagnoses give as `source`, as `diagnose` gives the file; None: nothing.
     carried
-        What earlier windows of this wheel told, from another monitor's `carried`; None: nothing.
+        What earlier windows showed of this wheel, from another monitor's `carried`; None: nothing.
 
     Raises
     ------
@@ -251,16 +251,16 @@ class Monitor:
         InputError
             If friction is neither given nor can be derived from current and the wheel's constants.
         """
-        return self._said(self._core.feed(samples, publisher, batch))
+        return self._messages(self._core.feed(samples, publisher, batch))
 
     @one_thread_of_algebra()
     def finish(self) -> list[Diagnosis]:
         """Return the diagnosis of the open window, marked partial: nothing more will come."""
-        return self._said(self._core.finish())
+        return self._messages(self._core.finish())
 
     @property
     def carried(self) -> CarriedState:
-        """What the windows so far tell about the wheel; the next monitor of this wheel may begin with it."""
+        """What the windows so far show of the wheel; the next monitor of this wheel may begin with it."""
         return self._core.carried
 
     @property
@@ -275,10 +275,10 @@ class Monitor:
 
     @property
     def troubles(self) -> list[str]:
-        """What an operator should hear of the samples so far, in words: the first of each kind."""
+        """What concerns an operator in the samples so far, in words: the first of each kind."""
         return list(self._troubles.values())
 
-    def _said(self, events: Sequence[Event]) -> list[Diagnosis]:
+    def _messages(self, events: Sequence[Event]) -> list[Diagnosis]:
         for event in events:
             if (trouble := trouble_in(event)) is not None:
                 sensor = (event.channel, event.hangs) if isinstance(event, SensorFault) else ()
@@ -369,7 +369,7 @@ def replay(recordings: PathLike | Sequence[PathLike]) -> Report:
     Returns
     -------
     Report
-        `.short()` says it in a line; `.equal`, `.bytes_equal`, `.differences` and `.unreadable` for a script.
+        `.short()` is it in a line; `.equal`, `.bytes_equal`, `.differences` and `.unreadable` for a script.
 
     Raises
     ------

@@ -9,7 +9,7 @@ from rwa_monitor.hints import alternatives_at, did_you_mean, keys_at
 if TYPE_CHECKING:
     from pydantic import BaseModel, ValidationError
 
-MAX_PART: Final = 500  # characters of what an error says of its place, and of its reason
+MAX_PART: Final = 500  # characters of the place of an error, and of its reason
 
 
 class RwaMonitorError(Exception):
@@ -58,7 +58,7 @@ class InputError(RwaMonitorError):
         what
             Words before the reason, such as "is no model: ".
         model
-            Where it is given, a key that is not known is told with the ones that are.
+            Where it is given, a key that is not known is reported with the ones that are.
         """
         found = error.errors(include_url=False, include_context=False)
         first = next((one for one in found if one["type"] == "extra_forbidden"), found[0])

@@ -1,4 +1,4 @@
-"""What a name that nobody knows was probably meant to be."""
+"""What an unknown name was probably meant to be."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def closest(name: str, known: Iterable[str]) -> str | None:
 
 
 def keys_at(schema: dict[str, Any], place: Sequence[str | int]) -> list[str]:
-    """Return the keys that a JSON Schema knows at a place, none where the place is not found.
+    """Return the keys that a JSON Schema has at a place, none where the place is not found.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ def keys_at(schema: dict[str, Any], place: Sequence[str | int]) -> list[str]:
 
 
 def alternatives_at(schema: dict[str, Any], place: Sequence[str | int]) -> list[str]:
-    """Return what a JSON Schema takes where one key tells which alternative is meant, as they are written in TOML.
+    """Return what a JSON Schema takes where one key selects the alternative, as they are written in TOML.
 
     Parameters
     ----------
@@ -62,17 +62,17 @@ def alternatives_at(schema: dict[str, Any], place: Sequence[str | int]) -> list[
     list of str
         Such as `{ law = "uniform", low = …, high = … }`; none where there is no such choice.
     """
-    told = _at(schema, place).get("discriminator", {})
+    choice = _at(schema, place).get("discriminator", {})
     found = []
-    for name, reference in told.get("mapping", {}).items():
-        others = [key for key in _resolved(schema, {"$ref": reference})["properties"] if key != told["propertyName"]]
+    for name, reference in choice.get("mapping", {}).items():
+        others = [key for key in _resolved(schema, {"$ref": reference})["properties"] if key != choice["propertyName"]]
         keys = "".join(f", {key} = …" for key in others)
-        found.append(f'{{ {told["propertyName"]} = "{name}"{keys} }}')
+        found.append(f'{{ {choice["propertyName"]} = "{name}"{keys} }}')
     return found
 
 
 def _at(schema: dict[str, Any], place: Sequence[str | int]) -> dict[str, Any]:
-    """Return what a schema says of a place, {} where it is not found."""
+    """Return what a schema has at a place, {} where it is not found."""
     here = schema
     for part in place:
         here = _step(_resolved(schema, here), part)

@@ -1,4 +1,4 @@
-"""How times, counts and lists are told to a person."""
+"""How times, counts and lists are written for a person."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ import numpy as np
 
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND
 
-FIRST_UTC_S: Final = 631_152_000  # 1990: a clock that tells less does not count from 1970, so that it tells no UTC
+FIRST_UTC_S: Final = 631_152_000  # 1990: a clock with less does not count from 1970, so that it gives no UTC
 MILLISECOND_NS: Final = 1_000_000
 
 
 def time_text(time_ns: int) -> str:
-    """Return a time on a wheel's clock as ISO 8601 UTC with milliseconds, or in seconds where it tells no UTC.
+    """Return a time on a wheel's clock as ISO 8601 UTC with milliseconds, or in seconds where it gives no UTC.
 
     Examples
     --------

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 @click.command(name="bridge", short_help="Bring CCSDS space packets from UDP onto the bus.")
-@udp_option(required=True, help="Where packets come in.  [HOST: 127.0.0.1 unless told]")
+@udp_option(required=True, help="Where packets come in.  [HOST: 127.0.0.1 where none is given]")
 @decoding_options
 @click.option(
     "--batch",
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 def command(udp: str, decoding: Decoding, batch: int, bus: BusOptions) -> None:
     """Bring CCSDS space packets from UDP onto the bus, as samples of the wheels that the map names.
 
-    A datagram holds one packet or several. What cannot be read, is unknown or missing is said on stderr as it comes;
+    A datagram holds one packet or several. What cannot be read, is unknown or missing is logged on stderr as it comes;
     at the end, on SIGINT or SIGTERM, all counts are printed as one JSON object.
     """
     from contextlib import ExitStack

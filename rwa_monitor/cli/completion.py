@@ -21,6 +21,6 @@ def command(ctx: click.Context, shell: str) -> None:
     from click.shell_completion import get_completion_class
 
     completion = get_completion_class(shell)
-    assert completion is not None, "click knows the three shells"
+    assert completion is not None, "click supports the three shells"
     variable = f"_{PROGRAM}_COMPLETE".replace("-", "_").upper()
     click.echo(completion(ctx.find_root().command, {}, PROGRAM, variable).source())

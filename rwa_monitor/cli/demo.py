@@ -1,7 +1,7 @@
 """`demo`: the main job in one process, on an embedded bus: simulated satellite, monitor, recording, live view.
 
 The monitor is the one of `run`, and gets nothing but the bus. The view shows what it publishes there and nothing else.
-The truth, which the simulated satellite knows, is printed at the end.
+What is true of the simulated satellite is printed at the end.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ if TYPE_CHECKING:
     import zenoh
     from rich.table import Table
 
-    from rwa_monitor.cli.demo_satellite import Satellite
     from rwa_monitor.live.bus import BusOptions
     from rwa_monitor.messages import Diagnosis, Discrepancy, Gain, Message
+    from rwa_monitor.physics.demo_satellite import Satellite
 
 DEFAULT_DURATION_S: Final = 90.0
 MAX_DURATION_S: Final = 3600.0  # an hour simulates half a month of four wheels; it is all made before it begins
@@ -65,13 +65,13 @@ def command(duration: float, no_browser: bool, port: int | None, seed: int, reco
     records everything. At the end the truth is printed. Ctrl-C ends it earlier. With -l, -e or -c others can subscribe
     too. The page ends with it; rwa-monitor dashboard shows it again.
     """
-    from rwa_monitor.cli.demo_satellite import simulate_satellite
     from rwa_monitor.cli.signals import stop_on_signals
     from rwa_monitor.diagnosis.model import built_in_model
     from rwa_monitor.live.bus import open_session
     from rwa_monitor.live.publisher import publish
     from rwa_monitor.live.run_options import RunOptions
     from rwa_monitor.live.service import run
+    from rwa_monitor.physics.demo_satellite import simulate_satellite
 
     # A new satellite each time: what the folder holds of the last one is not carried over to this one's healthy wheels.
     spacecraft = time.strftime("demo-%Y%m%dT%H%M%S", time.gmtime())
@@ -402,7 +402,7 @@ def _counts(verdicts: Iterable[str]) -> str:
 
 def _print_truth(satellite: Satellite, view: DemoView, record: Path) -> None:
     """Print what happened, what the monitor diagnosed, and how to check the recording."""
-    from rwa_monitor.cli.demo_satellite import ANOMALY, FACTOR, FAILING
+    from rwa_monitor.physics.demo_satellite import ANOMALY, FACTOR, FAILING
     from rwa_monitor.words import counted
 
     effect = satellite.hidden.effect

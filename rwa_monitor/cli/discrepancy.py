@@ -247,7 +247,7 @@ def _print_details(found: Search) -> None:
     console = Console(width=None if sys.stdout.isatty() else 120)
     result = found.result
     if result.effects:
-        table = Table("effect", "parameters", "gain", "p", "cannot be told from", "what would tell", box=None)
+        table = Table("effect", "parameters", "gain", "p", "equivalent", "separated by", box=None)
         for effect in result.effects:
             parameters = "\n".join(f"{name} = {p.in_words()}" for name, p in effect.parameters.items())
             table.add_row(
@@ -263,7 +263,7 @@ def _print_details(found: Search) -> None:
     console.print(f"{found.problem.size} samples in motion{f' ({left_out})' if left_out else ''}")
     steps = steps_in_words(found.problem)
     if steps:
-        console.print(f"{steps}; taken out as far as the readings tell")
+        console.print(f"{steps}; taken out as far as the values show")
     gain = result.gain
     if gain is not None:
         where = ", ".join(gain.held_out) or "blocks left out in turn"

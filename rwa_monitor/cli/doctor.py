@@ -220,9 +220,9 @@ def _model(model_file: Path | None, wheel_file: Path | None) -> str:
         elif known is not model.anomaly(name):
             stated.append(name)
     if stated:
-        found += f"; knows no anomaly of this wheel's {', '.join(stated)}: judged by the wheel file's healthy friction"
+        found += f"; has no anomaly of this wheel's {', '.join(stated)}: judged by the wheel file's healthy friction"
     if unknown:
-        found += f"; nothing says what this wheel's healthy {', '.join(unknown)} is: not judged, rwa-monitor identify"
+        found += f"; no file gives this wheel's healthy {', '.join(unknown)}: not judged, rwa-monitor identify"
     return found
 
 

@@ -21,7 +21,7 @@ from rwa_monitor.cli.lazy import LazyGroup
 from rwa_monitor.cli.options import FILE
 from rwa_monitor.errors import InputError, RwaMonitorError
 
-# One thread for linear algebra, whatever the environment says: our matrices are small, threads would only wait for each
+# One thread for linear algebra, whatever the environment sets: our matrices are small, threads would only wait for each
 # other, and the order of sums, so the last bit, would depend on the machine. Before numpy is imported anywhere, and for
 # all processes started from here; from Python, rwa_monitor.threads does it.
 os.environ |= dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
@@ -70,12 +70,10 @@ class Program(LazyGroup):
         except RwaMonitorError as error:
             log(str(error))
             status = WRONG_USE if isinstance(error, InputError) else FAILED
-        except click.UsageError as error:
-            where = error.ctx.command_path if error.ctx else PROGRAM
-            log(f"{error.format_message()} (see '{where} --help')")
-            status = WRONG_USE
         except click.ClickException as error:
-            log(error.format_message())
+            context = error.ctx if isinstance(error, click.UsageError) else None
+            hint = f" (see '{context.command_path} --help')" if context else ""
+            log(f"{error.format_message()}{hint}")
             status = error.exit_code
         except ModuleNotFoundError as error:
             if error.name is None or error.name.startswith("rwa_monitor"):
@@ -128,8 +126,8 @@ def _print_version(ctx: click.Context, param: click.Parameter, wanted: bool) -> 
 def main(ctx: click.Context, settings: Path | None) -> None:
     """Watch reaction wheels through their friction.
 
-    Splits a wheel's friction into its physical parts, says which part is anomalous and why, and says when its own
-    model of the wheel is wrong. The command demo shows all of it on simulated wheels.
+    Splits a wheel's friction into its physical parts, reports which part is anomalous and why, and reports when its
+    own model of the wheel is wrong. The command demo shows all of it on simulated wheels.
     """
     if ctx.invoked_subcommand is None:
         click.echo(ctx.get_help(), err=True)

@@ -1,4 +1,4 @@
-"""Recordings of one wheel, as the commands read them: what is left out is said, what could not be read counts."""
+"""Recordings of one wheel, as the commands read them: what is left out is logged, what could not be read counts."""
 
 from __future__ import annotations
 

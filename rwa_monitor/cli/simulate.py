@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 import click
 
@@ -55,14 +55,11 @@ def recording(scenario_file: Path | None, wheel_file: Path | None, seed: int, ou
     where it is not the built-in one: FILE.wheel.toml.
     """
     from rwa_monitor.formats.table import table_writer
-    from rwa_monitor.formats.truth import write_truth
 
     write = table_writer(output)
     window = _simulate(scenario_file, wheel_file, seed, output.stem)
     write(window.telemetry.samples, output)
-    if left_out := write_truth(window, output, seed=seed):
-        log(left_out)
-    _write_wheel_beside(window, output)
+    log(*_write_beside(window, output, seed=seed))
     log(f"{len(window.telemetry.samples)} samples in {output}, the truth beside it")
 
 
@@ -86,14 +83,13 @@ def dataset(recipe: str, count: int, seed: int, output: Path, suffix: str) -> No
     from rwa_monitor.formats.files import make_folder
     from rwa_monitor.formats.labels import write_labels
     from rwa_monitor.formats.table import table_writer
-    from rwa_monitor.formats.truth import write_truth
     from rwa_monitor.physics.datasets import generate, label_columns, label_row
     from rwa_monitor.words import counted
 
     windows = track(generate(recipe, count, seed), count, "simulating")
     rows: list[tuple[str, ...]] = []
     header: tuple[str, ...] = ()
-    left_out = ""
+    left_out: tuple[str, ...] = ()
     for window in windows:
         if not rows:
             # Only now: a recipe that does not exist leaves no empty folder behind.
@@ -101,12 +97,10 @@ def dataset(recipe: str, count: int, seed: int, output: Path, suffix: str) -> No
             make_folder(output)
         table = output / f"{window.name}.{suffix}"
         table_writer(table)(window.telemetry.samples, table)
-        left_out = write_truth(window, table, recipe=recipe, seed=seed)
-        _write_wheel_beside(window, table)
+        left_out = _write_beside(window, table, recipe=recipe, seed=seed)
         rows.append(label_row(window, table.name))
     write_labels(header, rows, output / "labels.csv")
-    if left_out:
-        log(left_out)
+    log(*left_out)
     log(f"{counted(len(rows), 'window')} in {output}, labels in {output / 'labels.csv'}")
 
 
@@ -178,7 +172,7 @@ def publish(
         sent = send(telemetry, sinks, speed=speed, batch_samples=batch, linger_s=linger, stop=stop)
         trouble = watch.trouble() if watch else ""
     if trouble:
-        log(f"{trouble.removesuffix(' Trying again.')} Nobody can have heard the last samples.")
+        log(f"{trouble.removesuffix(' Trying again.')} Nobody can have received the last samples.")
     total = sum(len(samples) for samples in telemetry.values())
     log(f"{sent} of {total} samples published on {keys[0]}{f' … {keys[-1]}' if count > 1 else ''}")
 
@@ -197,11 +191,13 @@ def _simulate(scenario_file: Path | None, wheel_file: Path | None, seed: int, na
     return LabelledWindow(name, wheel, scenario, telemetry, dict(telemetry.truth.labels))
 
 
-def _write_wheel_beside(window: LabelledWindow, table: Path) -> None:
-    """Write the wheel of a recording beside it, unless everyone has it anyway."""
-    from rwa_monitor.formats.truth import beside
+def _write_beside(window: LabelledWindow, table: Path, **source: Any) -> tuple[str, ...]:
+    """Write the truth of a recording beside it, and its wheel unless it is built in; returns what was left out."""
+    from rwa_monitor.formats.truth import beside, write_truth
     from rwa_monitor.formats.wheel_file import write_wheel
     from rwa_monitor.physics.wheel import built_in_wheel
 
     if window.wheel != built_in_wheel():
         write_wheel(window.wheel, beside(table, ".wheel.toml"))
+    left_out = write_truth(window, table, **source)
+    return (left_out,) if left_out else ()

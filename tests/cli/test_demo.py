@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from rwa_monitor.cli.demo_satellite import same
+from rwa_monitor.physics.demo_satellite import same
 from rwa_monitor.physics.wheel import Wheel
 
 PROGRAM = [sys.executable, "-m", "rwa_monitor"]

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from rwa_monitor.cli.demo_satellite import demo_wheel, simulate_satellite
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.live.core import diagnose_samples
 from rwa_monitor.live.events import WindowDiagnosed
+from rwa_monitor.physics.demo_satellite import demo_wheel, simulate_satellite
 from rwa_monitor.physics.scenario import Anomaly, Scenario
 from rwa_monitor.physics.speed import ProfileKind, SpeedProfile
 from rwa_monitor.physics.telemetry import simulate

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rwa_monitor.cli.demo_satellite import (
+from rwa_monitor.physics.demo_satellite import (
     EFFECTS,
     FAILING,
     PAUSE_S,

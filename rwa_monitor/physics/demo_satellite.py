@@ -56,7 +56,7 @@ EFFECTS: Final[dict[str, dict[str, tuple[float, float]]]] = {
     "inertia_error": {},
     "lubricant_lag": {"time_constant_s": (20.0, 100.0)},
 }
-# Names that no record of current, speed and friction tells apart (tests/blind/equivalence.py has the whole table).
+# Names that no record of current, speed and friction separates (tests/blind/equivalence.py has the whole table).
 SAME: Final = (frozenset({"inertia_error", "torque_constant_error"}),)
 
 
