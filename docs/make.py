@@ -196,7 +196,7 @@ def _reference() -> str:
         *_commands(),
         "### Options from a file and from the environment\n",
         *inspect.cleandoc(settings.__doc__ or "").split("\n")[2:],
-        "\n`--settings S.toml` or `RWA_MONITOR_SETTINGS` names the file; `rwa-monitor doctor` tells what is set.\n",
+        "\n`--settings S.toml` or `RWA_MONITOR_SETTINGS` names the file; `rwa-monitor doctor` reports what is set.\n",
         "## Exit codes\n",
         _exit_codes(),
         "## On the bus\n",

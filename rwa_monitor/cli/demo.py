@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from rwa_monitor.live.bus import BusOptions
-    from rwa_monitor.messages import Diagnosis, Discrepancy, Gain, Message
+    from rwa_monitor.messages import Diagnosis, Discrepancy, Message
     from rwa_monitor.physics.demo_satellite import Satellite
 
 DEFAULT_DURATION_S: Final = 90.0
@@ -339,15 +339,11 @@ def _in_words(found: Discrepancy) -> str:
         words += f" (or {', '.join(first.equivalent)}: the data cannot separate them)"
     if others:
         words += f", and {', '.join(other.name for other in others)}"
-    return f"{words}; {_gain_in_words(found.gain)}" if found.gain is not None else words
-
-
-def _gain_in_words(gain: Gain) -> str:
-    """Return what the effects found gain on held-out data, before → after."""
-    return (
-        f"RMSE {gain.rmse_base_Nm / gain.noise_std_Nm:.3f} → {gain.rmse_extended_Nm / gain.noise_std_Nm:.3f} σ,"
-        f" jumps {gain.changepoints_base} → {gain.changepoints_extended}"
-    )
+    if found.gain is not None:
+        gain = found.gain
+        before, after = gain.rmse_base_Nm / gain.noise_std_Nm, gain.rmse_extended_Nm / gain.noise_std_Nm
+        words += f"; RMSE {before:.3f} → {after:.3f} σ, jumps {gain.changepoints_base} → {gain.changepoints_extended}"
+    return words
 
 
 # ---- at the end ------------------------------------------------------------------------------------------------------
@@ -369,8 +365,12 @@ def _print_findings(satellite: Satellite, view: DemoView, record: Path) -> None:
             click.echo(f"  left unexplained: {found.unexplained.signature}")
         if found.gain is not None and found.effects:
             gain = found.gain
-            score = f"{gain.log_score_base:.4f} → {gain.log_score_extended:.4f} a sample"
-            click.echo(f"  gain on held-out blocks: {_gain_in_words(gain)}, log score {score}")
+            rmse = f"{gain.rmse_base_Nm * 1e6:.2f} → {gain.rmse_extended_Nm * 1e6:.2f} µN m"
+            click.echo(
+                f"  gain on held-out blocks: RMSE {rmse},"
+                f" log score {gain.log_score_base:.4f} → {gain.log_score_extended:.4f} a sample;"
+                f" jumps of the friction {gain.changepoints_base} → {gain.changepoints_extended}"
+            )
         if wheel == satellite.hiding and (folder / "extended_wheel.toml").exists():
             after = _diagnose_again(satellite, folder / "extended_wheel.toml")[: len(row.diagnoses)]
             click.echo(f"  its windows as they were diagnosed: {_counts(d.verdict for d in row.diagnoses)}")
