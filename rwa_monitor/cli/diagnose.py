@@ -67,7 +67,7 @@ def command(
     Of eight windows of a wheel or more, the last lines report whether its dry or viscous friction grows, and when it
     will leave the nominal range; not with --json.
     """
-    from rwa_monitor.cli.diagnosis_view import has_too_few_samples, print_diagnosis
+    from rwa_monitor.cli.diagnosis_view import has_too_few_samples, render
     from rwa_monitor.fleet.tasks import Diagnose
     from rwa_monitor.formats.model_file import read_model
     from rwa_monitor.formats.wheel_file import read_wheel
@@ -94,7 +94,7 @@ def command(
         if console is None:
             click.echo(diagnosis.to_json())
         else:
-            print_diagnosis(console, diagnosis)
+            console.print(render(diagnosis), "")
             by_wheel[diagnosis.spacecraft, diagnosis.wheel].append(WindowFriction.of(diagnosis))
     _print_trends(by_wheel)
     if not_judged:

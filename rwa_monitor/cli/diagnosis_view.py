@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from typing import Final
 
-from rich.console import Console, Group, RenderableType
+from rich.console import Group, RenderableType
 from rich.table import Table
 from rich.text import Text
 
@@ -16,12 +16,6 @@ from rwa_monitor.words import time_text
 
 VERDICT_STYLE: Final = {"nominal": "bold green", "anomalous": "bold red", "inconclusive": "bold yellow"}
 UNKNOWN: Final = "–"
-
-
-def print_diagnosis(console: Console, diagnosis: Diagnosis) -> None:
-    """Print one window's diagnosis on a rich console."""
-    console.print(render(diagnosis))
-    console.print()
 
 
 def has_too_few_samples(diagnosis: Diagnosis) -> bool:

@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from datetime import UTC, datetime, timedelta
 from decimal import Decimal
 from pathlib import Path
@@ -13,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import click
 
-from rwa_monitor.cli.console import log
+from rwa_monitor.cli.console import log, status_line
 from rwa_monitor.cli.exit_codes import FAILED, UNREADABLE
 from rwa_monitor.cli.options import FILE, bus_options, speed_option, warn_if_alone
 
@@ -104,8 +101,8 @@ def command(
     paths = recordings[0] if len(recordings) == 1 else recordings
     if publish:
         return _publish(paths, speed, from_ns, bus)
-    with _counting() as on_message:
-        report = replay(paths, on_message, from_ns)
+    with status_line("replaying") as progress:
+        report = replay(paths, lambda done: progress(f"{done:,} messages"), from_ns)
     if compare:
         click.echo(report.long() if long_report else report.short())
     else:
@@ -116,20 +113,6 @@ def command(
     if (compare and not report.equal) or (exact and not report.bytes_equal):
         return FAILED
     return UNREADABLE if report.unreadable else 0
-
-
-@contextmanager
-def _counting() -> Iterator[Callable[[int], None] | None]:
-    """Give a function that shows on stderr how many messages are done; None where that is no terminal."""
-    if not sys.stderr.isatty():
-        yield None
-        return
-    from rich.console import Console
-    from rich.progress import Progress
-
-    with Progress("replaying {task.completed:,.0f} messages", console=Console(stderr=True), transient=True) as progress:
-        task = progress.add_task("", total=None)
-        yield lambda done: progress.update(task, completed=done)
 
 
 def _publish(paths: Path | tuple[Path, ...], speed: float, from_ns: int | None, bus: BusOptions) -> int:

@@ -90,6 +90,14 @@ def test_doctor_names_what_is_set_and_what_sets_nothing(settings: Path, monkeypa
     assert "FAILED  settings: no option is set by RWA_MONITOR_RUN_CONECT; did you mean" in told.stdout
 
 
+def test_doctor_takes_the_variables_of_the_dashboard(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("RWA_MONITOR_TOKEN", "secret")
+    monkeypatch.setenv("RWA_MONITOR_HISTORY", "postgresql://a@127.0.0.1:1/b")
+    told = run("doctor")
+    assert told.exit_code == 0, told.stdout
+    assert "secret" not in told.stdout
+
+
 def test_a_command_names_the_variable_that_sets_nothing_of_it(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("RWA_MONITOR_TUNE_JUMPP", "8")
     monkeypatch.setenv("RWA_MONITOR_RUN_RECROD", "x")  # of another command
