@@ -15,7 +15,7 @@ from benchmarks.accuracy.learned_laws import LawsResult, compare_laws
 from benchmarks.accuracy.outcome import JumpScore, Outcome
 from benchmarks.accuracy.splits import Accuracy, measure
 from benchmarks.target import Target, at_least, at_most
-from rwa_monitor.cli.progress import track
+from rwa_monitor.cli.console import track
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.diagnosis.results import Method
 from rwa_monitor.physics.datasets import generate

@@ -24,7 +24,7 @@ from benchmarks.speed.peers import (
     skchange_moving_window,
 )
 from benchmarks.target import Target, at_most
-from rwa_monitor.cli.progress import track
+from rwa_monitor.cli.console import track
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.diagnosis.results import Method
 from rwa_monitor.physics.datasets import generate

@@ -25,6 +25,7 @@ from rwa_monitor.discrepancy.thresholds import best_threshold
 from rwa_monitor.samples import FloatArray
 
 EXPLAINED_SHARE: Final = 0.7  # of what a free curve gains: a law that gains so much with fewer numbers is kept
+FEWEST_SAMPLES: Final = 4  # for each height of a curve: with fewer it follows the noise
 FEWEST_STEPS: Final = 6  # of the level: a jump or two too many is chance
 STEPS_TO_JUMPS: Final = 2.0  # so many more small steps than jumps
 LASTING_LAGS: Final = range(64, 129, 4)  # slots: noise of the catalogue has forgotten itself to 4 %
@@ -173,7 +174,7 @@ def _free_terms(approach: Approach, model: Model) -> list[Term]:
             if effect is PeriodicDrag:
                 period, *_ = _repeated(problem, model, frequency, flips=effect.flips)
                 terms.append(make_term(problem, PeriodicRub, {"frequency_Hz": 1.0 / period}, None))
-    return terms
+    return [term for term in terms if term.columns.shape[1] * FEWEST_SAMPLES <= problem.size]
 
 
 def _best_frequency(problem: Problem, model: Model, *, flips: bool) -> float | None:
