@@ -130,7 +130,7 @@ schemas: $(VENV)/.installed-dev ## writes schemas/ anew from the messages
 
 .PHONY: references
 references: $(VENV)/.installed-dev ## makes the reference recordings in replay/ anew, after a change meant to change diagnoses
-	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m rwa_monitor.live.references replay
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m benchmarks.references replay
 
 .PHONY: docs
 docs: $(VENV)/.installed-dev ## writes the generated pages and pictures of docs/ anew

@@ -20,6 +20,7 @@ from unittest.mock import patch
 
 from benchmarks.machine import machine_in_words
 from benchmarks.page import add_output_option, page, put_out, table
+from benchmarks.references import SilentBus
 from benchmarks.speed.live import BATCH, samples_of
 from benchmarks.window import Window, window_of
 from rwa_monitor.diagnosis.evidence import WindowAccumulator
@@ -30,7 +31,6 @@ from rwa_monitor.live.friction import FrictionSource
 from rwa_monitor.live.monitor import Clock, Monitor
 from rwa_monitor.live.order_guard import OrderGuard
 from rwa_monitor.live.recorder import Recorder
-from rwa_monitor.live.references import SilentBus
 from rwa_monitor.live.ring_buffer import RingBuffer
 from rwa_monitor.live.run_options import RunOptions
 from rwa_monitor.live.screen import Screen

@@ -21,8 +21,10 @@ from rwa_monitor.discrepancy.jumping import Jumping
 from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN
 from rwa_monitor.discrepancy.search import search
 from rwa_monitor.discrepancy.smooth import Smooth
+from rwa_monitor.discrepancy.terms import make_term
 from rwa_monitor.discrepancy.testable import FOLLOWS_THE_SPEED
 from rwa_monitor.discrepancy.uncertainty import spread
+from rwa_monitor.physics.effects.torque_ripple import TorqueRipple
 from rwa_monitor.physics.wheel import Limits, Nominal, Wheel
 from rwa_monitor.samples import Samples
 from tests.discrepancy.simple import DRY_NM, PERIOD_S, VISCOUS, WHEEL, Array, record, swing
@@ -121,6 +123,33 @@ def test_a_knee_in_slow_crossings_without_jumps() -> None:
     found = answer(smooth_record(speed, knee, 0.5, seed=1))
     assert_strength(found, "stribeck", "strength_Nm", 5e-4)
     assert_strength(found, "stribeck", "stribeck_speed_rad_s", 5.0)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_a_knee_in_a_short_table_is_no_level_that_wanders(seed: int) -> None:
+    speed = np.linspace(0.5, 60.0, 80)
+    found = answer(smooth_record(speed, 1e-3 * np.exp(-speed / 8.0), seed=seed))
+    assert mean_names(found) == ["stribeck"]
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+def test_two_effects_of_which_neither_alone_explains_what_wanders(seed: int) -> None:
+    speed = np.linspace(0.5, 60.0, 80)
+    knee = 5e-4 * np.exp(-speed / 8.0)
+    pair = [smooth_record(sign * speed, sign * knee + 3e-4, seed=seed + 10 * i) for i, sign in enumerate((1.0, -1.0))]
+    names = [{effect.name, *effect.equivalent} for effect in answer(*pair).result.effects if effect.family == "mean"]
+    assert len(names) == 2
+    assert any("stribeck" in one for one in names)
+    assert any("torque_bias" in one for one in names)
+
+
+def test_no_part_of_the_friction_is_larger_than_all_of_it() -> None:
+    problem = problem_of(smooth_record(reversals(), seed=1))
+    ripple = make_term(problem, TorqueRipple, {"harmonic": 0.5}, None)
+    largest = np.abs(problem.z_measured).max()
+    reach = np.abs(ripple.columns).max(axis=0)
+    assert np.allclose(ripple.high * reach, largest)
+    assert np.allclose(ripple.low * reach, -largest)
 
 
 # ---- what is not there is not ----------------------------------------------------------------------------------------

@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from rwa_monitor.live.references import reference_wheel
+from benchmarks.references import reference_wheel
 from rwa_monitor.messages import SamplesMessage, samples_json
 from rwa_monitor.physics.scenario import Scenario
 from rwa_monitor.physics.telemetry import simulate

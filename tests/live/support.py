@@ -9,11 +9,11 @@ from itertools import pairwise
 
 import numpy as np
 
+from benchmarks.references import reference_wheel
 from rwa_monitor.diagnosis.model import Model, built_in_model
 from rwa_monitor.live.core import WheelCore
 from rwa_monitor.live.events import Event
 from rwa_monitor.live.outputs import outputs_of
-from rwa_monitor.live.references import reference_wheel
 from rwa_monitor.messages import Diagnosis
 from rwa_monitor.physics.scenario import Scenario
 from rwa_monitor.physics.telemetry import simulate

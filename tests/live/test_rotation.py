@@ -17,6 +17,7 @@ from typing import Final
 import numpy as np
 import pytest
 
+from benchmarks.references import SilentBus
 from rwa_monitor.live import recorder as recorder_module
 from rwa_monitor.live.chain import file_sha256, read_chain, recordings_of
 from rwa_monitor.live.core import WheelCore
@@ -25,7 +26,6 @@ from rwa_monitor.live.outputs import outputs_of
 from rwa_monitor.live.past import read_past
 from rwa_monitor.live.recorder import MAX_FILE_AGE_S, Recorder
 from rwa_monitor.live.recording import last_settings
-from rwa_monitor.live.references import SilentBus
 from rwa_monitor.live.replay import replay
 from rwa_monitor.live.run_options import RunOptions
 from rwa_monitor.messages import Diagnosis, SamplesMessage, samples_json

@@ -4,7 +4,7 @@ The monitor itself makes them, with everything but a bus: simulated telemetry in
 count messages, so that the same code gives the same bytes. `manifest.json` says what each must give when replayed.
 Renew them after a change that is meant to change diagnoses:
 
-    make references            (python -m rwa_monitor.live.references replay)
+    make references            (python -m benchmarks.references replay)
 """
 
 from __future__ import annotations
