@@ -19,7 +19,7 @@ from rwa_monitor.discrepancy.delay_term import DelayTerm
 from rwa_monitor.discrepancy.extended import extend
 from rwa_monitor.discrepancy.finished_search import Search
 from rwa_monitor.discrepancy.formulas import describe, formulas
-from rwa_monitor.discrepancy.gain import HeldOut, held_out, on_other_recordings
+from rwa_monitor.discrepancy.gain import BLOCKS, HeldOut, held_out, on_other_recordings
 from rwa_monitor.discrepancy.heat import OUTSIDE, outside_the_catalogue, told_as_unexplained
 from rwa_monitor.discrepancy.jump_terms import JUMP_TERMS
 from rwa_monitor.discrepancy.jumping import Jumping, extensions, refit
@@ -39,6 +39,7 @@ from rwa_monitor.discrepancy.result import (
     FoundEffect,
     Gain,
     ParameterValue,
+    SearchedAgain,
     Unexplained,
     Verdict,
 )
@@ -162,6 +163,53 @@ def find_discrepancy(
     result = DiscrepancyResult(verdict, effects, leftover, tuple((dict(listed) | silent).items()), gain)
     delay_s = -named.slots * wheel.sample_period_s if named is not None else None
     return _with_simulated(Search(wheel, problem, found, scores[-len(found.ladder) :], result, delay_s))
+
+
+def with_search_again(
+    search: Search,
+    recordings: Sequence[tuple[str, Samples]],
+    progress: Progress = lambda _: None,
+    each: Mapper = in_turn,
+) -> Search:
+    """Add what the search finds and gains without the data that it is judged on, see `SearchedAgain`.
+
+    Of several recordings the last is held out, of one every second of `BLOCKS` stretches of time.
+
+    Parameters
+    ----------
+    search
+        The search of all that was given.
+    recordings
+        Name and samples of each.
+    progress, each
+        As for `find_discrepancy`.
+
+    Raises
+    ------
+    InputError
+        If too little is left to be searched.
+    """
+    if search.result.gain is None:
+        return search
+    *seen, aside = recordings
+    if not seen:
+        name, samples = aside
+        block = np.arange(len(samples)) * BLOCKS // len(samples)
+        seen = [(f"{name}, blocks 1, 3, …", samples[block % 2 == 0])]
+        aside = f"{name}, blocks 2, 4, … of {BLOCKS}", samples[block % 2 == 1]
+    found = find_discrepancy(seen, search.wheel, progress, each, [aside]).result
+    if found.gain is None:
+        return search
+    names = tuple("formula" if one.formula else one.name for one in found.effects if one.family != "noise")
+    again = SearchedAgain(
+        names,
+        (aside[0],),
+        found.gain.rmse_base_Nm,
+        found.gain.rmse_extended_Nm,
+        found.gain.log_score_base,
+        found.gain.log_score_extended,
+    )
+    return replace(search, result=replace(search.result, gain=replace(search.result.gain, searched_again=again)))
 
 
 def _explained(

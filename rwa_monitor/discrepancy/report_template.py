@@ -93,6 +93,10 @@ sample]</th><th class="n">gain over the row above [95 %]</th><th class="n">jumps
 {% endfor %}
 </table>
 <figure class="wide">{{ ladder_picture | safe }}</figure>
+{% if result.gain and result.gain.searched_again %}
+{% set words = result.gain.searched_again.in_words() %}
+<p>{{ words[:1] | upper }}{{ words[1:] }}.</p>
+{% endif %}
 {% if result.gain and result.gain.diagnosis %}
 <h3>What it does to the diagnosis</h3>
 <p class="small">{{ result.gain.diagnosis.windows }} windows simulated with the effects in them, on motion like the

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any, Final, Literal
 
 from rwa_monitor.physics.effects.base import Family
@@ -137,11 +137,35 @@ class SimulatedGain:
 
 
 @dataclass(frozen=True, slots=True)
+class SearchedAgain:
+    """What a search of a part of the data finds, and gains on the rest, of which it saw nothing.
+
+    `effects` are the mean effects of that search, `held_out` what it did not see.
+    """
+
+    effects: tuple[str, ...]
+    held_out: tuple[str, ...]
+    rmse_base_Nm: float
+    rmse_extended_Nm: float
+    log_score_base: float
+    log_score_extended: float
+
+    def in_words(self) -> str:
+        """Return both in one sentence."""
+        return (
+            f"searched again without {', '.join(self.held_out)}: {' + '.join(self.effects) or 'nothing'} found; there"
+            f" RMSE {self.rmse_base_Nm:.4g} → {self.rmse_extended_Nm:.4g} N m, log score {self.log_score_base:.4f} →"
+            f" {self.log_score_extended:.4f} per sample"
+        )
+
+
+@dataclass(frozen=True, slots=True)
 class Gain:
     """What the extension gains; RMSE and log score on held-out data, equal where the base model is adequate.
 
     `held_out` names the recordings that RMSE and log score are of; where it is empty, held-out blocks of the searched
     recordings. `simulated` is of the wheel file with the effects, simulated on the searched records; None without any.
+    `searched_again` is what the search finds and gains without the data that it is judged on; None where not asked for.
     """
 
     rmse_base_Nm: float
@@ -154,6 +178,7 @@ class Gain:
     diagnosis: DiagnosisGain | None = None
     simulated: SimulatedGain | None = None
     held_out: tuple[str, ...] = ()
+    searched_again: SearchedAgain | None = None
 
     @property
     def is_a_loss(self) -> bool:
@@ -227,5 +252,6 @@ class DiscrepancyResult:
                     "note": gain.simulated.in_words(),
                 },
                 "held_out": list(gain.held_out),
+                "searched_again": None if gain.searched_again is None else asdict(gain.searched_again),
             },
         }

@@ -68,6 +68,17 @@ class SimulatedGain(Message):
     note: str = ""
 
 
+class SearchedAgain(Message):
+    """What a search of a part of the data finds, and gains on the rest (`held_out`), of which it saw nothing."""
+
+    effects: list[Name]
+    held_out: list[str]
+    rmse_base_Nm: Number
+    rmse_extended_Nm: Number
+    log_score_base: Number
+    log_score_extended: Number
+
+
 class Gain(Message):
     """What the effects found are worth on held-out data: recordings named, or blocks of the searched ones."""
 
@@ -81,6 +92,7 @@ class Gain(Message):
     diagnosis: DiagnosisGain | None
     simulated: SimulatedGain | None = None
     held_out: list[str] = Field(default=[])
+    searched_again: SearchedAgain | None = None
 
 
 class Discrepancy(Message):

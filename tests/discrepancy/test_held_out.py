@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from rwa_monitor.discrepancy.extended import extend, laws_in_words
-from rwa_monitor.discrepancy.find import find_discrepancy, prepare
+from rwa_monitor.discrepancy.find import find_discrepancy, prepare, with_search_again
 from rwa_monitor.discrepancy.finished_search import Search
 from rwa_monitor.discrepancy.gain import HeldOut, on_other_recordings
 from rwa_monitor.discrepancy.record import make_record
@@ -146,3 +146,28 @@ def test_dry_friction_below_zero_is_said_to_be_none(found: Search) -> None:
     below = replace(extension, after=replace(extension.after, dry_Nm=-1e-3))
     assert "cannot be" in laws_in_words(below)[0]
     assert "cannot be" not in laws_in_words(extension)[0]
+
+
+# ---- the search again, without what it is judged on ------------------------------------------------------------------
+
+
+def test_what_is_hidden_is_found_again_in_half_of_a_recording_and_gains_on_the_rest(searched: Samples) -> None:
+    found = with_search_again(find_discrepancy([("searched", searched)], WHEEL), [("searched", searched)])
+    assert found.result.gain is not None
+    again = found.result.gain.searched_again
+    assert again is not None
+    assert again.effects == ("stribeck",)
+    assert again.rmse_extended_Nm < again.rmse_base_Nm
+    assert again.log_score_extended > again.log_score_base + 0.02  # nats a sample, of 4,000
+    assert again.in_words()[1:] in " ".join(html(found, ["searched"]).split())
+
+
+def test_of_two_recordings_the_last_is_not_searched_again(searched: Samples) -> None:
+    recordings = [("first", searched), ("last", aside(1, hidden=False))]
+    found = with_search_again(find_discrepancy(recordings, WHEEL), recordings)
+    assert found.result.gain is not None
+    again = found.result.gain.searched_again
+    assert again is not None
+    assert again.held_out == ("last",)
+    assert again.effects == ("stribeck",)
+    assert again.rmse_extended_Nm > again.rmse_base_Nm  # it is not there: that is what shows
