@@ -24,7 +24,7 @@ from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 
 REVERSAL: Final = 5  # samples from a change of direction: bristles turn over there, and filters smear
 LEVEL_SAMPLES: Final = 64  # from which a level beside a change of direction is taken
-TINY: Final = np.finfo(np.float64).tiny
+TINY: Final = 1e-100  # of what is divided by
 BASE_PARAMETERS: Final = 2  # dry and viscous friction
 
 

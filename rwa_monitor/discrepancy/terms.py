@@ -33,7 +33,7 @@ from rwa_monitor.physics.effects.torque_ripple import TorqueRipple
 from rwa_monitor.samples import FloatArray, IntArray
 
 ROBUST_PAIRS: Final = 8_000  # differences that the robust start looks at, evenly spread
-TINY: Final = np.finfo(np.float64).tiny
+TINY: Final = 1e-100  # of what is divided by
 ROBUST_ROUNDS: Final = 5  # reweightings; the shape only starts the fit
 
 
