@@ -13,6 +13,7 @@ import numpy as np
 
 from rwa_monitor.discrepancy.unnamed import UnnamedEffect
 from rwa_monitor.physics.effects.base import Channels, Memory, Parameter
+from rwa_monitor.physics.effects.torque_ripple import angle_range_turns, angle_turned
 from rwa_monitor.samples import FloatArray
 
 KNOTS: Final = 14  # of a free curve: a feature as wide as a tenth of the range is not missed
@@ -137,9 +138,9 @@ class OverAngle(FreeCurve):
 
     @classmethod
     def quantity(cls, channels: Channels) -> FloatArray:
-        """Return the angle within a turn [rad]."""
-        angle = channels.angle_rad
-        return angle if float(np.ptp(angle[channels.good])) < TURN_RAD else np.mod(angle, TURN_RAD)
+        """Return the angle [rad]: as it is where it is less than a turn, else within a turn."""
+        angle, _ = angle_turned(channels)
+        return angle if angle_range_turns(channels) < 1.0 else np.mod(angle, TURN_RAD)
 
 
 CURVES: Final = (

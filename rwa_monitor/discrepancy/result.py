@@ -150,6 +150,10 @@ class SearchedAgain:
     log_score_base: float
     log_score_extended: float
 
+    def to_json(self) -> dict[str, Any]:
+        """Return the fields of the message `rwa.Discrepancy`."""
+        return asdict(self) | {"effects": list(self.effects), "held_out": list(self.held_out)}
+
     def in_words(self) -> str:
         """Return both in one sentence."""
         return (
@@ -252,6 +256,6 @@ class DiscrepancyResult:
                     "note": gain.simulated.in_words(),
                 },
                 "held_out": list(gain.held_out),
-                "searched_again": None if gain.searched_again is None else asdict(gain.searched_again),
+                "searched_again": None if gain.searched_again is None else gain.searched_again.to_json(),
             },
         }

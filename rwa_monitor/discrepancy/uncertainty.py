@@ -130,6 +130,8 @@ def described(
             continue  # it was not needed
         if parameter.linear:
             value, low, high = fitted[name]
+            if low < value < high:  # what no part can be larger than says nothing of one that is smaller
+                low, high = parameter.low, parameter.high
             values[name] = ParameterValue.of(value, error, parameter.unit, low, high)
         elif parameter.choices and not np.isfinite(error):
             tried = f"one of {len(parameter.choices)} values tried"

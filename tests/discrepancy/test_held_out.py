@@ -14,6 +14,7 @@ from rwa_monitor.discrepancy.gain import HeldOut, on_other_recordings
 from rwa_monitor.discrepancy.record import make_record
 from rwa_monitor.discrepancy.report import html, sentence
 from rwa_monitor.discrepancy.result import SimulatedGain
+from rwa_monitor.messages.discrepancy import SearchedAgain as SearchedAgainMessage
 from rwa_monitor.samples import Samples
 from tests.discrepancy.simple import NOISE_NM, WHEEL, Array, record, swing
 
@@ -159,6 +160,7 @@ def test_what_is_hidden_is_found_again_in_half_of_a_recording_and_gains_on_the_r
     assert again.effects == ("stribeck",)
     assert again.rmse_extended_Nm < again.rmse_base_Nm
     assert again.log_score_extended > again.log_score_base + 0.02  # nats a sample, of 4,000
+    assert SearchedAgainMessage.model_validate(again.to_json()).effects == ["stribeck"]
     assert again.in_words()[1:] in " ".join(html(found, ["searched"]).split())
 
 

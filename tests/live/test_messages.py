@@ -176,7 +176,7 @@ def test_a_name_that_a_path_could_use_is_no_key(key: str) -> None:
 
 def test_the_gain_of_a_report_is_one_of_the_message_as_a_search_writes_it() -> None:
     """A search hands over plain lists, not JSON: strict validation would refuse them for a tuple."""
-    gain = dict.fromkeys(Gain.model_fields, 0) | {"diagnosis": None, "simulated": None}
+    gain = dict.fromkeys(Gain.model_fields, 0) | {"diagnosis": None, "simulated": None, "searched_again": None}
     for names in ([], ["tuesday.csv"]):
         assert Gain.model_validate(gain | {"held_out": names}).held_out == names
 

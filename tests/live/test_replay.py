@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 from mcap.writer import Writer
 
+from benchmarks import references
 from rwa_monitor.errors import InputError
-from rwa_monitor.live import references
 from rwa_monitor.live.chain import recordings_of
 from rwa_monitor.live.recording import RecordedMessage, Recording, read_recording
 from rwa_monitor.live.recover import recover
