@@ -129,13 +129,15 @@ def _on_one_grid(recordings: Sequence[tuple[str, Samples]], wheel: Wheel) -> Ben
 def _stretches(recordings: Sequence[tuple[str, Samples]], wheel: Wheel) -> tuple[list[tuple[str, Samples]], list[str]]:
     """Return recordings with each stretch between breaks as one of its own, and what was done, a sentence each.
 
-    Breaks of an even clock that the grid has room for stay: they are slots without a sample.
+    Breaks of an even clock that the grid has room for stay: they are slots without a sample. So do those of an uneven
+    one where friction is given: only a slope of the speed must not reach across a break.
     """
     found, notes = [], []
     for name, samples in recordings:
         steps = np.diff(samples.time_ns)
         sparse = float(steps.sum()) > MAX_GAP_FACTOR * wheel.period_ns * len(samples)
-        after = _breaks(steps) + 1 if sparse or not is_even(samples.time_ns) else np.zeros(0, dtype=np.int64)
+        apart = sparse if is_even(samples.time_ns) else samples.friction_torque_Nm is None
+        after = _breaks(steps) + 1 if apart else np.zeros(0, dtype=np.int64)
         parts = [samples[begin:end] for begin, end in pairwise([0, *after.tolist(), len(samples)])]
         kept = [part for part in parts if len(part) >= SHORTEST_STRETCH]
         if not after.size or not kept:
