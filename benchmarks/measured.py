@@ -18,7 +18,7 @@ import numpy as np
 from benchmarks.page import NONE, add_output_option, page, put_out, section, table
 from rwa_monitor.discrepancy.find import find_discrepancy, prepare
 from rwa_monitor.discrepancy.finished_search import Search
-from rwa_monitor.discrepancy.jumping import extensions
+from rwa_monitor.discrepancy.fitting import Fitting
 from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN
 from rwa_monitor.discrepancy.models import Model
 from rwa_monitor.discrepancy.record import make_record
@@ -204,7 +204,8 @@ def _covariance_of_scores(scores: FloatArray, lags: int) -> FloatArray:
 
 def bias_beside(search: Search, model: Model) -> tuple[float, float]:
     """Return what `torque_bias` gains beside a model, levels and jumps found afresh, and its strength [N m]."""
-    rivals = extensions(search.problem, model, [MEAN_EFFECTS["torque_bias"]])
+    fitting = Fitting(search.problem, jumps=bool(model.fit.jumps.size))
+    rivals = fitting.extensions(model, [MEAN_EFFECTS["torque_bias"]])
     if not rivals:  # not worth a full fit
         return -search.problem.log_size, 0.0
     with_bias = rivals[0]

@@ -21,7 +21,7 @@ import numpy as np
 
 from rwa_monitor.discrepancy.cage import largest_burst_gain
 from rwa_monitor.discrepancy.find import CANDIDATES, prepare
-from rwa_monitor.discrepancy.jumping import Jumping
+from rwa_monitor.discrepancy.fitting import Fitting
 from rwa_monitor.discrepancy.noise_effects import largest_noise_gain
 from rwa_monitor.discrepancy.record import make_record
 from rwa_monitor.discrepancy.search import search
@@ -78,7 +78,7 @@ def null_gains(count: int, motion: ProfileKind, noise: str, number: int) -> dict
     samples = simulate(scenario, wheel, np.random.default_rng(place)).samples
     problem = prepare([make_record(samples, wheel, "null")], wheel)
     # Nothing is accepted, so that the best candidate is always the best rejected one.
-    found = search(Jumping(problem), CANDIDATES, least_gain=np.inf)
+    found = search(Fitting(problem, jumps=True), CANDIDATES, least_gain=np.inf)
     base = found.ladder[0]
     gains = {"mean": found.best_rejected, "switching": largest_switching_gain(problem, base, wheel)}
     if noise == "white":

@@ -356,23 +356,23 @@ def jump_sets(problem: Problem, fitted: Fit) -> list[IntArray]:
 def strong_jumps(problem: Problem, fitted: Fit) -> IntArray:
     """Return the jumps of the level and residual that are worth many times their price: what no smooth effect makes."""
     price = ANNEALING[0] * JUMP_PENALTY * problem.log_size * problem.noise.long_run_variance
-    return _segment_records(problem, fitted.level + fitted.residual, price)
+    return segment_records(problem, fitted.level + fitted.residual, price)
 
 
 def strong_level(problem: Problem, level: FloatArray) -> FloatArray:
     """Return a level, float64 (n,), with only its strong jumps left [N m]."""
     price = ANNEALING[0] * JUMP_PENALTY * problem.log_size * problem.noise.long_run_variance
-    jumps = _segment_records(problem, level, price)
+    jumps = segment_records(problem, level, price)
     return level - remove_levels(level, segment_starts(problem, jumps))
 
 
 def levels(problem: Problem, values: FloatArray) -> FloatArray:
     """Return the piecewise constant levels of what a model leaves, float64 (n,), jumps at their full price [N m]."""
     price = JUMP_PENALTY * problem.log_size * problem.noise.long_run_variance
-    return values - remove_levels(values, segment_starts(problem, _segment_records(problem, values, price)))
+    return values - remove_levels(values, segment_starts(problem, segment_records(problem, values, price)))
 
 
-def _segment_records(problem: Problem, values: FloatArray, penalty: float) -> IntArray:
+def segment_records(problem: Problem, values: FloatArray, penalty: float) -> IntArray:
     """Segment each record by itself; joined indices."""
     found = [
         segment(values[begin:end], penalty) + begin

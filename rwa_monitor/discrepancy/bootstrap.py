@@ -13,8 +13,7 @@ from typing import Final
 import numpy as np
 
 from rwa_monitor.discrepancy.finished_search import Search
-from rwa_monitor.discrepancy.jumping import extensions, refit
-from rwa_monitor.discrepancy.search import Progress
+from rwa_monitor.discrepancy.fitting import Fitting, Progress
 from rwa_monitor.physics.effects.catalogue import MEAN_EFFECTS
 from rwa_monitor.samples import FloatArray
 
@@ -44,15 +43,17 @@ def _null_gains(search: Search, name: str, draws: int, rng: np.random.Generator,
     """Return the best gain of any candidate on each of `draws` records without the effect `name`."""
     problem, model = search.problem, search.extended
     others = tuple(term for term in model.terms if term.effect.name != name)
-    null = refit(problem, others, [model.fit.jumps])
+    jumps = bool(model.fit.jumps.size)
+    null = Fitting(problem, jumps=jumps).refitted(others, model, [model.fit.jumps])
     candidates = [effect for effect in MEAN_EFFECTS.values() if effect.name not in dict(search.mean.untestable)]
     fitted = problem.z - null.fit.residual
     gains = np.zeros(draws)
     for i in range(draws):
         progress(f"bootstrap of {name}: {i + 1} of {draws}")
         simulated = replace(problem.with_empty_caches(), z=fitted + _resampled(model.fit.residual, rng))
-        start = refit(simulated, others, [null.fit.jumps])
-        rivals = extensions(simulated, start, candidates)
+        fitting = Fitting(simulated, jumps=jumps)
+        start = fitting.refitted(others, null, [null.fit.jumps])
+        rivals = fitting.extensions(start, candidates)
         if rivals:
             gains[i] = start.score - rivals[0].score
     return gains

@@ -12,22 +12,22 @@ import numpy as np
 from rwa_monitor.discrepancy.alignment import Delay
 from rwa_monitor.discrepancy.angle_drift import with_angle_drift
 from rwa_monitor.discrepancy.angle_lines import AngleLine, angle_line, order_to_try, ripple_with
-from rwa_monitor.discrepancy.base_fit import fit, make_problem, with_noise_of
+from rwa_monitor.discrepancy.base_fit import Fit, fit, make_problem, with_noise_of
 from rwa_monitor.discrepancy.bench import EVEN_CLOCK, as_measured, not_shown_without_motor
 from rwa_monitor.discrepancy.cage import CageBursts, cage_bursts
 from rwa_monitor.discrepancy.delay_term import DelayTerm
 from rwa_monitor.discrepancy.extended import extend
 from rwa_monitor.discrepancy.finished_search import Search
+from rwa_monitor.discrepancy.fitting import EQUIVALENT_WITHIN, Fitting, Progress
 from rwa_monitor.discrepancy.formulas import describe, formulas
-from rwa_monitor.discrepancy.gain import BLOCKS, HeldOut, held_out, on_other_recordings
+from rwa_monitor.discrepancy.gain import BLOCKS, HeldOut, held_out, held_out_without_jumps, on_other_recordings
 from rwa_monitor.discrepancy.heat import OUTSIDE, outside_the_catalogue, told_as_unexplained
 from rwa_monitor.discrepancy.jump_terms import JUMP_TERMS
-from rwa_monitor.discrepancy.jumping import Jumping, extensions, refit
 from rwa_monitor.discrepancy.known_effects import known_delay, records_of
 from rwa_monitor.discrepancy.lattice import drawn_again
-from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN, NoiseLaw
+from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN, NoiseLaw, Series, fit_noise
 from rwa_monitor.discrepancy.mapper import Mapper, in_turn
-from rwa_monitor.discrepancy.models import Found, Growth, Model, SearchResult
+from rwa_monitor.discrepancy.models import Found, Growth, Model, SearchResult, law_of
 from rwa_monitor.discrepancy.noise_effects import noise_effects
 from rwa_monitor.discrepancy.nulls import built_in_nulls
 from rwa_monitor.discrepancy.other_orders import with_other_orders
@@ -44,19 +44,16 @@ from rwa_monitor.discrepancy.result import (
     Verdict,
 )
 from rwa_monitor.discrepancy.rounding import without_rounding
+from rwa_monitor.discrepancy.score import price, regressors
 from rwa_monitor.discrepancy.search import (
-    EQUIVALENT_WITHIN,
-    Approach,
-    Progress,
     grow,
     prune,
     rank,
     search,
 )
 from rwa_monitor.discrepancy.slope_jumps import SlopeJumps, shared_strength, with_slope_jumps
-from rwa_monitor.discrepancy.smooth import Smooth, least_score
-from rwa_monitor.discrepancy.smooth import held_out as held_out_smooth
 from rwa_monitor.discrepancy.switching_effects import switching_effects
+from rwa_monitor.discrepancy.testable import speed_curve
 from rwa_monitor.discrepancy.uncertainty import ORDER, described, spread
 from rwa_monitor.discrepancy.unexplained import judge_leftover, wandering, with_free_curves
 from rwa_monitor.discrepancy.untested import as_a_part, too_weak_to_show, untested_others
@@ -143,7 +140,7 @@ def find_discrepancy(
     score = partial(held_out, problem) if aside is None else partial(on_other_recordings, problem, aside)
     scores = tuple(each(score, found.ladder))
     if not explained.jumps and aside is None:
-        scores = tuple(held_out_smooth(problem, model) for model in found.ladder)
+        scores = tuple(held_out_without_jumps(problem, model) for model in found.ladder)
     mean = tuple(_with_warm_up(problem, _describe(problem, found.ladder[-1], entry)) for entry in found.found)
     if named is not None:
         mean = tuple(sorted((*mean, _describe_delay(problem, named)), key=lambda effect: -effect.delta_deviance))
@@ -268,10 +265,10 @@ def _without_jumps(
         jumps = jumping.fit.jumps.size
         if jumps * SHORTEST_SEGMENTS <= problem.size:
             most = jumping.score + ACCEPT_GAIN
-        if not problem.has_noise or least_score(problem, jumping.law or NoiseLaw()) > most:
+        if not problem.has_noise or _least_score(problem, law_of(jumping)) > most:
             return None
     progress("laws without jumps")
-    approach = Smooth(problem)
+    approach = Fitting(problem, jumps=False)
     found = search(approach, [effect for effect in effects if effect.name in MEAN_EFFECTS], progress)
     found, leftover, complete = judge_leftover(approach, found)
     if complete.score > most:
@@ -279,6 +276,16 @@ def _without_jumps(
     problem = with_noise_of(problem, complete.fit.residual)
     explained = _Explained(problem, found, leftover, complete, jumps=False)
     return _with_formula(approach, explained, complete.score, progress) if leftover is not None else explained
+
+
+def _least_score(problem: Problem, law: NoiseLaw) -> float:
+    """Return a score below which no law of the speed without jumps comes: that of a free curve which costs nothing."""
+    series = Series.of(problem)
+    rows, low, high = regressors(series, ())
+    curve = speed_curve(series)
+    free = np.full(curve.shape[0], np.inf)
+    rows, low, high = np.vstack([rows, curve]), np.append(low, -free), np.append(high, free)
+    return fit_noise(series, rows, low, high, law.apart if series.several else law)[1] + series.log_size * price(())
 
 
 def _with_simulated(search: Search) -> Search:
@@ -362,7 +369,11 @@ def _explain(problem: Problem, candidates: Sequence[type[MeanEffect]], progress:
     approach, grown, sloped = _grown(problem, candidates, progress)
     best = sloped or grown.ladder[-1]
     if best.terms:
-        drawn = drawn_again(problem, best.fit, lambda other: refit(other, best.terms, [best.fit.jumps], best.law).fit)
+
+        def again(other: Problem) -> Fit:
+            return Fitting(other, jumps=True).refitted(best.terms, best, [best.fit.jumps]).fit
+
+        drawn = drawn_again(problem, best.fit, again)
         if drawn is not None:
             problem = prepare(drawn, wheel, problem.each)
             approach, grown, sloped = _grown(problem, candidates, progress, best)
@@ -377,12 +388,12 @@ def _explain(problem: Problem, candidates: Sequence[type[MeanEffect]], progress:
     return _with_formula(approach, explained, complete.score, progress) if leftover is not None else explained
 
 
-def _with_formula(approach: Approach, explained: _Explained, score_of_curve: float, progress: Progress) -> _Explained:
+def _with_formula(approach: Fitting, explained: _Explained, score_of_curve: float, progress: Progress) -> _Explained:
     """Give what a free curve explains a formula, where one is as good; see `formulas`."""
     progress("a formula for what has no name")
     found = explained.found
     shown, _ = approach.sort_out(formulas(explained.problem), found.ladder[0])
-    models = approach.extensions(found.ladder[-1], shown, progress)
+    models = approach.extensions(found.ladder[-1], shown)
     if not models or models[0].score > score_of_curve + EQUIVALENT_WITHIN:
         return explained
     near = [model.names[-1] for model in models[1:] if model.score - models[0].score < EQUIVALENT_WITHIN]
@@ -397,9 +408,9 @@ def _with_formula(approach: Approach, explained: _Explained, score_of_curve: flo
 
 def _grown(
     problem: Problem, candidates: Sequence[type[MeanEffect]], progress: Progress, begin_with: Model | None = None
-) -> tuple[Jumping, Growth, Model | None]:
+) -> tuple[Fitting, Growth, Model | None]:
     """Return what grows, and the last model with slopes of its own between jumps where that is better."""
-    approach = Jumping(problem)
+    approach = Fitting(problem, jumps=True)
     grown = grow(approach, candidates, progress, _taken_over(problem, begin_with))
     return approach, grown, _with_slope_jumps(approach, grown, candidates, progress)
 
@@ -408,11 +419,12 @@ def _taken_over(problem: Problem, model: Model | None) -> list[Model]:
     """Return a model of nearly the same data fitted anew, one effect more in each."""
     if model is None:
         return []
-    return [refit(problem, model.terms[: i + 1], [model.fit.jumps]) for i in range(len(model.terms))]
+    fitting = Fitting(problem, jumps=True)
+    return [fitting.refitted(model.terms[: i + 1], model, [model.fit.jumps]) for i in range(len(model.terms))]
 
 
 def _with_slope_jumps(
-    approach: Approach, grown: Growth, candidates: Sequence[type[MeanEffect]], progress: Progress
+    approach: Fitting, grown: Growth, candidates: Sequence[type[MeanEffect]], progress: Progress
 ) -> Model | None:
     """Return the last model with slopes of its own between jumps, or None; see `with_slope_jumps`."""
     if not any(effect.name == SlopeJumps.name for effect in candidates):
@@ -422,7 +434,7 @@ def _with_slope_jumps(
 
     def rivals(model: Model) -> list[Model]:
         outside = [effect for effect in candidates if effect.name in OUTSIDE and effect.name not in model.names]
-        return [*with_free_curves(approach, model), *extensions(problem, model, outside)]
+        return [*with_free_curves(approach, model), *approach.extensions(model, outside)]
 
     return with_slope_jumps(problem, grown.ladder[-1], grown.ladder[0], rivals)
 

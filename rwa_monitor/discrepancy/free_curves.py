@@ -198,23 +198,3 @@ class PeriodicRub(PeriodicDrag):
     name = "periodic_rub"
     harmonics: ClassVar[int] = 20  # a rub that lasts a twentieth of its period has so many alike
     parameters = _waves(harmonics)
-
-
-class StepInSpeed(UnnamedEffect):
-    """A drag that is another above a certain speed."""
-
-    name = "step_in_speed"
-    signature = "a drag that depends on |speed|"
-    parameters = (
-        Parameter("height_Nm", "N m", -np.inf, np.inf, 0.0, linear=True),
-        # Read off the jumps, as the frequency of a period is read off the periodogram.
-        Parameter("speed_rad_s", "rad/s", 0.0, np.inf, 1.0, choices=(1.0,)),
-    )
-
-    @classmethod
-    def columns(
-        cls, channels: Channels, shape: Mapping[str, float], memory: Memory = None
-    ) -> tuple[FloatArray, Memory]:
-        """Return s above the speed of the step, zero below."""
-        del memory
-        return (channels.direction * (np.abs(channels.speed_rad_s) > shape["speed_rad_s"]))[:, None], None

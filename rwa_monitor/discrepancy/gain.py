@@ -15,8 +15,10 @@ from typing import Final
 import numpy as np
 
 from rwa_monitor.discrepancy.base_fit import JUMP_PENALTY, levels, remove_levels, segment_starts, solve_bounded
-from rwa_monitor.discrepancy.models import Model
+from rwa_monitor.discrepancy.likelihood import Equations, Series
+from rwa_monitor.discrepancy.models import Model, law_of
 from rwa_monitor.discrepancy.problem import Problem
+from rwa_monitor.discrepancy.score import regressors
 from rwa_monitor.discrepancy.segmentation import segment
 from rwa_monitor.discrepancy.terms import depends_on_level, design_of, make_term
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
@@ -59,6 +61,30 @@ def held_out(problem: Problem, model: Model, blocks: int = BLOCKS) -> HeldOut:
         for b in range(1 - parity, blocks, 2):
             squares[b], scores[b] = _judge(problem, _design(problem, model), coefficients, edges[b : b + 2])
     return _summary(squares, scores, counts)
+
+
+def held_out_without_jumps(problem: Problem, model: Model) -> HeldOut:
+    """Score a model on blocks that its coefficients were not fitted to; shapes and noise stay as found."""
+    series = Series.of(problem)
+    rows, low, high = regressors(series, model.terms)
+    white, _ = series.whitened(np.vstack([series.friction, rows]), law_of(model))
+    spread, _ = series.whitened(np.ones((1, series.size)), replace(law_of(model), white=1.0))
+    edges = np.linspace(0, series.size, BLOCKS + 1).astype(np.int64)
+    block = np.searchsorted(edges, np.arange(series.size), side="right") - 1
+    squares, scores = np.zeros(BLOCKS), np.zeros(BLOCKS)
+    for b in range(BLOCKS):
+        train = white[:, block != b]
+        products = train @ train.T
+        coefficients, _ = Equations(products[1:, 1:], products[1:, 0], products[0, 0], low, high, 1, 0.0).solve()
+        left = train[0] - coefficients @ train[1:]
+        variance = float(left @ left) / left.size
+        here = block == b
+        innovations = white[0, here] - coefficients @ white[1:, here]
+        squares[b] = np.sum((series.friction[here] - coefficients @ rows[:, here]) ** 2)
+        log_spread = np.log(np.abs(spread[0, here]))
+        scores[b] = np.sum(log_spread - 0.5 * np.log(2 * np.pi * variance) - 0.5 * innovations**2 / variance)
+    counts = np.diff(edges)
+    return HeldOut(float(np.sqrt(squares.sum() / series.size)), float(scores.sum() / series.size), scores / counts)
 
 
 def on_other_recordings(problem: Problem, other: Problem, model: Model) -> HeldOut:

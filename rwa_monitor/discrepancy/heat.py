@@ -15,10 +15,10 @@ from typing import Final
 
 import numpy as np
 
-from rwa_monitor.discrepancy.base_fit import jump_sets, remove_levels, segment_starts
+from rwa_monitor.discrepancy.base_fit import remove_levels, segment_starts
 from rwa_monitor.discrepancy.channelling import DecayAfterReversal, may_channel
+from rwa_monitor.discrepancy.fitting import Fitting
 from rwa_monitor.discrepancy.heat_term import FASTEST_S, LONGEST_SHARE, HeatOfMotion
-from rwa_monitor.discrepancy.jumping import refit
 from rwa_monitor.discrepancy.models import Found, Model, SearchResult
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.result import Unexplained
@@ -66,7 +66,7 @@ def _told(
     (entry,) = [entry for entry in found.found if entry.name == name]
     named = tuple(one for one in found.found if one is not entry and one.gain >= BESIDE_SHARE * entry.gain)
     terms = tuple(term for term in model.terms if term.effect.name in {one.name for one in named})
-    reduced = refit(problem, terms, jump_sets(problem, model.fit)) if terms else found.ladder[0]
+    reduced = Fitting(problem, jumps=True).refitted(terms, model) if terms else found.ladder[0]
     names = set(reduced.names)
     shorter = (m for m in found.ladder if set(m.names) <= names and len(m.terms) < len(terms))
     others = [name for name in entry.equivalent if name != ViscosityTemperature.name]

@@ -93,6 +93,13 @@ class NoiseLaw:
         parameters = 2 * (self.correlation > 0.0) + (self.growth != 0.0) + (self.level_spread > 0.0)
         return float(np.log(size)) * parameters + ACCEPT_GAIN * self.wanders(size)
 
+    def of_means(self, width: int) -> NoiseLaw:
+        """Return the law of means over so many slots."""
+        lags = np.arange(1, width)
+        of_colour = (1.0 - self.white) * (width + 2.0 * float((width - lags) @ self.correlation**lags)) / width**2
+        white = self.white / width
+        return replace(self, white=white / (white + of_colour))
+
     def wanders(self, size: int) -> bool:
         """Say whether, in `size` samples, this is no noise but a level that wanders."""
         return self.correlation > 0.0 and size * (1.0 - self.correlation) < FEWEST_MEMORIES
@@ -170,6 +177,27 @@ class Series:
             jumps=jumps,
             top_speed=float(np.abs(self.speed).max()),
         )
+
+    def averaged(self, most: int) -> tuple[Series, IntArray]:
+        """Return means over neighbouring samples, so that there are not many more than `most`, and where each begins.
+
+        What is linear in the regressors is so in their means, across a change of direction, too.
+        """
+        width, at = -(-self.size // most), np.arange(self.size)
+        if width == 1:
+            return self, at
+        begins = np.flatnonzero(self.gap == 0)
+        first = np.flatnonzero((at - begins[np.searchsorted(begins, at, side="right") - 1]) % width == 0)
+        counts = np.diff(np.append(first, self.size))
+        gap = np.diff(np.cumsum(self.gap)[first], prepend=0)
+        gap[self.gap[first] == 0] = 0
+        jumps = np.unique(np.searchsorted(first, self.jumps - width // 2))
+        rows = np.stack([self.friction, self.sign, self.speed])
+        friction, sign, speed = np.add.reduceat(rows, first, axis=1) / counts
+        jumps = jumps[(jumps > 0) & (jumps < first.size)]
+        memory, top = max(self.memory / width, 1.0), self.top_speed or float(np.abs(self.speed).max())
+        means = replace(self, friction=friction, sign=sign, speed=speed, gap=gap, jumps=jumps)
+        return replace(means, memory=memory, top_speed=top), first
 
     @property
     def size(self) -> int:
@@ -250,7 +278,13 @@ class Equations:
         cls, series: Series, white: FloatArray, low: FloatArray, high: FloatArray, log_determinant: float
     ) -> Self:
         """Multiply whitened friction and regressors, float64 (1 + p, n)."""
-        products = white @ white.T
+        return cls.of_products(series, white @ white.T, low, high, log_determinant)
+
+    @classmethod
+    def of_products(
+        cls, series: Series, products: FloatArray, low: FloatArray, high: FloatArray, log_determinant: float
+    ) -> Self:
+        """Sort products of whitened friction and regressors, float64 (1 + p, 1 + p)."""
         squares, smallest = float(products[0, 0]), series.smallest_variance
         return cls(
             products[1:, 1:], products[1:, 0], squares, low, high, series.size, log_determinant, smallest, series.memory
@@ -271,10 +305,14 @@ class Equations:
             root = np.sqrt(np.maximum(values, 1e-12 * values[-1]))
             bounded = optimize.lsq_linear((vectors * root).T, (vectors.T @ moment) / root, (low, high), method="bvls")
             solution = np.clip(bounded.x, low, high)
-        left = self.squares - 2.0 * solution @ moment + solution @ gram @ solution
-        variance = max(left, 1e-15 * self.squares, SMALLEST) / self.samples + self.smallest_variance
+        variance = max(self.rss(solution / scale), SMALLEST) / self.samples + self.smallest_variance
         deviance = float(self.samples * np.log(variance) + self.log_determinant) / self.memory
         return np.clip(solution / scale, self.low, self.high), deviance
+
+    def rss(self, coefficients: FloatArray) -> float:
+        """Return the sum of squares that coefficients, float64 (p,), leave."""
+        left = self.squares - 2.0 * coefficients @ self.moment + coefficients @ self.gram @ coefficients
+        return max(float(left), 1e-15 * self.squares)
 
 
 def fit_noise(

@@ -46,6 +46,12 @@ class Model:
         return self.fit.coefficients[begin : begin + self.terms[index].columns.shape[1]]
 
 
+def law_of(model: Model) -> NoiseLaw:
+    """Return the noise's law of a model that is scored."""
+    assert model.law is not None, "the model is scored"
+    return model.law
+
+
 @dataclass(frozen=True, slots=True)
 class Found:
     """One effect that the search accepted.

@@ -11,12 +11,13 @@ from typing import Final
 
 import numpy as np
 
-from rwa_monitor.discrepancy.models import Model
+from rwa_monitor.discrepancy.fitting import EQUIVALENT_WITHIN
+from rwa_monitor.discrepancy.models import Model, law_of
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.result import ParameterValue
-from rwa_monitor.discrepancy.search import EQUIVALENT_WITHIN
+from rwa_monitor.discrepancy.score import Background
 from rwa_monitor.discrepancy.shape_profile import reach_between, shape_limits
-from rwa_monitor.discrepancy.terms import make_background, make_term
+from rwa_monitor.discrepancy.terms import make_term
 from rwa_monitor.discrepancy.uncertainty import ORDER
 from rwa_monitor.physics.effects.torque_ripple import MAX_HARMONIC, TorqueRipple, angle_range_turns
 from rwa_monitor.samples import FloatArray
@@ -43,11 +44,11 @@ def with_other_orders(problem: Problem, model: Model, index: int, order: Paramet
     tried = np.unique(np.concatenate([near, np.arange(1.0, MAX_HARMONIC + 1.0)]))
     tried = tried[(tried >= low) & (tried <= high)]
     others = tuple(term for i, term in enumerate(model.terms) if i != index)
-    background = make_background(problem, others, model.fit.jumps)
+    beside = Background.of(problem, others, law_of(model), model.fit.jumps)
 
     def deviance(at: float) -> float:
         term = make_term(problem, TorqueRipple, {ORDER: at}, None)
-        return background.criterion_with(term) - term.parameters * problem.log_size
+        return beside.criterion_with(term) - term.parameters * problem.log_size
 
     most = deviance(order.value) + EQUIVALENT_WITHIN
     fitting = tried[[deviance(float(at)) < most for at in tried]]

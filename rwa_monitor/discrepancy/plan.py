@@ -14,18 +14,20 @@ from typing import Final
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
-from rwa_monitor.discrepancy.base_fit import JUMP_PENALTY
 from rwa_monitor.discrepancy.caches import ColumnCache
+from rwa_monitor.discrepancy.fitting import NO_JUMPS
+from rwa_monitor.discrepancy.likelihood import NoiseLaw
 from rwa_monitor.discrepancy.models import Model
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.record import Record
+from rwa_monitor.discrepancy.score import Background
 from rwa_monitor.discrepancy.shape_profile import middle_shape, profile
-from rwa_monitor.discrepancy.terms import make_background, make_term
+from rwa_monitor.discrepancy.terms import make_term
 from rwa_monitor.physics.effects.base import Channels
 from rwa_monitor.physics.effects.catalogue import MEAN_EFFECTS
 from rwa_monitor.physics.speed import ORBIT_S
 from rwa_monitor.physics.wheel import Wheel
-from rwa_monitor.samples import SECONDS_PER_HOUR, FloatArray
+from rwa_monitor.samples import SECONDS_PER_HOUR, FloatArray, IntArray
 
 DURATION_S: Final = 2400.0  # of a manoeuvre: less than half an orbit
 DECIDES: Final = 5.0  # nats: one cause is then 150 times as likely as the other
@@ -181,17 +183,15 @@ def _typical_jump(model: Model, wheel: Wheel) -> float:
 
 def _separation(laid_out: Problem, torque: FloatArray, rival: str, level: FloatArray) -> float:
     """Return what the best imitation by `rival` ("": none) leaves of a torque, over 2σ²."""
-    imitated = replace(laid_out, z=torque, columns=laid_out.columns)
-    background = make_background(imitated, (), np.flatnonzero(np.diff(level)) + 1)
-    variance = laid_out.noise.long_run_variance
-    if not rival:
-        along = background.design[:, 0]
-        energy = float(along @ along)
-        explained = float(along @ background.z) ** 2 / energy if energy > 0 else 0.0
-        return max(background.zz - explained, 0.0) / (2 * variance)
-    term, criterion = profile(MEAN_EFFECTS[rival], [background], level)
-    left = criterion - laid_out.log_size * (term.parameters + JUMP_PENALTY * background.jumps)
-    return max(left, 0.0) / 2
+    beside = _noiseless(laid_out, torque + level, np.flatnonzero(np.diff(level)) + 1)
+    equations = beside.equations_with(*([profile(MEAN_EFFECTS[rival], beside, level)[0]] if rival else []))
+    return float(equations.rss(equations.solve()[0])) / (2 * laid_out.noise.long_run_variance)
+
+
+def _noiseless(problem: Problem, z: FloatArray, jumps: IntArray = NO_JUMPS) -> Background:
+    """Return the base law beside friction without noise; with some viscous drag, which an imitation may take away."""
+    drag = float(np.max(np.abs(z))) * problem.speed / problem.top_speed
+    return Background.of(replace(problem, z=z + drag, columns=problem.columns), (), NoiseLaw(), jumps)
 
 
 def _expected_torque(
@@ -207,9 +207,7 @@ def _expected_torque(
         return make_term(laid_out, effect, model.terms[index].shape, level).columns @ model.strengths(index)
     # A rival: fitted to what the strongest found effect makes in the recorded data.
     known = model.terms[0].columns @ model.strengths(0)
-    fitted, _ = profile(
-        effect, [make_background(replace(problem, z=known), (), np.zeros(0, dtype=np.int64))], model.fit.level
-    )
+    fitted, _ = profile(effect, _noiseless(problem, known + model.fit.level.mean()), model.fit.level)
     design = np.column_stack([np.ones(problem.size), problem.speed, fitted.columns])
     strengths = np.clip(np.linalg.lstsq(design, known, rcond=None)[0][2:], fitted.low, fitted.high)
     imitation = fitted.columns @ strengths

@@ -11,8 +11,7 @@ from typing import Final
 
 import numpy as np
 
-from rwa_monitor.discrepancy.base_fit import jump_sets
-from rwa_monitor.discrepancy.jumping import refit
+from rwa_monitor.discrepancy.fitting import Fitting
 from rwa_monitor.discrepancy.models import SearchResult
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.physics.effects.tachometer_quantisation import lattice_step
@@ -40,7 +39,7 @@ def without_rounding(problem: Problem, found: SearchResult) -> SearchResult:
         return found
     kept = model.terms[: follows.index(True)]  # what came after was judged beside a wrong name
     withdrawn = tuple((term.effect.name, MISSING) for term in model.terms[len(kept) :])
-    reduced = refit(problem, kept, jump_sets(problem, model.fit)) if kept else found.ladder[0]
+    reduced = Fitting(problem, jumps=bool(model.fit.jumps.size)).refitted(kept, model) if kept else found.ladder[0]
     names = {term.effect.name for term in kept}
     shorter = (m for m in found.ladder if set(m.names) <= names and len(m.terms) < len(kept))
     return replace(

@@ -8,9 +8,9 @@ near is scored.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Final
+from typing import Final, Self
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from rwa_monitor.discrepancy.terms import Term
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 
 REVERSAL: Final = 5  # samples from a change of direction: bristles turn over there, and filters smear
+SCREENED: Final = 20_000  # means of samples, of which screening looks at no more
 LEVEL_SAMPLES: Final = 64  # from which a level beside a change of direction is taken
 TINY: Final = 1e-100  # of what is divided by
 BASE_PARAMETERS: Final = 2  # dry and viscous friction
@@ -107,12 +108,12 @@ def _placed(problem: Problem, along: FloatArray, jumps: IntArray) -> IntArray:
     at = np.arange(problem.size)
     latest = np.maximum.accumulate(np.where(_reverses(problem), -1, at))
     borders = np.unique(np.concatenate([problem.starts, jumps]))
-    placed = jumps.copy()
-    for i, jump in enumerate(jumps.tolist()):
-        begin = int(latest[jump - 1]) + 1
+    begins, placed = latest[jumps - 1] + 1, jumps.copy()
+    for i in np.flatnonzero(begins < jumps):
+        begin, jump = int(begins[i]), int(jumps[i])
         before = max(int(borders[np.searchsorted(borders, jump) - 1]), begin - LEVEL_SAMPLES)
         after = min(int(borders[np.searchsorted(borders, jump, side="right")]), jump + LEVEL_SAMPLES)
-        if before < begin < jump:
+        if before < begin:
             left, right = along[before:begin].mean(), along[jump:after].mean()
             worse = np.cumsum((along[begin:jump] - left) ** 2 - (along[begin:jump] - right) ** 2)
             placed[i] = begin + int(np.argmin(np.append(0.0, worse)))
@@ -144,6 +145,79 @@ def regressors(series: Series, terms: Sequence[Term]) -> tuple[FloatArray, Float
     steepest = float(np.abs(series.friction).max() / max(np.abs(series.speed).max(), TINY))
     high = np.concatenate([[np.inf, steepest], *(term.high for term in terms)])
     return rows, low, high
+
+
+@dataclass(frozen=True, slots=True)
+class Background:
+    """What is in a model already, whitened: one term more is scored by its own columns alone, noise and jumps kept.
+
+    Long records are averaged over a few samples: it only screens.
+
+    Attributes
+    ----------
+    problem
+        The data.
+    sign
+        float64 (n,), direction of rotation at each sample.
+    first
+        int64 (m,), first sample of each mean; each of its own where nothing is averaged.
+    series, law
+        What the means are, and the law of their noise.
+    white, products
+        float64 (1 + p, m), friction and the model's regressors, and (1 + p, 1 + p), their products.
+    low, high
+        float64 (p,), bounds of the coefficients.
+    log_determinant, price
+        Of the covariance; of the parameters and jumps so far.
+    """
+
+    problem: Problem
+    sign: FloatArray
+    first: IntArray
+    series: Series
+    law: NoiseLaw
+    white: FloatArray
+    products: FloatArray
+    low: FloatArray
+    high: FloatArray
+    log_determinant: float
+    price: float
+
+    @classmethod
+    def of(cls, problem: Problem, terms: Sequence[Term], law: NoiseLaw, jumps: IntArray) -> Self:
+        """Whiten what is in a model."""
+        whole = Series.of(problem).with_jumps(jumps)
+        rows, low, high = regressors(whole, terms)
+        series, first = whole.averaged(SCREENED)
+        means = law.of_means(-(-whole.size // series.size))
+        white, log_determinant = series.whitened(np.vstack([series.friction, _means(rows, first)]), means)
+        known = whole.log_size * (price(terms) + JUMP_PENALTY * jumps.size) + law.price(whole.size)
+        products = white @ white.T
+        return cls(problem, whole.sign, first, series, means, white, products, low, high, log_determinant, known)
+
+    def equations_with(self, *terms: Term) -> Equations:
+        """Return the normal equations with terms more."""
+        if not terms:
+            return Equations.of_products(self.series, self.products, self.low, self.high, self.log_determinant)
+        rows = np.vstack([term.columns.T * self.sign for term in terms])
+        columns, _ = self.series.whitened(_means(rows, self.first), self.law)
+        across = self.white @ columns.T
+        products = np.block([[self.products, across], [across.T, columns @ columns.T]])
+        low = np.concatenate([self.low, *(term.low for term in terms)])
+        high = np.concatenate([self.high, *(term.high for term in terms)])
+        return Equations.of_products(self.series, products, low, high, self.log_determinant)
+
+    def criterion_with(self, *terms: Term) -> float:
+        """Return the score with terms more."""
+        added = sum(term.parameters for term in terms)
+        return self.equations_with(*terms).solve()[1] + self.price + self.problem.log_size * added
+
+
+def _means(rows: FloatArray, first: IntArray) -> FloatArray:
+    """Return the means of rows, float64 (p, n), from each first index to the next, (p, m)."""
+    if first.size == rows.shape[1]:
+        return rows
+    return np.asarray(np.add.reduceat(rows, first, axis=1) / np.diff(np.append(first, rows.shape[1])))
 
 
 def _fit(problem: Problem, series: Series, rows: FloatArray, coefficients: FloatArray, law: NoiseLaw, fit: Fit) -> Fit:

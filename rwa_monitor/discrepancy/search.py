@@ -1,75 +1,33 @@
 """Naming what the model lacks: forward, swap and prune over a list of effects, all judged by one score (see `score`).
 
-How a model is made and fitted is an approach's: with jumps of the friction (`jumping`), or without (`smooth`).
+How a model is made and fitted says `fitting`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import Final, Protocol
+from collections.abc import Sequence
+from typing import Final
 
 import numpy as np
 
+from rwa_monitor.discrepancy.fitting import EQUIVALENT_WITHIN, Effects, Fitting, Progress
 from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN
 from rwa_monitor.discrepancy.models import Found, Growth, Model, SearchResult
-from rwa_monitor.discrepancy.problem import Problem
-from rwa_monitor.discrepancy.terms import Term
-from rwa_monitor.physics.effects.base import MeanEffect
-from rwa_monitor.samples import IntArray
 
-EQUIVALENT_WITHIN: Final = 10.0  # effects.md, step 6
 MAX_EFFECTS: Final = 4
 TRIED_IN_PAIRS: Final = 2  # effects, to which a second is added
 WORTH_SWAPPING: Final = 1.0  # of the score
 
-Progress = Callable[[str], None]
-Effects = Sequence[type[MeanEffect]]
-
-
-class Approach(Protocol):
-    """How models are made; all that it returns is scored."""
-
-    @property
-    def problem(self) -> Problem:
-        """The data."""
-
-    def base(self) -> Model:
-        """Return the model with dry and viscous friction alone."""
-
-    def sort_out(self, effects: Effects, base: Model) -> tuple[list[type[MeanEffect]], list[tuple[str, str]]]:
-        """Split effects into those that the data can test, and the names of the others with what is missing."""
-
-    def settled(self, model: Model) -> Model:
-        """Return an accepted model as the next one starts from it."""
-
-    def extensions(self, current: Model, effects: Effects, progress: Progress) -> list[Model]:
-        """Return a model with one effect more, for each of the most promising, best first."""
-
-    def replacements(self, model: Model, index: int, effects: Effects, progress: Progress) -> list[Model]:
-        """Return a model with another effect in the place of term `index`, of those that come near, best first."""
-
-    def without(self, model: Model, index: int) -> Model:
-        """Return a model without term `index`, refitted."""
-
-    def refitted(self, terms: Sequence[Term], near: Model, jumps: Sequence[IntArray] = ()) -> Model:
-        """Return a model with other terms than one that is near to it; from `jumps`, where it has such."""
-
-    def plainer(self, model: Model) -> Model | None:
-        """Return a model with the same effects and fewer other parameters; None where there is none."""
-
-    def as_good(self, model: Model, index: int, effects: Effects) -> list[str]:
-        """Return further effects that the data cannot tell from term `index`."""
-
 
 def search(
-    approach: Approach, effects: Effects, progress: Progress = lambda _: None, least_gain: float = ACCEPT_GAIN
+    fitting: Fitting, effects: Effects, progress: Progress = lambda _: None, least_gain: float = ACCEPT_GAIN
 ) -> SearchResult:
     """Search for mean effects; the arguments are those of `grow`."""
-    return rank(approach, grow(approach, effects, progress, least_gain=least_gain), progress)
+    return rank(fitting, grow(fitting, effects, progress, least_gain=least_gain), progress)
 
 
 def grow(
-    approach: Approach,
+    fitting: Fitting,
     effects: Effects,
     progress: Progress = lambda _: None,
     begin_with: Sequence[Model] = (),
@@ -79,63 +37,61 @@ def grow(
 
     Parameters
     ----------
-    approach
+    fitting
         Makes models of the data.
     effects
         Candidates.
     progress
         Called with a word on each step.
     begin_with
-        Models found before, one effect more in each.
+        Fitting found before, one effect more in each.
     least_gain
         By how much an effect must lower the score.
     """
     progress("base model")
-    base = approach.base()
-    testable, untestable = approach.sort_out(effects, base)
+    base = fitting.base()
+    testable, untestable = fitting.sort_out(effects, base)
     ladder = [base, *begin_with]
     best_rejected, rejected = -np.inf, ""
     known: tuple[Model, tuple[tuple[Model, ...], ...]] | None = None
     while len(ladder[-1].terms) < MAX_EFFECTS:
-        ladder[-1] = approach.settled(ladder[-1])
+        ladder[-1] = fitting.settled(ladder[-1])
         current = ladder[-1]
         progress(" + ".join((*current.names, f"one of {len(testable)} effects")))
-        rivals = approach.extensions(current, testable, progress)
+        rivals = fitting.extensions(current, testable)
         if not rivals:
             break
         gain = current.score - rivals[0].score
         if gain < least_gain and _wanders(current):  # of two laws, neither alone may explain what wanders
-            pairs = [pair for one in rivals[:TRIED_IN_PAIRS] for pair in approach.extensions(one, testable, progress)]
+            pairs = [pair for one in rivals[:TRIED_IN_PAIRS] for pair in fitting.extensions(one, testable)]
             best = min(pairs, key=lambda pair: pair.score, default=current)
             if current.score - best.score >= 2.0 * least_gain:
                 rivals, gain = [best], least_gain
         if gain < least_gain:
             best_rejected, rejected = gain, (rivals[0].names or ("",))[-1]
             break
-        swapped, of_last = _swap(approach, rivals[0], testable, progress)
-        pruned = prune(approach, swapped, keep_last=True)
+        swapped, of_last = _swap(fitting, rivals[0], testable, progress)
+        pruned = prune(fitting, swapped, keep_last=True)
         known = (pruned, of_last) if of_last is not None and pruned is swapped else None
         ladder.append(pruned)
         if pruned.score >= current.score:
             break
-    final = prune(approach, min(ladder, key=lambda model: model.score))
+    final = prune(fitting, min(ladder, key=lambda model: model.score))
     ladder = [*(model for model in ladder if len(model.terms) < len(final.terms)), final]
     of_final = known[1] if known is not None and known[0] is final else None
     return Growth(tuple(ladder), tuple(testable), tuple(untestable), best_rejected, rejected, of_final)
 
 
-def rank(approach: Approach, grown: Growth, progress: Progress = lambda _: None) -> SearchResult:
+def rank(fitting: Fitting, grown: Growth, progress: Progress = lambda _: None) -> SearchResult:
     """Judge each effect of the last model by itself, and find what could stand in its place."""
     model, found = grown.ladder[-1], []
     for index, name in enumerate(model.names):
-        rivals = (
-            approach.replacements(model, index, grown.testable, progress)
-            if grown.rivals is None
-            else grown.rivals[index]
-        )
+        if grown.rivals is None:
+            progress(f"in the place of {name}")
+        rivals = fitting.replacements(model, index, grown.testable) if grown.rivals is None else grown.rivals[index]
         near = [rival.names[-1] for rival in rivals if rival.score - model.score < EQUIVALENT_WITHIN]
-        equivalent = dict.fromkeys((*near, *approach.as_good(model, index, grown.testable)))
-        found.append(Found(name, approach.without(model, index).score - model.score, tuple(equivalent)))
+        equivalent = dict.fromkeys((*near, *fitting.as_good(model, index, grown.testable)))
+        found.append(Found(name, fitting.without(model, index).score - model.score, tuple(equivalent)))
     ranked = tuple(sorted(found, key=lambda entry: -entry.gain))
     return SearchResult(grown.ladder, ranked, grown.untestable, grown.best_rejected, grown.rejected)
 
@@ -146,25 +102,26 @@ def _wanders(model: Model) -> bool:
 
 
 def _swap(
-    approach: Approach, model: Model, effects: Effects, progress: Progress
+    fitting: Fitting, model: Model, effects: Effects, progress: Progress
 ) -> tuple[Model, tuple[tuple[Model, ...], ...] | None]:
     """Exchange effects one by one while that helps; return the rivals of each that were tried last, too."""
     if len(model.terms) <= 1:
         return model, None  # the best single effect was chosen among all
     tried: list[tuple[Model, ...]] = []
     while len(tried) < len(model.terms):
-        rivals = approach.replacements(model, len(tried), effects, progress)
+        progress(f"in the place of {model.names[len(tried)]}")
+        rivals = fitting.replacements(model, len(tried), effects)
         tried.append(tuple(rivals))
         if rivals and rivals[0].score < model.score - WORTH_SWAPPING:
             model, tried = rivals[0], []
     return model, tuple(tried)
 
 
-def prune(approach: Approach, model: Model, *, keep_last: bool = False) -> Model:
+def prune(fitting: Fitting, model: Model, *, keep_last: bool = False) -> Model:
     """Leave out effects that later ones have made superfluous, and parameters that do not pay."""
     while True:
-        simpler = [approach.without(model, index) for index in range(len(model.terms) - keep_last)]
-        plainer = None if keep_last else approach.plainer(model)
+        simpler = [fitting.without(model, index) for index in range(len(model.terms) - keep_last)]
+        plainer = None if keep_last else fitting.plainer(model)
         best = min([*simpler, plainer] if plainer is not None else simpler, key=lambda one: one.score, default=None)
         if best is None or best.score - model.score >= ACCEPT_GAIN:
             return model

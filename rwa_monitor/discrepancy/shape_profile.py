@@ -6,15 +6,16 @@ Each shape is judged as a term (see `terms`) added to what is in the model alrea
 from __future__ import annotations
 
 import itertools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Final, Protocol
+from typing import Final
 
 import numpy as np
 from scipy import optimize
 
 from rwa_monitor.discrepancy.problem import Problem
-from rwa_monitor.discrepancy.terms import RobustBackground, Term, followed_level, make_term_with
+from rwa_monitor.discrepancy.score import Background
+from rwa_monitor.discrepancy.terms import Term, followed_level, make_term_with
 from rwa_monitor.physics.effects.base import MeanEffect, Parameter
 from rwa_monitor.samples import FloatArray
 
@@ -23,43 +24,14 @@ GRID_POINTS: Final = 9  # per continuous shape parameter; the profile is then re
 LOG_SPACING_FROM: Final = 8.0  # ratio of bounds from which a shape parameter is spaced in logarithm
 
 
-class Background(Protocol):
-    """What is in the model already."""
-
-    @property
-    def problem(self) -> Problem:
-        """The data."""
-
-    def criterion_with(self, term: Term, squares: FloatArray | None = None) -> float:
-        """Return a criterion with a term more, whose products are `squares` where they are known; lower is better."""
-
-
-def profile_robustly(effect: type[MeanEffect], background: RobustBackground, level: FloatArray | None) -> Term:
-    """Find the shape on which Tukey's loss of long-lag differences is least: a start that trusts no segmentation."""
-    problem, followed = background.problem, followed_level(background.problem, effect, level)
-    axes = _axes(problem, effect, None)
-    grid = dict.fromkeys(itertools.product(*(axis.points for axis in axes)))  # the same for every model
-
-    def evaluate(values: tuple[float, ...]) -> tuple[Term, float]:
-        shape = {axis.name: value for axis, value in zip(axes, values, strict=True)}
-        term = make_term_with(problem, effect, shape, followed, keep=values in grid)
-        return term, background.cost_with(term)
-
-    best = min(grid, key=lambda values: evaluate(values)[1])
-    for i, axis in enumerate(axes):
-        if axis.refine:
-            best = _refine(axis, i, best, lambda values: evaluate(values)[1])
-    return evaluate(best)[0]
-
-
 def profile(
     effect: type[MeanEffect],
-    backgrounds: Sequence[Background],
+    background: Background,
     level: FloatArray | None,
     around: Term | None = None,
     fixed: Mapping[str, float] | None = None,
 ) -> tuple[Term, float]:
-    """Find the shape parameters with the best criterion over the given backgrounds.
+    """Find the shape parameters with the best criterion beside what is in the model already.
 
     A coarse grid inside the record's bounds (or around a known term), then a bounded refinement: no fixed grid decides.
     Parameters in `fixed` keep their values.
@@ -69,7 +41,7 @@ def profile(
     term, criterion
         The effect at its best shape, and the criterion there.
     """
-    problem, followed = backgrounds[0].problem, followed_level(backgrounds[0].problem, effect, level)
+    problem, followed = background.problem, followed_level(background.problem, effect, level)
     axes = [
         _Axis(axis.name, (fixed[axis.name],), False, False) if fixed and axis.name in fixed else axis
         for axis in _axes(problem, effect, around)
@@ -82,8 +54,7 @@ def profile(
         if values not in cache:
             shape = {axis.name: value for axis, value in zip(axes, values, strict=True)}
             term = make_term_with(problem, effect, shape, followed, keep=values in again)
-            squares = term.columns.T @ term.columns
-            cache[values] = term, min(background.criterion_with(term, squares) for background in backgrounds)
+            cache[values] = term, background.criterion_with(term)
         return cache[values]
 
     best = min(grid, key=lambda values: evaluate(values)[1])

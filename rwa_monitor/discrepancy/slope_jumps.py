@@ -14,10 +14,10 @@ from typing import Final
 
 import numpy as np
 
-from rwa_monitor.discrepancy.base_fit import JUMP_PENALTY, jump_sets, strong_jumps
+from rwa_monitor.discrepancy.base_fit import JUMP_PENALTY
+from rwa_monitor.discrepancy.fitting import Fitting
 from rwa_monitor.discrepancy.gain import held_out
 from rwa_monitor.discrepancy.jump_terms import ViscousJumpTerm
-from rwa_monitor.discrepancy.jumping import refit
 from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN
 from rwa_monitor.discrepancy.models import Model
 from rwa_monitor.discrepancy.problem import Problem
@@ -69,7 +69,8 @@ def with_slope_jumps(
         a law of the speed.
     """
     kept = tuple(term for term in model.terms if term.effect.name != ViscousJump.name)
-    begin = model if kept == model.terms else refit(problem, kept, jump_sets(problem, model.fit))
+    fitting = Fitting(problem, jumps=True)
+    begin = model if kept == model.terms else fitting.refitted(kept, model)
     best = _with_slopes(problem, begin)
     if best is not None and begin.terms:
         # What was named may be what jumps of the slope look like.
@@ -77,8 +78,8 @@ def with_slope_jumps(
         best = best if alone is None else min(best, alone, key=lambda one: one.score)
     if best is None or not _pays(problem, model, best):
         return None
-    others = refit(problem, best.terms[:-1], [best.fit.jumps])
-    drifting = refit(problem, (*others.terms, _drifting(problem, best.terms[-1])), [best.fit.jumps])
+    others = fitting.refitted(best.terms[:-1], best, [best.fit.jumps])
+    drifting = fitting.refitted((*others.terms, _drifting(problem, best.terms[-1])), best, [best.fit.jumps])
     if min(rival.score for rival in (drifting, *rivals(others))) <= best.score:
         return None
     return best
@@ -89,8 +90,7 @@ def _with_slopes(problem: Problem, begin: Model) -> Model | None:
     term = _slopes(problem, begin)
     if term is None:
         return None
-    sets = [*jump_sets(problem, begin.fit), strong_jumps(problem, begin.fit)]
-    return _without_idle(problem, refit(problem, (*begin.terms, term), sets))
+    return _without_idle(problem, Fitting(problem, jumps=True).refitted((*begin.terms, term), begin))
 
 
 def _pays(problem: Problem, model: Model, best: Model) -> bool:
@@ -106,7 +106,7 @@ def _without_idle(problem: Problem, model: Model) -> Model:
     index = 0
     while index < len(model.terms) - 1:
         terms = tuple(term for i, term in enumerate(model.terms) if i != index)
-        reduced = refit(problem, terms, [model.fit.jumps])
+        reduced = Fitting(problem, jumps=True).refitted(terms, model, [model.fit.jumps])
         if reduced.score - model.score < ACCEPT_GAIN:
             model = reduced
         else:

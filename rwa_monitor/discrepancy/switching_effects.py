@@ -17,11 +17,11 @@ import numpy as np
 from rwa_monitor.diagnosis.assignment import assign
 from rwa_monitor.diagnosis.evidence import WindowAccumulator
 from rwa_monitor.diagnosis.results import UNATTRIBUTED, Assignment, Evidence
+from rwa_monitor.discrepancy.fitting import EQUIVALENT_WITHIN
 from rwa_monitor.discrepancy.models import Model
 from rwa_monitor.discrepancy.noise_effects import accepted, residual_on_slots
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.result import FoundEffect
-from rwa_monitor.discrepancy.search import EQUIVALENT_WITHIN
 from rwa_monitor.physics.durations import Geometric
 from rwa_monitor.physics.effects.catalogue import SWITCHING_EFFECTS
 from rwa_monitor.physics.effects.likelihood import LikelihoodFit

@@ -14,15 +14,7 @@ import numpy as np
 from scipy.ndimage import uniform_filter1d
 
 from rwa_monitor.discrepancy.base_fit import (
-    JUMP_PENALTY,
-    TUKEY,
-    long_lag,
-    remove_levels,
-    same_record,
-    segment_starts,
-    solve_bounded,
     strong_level,
-    weight_by_size,
 )
 from rwa_monitor.discrepancy.delay_term import LEAD, SLOPE_REACH, without_pulses
 from rwa_monitor.discrepancy.problem import Problem
@@ -30,7 +22,7 @@ from rwa_monitor.discrepancy.record import Record
 from rwa_monitor.discrepancy.unnamed import UnnamedEffect
 from rwa_monitor.physics.effects.base import Channels, MeanEffect
 from rwa_monitor.physics.effects.torque_ripple import TorqueRipple
-from rwa_monitor.samples import FloatArray, IntArray
+from rwa_monitor.samples import FloatArray
 
 ROBUST_PAIRS: Final = 8_000  # differences that the robust start looks at, evenly spread
 TINY: Final = 1e-100  # of what is divided by
@@ -267,120 +259,3 @@ def available(problem: Problem, effect: type[MeanEffect]) -> str | None:
         if any(getattr(record.channels, channel) is None for record in problem.records):
             return channel
     return None
-
-
-@dataclass(frozen=True, slots=True)
-class Background:
-    """What is in the model already, prepared for adding one term: a jump set and the inner design."""
-
-    problem: Problem
-    first: IntArray
-    jump_set: IntArray
-    jumps: int
-    design: FloatArray  # (n, 1 + p) without levels
-    gram: FloatArray
-    moment: FloatArray
-    low: FloatArray
-    high: FloatArray
-    z: FloatArray  # without levels
-    zz: float
-    level: FloatArray  # (n,), dry level with this jump set [N m]
-
-    def criterion_with(self, term: Term, squares: FloatArray | None = None) -> float:
-        """Return RSS/σ² + penalties with the term added, jumps kept (an upper bound of the full criterion).
-
-        `squares` are the products of the term's columns, float64 (p, p), where they are known.
-        """
-        squares = term.columns.T @ term.columns if squares is None else squares
-        sums = np.add.reduceat(term.columns, self.first, axis=0)
-        lengths = np.diff(np.append(self.first, term.columns.shape[0]))[:, None]
-        cross = self.design.T @ term.columns  # the design is without levels: what the column holds of them adds nothing
-        size = self.gram.shape[0] + sums.shape[1]
-        gram = np.empty((size, size))
-        cut = self.gram.shape[0]
-        gram[:cut, :cut] = self.gram
-        gram[:cut, cut:] = cross
-        gram[cut:, :cut] = cross.T
-        gram[cut:, cut:] = squares - sums.T @ (sums / lengths)
-        moment = np.concatenate([self.moment, term.columns.T @ self.z])
-        solution = solve_bounded(
-            self.problem,
-            gram,
-            moment,
-            np.concatenate([self.low, term.low]),
-            np.concatenate([self.high, term.high]),
-        )
-        rss = self.zz - 2 * solution @ moment + solution @ gram @ solution
-        penalties = JUMP_PENALTY * self.jumps + term.parameters
-        return float(rss / self.problem.noise.long_run_variance + self.problem.log_size * penalties)
-
-
-def make_background(problem: Problem, chosen: Sequence[Term], jumps: IntArray) -> Background:
-    """Prepare the model made of `chosen` with the given jumps."""
-    first = segment_starts(problem, jumps)
-    whole = design_of(problem, chosen)
-    design = remove_levels(whole, first)
-    z = remove_levels(problem.z, first)
-    gram, moment = design.T @ design, design.T @ z
-    low = np.concatenate([[-np.inf], *(term.low for term in chosen)])
-    high = np.concatenate([[np.inf], *(term.high for term in chosen)])
-    rest = problem.z - whole @ solve_bounded(problem, gram, moment, low, high)
-    return Background(
-        problem,
-        first,
-        jumps,
-        int(jumps.size),
-        design,
-        gram,
-        moment,
-        low,
-        high,
-        z,
-        float(z @ z),
-        rest - remove_levels(rest, first),
-    )
-
-
-@dataclass(frozen=True, slots=True)
-class RobustBackground:
-    """Differences over a lag of what is in the model already: jumps are outliers in them, no segmentation is needed."""
-
-    problem: Problem
-    lag: int
-    pairs: IntArray  # (m,)
-    rise: FloatArray  # (m, 1 + p)
-    z: FloatArray  # (m,)
-    low: FloatArray
-    high: FloatArray
-    scale: float
-
-    def cost_with(self, term: Term) -> float:
-        """Return Tukey's loss of the differences with the term added, coefficients refitted [-]."""
-        rise = np.column_stack([self.rise, term.columns[self.pairs + self.lag] - term.columns[self.pairs]])
-        low, high = np.concatenate([self.low, term.low]), np.concatenate([self.high, term.high])
-        weight = np.ones(self.z.size)
-        residual = self.z
-        for _ in range(ROBUST_ROUNDS):
-            weighted = rise * weight[:, None]
-            solution = solve_bounded(self.problem, rise.T @ weighted, weighted.T @ self.z, low, high)
-            residual = self.z - rise @ solution
-            weight = weight_by_size(residual, TUKEY * self.scale)
-        return float(np.sum(1.0 - np.maximum(1.0 - (residual / (TUKEY * self.scale)) ** 2, 0.0) ** 3))
-
-
-def make_robust_background(problem: Problem, chosen: Sequence[Term]) -> RobustBackground:
-    """Prepare long-lag differences of the model made of `chosen`."""
-    lag = long_lag(problem)
-    pairs = np.flatnonzero(same_record(problem, lag))
-    pairs = pairs[:: max(pairs.size // ROBUST_PAIRS, 1)]
-    design = np.column_stack([problem.speed, *(term.columns for term in chosen)])
-    return RobustBackground(
-        problem,
-        lag,
-        pairs,
-        design[pairs + lag] - design[pairs],
-        problem.z[pairs + lag] - problem.z[pairs],
-        np.concatenate([[-np.inf], *(term.low for term in chosen)]),
-        np.concatenate([[np.inf], *(term.high for term in chosen)]),
-        float(np.sqrt(2.0) * problem.noise.std),
-    )

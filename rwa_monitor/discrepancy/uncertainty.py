@@ -17,12 +17,13 @@ import numpy as np
 
 from rwa_monitor.discrepancy.base_fit import remove_levels, segment_starts, with_noise_of
 from rwa_monitor.discrepancy.likelihood import Series
-from rwa_monitor.discrepancy.models import Model
+from rwa_monitor.discrepancy.models import Model, law_of
 from rwa_monitor.discrepancy.noise import MAX_LAG
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.result import ParameterValue
+from rwa_monitor.discrepancy.score import Background
 from rwa_monitor.discrepancy.shape_profile import LOG_SPACING_FROM, shape_limits
-from rwa_monitor.discrepancy.terms import Term, make_background, make_term
+from rwa_monitor.discrepancy.terms import Term, make_term
 from rwa_monitor.physics.effects.base import Parameter
 from rwa_monitor.physics.effects.catalogue import CATALOGUE
 from rwa_monitor.physics.effects.speed_dead_zone import SpeedDeadZone
@@ -98,10 +99,10 @@ def _half_width_of_zone(problem: Problem, model: Model, index: int) -> float:
     low, high = shape_limits(problem, term.effect)[DEAD_ZONE]
     end = float(term.shape[DEAD_ZONE])
     others = tuple(other for i, other in enumerate(model.terms) if i != index)
-    background = make_background(problem, others, model.fit.jumps)
+    beside = Background.of(problem, others, law_of(model), model.fit.jumps)
 
     def criterion(at: float) -> float:
-        return background.criterion_with(make_term(problem, term.effect, {DEAD_ZONE: at}, None))
+        return beside.criterion_with(make_term(problem, term.effect, {DEAD_ZONE: at}, None))
 
     speeds = np.unique(problem.speed)
     above = int(np.searchsorted(speeds, end))  # the first speed that is outside

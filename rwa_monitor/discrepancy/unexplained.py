@@ -13,15 +13,14 @@ from typing import Final
 import numpy as np
 
 from rwa_monitor.discrepancy.base_fit import strong_jumps, strong_level
-from rwa_monitor.discrepancy.free_curves import CURVES, Periodic, PeriodicDrag, PeriodicRub, StepInSpeed
+from rwa_monitor.discrepancy.fitting import Fitting
+from rwa_monitor.discrepancy.free_curves import CURVES, Periodic, PeriodicDrag, PeriodicRub
 from rwa_monitor.discrepancy.gain import trained
 from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN
 from rwa_monitor.discrepancy.models import Model, SearchResult
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.result import Unexplained
-from rwa_monitor.discrepancy.search import Approach
 from rwa_monitor.discrepancy.terms import Term, make_term
-from rwa_monitor.discrepancy.thresholds import best_threshold
 from rwa_monitor.samples import FloatArray
 
 EXPLAINED_SHARE: Final = 0.7  # of what a free curve gains: a law that gains so much with fewer numbers is kept
@@ -36,7 +35,7 @@ FOLDED_SHARE: Final = 0.9  # of the most power that any period folds up
 SHORT_SHARE: Final = 0.25  # of a period: what lasts longer is a wave, not a rub
 
 
-def judge_leftover(approach: Approach, found: SearchResult) -> tuple[SearchResult, Unexplained | None, Model]:
+def judge_leftover(approach: Fitting, found: SearchResult) -> tuple[SearchResult, Unexplained | None, Model]:
     """Let free curves compete for what the search left.
 
     Returns
@@ -47,11 +46,6 @@ def judge_leftover(approach: Approach, found: SearchResult) -> tuple[SearchResul
     """
     problem, model = approach.problem, found.ladder[-1]
     rivals = with_free_curves(approach, model)
-    step = best_threshold(
-        problem, model.terms, model.fit, lambda speed: make_term(problem, StepInSpeed, {"speed_rad_s": speed}, None)
-    )
-    if step is not None:
-        rivals.append(approach.refitted((*model.terms, step[0]), model, [step[1]]))
     best = min(rivals, key=lambda rival: rival.score, default=model)
     if model.score - best.score < ACCEPT_GAIN:
         return found, None, model
@@ -79,7 +73,7 @@ def judge_leftover(approach: Approach, found: SearchResult) -> tuple[SearchResul
     )
 
 
-def with_free_curves(approach: Approach, model: Model) -> list[Model]:
+def with_free_curves(approach: Fitting, model: Model) -> list[Model]:
     """Return a model extended by each of the free curves."""
     return approach.problem.each(
         lambda term: approach.refitted((*model.terms, term), model), _free_terms(approach, model)
@@ -161,7 +155,7 @@ def _lasting_variance(problem: Problem, residual: FloatArray) -> float:
     return max(products / max(pairs, 1), 0.0)
 
 
-def _free_terms(approach: Approach, model: Model) -> list[Term]:
+def _free_terms(approach: Fitting, model: Model) -> list[Term]:
     """Return the free curves that these records allow, periodic ones at the best frequency."""
     problem = approach.problem
     known = [curve for curve in CURVES if all(curve.quantity(one.channels) is not None for one in problem.records)]

@@ -14,9 +14,9 @@ from rwa_monitor.discrepancy.base_fit import fit
 from rwa_monitor.discrepancy.delay_term import DelayTerm
 from rwa_monitor.discrepancy.find import find_discrepancy
 from rwa_monitor.discrepancy.finished_search import Search
+from rwa_monitor.discrepancy.fitting import Fitting
 from rwa_monitor.discrepancy.gain import held_out
 from rwa_monitor.discrepancy.jump_terms import JUMP_TERMS
-from rwa_monitor.discrepancy.jumping import refit
 from rwa_monitor.discrepancy.models import Model
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.shape_profile import middle_shape
@@ -239,7 +239,8 @@ def held_out_oracles(search: Search, hidden: Hidden) -> tuple[Model, Model] | No
         return torque, torque
     level = hidden.level[problem.slot]
     terms = [make_term(problem, SEARCHED[name], _true_shape(problem, name, hidden), level) for name in hidden.torque]
-    return torque, refit(problem, terms, jumps)
+    fitting = Fitting(problem, jumps=True)
+    return torque, fitting.refitted(terms, fitting.base(), jumps)
 
 
 def _true_shape(problem: Problem, name: str, hidden: Hidden) -> dict[str, float]:

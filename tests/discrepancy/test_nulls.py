@@ -16,7 +16,7 @@ from scipy import stats
 
 from benchmarks.nulls import null_gains
 from rwa_monitor.discrepancy.find import CANDIDATES, prepare
-from rwa_monitor.discrepancy.jumping import Jumping
+from rwa_monitor.discrepancy.fitting import Fitting
 from rwa_monitor.discrepancy.nulls import Nulls, built_in_nulls
 from rwa_monitor.discrepancy.record import make_record
 from rwa_monitor.discrepancy.search import search
@@ -71,7 +71,7 @@ def test_p_values_are_uniform_where_nothing_is_missing() -> None:
         case = replace(plan("null", (), k, SEED + k), manoeuvre=MANOEUVRES[k % 3], noise=NOISES[k // 3 % 3])
         samples, wheel, _ = generate(case)
         problem = prepare([make_record(samples[slice(0, 2_000)], wheel, "null")], wheel)
-        found = search(Jumping(problem), CANDIDATES, least_gain=np.inf)
+        found = search(Fitting(problem, jumps=True), CANDIDATES, least_gain=np.inf)
         of_family = built_in_nulls().families["mean", False]
         p_values.append(of_family[0].p_value(found.best_rejected + problem.log_size))
     # Both ways, at one in a thousand: p-values too small would name too much, too large ones would hide effects.

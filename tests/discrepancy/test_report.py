@@ -18,7 +18,7 @@ from rwa_monitor.discrepancy.bootstrap import with_bootstrap
 from rwa_monitor.discrepancy.extended import extended_wheel
 from rwa_monitor.discrepancy.find import find_discrepancy
 from rwa_monitor.discrepancy.finished_search import Search
-from rwa_monitor.discrepancy.jumping import refit
+from rwa_monitor.discrepancy.fitting import Fitting
 from rwa_monitor.discrepancy.ladder import ladder
 from rwa_monitor.discrepancy.next_flight import plan
 from rwa_monitor.discrepancy.plan import rank_manoeuvres
@@ -240,7 +240,7 @@ def test_what_no_manoeuvre_tells_is_said_with_what_would(found: Search) -> None:
     both = replace(found.result.effects[0], name="coulomb_asymmetry", equivalent=("torque_bias",))
     model = found.extended
     term = make_term(found.problem, MEAN_EFFECTS["coulomb_asymmetry"], {}, model.fit.level)
-    asked = refit(found.problem, [*model.terms, term], [model.fit.jumps])
+    asked = Fitting(found.problem, jumps=True).refitted([*model.terms, term], model, [model.fit.jumps])
     ladder = (*found.mean.ladder, asked)
     search = replace(found, mean=replace(found.mean, ladder=ladder), result=replace(found.result, effects=(both,)))
     planned = plan(search)

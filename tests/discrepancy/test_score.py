@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from rwa_monitor.discrepancy.find import find_discrepancy
-from rwa_monitor.discrepancy.jumping import Jumping
+from rwa_monitor.discrepancy.fitting import Fitting
 from rwa_monitor.discrepancy.score import REVERSAL, off_reversals
 from tests.discrepancy.simple import NOISE_NM, WHEEL, record, swing
 from tests.discrepancy.smooth import problem_of
@@ -22,7 +22,7 @@ def test_pulses_of_three_samples_are_jumps() -> None:
     pulses[(begins[:, None] + np.arange(3)).ravel()] = 8.0 * NOISE_NM
     samples, _ = record(speed, jumps=(), effect=lambda speed, _: np.sign(speed) * pulses)
     problem = problem_of(samples)
-    found = problem.slot[Jumping(problem).base().fit.jumps]
+    found = problem.slot[Fitting(problem, jumps=True).base().fit.jumps]
     edges = np.concatenate([begins, begins + 3])
     assert np.mean(np.isin(edges, found)) > 0.9  # a pulse at eight deviations is worth 190; two jumps cost 54
 
@@ -33,14 +33,14 @@ def test_a_jump_beside_a_reversal_is_placed_to_the_sample(offset: int) -> None:
     crossing = int(np.flatnonzero(np.diff(np.sign(speed)) != 0)[2]) + 1
     samples, _ = record(speed, jumps=(crossing + offset,))
     problem = problem_of(samples)
-    jumps = problem.slot[Jumping(problem).base().fit.jumps]
+    jumps = problem.slot[Fitting(problem, jumps=True).base().fit.jumps]
     assert jumps.size == 1
     assert abs(int(jumps[0]) - crossing - offset) <= 1  # the samples about zero are at rest
 
 
 def test_what_comes_and_goes_in_a_reversal_is_no_jump() -> None:
     problem = problem_of(record(swing(8000))[0])
-    base = Jumping(problem).base()
+    base = Fitting(problem, jumps=True).base()
     crossing = int(np.flatnonzero(np.diff(problem.sign) != 0)[1]) + 1
     pulse = np.array([crossing - 1, crossing + 2])
     jumps = np.unique(np.concatenate([base.fit.jumps, pulse]))

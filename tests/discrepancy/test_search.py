@@ -150,3 +150,21 @@ def test_a_breakaway_faster_than_the_samples_is_no_more_than_a_dead_zone(slots: 
     names = {name for entry in found for name in (entry.name, *entry.equivalent)}
     assert "presliding" in names
     assert ("speed_dead_zone" not in names) is told
+
+
+def test_a_threshold_of_speed_is_no_jump_at_each_of_its_crossings() -> None:
+    def dead_zone(omega: np.ndarray, level: np.ndarray) -> np.ndarray:
+        return -0.3 * DRY_NM * np.sign(omega) * (np.abs(omega) < 40.0)
+
+    search = find_discrepancy([("dead zone", record(swing(), effect=dead_zone)[0])], WHEEL)
+    assert [effect.name for effect in search.result.effects] == ["speed_dead_zone"]
+    np.testing.assert_allclose(search.problem.slot[search.extended.fit.jumps], [1500, 4000, 6200], atol=2)
+
+
+def test_a_step_at_half_the_speed_is_no_dead_zone() -> None:
+    def step(omega: np.ndarray, level: np.ndarray) -> np.ndarray:
+        return 0.3 * DRY_NM * np.sign(omega) * (np.abs(omega) > 120.0)
+
+    result = find_discrepancy([("step", record(swing(), effect=step)[0])], WHEEL).result
+    assert result.unexplained is not None or any(effect.formula for effect in result.effects)
+    assert "speed_dead_zone" not in [effect.name for effect in result.effects]

@@ -17,10 +17,9 @@ from hypothesis import strategies as st
 
 from rwa_monitor.discrepancy.find import candidates, find_discrepancy
 from rwa_monitor.discrepancy.finished_search import Search
-from rwa_monitor.discrepancy.jumping import Jumping
+from rwa_monitor.discrepancy.fitting import Fitting
 from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN
 from rwa_monitor.discrepancy.search import search
-from rwa_monitor.discrepancy.smooth import Smooth
 from rwa_monitor.discrepancy.terms import make_term
 from rwa_monitor.discrepancy.testable import FOLLOWS_THE_SPEED
 from rwa_monitor.discrepancy.uncertainty import spread
@@ -158,7 +157,7 @@ def test_no_part_of_the_friction_is_larger_than_all_of_it() -> None:
 def null_gain(motion: str, correlation: float, seed: int) -> float:
     """Return by how much the best effect lowers the score where nothing is missing."""
     problem = problem_of(null_record(motion, correlation, seed))
-    return search(Smooth(problem), candidates(WHEEL), least_gain=np.inf).best_rejected
+    return search(Fitting(problem, jumps=False), candidates(WHEEL), least_gain=np.inf).best_rejected
 
 
 @pytest.mark.parametrize("seed", [pytest.param(seed, marks=pytest.mark.slow) if seed else 0 for seed in range(9)])
@@ -178,7 +177,7 @@ def test_a_level_that_wanders_is_hardly_ever_named(seeds: range) -> None:
 def test_real_jumps_are_left_to_the_search_with_jumps() -> None:
     samples, _ = record(swing(3000, period_s=120.0), jumps=(700, 1600, 2400))
     problem = problem_of(samples)
-    models = [search(approach(problem), candidates(WHEEL)).ladder[-1] for approach in (Jumping, Smooth)]
+    models = [search(Fitting(problem, jumps=jumps), candidates(WHEEL)).ladder[-1] for jumps in (True, False)]
     assert models[0].fit.jumps.size == 3
     assert models[0].score < models[1].score - ACCEPT_GAIN
 
@@ -194,7 +193,7 @@ few = settings(max_examples=3)
 def told(*recordings: Samples, wheel: Wheel = WHEEL) -> Told:
     """Return the first strength of each effect that is named, with its standard deviation."""
     problem = problem_of(*recordings, wheel=wheel)
-    found = search(Smooth(problem), candidates(wheel))
+    found = search(Fitting(problem, jumps=False), candidates(wheel))
     model = found.ladder[-1]
     errors = spread(problem, model).terms
     return {

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from rwa_monitor.discrepancy.find import find_discrepancy, prepare
-from rwa_monitor.discrepancy.jumping import Jumping, extensions
+from rwa_monitor.discrepancy.fitting import Fitting
 from rwa_monitor.discrepancy.record import make_record
 from rwa_monitor.discrepancy.result import ParameterValue
 from rwa_monitor.discrepancy.uncertainty import described, spread
@@ -44,7 +44,8 @@ def fitted(name: str, seed: int, wave: float = 0.0, **changes: float) -> dict[st
         samples = replace(samples, friction_torque_Nm=samples.friction_torque_Nm + drag)
     problem = prepare([make_record(samples, wheel, "simulated")], wheel)
     effect = MEAN_EFFECTS[name]
-    model = extensions(problem, Jumping(problem).base(), [effect])[0]
+    fitting = Fitting(problem, jumps=True)
+    model = fitting.extensions(fitting.base(), [effect])[0]
     return described(problem, model.terms[0], model.strengths(0), spread(problem, model).terms[0], effect.parameters)
 
 

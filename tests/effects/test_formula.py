@@ -16,10 +16,12 @@ from hypothesis import strategies as st
 from rwa_monitor.discrepancy import figures
 from rwa_monitor.discrepancy.base_fit import make_problem
 from rwa_monitor.discrepancy.formulas import describe, formulas
+from rwa_monitor.discrepancy.likelihood import NoiseLaw
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.record import make_record
+from rwa_monitor.discrepancy.score import Background
 from rwa_monitor.discrepancy.shape_profile import profile, shape_limits
-from rwa_monitor.discrepancy.terms import make_background, make_term
+from rwa_monitor.discrepancy.terms import make_term
 from rwa_monitor.errors import InputError
 from rwa_monitor.formats.wheel_file import read_wheel, write_wheel
 from rwa_monitor.physics.effects.base import Channels
@@ -237,12 +239,12 @@ def test_the_profile_finds_structure_and_constants(law: str) -> None:
         return np.asarray(strength * truth.columns(channels, shape)[0][:, 0])
 
     problem = problem_with(hidden)
-    background = make_background(problem, (), np.array([1500]))
+    background = Background.of(problem, (), NoiseLaw(), np.array([1500]))
     candidates = [law for law in formulas(problem) if issubclass(law, Formula) and law.variable == "speed"]
-    scores = {candidate: profile(candidate, [background], None) for candidate in candidates}
+    scores = {candidate: profile(candidate, background, None) for candidate in candidates}
     best = min(scores, key=lambda candidate: scores[candidate][1])
     assert best is truth
-    term, _ = profile(best, [background], None, around=scores[best][0])
+    term, _ = profile(best, background, None, around=scores[best][0])
     for name, value in shape.items():
         assert term.shape[name] == pytest.approx(value, rel=0.2)
         low, high = shape_limits(problem, best)[name]

@@ -229,6 +229,12 @@ class MeanEffect(Effect, ABC):
         return {}
 
     @classmethod
+    def unresolved_as(cls, channels: Channels, shape: Mapping[str, float]) -> str:
+        """Return the effect that this one looks like where the motion does not resolve the shape; "" where it does."""
+        del channels, shape
+        return ""
+
+    @classmethod
     def plainer_shape(cls, shape: Mapping[str, float]) -> dict[str, float] | None:
         """Return the shape that says the same where only a part of this one is there; None where there is no such."""
         del shape

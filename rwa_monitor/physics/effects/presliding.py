@@ -11,6 +11,7 @@ from rwa_monitor.kernels.effects import dahl_bristle
 from rwa_monitor.physics.effects.base import Channels, MeanEffect, Memory, Parameter
 from rwa_monitor.physics.effects.columns import stack
 from rwa_monitor.physics.effects.resolution import duration, narrowed, speed_step, used_speed
+from rwa_monitor.physics.effects.speed_dead_zone import SpeedDeadZone
 from rwa_monitor.samples import FloatArray
 
 SEEN_SLOTS: Final = 3  # after a reversal: fewer have no shape
@@ -55,13 +56,13 @@ class Presliding(MeanEffect):
         return stack(bristle - channels.direction), state
 
     @classmethod
-    def is_sampled(cls, channels: Channels, breakaway_angle_rad: float) -> bool:
-        """Say whether a reversal at the usual |dω/dt| takes SEEN_SLOTS or more to turn through the angle.
+    def unresolved_as(cls, channels: Channels, shape: Mapping[str, float]) -> str:
+        """Return the dead zone where a reversal at the usual |dω/dt| turns through the angle in less than SEEN_SLOTS.
 
-        Faster than that only the first samples after a change of sign are off, as in a dead zone of the speed.
+        Then only the first samples after a change of sign are off.
         """
         at_reversal = 0.5 * speed_step(channels) * channels.sample_period_s
-        return breakaway_angle_rad >= SEEN_SLOTS**2 * at_reversal
+        return "" if shape["breakaway_angle_rad"] >= SEEN_SLOTS**2 * at_reversal else SpeedDeadZone.name
 
     @classmethod
     def shape_bounds(cls, channels: Channels) -> dict[str, tuple[float, float]]:

@@ -1,0 +1,242 @@
+"""Models with jumps of the friction or without: made, extended by an effect, exchanged, each fitted by one score.
+
+A candidate is screened with the noise and the jumps of the model that it extends; of those that come first, shapes,
+noise and jumps are fitted in turn. Friction of small wheels jumps, and a missing smooth effect is paid for by dozens of
+false jumps: so a candidate starts from several sets of jumps, and jumps are dear at first. Friction of larger machines
+is often smooth, beside noise that remembers: there the noise must not be taken from what the base law leaves, and slow
+noise must not be cut into jumps.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial
+from itertools import pairwise
+from typing import Final
+
+import numpy as np
+
+from rwa_monitor.discrepancy.base_fit import (
+    JUMP_PENALTY,
+    Fit,
+    fit,
+    jump_sets,
+    segment_records,
+    strong_jumps,
+    with_noise_of,
+)
+from rwa_monitor.discrepancy.likelihood import NoiseLaw, Series
+from rwa_monitor.discrepancy.models import Model, law_of
+from rwa_monitor.discrepancy.problem import Problem
+from rwa_monitor.discrepancy.score import Background, off_reversals, scored, with_exact_jumps, with_law
+from rwa_monitor.discrepancy.shape_profile import profile
+from rwa_monitor.discrepancy.terms import Term, depends_on_level, make_term
+from rwa_monitor.discrepancy.testable import sort_out
+from rwa_monitor.physics.effects.base import MeanEffect
+from rwa_monitor.samples import FloatArray, IntArray
+
+Progress = Callable[[str], None]
+Effects = Sequence[type[MeanEffect]]
+
+NO_JUMPS: Final[IntArray] = np.zeros(0, dtype=np.int64)
+EQUIVALENT_WITHIN: Final = 10.0  # effects.md, step 6
+ANNEALING: Final = (8.0, 3.0, 1.0, 1.0)  # times the price of a jump
+STARTED: Final = 4  # candidates of each start that are tried, those that screening puts first
+REFITTED: Final = 5  # candidates whose shapes and noise are refitted, of those that were segmented anew
+ROUNDS: Final = 4  # of shapes, noise and jumps in turn
+SETTLED: Final = 0.5  # of the score
+CALMER: Final = 0.9  # of the long-run variance: from there on what a model leaves is taken for the noise
+
+
+class Fitting:
+    """Makes models of the same data.
+
+    Attributes
+    ----------
+    problem
+        The data, with the noise that the last accepted model leaves.
+    jumps
+        Whether friction may jump.
+    """
+
+    def __init__(self, problem: Problem, *, jumps: bool) -> None:
+        self.problem = problem
+        self.jumps = jumps
+        self.several = Series.of(problem).several
+
+    def base(self) -> Model:
+        """Return the model with dry and viscous friction alone."""
+        if not self.jumps:
+            return self._refined(self._annealed((), NO_JUMPS, NoiseLaw()))
+        start = Model((), fit(self.problem, np.zeros((self.problem.size, 0))))
+        return with_exact_jumps(self.problem, scored(self.problem, off_reversals(self.problem, start)))
+
+    def sort_out(self, effects: Effects, base: Model) -> tuple[list[type[MeanEffect]], list[tuple[str, str]]]:
+        """Split effects into those that the data can test, and the names of the others with what is missing.
+
+        Beside a level of each recording where friction may jump: jumps may swallow more.
+        """
+        problem, at = self.problem, np.arange(self.problem.size)
+        known = Series.of(problem).base
+        if self.jumps:
+            levels = [(at >= a) & (at < b) for a, b in pairwise(problem.starts.tolist()) if b > a]
+            known = np.vstack([problem.speed, *levels]) * problem.sign
+        return sort_out(problem, known, effects, base.fit.level)
+
+    def settled(self, model: Model) -> Model:
+        """Return an accepted model; what it leaves is the noise that prices jumps, where that is calmer."""
+        calmer = with_noise_of(self.problem, model.fit.residual)
+        if self.jumps and calmer.noise.long_run_variance < CALMER * self.problem.noise.long_run_variance:
+            self.problem = calmer
+        return model
+
+    def extensions(self, current: Model, effects: Effects) -> list[Model]:
+        """Return a model with one effect more, for each of the most promising, best first.
+
+        Or with levels of the recordings that differ: a hypothesis like any other.
+        """
+        models = self._extended(current, effects)
+        if not self.jumps and self.several and law_of(current).level_spread == 0.0:
+            models.append(self._refined(self._annealed(current.terms, NO_JUMPS, law_of(current).apart)))
+        return sorted(models, key=lambda model: model.score)
+
+    def replacements(self, model: Model, index: int, effects: Effects) -> list[Model]:
+        """Return the model with another effect in the place of term `index`, of those that come near, best first."""
+        simpler = self.without(model, index)
+        if not self.jumps:
+            simpler = replace(simpler, law=model.law)
+        allowed = [effect for effect in effects if effect.name not in model.names]
+        return sorted(self._extended(simpler, allowed, model.terms[index]), key=lambda one: one.score)
+
+    def without(self, model: Model, index: int) -> Model:
+        """Return a model without term `index`, refitted from the full model's jumps."""
+        return self.refitted(model.terms[:index] + model.terms[index + 1 :], model, [model.fit.jumps])
+
+    def refitted(self, terms: Sequence[Term], near: Model, jumps: Sequence[IntArray] = ()) -> Model:
+        """Return a model with other terms than one that is near to it, from these jumps or from those of the near one.
+
+        Of those, also from the strong ones: a curve may explain the rest.
+        """
+        started = [self._annealed(tuple(terms), one, law_of(near)) for one in jumps or self._starts(near)]
+        return self._refined(min(started, key=lambda one: one.score))
+
+    def plainer(self, model: Model) -> Model | None:
+        """Return a model with the same effects and fewer other parameters; None where there is none."""
+        law = law_of(model)
+        if self.jumps or law.level_spread == 0.0:
+            return None  # one level of all recordings
+        return self._refined(self._annealed(model.terms, NO_JUMPS, replace(law, level_spread=0.0)))
+
+    def as_good(self, model: Model, index: int, effects: Effects) -> list[str]:
+        """Return the effects that are as good in the place of a term with jumps and level of the model as they are.
+
+        Without the term, levels may take its part wherever a change of direction parts them, as in a few dwells: an
+        effect that follows the level then follows that, too, and never comes near.
+        """
+        term, chosen = model.terms[index], model.terms[:index] + model.terms[index + 1 :]
+        unresolved = {term.effect.unresolved_as(one.channels, term.shape) for one in self.problem.records}
+        names = [name for name in unresolved if name and len(unresolved) == 1]
+        if self.jumps:
+            beside = Background.of(self.problem, chosen, law_of(model), model.fit.jumps)
+            most = beside.criterion_with(term) + EQUIVALENT_WITHIN
+            others = [effect for effect in effects if effect.name not in model.names]
+            tried = self.problem.each(partial(screened, beside, model.fit.level), others)
+            names += [one.effect.name for one, score in tried if score < most]
+        return names
+
+    def _starts(self, model: Model) -> list[IntArray]:
+        """Return sets of jumps that a model near to another may start from."""
+        if not self.jumps:
+            return [NO_JUMPS]
+        return [*jump_sets(self.problem, model.fit), strong_jumps(self.problem, model.fit)]
+
+    def _extended(self, current: Model, effects: Effects, instead: Term | None = None) -> list[Model]:
+        """Return the model with each of the most promising effects added; `instead` of a term, those that come near."""
+        law, missing = law_of(current), [effect for effect in effects if effect.name not in current.names]
+        starts = [*((law, jumps) for jumps in self._starts(current)), (self._hiding_nothing(current), NO_JUMPS)]
+        tried: list[tuple[Term, IntArray]] = []
+        for one, jumps in starts:
+            beside = Background.of(self.problem, current.terms, one, jumps)
+            most = np.inf
+            if instead is not None:
+                most = 0.5 * (beside.criterion_with() + beside.criterion_with(instead))
+            scores = self.problem.each(partial(screened, beside, current.fit.level), missing)
+            ranked = sorted(scores, key=lambda entry: entry[1])[:STARTED]
+            tried += [(term, jumps) for term, score in ranked if score < most]
+        started = self.problem.each(lambda entry: self._annealed((*current.terms, entry[0]), entry[1], law), tried)
+        best: dict[str, Model] = {}
+        for model in sorted(started, key=lambda one: one.score):
+            best.setdefault(model.names[-1], model)
+        kept = list(best.values())[: REFITTED if self.jumps else None]
+        return self.problem.each(lambda one: self._plainer_shape(self._refined(one)), kept)
+
+    def _hiding_nothing(self, model: Model) -> NoiseLaw:
+        """Return the law of noise in which nothing jumps: to noise that wanders jumps are outliers.
+
+        Or, where nothing may jump, the law of white noise: slow noise hides what it could be.
+        """
+        if not self.jumps:
+            return replace(law_of(model), white=1.0, correlation=0.0)
+        return law_of(scored(self.problem, self._bare(model.terms, NO_JUMPS), model.law))
+
+    def _plainer_shape(self, model: Model) -> Model:
+        """Return a model whose last term has the shape that does as well with a part of it, where there is one."""
+        *chosen, last = model.terms
+        shape = last.effect.plainer_shape(last.shape)
+        if shape is None:
+            return model
+        term = make_term(self.problem, last.effect, {**last.shape, **shape}, model.fit.level)
+        plainer = self.refitted((*chosen, term), model, [model.fit.jumps])
+        return plainer if plainer.score < model.score + EQUIVALENT_WITHIN else model
+
+    def _annealed(self, terms: tuple[Term, ...], jumps: IntArray, law: NoiseLaw) -> Model:
+        """Return a model under a law of the noise, with jumps that are found when they are dear at first."""
+        model = with_law(self.problem, self._bare(terms, jumps), law)
+        for dear in ANNEALING if self.jumps else ():
+            model = self._segmented(model, dear)
+        return model
+
+    def _bare(self, terms: tuple[Term, ...], jumps: IntArray) -> Model:
+        nothing = np.zeros(self.problem.size)
+        return Model(terms, Fit(jumps, np.zeros(0), nothing, nothing, 0.0, np.inf))
+
+    def _segmented(self, model: Model, dear: float = 1.0) -> Model:
+        """Return a model with the best jumps beside its coefficients, in white noise of as much long-run variance."""
+        if not self.jumps:
+            return with_law(self.problem, model, law_of(model))
+        price = dear * JUMP_PENALTY * self.problem.log_size * self.problem.noise.long_run_variance
+        jumps = segment_records(self.problem, model.fit.level + model.fit.residual, price)
+        moved = off_reversals(self.problem, replace(model, fit=replace(model.fit, jumps=jumps)))
+        return with_law(self.problem, moved, law_of(model))
+
+    def _refined(self, model: Model) -> Model:
+        """Return a model with shapes, noise and jumps fitted in turn."""
+        best: Model | None = None
+        for _ in range(ROUNDS):
+            model = scored(self.problem, model, model.law, again=self.jumps)
+            gained = np.inf if best is None else best.score - model.score
+            if best is None or gained > 0.0:
+                best = model
+            if gained < SETTLED or not any(term.shape or depends_on_level(term.effect) for term in model.terms):
+                break
+            model = self._segmented(self._reshaped(model))
+        assert best is not None
+        return with_exact_jumps(self.problem, best) if self.jumps else best
+
+    def _reshaped(self, model: Model) -> Model:
+        """Return a model whose terms each have the shape that is best beside the others, its jumps kept."""
+        terms = list(model.terms)
+        for i, term in enumerate(terms):
+            if term.shape:
+                others = (*terms[:i], *terms[i + 1 :])
+                beside = Background.of(self.problem, others, law_of(model), model.fit.jumps)
+                terms[i], _ = profile(term.effect, beside, model.fit.level, around=term)
+            elif depends_on_level(term.effect):
+                terms[i] = make_term(self.problem, term.effect, term.shape, model.fit.level)
+        return with_law(self.problem, replace(model, terms=tuple(terms)), law_of(model))
+
+
+def screened(beside: Background, level: FloatArray, effect: type[MeanEffect]) -> tuple[Term, float]:
+    """Return an effect at the shape that is best beside what is in a model already, and the score there."""
+    return profile(effect, beside, level)
