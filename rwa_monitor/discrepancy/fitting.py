@@ -165,11 +165,9 @@ class Fitting:
             ranked = sorted(scores, key=lambda entry: entry[1])[:STARTED]
             tried += [(term, jumps) for term, score in ranked if score < most]
         started = self.problem.each(lambda entry: self._annealed((*current.terms, entry[0]), entry[1], law), tried)
-        best: dict[str, Model] = {}
-        for model in sorted(started, key=lambda one: one.score):
-            best.setdefault(model.names[-1], model)
-        kept = list(best.values())[: REFITTED if self.jumps else None]
-        return self.problem.each(lambda one: self._plainer_shape(self._refined(one)), kept)
+        if self.jumps:
+            started = _best_of_each(started)[:REFITTED]
+        return _best_of_each(self.problem.each(lambda one: self._plainer_shape(self._refined(one)), started))
 
     def _hiding_nothing(self, model: Model) -> NoiseLaw:
         """Return the law of noise in which nothing jumps: to noise that wanders jumps are outliers.
@@ -235,6 +233,14 @@ class Fitting:
             elif depends_on_level(term.effect):
                 terms[i] = make_term(self.problem, term.effect, term.shape, model.fit.level)
         return with_law(self.problem, replace(model, terms=tuple(terms)), law_of(model))
+
+
+def _best_of_each(models: Sequence[Model]) -> list[Model]:
+    """Return the best of the models that end with the same effect, best first."""
+    best: dict[str, Model] = {}
+    for model in sorted(models, key=lambda one: one.score):
+        best.setdefault(model.names[-1], model)
+    return list(best.values())
 
 
 def screened(beside: Background, level: FloatArray, effect: type[MeanEffect]) -> tuple[Term, float]:
