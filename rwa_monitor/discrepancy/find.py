@@ -21,7 +21,6 @@ from rwa_monitor.discrepancy.finished_search import Search
 from rwa_monitor.discrepancy.fitting import EQUIVALENT_WITHIN, Fitting, Progress
 from rwa_monitor.discrepancy.formulas import describe, formulas
 from rwa_monitor.discrepancy.gain import BLOCKS, HeldOut, held_out, held_out_without_jumps, on_other_recordings
-from rwa_monitor.discrepancy.heat import OUTSIDE, outside_the_catalogue, told_as_unexplained
 from rwa_monitor.discrepancy.jump_terms import JUMP_TERMS
 from rwa_monitor.discrepancy.known_effects import known_delay, records_of
 from rwa_monitor.discrepancy.lattice import drawn_again
@@ -55,7 +54,8 @@ from rwa_monitor.discrepancy.slope_jumps import SlopeJumps, shared_strength, wit
 from rwa_monitor.discrepancy.switching_effects import switching_effects
 from rwa_monitor.discrepancy.testable import speed_curve
 from rwa_monitor.discrepancy.uncertainty import ORDER, described, spread
-from rwa_monitor.discrepancy.unexplained import judge_leftover, wandering, with_free_curves
+from rwa_monitor.discrepancy.unexplained import judge_leftover, shorter, wandering, with_free_curves, without_unnamed
+from rwa_monitor.discrepancy.unnamed import UNNAMED
 from rwa_monitor.discrepancy.untested import as_a_part, too_weak_to_show, untested_others
 from rwa_monitor.physics.effects.base import MeanEffect
 from rwa_monitor.physics.effects.catalogue import CATALOGUE, MEAN_EFFECTS, NOISE_EFFECTS, effect_class
@@ -326,10 +326,8 @@ def _with_line(line: AngleLine | None, left: Unexplained | None) -> Unexplained 
     """Tell a line that was taken out before what is left without it."""
     if line is None:
         return left
-    told = line.unexplained()
-    if left is None:
-        return told
-    return Unexplained(f"{told.signature}; and {left.signature}", float(np.hypot(told.size_Nm, left.size_Nm)))
+    of_line = line.unexplained()
+    return of_line if left is None else left.beside(of_line.signature, of_line.size_Nm)
 
 
 def _can_show(problem: Problem, effect: type[MeanEffect]) -> bool:
@@ -365,7 +363,7 @@ def candidates(wheel: Wheel) -> list[type[MeanEffect]]:
 
 def _explain(problem: Problem, candidates: Sequence[type[MeanEffect]], progress: Progress, wheel: Wheel) -> _Explained:
     """Search for mean effects beside jumps, and judge what they leave: see `judge_leftover`."""
-    candidates = [*candidates, *outside_the_catalogue(problem)]
+    candidates = [*candidates, *(effect for effect in UNNAMED if effect.may_show(problem))]
     approach, grown, sloped = _grown(problem, candidates, progress)
     best = sloped or grown.ladder[-1]
     if best.terms:
@@ -383,7 +381,7 @@ def _explain(problem: Problem, candidates: Sequence[type[MeanEffect]], progress:
     problem = approach.problem
     progress("what is left")
     found, leftover, complete = judge_leftover(approach, found)
-    found, leftover = told_as_unexplained(problem, found, leftover)
+    found, leftover = without_unnamed(approach, found, leftover)
     explained = _Explained(problem, found, leftover, complete)
     return _with_formula(approach, explained, complete.score, progress) if leftover is not None else explained
 
@@ -401,8 +399,9 @@ def _with_formula(approach: Fitting, explained: _Explained, score_of_curve: floa
     gain = approach.without(best, len(best.terms) - 1).score - best.score
     names = set(best.names)
     named = (*(one for one in found.found if one.name in names), Found(best.names[-1], gain, tuple(near)))
-    shorter = (one for one in found.ladder if set(one.names) <= names and len(one.terms) < len(best.terms))
-    found = replace(found, ladder=(*shorter, best), found=tuple(sorted(named, key=lambda one: -one.gain)))
+    found = replace(
+        found, ladder=(*shorter(found.ladder, best), best), found=tuple(sorted(named, key=lambda one: -one.gain))
+    )
     return replace(explained, found=found, leftover=None, complete=best)
 
 
@@ -433,7 +432,7 @@ def _with_slope_jumps(
     problem = approach.problem
 
     def rivals(model: Model) -> list[Model]:
-        outside = [effect for effect in candidates if effect.name in OUTSIDE and effect.name not in model.names]
+        outside = [effect for effect in candidates if effect in UNNAMED and effect.name not in model.names]
         return [*with_free_curves(approach, model), *approach.extensions(model, outside)]
 
     return with_slope_jumps(problem, grown.ladder[-1], grown.ladder[0], rivals)

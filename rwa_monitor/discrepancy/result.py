@@ -95,6 +95,10 @@ class Unexplained:
     signature: str
     size_Nm: float
 
+    def beside(self, signature: str, size_Nm: float) -> Unexplained:
+        """Return this and something else, which is named first."""
+        return Unexplained(f"{signature}; and {self.signature}", math.hypot(size_Nm, self.size_Nm))
+
 
 @dataclass(frozen=True, slots=True)
 class Rates:

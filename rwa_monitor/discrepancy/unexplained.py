@@ -7,12 +7,13 @@ effect that is not needed beside the curve was a wrong name for it and is withdr
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Final
 
 import numpy as np
 
-from rwa_monitor.discrepancy.base_fit import strong_jumps, strong_level
+from rwa_monitor.discrepancy.base_fit import remove_levels, segment_starts, strong_jumps, strong_level
 from rwa_monitor.discrepancy.fitting import Fitting
 from rwa_monitor.discrepancy.free_curves import CURVES, Periodic, PeriodicDrag, PeriodicRub
 from rwa_monitor.discrepancy.gain import trained
@@ -21,9 +22,11 @@ from rwa_monitor.discrepancy.models import Model, SearchResult
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.result import Unexplained
 from rwa_monitor.discrepancy.terms import Term, make_term
+from rwa_monitor.discrepancy.unnamed import UNNAMED, UnnamedEffect
 from rwa_monitor.samples import FloatArray
 
 EXPLAINED_SHARE: Final = 0.7  # of what a free curve gains: a law that gains so much with fewer numbers is kept
+BESIDE_SHARE: Final = 0.1  # of the gain of what has no name that a name beside it must reach: no law is exact
 FEWEST_SAMPLES: Final = 4  # for each height of a curve: with fewer it follows the noise
 FEWEST_STEPS: Final = 6  # of the level: a jump or two too many is chance
 STEPS_TO_JUMPS: Final = 2.0  # so many more small steps than jumps
@@ -35,7 +38,7 @@ FOLDED_SHARE: Final = 0.9  # of the most power that any period folds up
 SHORT_SHARE: Final = 0.25  # of a period: what lasts longer is a wave, not a rub
 
 
-def judge_leftover(approach: Fitting, found: SearchResult) -> tuple[SearchResult, Unexplained | None, Model]:
+def judge_leftover(fitting: Fitting, found: SearchResult) -> tuple[SearchResult, Unexplained | None, Model]:
     """Let free curves compete for what the search left.
 
     Returns
@@ -44,13 +47,13 @@ def judge_leftover(approach: Fitting, found: SearchResult) -> tuple[SearchResult
         The search's result without the names that a free curve makes superfluous; what is left, or None; and the model
         with the curve in it, whose residual is noise.
     """
-    problem, model = approach.problem, found.ladder[-1]
-    rivals = with_free_curves(approach, model)
+    problem, model = fitting.problem, found.ladder[-1]
+    rivals = with_free_curves(fitting, model)
     best = min(rivals, key=lambda rival: rival.score, default=model)
     if model.score - best.score < ACCEPT_GAIN:
         return found, None, model
     curve = best.terms[-1]
-    kept = [i for i in range(len(model.terms)) if approach.without(best, i).score - best.score >= ACCEPT_GAIN]
+    kept = [i for i in range(len(model.terms)) if fitting.without(best, i).score - best.score >= ACCEPT_GAIN]
     begin = 1 + sum(term.columns.shape[1] for term in best.terms[:-1])
     # Between two jumps a curve and the levels trade at will: the smoothest of what fits alike is the size that counts.
     torque = curve.columns @ trained(problem, best, np.ones(problem.size, dtype=bool))[begin:]
@@ -60,24 +63,17 @@ def judge_leftover(approach: Fitting, found: SearchResult) -> tuple[SearchResult
     if len(kept) == len(model.terms):
         return found, unexplained, best
     terms = tuple(model.terms[i] for i in kept)
-    reduced = approach.refitted(terms, best)
-    alone = approach.refitted((*terms, curve), best, [best.fit.jumps])
+    reduced = fitting.refitted(terms, best)
+    alone = fitting.refitted((*terms, curve), best, [best.fit.jumps])
     if reduced.score - model.score > EXPLAINED_SHARE * (reduced.score - alone.score):
         return found, unexplained, best  # a curve over the same quantity makes any law needless, the right one, too
-    names = set(reduced.names)
-    ladder = (*(m for m in found.ladder if set(m.names) <= names and len(m.terms) < len(terms)), reduced)
-    return (
-        replace(found, ladder=ladder, found=tuple(entry for entry in found.found if entry.name in names)),
-        unexplained,
-        best,
-    )
+    left = tuple(entry for entry in found.found if entry.name in reduced.names)
+    return replace(found, ladder=(*shorter(found.ladder, reduced), reduced), found=left), unexplained, best
 
 
-def with_free_curves(approach: Fitting, model: Model) -> list[Model]:
+def with_free_curves(fitting: Fitting, model: Model) -> list[Model]:
     """Return a model extended by each of the free curves."""
-    return approach.problem.each(
-        lambda term: approach.refitted((*model.terms, term), model), _free_terms(approach, model)
-    )
+    return fitting.problem.each(lambda term: fitting.refitted((*model.terms, term), model), _free_terms(fitting, model))
 
 
 def _folded(problem: Problem, model: Model, curve: Term) -> Unexplained:
@@ -155,11 +151,11 @@ def _lasting_variance(problem: Problem, residual: FloatArray) -> float:
     return max(products / max(pairs, 1), 0.0)
 
 
-def _free_terms(approach: Fitting, model: Model) -> list[Term]:
+def _free_terms(fitting: Fitting, model: Model) -> list[Term]:
     """Return the free curves that these records allow, periodic ones at the best frequency."""
-    problem = approach.problem
+    problem = fitting.problem
     known = [curve for curve in CURVES if all(curve.quantity(one.channels) is not None for one in problem.records)]
-    shown, _ = approach.sort_out(known, model)
+    shown, _ = fitting.sort_out(known, model)
     terms = [replace(make_term(problem, curve, {}, None), smooth=True) for curve in shown]
     for effect in (Periodic, PeriodicDrag):
         frequency = _best_frequency(problem, model, flips=effect.flips)
@@ -184,3 +180,50 @@ def _best_frequency(problem: Problem, model: Model, *, flips: bool) -> float | N
     spectrum[frequency < 3.0 / (values.size * record.channels.sample_period_s)] = 0.0
     at = int(np.argmax(spectrum))
     return float(frequency[at]) if spectrum[at] > 0 else None
+
+
+# ---- hypotheses without a name that won ------------------------------------------------------------------------------
+
+
+def without_unnamed(
+    fitting: Fitting, found: SearchResult, left: Unexplained | None
+) -> tuple[SearchResult, Unexplained | None]:
+    """Take hypotheses without a name out of what was found, and report them as unexplained.
+
+    Where one could stand for a named effect, the effect that it would be with a channel more is listed in its place:
+    without the channel only as a possibility. Names beside it that gain little are what its own form lacks.
+    """
+    would_be = {one.name: one.named_with_channel for one in UNNAMED}
+    possible = [
+        replace(entry, equivalent=tuple(filter(None, dict.fromkeys(would_be.get(n, n) for n in entry.equivalent))))
+        for entry in found.found
+    ]
+    found = replace(found, found=tuple(possible))
+    for name in [entry.name for entry in found.found if entry.name in would_be]:
+        model = found.ladder[-1]
+        index = model.names.index(name)
+        term, (entry,) = model.terms[index], [entry for entry in found.found if entry.name == name]
+        named = tuple(one for one in found.found if one is not entry and one.gain >= BESIDE_SHARE * entry.gain)
+        terms = tuple(other for other in model.terms if other.effect.name in {one.name for one in named})
+        reduced = fitting.refitted(terms, model) if terms else found.ladder[0]
+        assert issubclass(term.effect, UnnamedEffect)
+        others = [other for other in entry.equivalent if other != term.effect.named_with_channel]
+        in_words = term.effect.in_words(term.shape) + "".join(f", or {other} as well" for other in others)
+        size = _size(fitting.problem, model, index)
+        left = Unexplained(in_words, size) if left is None else left.beside(in_words, size)
+        found = replace(found, ladder=(*shorter(found.ladder, reduced), reduced), found=named)
+    return found, left
+
+
+def shorter(ladder: Sequence[Model], model: Model) -> list[Model]:
+    """Return the models of a ladder that have fewer effects than another, all of them its own."""
+    return [one for one in ladder if set(one.names) <= set(model.names) and len(one.terms) < len(model.terms)]
+
+
+def _size(problem: Problem, model: Model, index: int) -> float:
+    """Return the RMS of a term's torque beyond levels and slope [N m]."""
+    first = segment_starts(problem, model.fit.jumps)
+    torque = remove_levels(model.terms[index].columns @ model.strengths(index), first)
+    along = remove_levels(problem.speed, first)
+    torque = torque - along * float(along @ torque) / max(float(along @ along), np.finfo(np.float64).tiny)
+    return float(np.sqrt(np.mean(torque**2)))

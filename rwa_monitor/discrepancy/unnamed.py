@@ -1,14 +1,45 @@
-"""Candidates of the search that have no name in the catalogue: what they explain is told by its signature."""
+"""Hypotheses of the search without a name in the catalogue: where one wins it is reported as unexplained.
+
+They compete with the catalogue's effects, so that those must do better. Two have a physics of their own:
+
+Friction heats the bearing, and the lubricant thins: the slope of the drag over the speed then follows the power of the
+friction through a thermal lag of some ten minutes. Without a temperature channel that is no effect of the catalogue,
+and its slopes, which are others in each stretch of time, pass for jumps of the viscous friction.
+
+A reversal throws grease back into the track; the balls push it aside again within some hundred turns (channelling).
+Several effects of the catalogue together pass for that decay: jumps of the viscous friction, an asymmetry, a lubricant
+that lags.
+"""
 
 from __future__ import annotations
 
-from rwa_monitor.physics.effects.base import MeanEffect
+from collections.abc import Mapping
+from itertools import pairwise
+from typing import ClassVar, Final
+
+import numpy as np
+from scipy.signal import lfilter
+
+from rwa_monitor.discrepancy.problem import Problem
+from rwa_monitor.physics.effects.base import Channels, MeanEffect, Memory, Parameter
+from rwa_monitor.physics.effects.resolution import duration, narrowed
+from rwa_monitor.physics.effects.viscosity_temperature import ViscosityTemperature
+from rwa_monitor.samples import FloatArray
+
+FASTEST_S: Final = 60.0  # time constants of a bearing in its housing: minutes (its rings) to hours (the wheel's case)
+SLOWEST_S: Final = 7200.0
+LONGEST_LAG_SHARE: Final = 0.5  # of the record: a slower one is a drift
+PALMGREN: Final = 2.0 / 3.0  # exponent of the speed where ball bearings churn; else 1 (`sublinear_viscous`)
+SCALE_RAD_S: Final = 100.0  # unit of the speed, so that all strengths are torques
+FEWEST_REVERSALS: Final = 3  # of one or two the decay is a relaxation like any other
+SHORTEST_RAD: Final = 60.0  # some ten turns: what decays sooner is a bristle or a film of lubricant
+LONGEST_WAY_SHARE: Final = 0.5  # of the median angle from one reversal to the next: what lasts longer is a level
 
 
 class UnnamedEffect(MeanEffect):
-    """A candidate that is no effect of the catalogue: no page describes it, and no wheel file can hold it.
+    """A hypothesis without a page in the catalogue, which no wheel file can hold.
 
-    `name` only tells it from other candidates; `signature` is what a report says.
+    `name` only sets it apart from others; `signature` is what a report shows.
     """
 
     title = ""
@@ -16,3 +47,138 @@ class UnnamedEffect(MeanEffect):
     description = ""
     source = ""
     separate_by = ""
+    named_with_channel: ClassVar[str] = ""  # the effect of the catalogue that it is, if a channel more were measured
+
+    @classmethod
+    def may_show(cls, problem: Problem) -> bool:
+        """Say whether these records may show it at all."""
+        del problem
+        return True
+
+    @classmethod
+    def in_words(cls, shape: Mapping[str, float]) -> str:
+        """Return what a report shows of it."""
+        del shape
+        return cls.signature
+
+
+class HeatOfMotion(UnnamedEffect):
+    """A viscous drag that falls with the heat that the motion made, after a first-order thermal lag.
+
+    The power of the friction has a dry part, in proportion to |ω|, and a viscous one, to ω²; each heats. Viscosity is
+    exponential in the temperature, to second order here. The record need not begin cold.
+    """
+
+    name = "heat_of_the_motion"
+    signature = "a viscous drag that follows the heat of the motion"
+    separate_by = "The bearing's temperature."
+    named_with_channel = ViscosityTemperature.name
+    parameters = (
+        *(Parameter(f"thinning_{i}_Nm", "N m", -np.inf, 0.0, -1e-4, linear=True) for i in range(4)),
+        *(Parameter(f"curvature_{i}_Nm", "N m", 0.0, np.inf, 0.0, linear=True) for i in range(2)),
+        Parameter("start_Nm", "N m", -np.inf, np.inf, 0.0, linear=True),
+        Parameter("time_constant_s", "s", FASTEST_S, SLOWEST_S, 1000.0),
+    )
+
+    @classmethod
+    def may_show(cls, problem: Problem) -> bool:
+        """Say whether heat of the motion may hide: no temperature, speeds that differ, and time to warm up."""
+        channels = [record.channels for record in problem.records]
+        unknown = all(one.bearing_temperature_degC is None for one in channels)
+        lasting = LONGEST_LAG_SHARE * max(map(duration, channels)) > FASTEST_S
+        return unknown and not problem.at_one_speed and lasting
+
+    @classmethod
+    def in_words(cls, shape: Mapping[str, float]) -> str:
+        """Return what it is, with its lag and the channel that would name it."""
+        return (
+            f"{cls.signature} with a lag of about {shape['time_constant_s']:.2g} s, as {cls.named_with_channel} would:"
+            " record the bearing's temperature"
+        )
+
+    @classmethod
+    def columns(
+        cls, channels: Channels, shape: Mapping[str, float], memory: Memory = None
+    ) -> tuple[FloatArray, Memory]:
+        """Return each drag times the heat of each power, times its square, and times what is left of the start's."""
+        del memory
+        known = np.isfinite(channels.speed_rad_s)
+        latest = np.maximum.accumulate(np.where(known, np.arange(len(channels)), 0))
+        speed = np.abs(np.nan_to_num(channels.speed_rad_s[latest])) / SCALE_RAD_S
+        kept = float(np.exp(-channels.sample_period_s / shape["time_constant_s"]))
+        dry, viscous = (lfilter([0.0, 1.0 - kept], [1.0, -kept], power) for power in (speed, speed**2))
+        start = kept ** np.arange(len(channels), dtype=np.float64)
+        newton, churning = channels.direction * speed, channels.direction * speed**PALMGREN
+        thinning = (newton * dry, newton * viscous, churning * dry, churning * viscous)
+        return np.stack([*thinning, newton * viscous**2, churning * viscous**2, newton * start], axis=1), None
+
+    @classmethod
+    def shape_bounds(cls, channels: Channels) -> dict[str, tuple[float, float]]:
+        """Return the bounds: no time constant that is most of the record."""
+        bounds = super().shape_bounds(channels)
+        low, high = FASTEST_S, LONGEST_LAG_SHARE * duration(channels)
+        return {**bounds, "time_constant_s": narrowed(bounds["time_constant_s"], low, high)}
+
+
+class DecayAfterReversal(UnnamedEffect):
+    """A drag, dry and viscous, that falls exponentially with the angle turned since the speed last changed sign."""
+
+    name = "decay_after_reversal"
+    signature = "a drag that decays with the angle turned since each reversal"
+    separate_by = "Reversals after rests of different length, each followed by long runs at two speeds."
+    parameters = (
+        Parameter("strength_dry_Nm", "N m", 0.0, np.inf, 1e-4, linear=True),
+        Parameter("strength_viscous_Nm", "N m", 0.0, np.inf, 0.0, linear=True),
+        Parameter("angle_rad", "rad", SHORTEST_RAD, 1e6, 5e3),
+    )
+
+    @classmethod
+    def may_show(cls, problem: Problem) -> bool:
+        """Say whether reversals are many enough, and far enough from each other, to show such a decay."""
+        travelled = [angles_between_reversals(record.channels) for record in problem.records]
+        far = np.concatenate(travelled) * LONGEST_WAY_SHARE > SHORTEST_RAD
+        return int(np.count_nonzero(far)) >= FEWEST_REVERSALS
+
+    @classmethod
+    def in_words(cls, shape: Mapping[str, float]) -> str:
+        """Return what it is, with the turns that it lasts."""
+        return f"{cls.signature}, over about {shape['angle_rad'] / (2.0 * np.pi):.2g} turns, as of grease that channels"
+
+    @classmethod
+    def columns(
+        cls, channels: Channels, shape: Mapping[str, float], memory: Memory = None
+    ) -> tuple[FloatArray, Memory]:
+        """Return what is left of the drag, along the rotation and in proportion to the speed."""
+        del memory
+        angle = angle_since_reversal(np.nan_to_num(channels.speed_rad_s), channels.sample_period_s)
+        left = np.exp(-angle / shape["angle_rad"])
+        return np.stack([channels.direction * left, channels.speed_rad_s / SCALE_RAD_S * left], axis=1), None
+
+    @classmethod
+    def shape_bounds(cls, channels: Channels) -> dict[str, tuple[float, float]]:
+        """Return the bounds: no angle that is most of the way from one reversal to the next."""
+        bounds = super().shape_bounds(channels)
+        travelled = angles_between_reversals(channels)
+        longest = LONGEST_WAY_SHARE * float(np.median(travelled)) if travelled.size else SHORTEST_RAD
+        return {**bounds, "angle_rad": narrowed(bounds["angle_rad"], SHORTEST_RAD, longest)}
+
+
+def angles_between_reversals(channels: Channels) -> FloatArray:
+    """Return the angle turned between each change of sign of the speed and the next [rad]; noise at zero left out."""
+    angle = angle_since_reversal(np.nan_to_num(channels.speed_rad_s), channels.sample_period_s)
+    known = angle[np.isfinite(angle)]
+    ends = known[np.append(np.flatnonzero(np.diff(known) < 0), known.size - 1)] if known.size else known
+    return np.asarray(ends[ends > SHORTEST_RAD], dtype=np.float64)
+
+
+def angle_since_reversal(speed_rad_s: FloatArray, period_s: float) -> FloatArray:
+    """Return the angle turned since the speed last changed sign [rad], infinite before the first change, (n,)."""
+    steps, moving = np.abs(speed_rad_s) * period_s, np.flatnonzero(speed_rad_s)
+    reversals = moving[1:][np.diff(np.sign(speed_rad_s[moving])) != 0.0].tolist()
+    angle = np.full(speed_rad_s.size, np.inf)
+    for begin, end in pairwise([*reversals, speed_rad_s.size]):
+        np.cumsum(steps[begin:end], out=angle[begin:end])
+    return angle
+
+
+UNNAMED: Final[tuple[type[UnnamedEffect], ...]] = (HeatOfMotion, DecayAfterReversal)
