@@ -154,8 +154,7 @@ def _search(
     from rwa_monitor.discrepancy.bench import as_measured
     from rwa_monitor.discrepancy.extended import viscous_in_question
     from rwa_monitor.discrepancy.find import find_discrepancy, with_search_again
-    from rwa_monitor.discrepancy.plausible import unusual
-    from rwa_monitor.discrepancy.saturation import end_stops_in_words
+    from rwa_monitor.discrepancy.plausible import end_stops_in_words, unusual
 
     log(*as_measured([*recordings.samples, *aside.samples], wheel).notes)
     with status_line("searching") as progress:
@@ -170,7 +169,7 @@ def _search(
         if asked is not None:
             log(asked)
         if wanted.bootstrap:
-            from rwa_monitor.discrepancy.bootstrap import with_bootstrap
+            from rwa_monitor.discrepancy.p_values import with_bootstrap
 
             found = with_bootstrap(found, wanted.bootstrap, progress)
         return found if wanted.no_diagnosis else _with_diagnosis_gain(found, progress)
@@ -248,7 +247,7 @@ def _print_details(found: Search) -> None:
     from rwa_monitor.discrepancy.bench import SCALED_ONLY
     from rwa_monitor.discrepancy.extended import extend, laws_in_words
     from rwa_monitor.discrepancy.find import CANDIDATES
-    from rwa_monitor.discrepancy.lattice import steps_in_words
+    from rwa_monitor.discrepancy.quantisation import steps_in_words
     from rwa_monitor.discrepancy.record import left_out_in_words
     from rwa_monitor.discrepancy.report import absent_effects, noise_gains, p_in_words
     from rwa_monitor.discrepancy.untested import as_a_part, not_testable

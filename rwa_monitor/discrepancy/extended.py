@@ -17,11 +17,11 @@ import numpy as np
 from rwa_monitor.discrepancy.base_fit import remove_levels, segment_starts
 from rwa_monitor.discrepancy.finished_search import Search
 from rwa_monitor.discrepancy.models import Model
+from rwa_monitor.discrepancy.plausible import Shown, slope_in_question
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.result import SimulatedGain
 from rwa_monitor.discrepancy.slope_jumps import SlopeJumps, shared_strength
 from rwa_monitor.discrepancy.uncertainty import spread
-from rwa_monitor.discrepancy.unit_check import Shown, slope_in_question
 from rwa_monitor.physics.effects.catalogue import effect_class, mean_effects, to_block
 from rwa_monitor.physics.effects.current_delay import CurrentDelay
 from rwa_monitor.physics.wheel import Nominal, Wheel

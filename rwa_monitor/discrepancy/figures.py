@@ -12,8 +12,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
 from rwa_monitor.discrepancy.engineering import scaled
-from rwa_monitor.discrepancy.finished_search import Search
-from rwa_monitor.discrepancy.ladder import ladder
+from rwa_monitor.discrepancy.finished_search import Search, ladder
 from rwa_monitor.discrepancy.views import View, base_residual
 from rwa_monitor.samples import FloatArray, IntArray
 

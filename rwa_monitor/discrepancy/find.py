@@ -15,22 +15,21 @@ from rwa_monitor.discrepancy.angle_lines import AngleLine, angle_line, order_to_
 from rwa_monitor.discrepancy.base_fit import Fit, fit, make_problem, with_noise_of
 from rwa_monitor.discrepancy.bench import EVEN_CLOCK, as_measured, not_shown_without_motor
 from rwa_monitor.discrepancy.cage import CageBursts, cage_bursts
-from rwa_monitor.discrepancy.delay_term import DelayTerm
 from rwa_monitor.discrepancy.extended import extend
 from rwa_monitor.discrepancy.finished_search import Search
 from rwa_monitor.discrepancy.fitting import EQUIVALENT_WITHIN, Fitting, Progress
 from rwa_monitor.discrepancy.formulas import describe, formulas
 from rwa_monitor.discrepancy.gain import BLOCKS, HeldOut, held_out, held_out_without_jumps, on_other_recordings
-from rwa_monitor.discrepancy.jump_terms import JUMP_TERMS
+from rwa_monitor.discrepancy.jump_terms import JUMP_TERMS, DelayTerm
 from rwa_monitor.discrepancy.known_effects import known_delay, records_of
-from rwa_monitor.discrepancy.lattice import drawn_again
 from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN, NoiseLaw, Series, fit_noise
 from rwa_monitor.discrepancy.mapper import Mapper, in_turn
 from rwa_monitor.discrepancy.models import Found, Growth, Model, SearchResult, law_of
 from rwa_monitor.discrepancy.noise_effects import noise_effects
-from rwa_monitor.discrepancy.nulls import built_in_nulls
 from rwa_monitor.discrepancy.other_orders import with_other_orders
+from rwa_monitor.discrepancy.p_values import built_in_nulls
 from rwa_monitor.discrepancy.problem import Problem
+from rwa_monitor.discrepancy.quantisation import drawn_again, without_rounding
 from rwa_monitor.discrepancy.record import Record, delay_of
 from rwa_monitor.discrepancy.result import (
     INDISTINGUISHABLE,
@@ -42,7 +41,6 @@ from rwa_monitor.discrepancy.result import (
     Unexplained,
     Verdict,
 )
-from rwa_monitor.discrepancy.rounding import without_rounding
 from rwa_monitor.discrepancy.score import price, regressors
 from rwa_monitor.discrepancy.search import (
     grow,

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
 
 from rwa_monitor.discrepancy.gain import HeldOut
 from rwa_monitor.discrepancy.models import Model, SearchResult
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.result import DiscrepancyResult
 from rwa_monitor.physics.wheel import Wheel
+from rwa_monitor.samples import FloatArray
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,3 +35,66 @@ class Search:
     def extended(self) -> Model:
         """The base model with all mean effects found."""
         return self.mean.ladder[-1]
+
+
+# ---- the ladder of models --------------------------------------------------------------------------------------------
+
+
+NORMAL_95: Final = 1.96  # standard deviations
+
+
+@dataclass(frozen=True, slots=True)
+class Rung:
+    """One model of the ladder, judged on held-out data.
+
+    Attributes
+    ----------
+    name
+        The effect that it adds, by its catalogue name.
+    rmse_Nm, excess_Nm
+        Root mean square residual, and what of it is beyond the noise [N m].
+    log_score
+        Mean log density per sample [nats].
+    gain, gain_low, gain_high
+        Over the rung before, with its 95 % interval from the spread over blocks [nats per sample]; None for the first.
+    total, total_half
+        Gain over the first rung and half of its 95 % interval.
+    jumps
+        Jumps that the model needs for the searched recordings.
+    """
+
+    name: str
+    rmse_Nm: float
+    excess_Nm: float
+    log_score: float
+    gain: float | None
+    gain_low: float | None
+    gain_high: float | None
+    total: float
+    total_half: float | None
+    jumps: int
+
+
+def ladder(search: Search) -> list[Rung]:
+    """Return the ladder of models with held-out gains; intervals from the spread over held-out blocks."""
+    rungs: list[Rung] = []
+    noise = search.problem.noise.std
+    blocks = [score.block_log_scores for score in search.scores]
+    for i, (model, score) in enumerate(zip(search.mean.ladder, search.scores, strict=True)):
+        excess = float(np.sqrt(max(score.rmse_Nm**2 - noise**2, 0.0)))
+        jumps = int(model.fit.jumps.size)
+        if i == 0:
+            name = "simulation as it is"
+            rungs.append(Rung(name, score.rmse_Nm, excess, score.log_score, None, None, None, 0.0, None, jumps))
+            continue
+        gain, half = _with_interval(blocks[i] - blocks[i - 1])
+        total, total_half = _with_interval(blocks[i] - blocks[0])
+        name = f"+ {model.names[-1]}"
+        low, high = gain - half, gain + half
+        rungs.append(Rung(name, score.rmse_Nm, excess, score.log_score, gain, low, high, total, total_half, jumps))
+    return rungs
+
+
+def _with_interval(per_block: FloatArray) -> tuple[float, float]:
+    """Return a mean over blocks and half of its 95 % interval."""
+    return float(per_block.mean()), NORMAL_95 * float(per_block.std(ddof=1)) / float(np.sqrt(per_block.size))

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from rwa_monitor.discrepancy.alignment import Delay
-from rwa_monitor.discrepancy.lattice import without_steps
+from rwa_monitor.discrepancy.quantisation import without_steps
 from rwa_monitor.discrepancy.record import Record, make_record
 from rwa_monitor.physics.effects.catalogue import mean_effects
 from rwa_monitor.physics.effects.current_delay import CurrentDelay

@@ -11,7 +11,7 @@ from scipy import optimize
 
 from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN, NoiseLaw, Series
 from rwa_monitor.discrepancy.models import Model
-from rwa_monitor.discrepancy.nulls import built_in_nulls
+from rwa_monitor.discrepancy.p_values import built_in_nulls
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.result import FoundEffect, ParameterValue
 from rwa_monitor.discrepancy.score import scored, with_law

@@ -21,11 +21,9 @@ from scipy.ndimage import correlate1d
 from rwa_monitor.discrepancy import alignment
 from rwa_monitor.discrepancy.bench import MAX_GAP_FACTOR, is_even, with_turns
 from rwa_monitor.discrepancy.derived_friction import derived_friction
-from rwa_monitor.discrepancy.plausible import check_plausible
+from rwa_monitor.discrepancy.plausible import check_inertia, check_plausible, shown_inertia, without_end_stops
 from rwa_monitor.discrepancy.reversals import averages_over_reversals
-from rwa_monitor.discrepancy.saturation import without_end_stops
 from rwa_monitor.discrepancy.steps import Steps, source_of_friction, steps_of
-from rwa_monitor.discrepancy.unit_check import check_inertia, shown_inertia
 from rwa_monitor.errors import InputError
 from rwa_monitor.physics.effects.base import Channels
 from rwa_monitor.physics.effects.torque_ripple import angle_turned
@@ -80,7 +78,7 @@ class Record:
     steps
         Of the channel that friction comes from, as it was read; None where there are none of any consequence.
     friction_as_read_Nm
-        Friction with its rounding, where `friction_torque_Nm` is without (see `lattice`); else None.
+        Friction with its rounding, where `friction_torque_Nm` is without (see `quantisation`); else None.
     """
 
     source: str

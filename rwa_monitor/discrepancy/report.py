@@ -9,12 +9,11 @@ import jinja2
 from rwa_monitor.discrepancy import engineering
 from rwa_monitor.discrepancy.extended import extend, laws_in_words
 from rwa_monitor.discrepancy.find import CANDIDATES, candidates
-from rwa_monitor.discrepancy.finished_search import Search
-from rwa_monitor.discrepancy.ladder import ladder
-from rwa_monitor.discrepancy.lattice import steps_in_words
+from rwa_monitor.discrepancy.finished_search import Search, ladder
 from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN
 from rwa_monitor.discrepancy.next_flight import plan
-from rwa_monitor.discrepancy.nulls import built_in_nulls
+from rwa_monitor.discrepancy.p_values import built_in_nulls
+from rwa_monitor.discrepancy.quantisation import steps_in_words
 from rwa_monitor.discrepancy.record import left_out_in_words
 from rwa_monitor.discrepancy.report_template import PAGE
 from rwa_monitor.discrepancy.result import DiscrepancyResult, FoundEffect, Gain

@@ -16,7 +16,7 @@ from scipy.ndimage import uniform_filter1d
 from rwa_monitor.discrepancy.base_fit import (
     strong_level,
 )
-from rwa_monitor.discrepancy.delay_term import LEAD, SLOPE_REACH, without_pulses
+from rwa_monitor.discrepancy.jump_terms import LEAD, SLOPE_REACH, without_pulses
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.record import Record
 from rwa_monitor.discrepancy.unnamed import UnnamedEffect
@@ -101,7 +101,7 @@ class FollowedLevel:
         self._cleaned: dict[float, FollowedLevel] = {}
 
     def without_pulses(self, lead: float) -> FollowedLevel:
-        """Return the level with its pulses taken out, see `delay_term`."""
+        """Return the level with its pulses taken out, see `jump_terms`."""
         if lead not in self._cleaned:
             self._cleaned[lead] = FollowedLevel(self.problem, without_pulses(self.level, lead))
         return self._cleaned[lead]

@@ -15,7 +15,7 @@ from typing import Final
 
 import numpy as np
 
-from rwa_monitor.discrepancy.base_fit import remove_levels, segment_starts, with_noise_of
+from rwa_monitor.discrepancy.base_fit import with_noise_of
 from rwa_monitor.discrepancy.likelihood import Series
 from rwa_monitor.discrepancy.models import Model, law_of
 from rwa_monitor.discrepancy.noise import MAX_LAG
@@ -204,21 +204,17 @@ def _standard_deviations(problem: Problem, model: Model, columns: FloatArray) ->
 
     The larger of two: that of the noise as it was estimated, and that of the residual as it is.
     """
-    residual, variance = model.fit.residual, None
-    if model.law is None:
-        design = remove_levels(columns, segment_starts(problem, model.fit.jumps))
-    else:
-        series = Series.of(problem).with_jumps(model.fit.jumps)
-        rows = np.vstack([residual, columns.T, np.ones(problem.size)]) * series.sign
-        white, _ = series.whitened(rows, model.law)
-        residual, design = white[0], white[1:].T
-        variance = series.memory * float(residual @ residual) / residual.size
+    series = Series.of(problem).with_jumps(model.fit.jumps)
+    rows = np.vstack([model.fit.residual, columns.T, np.ones(problem.size)]) * series.sign
+    white, _ = series.whitened(rows, law_of(model))
+    residual, design = white[0], white[1:].T
+    variance = series.memory * float(residual @ residual) / residual.size
     scale = np.sqrt(np.sum(design**2, axis=0))
     scale[scale == 0] = 1.0
     design = design / scale
     inverse = np.linalg.pinv(design.T @ design, rcond=1e-14, hermitian=True)
     influence = design @ inverse  # of each sample on each coefficient
-    of_noise = [float(row @ row) * (variance or problem.noise.variance_along(row)) for row in influence.T]
+    of_noise = variance * np.sum(influence**2, axis=0)
     std: FloatArray = np.sqrt(np.maximum(of_noise, _remembered(influence, residual))) / scale
     return std[: columns.shape[1]]
 

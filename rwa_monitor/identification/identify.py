@@ -17,9 +17,9 @@ import numpy as np
 from rwa_monitor.discrepancy.base_fit import fit, make_problem
 from rwa_monitor.discrepancy.bench import as_measured
 from rwa_monitor.discrepancy.known_effects import without_known_effects
+from rwa_monitor.discrepancy.plausible import Shown, slope_in_question
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.record import left_out_in_words, make_record
-from rwa_monitor.discrepancy.unit_check import Shown, slope_in_question
 from rwa_monitor.errors import InputError
 from rwa_monitor.identification.chain_decoding import Stays
 from rwa_monitor.identification.doubts import (

@@ -7,8 +7,8 @@ from typing import Final
 import numpy as np
 
 from rwa_monitor.discrepancy.base_fit import Fit, remove_levels, segment_starts
+from rwa_monitor.discrepancy.plausible import first_slope
 from rwa_monitor.discrepancy.problem import Problem
-from rwa_monitor.discrepancy.unit_check import first_slope
 from rwa_monitor.physics.wheel import Wheel
 
 MOTION_VISIBLE_AT: Final = 10.0  # standard deviations of an inertia left in friction, its noise taken to be white

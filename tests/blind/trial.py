@@ -11,12 +11,11 @@ from typing import Any
 import numpy as np
 
 from rwa_monitor.discrepancy.base_fit import fit
-from rwa_monitor.discrepancy.delay_term import DelayTerm
 from rwa_monitor.discrepancy.find import find_discrepancy
 from rwa_monitor.discrepancy.finished_search import Search
 from rwa_monitor.discrepancy.fitting import Fitting
 from rwa_monitor.discrepancy.gain import held_out
-from rwa_monitor.discrepancy.jump_terms import JUMP_TERMS
+from rwa_monitor.discrepancy.jump_terms import JUMP_TERMS, DelayTerm
 from rwa_monitor.discrepancy.models import Model
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.shape_profile import middle_shape

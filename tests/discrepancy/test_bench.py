@@ -22,7 +22,7 @@ from rwa_monitor.discrepancy.bench import (
 from rwa_monitor.discrepancy.extended import extended_wheel
 from rwa_monitor.discrepancy.find import CANDIDATES, find_discrepancy
 from rwa_monitor.discrepancy.finished_search import Search
-from rwa_monitor.discrepancy.unit_check import shown_inertia
+from rwa_monitor.discrepancy.plausible import shown_inertia
 from rwa_monitor.errors import InputError
 from rwa_monitor.fleet.tasks import not_nominal
 from rwa_monitor.formats.table import read_table

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rwa_monitor.discrepancy.delay_term import LEAD, DelayTerm, without_pulses
+from rwa_monitor.discrepancy.jump_terms import LEAD, DelayTerm, without_pulses
 from rwa_monitor.physics.effects.base import Channels
 from rwa_monitor.samples import FloatArray
 

@@ -17,7 +17,7 @@ from scipy import stats
 from benchmarks.nulls import null_gains
 from rwa_monitor.discrepancy.find import CANDIDATES, prepare
 from rwa_monitor.discrepancy.fitting import Fitting
-from rwa_monitor.discrepancy.nulls import Nulls, built_in_nulls
+from rwa_monitor.discrepancy.p_values import Nulls, built_in_nulls
 from rwa_monitor.discrepancy.record import make_record
 from rwa_monitor.discrepancy.search import search
 from rwa_monitor.physics.effects.base import Family

@@ -14,13 +14,12 @@ from click.testing import CliRunner
 
 from rwa_monitor.cli.main import main
 from rwa_monitor.discrepancy import figures, report
-from rwa_monitor.discrepancy.bootstrap import with_bootstrap
 from rwa_monitor.discrepancy.extended import extended_wheel
 from rwa_monitor.discrepancy.find import find_discrepancy
-from rwa_monitor.discrepancy.finished_search import Search
+from rwa_monitor.discrepancy.finished_search import Search, ladder
 from rwa_monitor.discrepancy.fitting import Fitting
-from rwa_monitor.discrepancy.ladder import ladder
 from rwa_monitor.discrepancy.next_flight import plan
+from rwa_monitor.discrepancy.p_values import with_bootstrap
 from rwa_monitor.discrepancy.plan import rank_manoeuvres
 from rwa_monitor.discrepancy.result import Unexplained
 from rwa_monitor.discrepancy.terms import make_term

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rwa_monitor.discrepancy.find import find_discrepancy
-from rwa_monitor.discrepancy.saturation import at_end_stop, without_end_stops
+from rwa_monitor.discrepancy.plausible import at_end_stop, without_end_stops
 from tests.discrepancy.simple import DRY_NM, WHEEL, record, swing
 
 

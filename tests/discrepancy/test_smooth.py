@@ -1,6 +1,6 @@
 """The search where friction does not jump: it names what is hidden, nothing where nothing is, and the same in any form.
 
-Friction as a law of the speed and noise that remembers, of some 600 samples: see `smooth`.
+Friction as a law of the speed and noise that remembers, of some 600 samples: see `fitting`.
 """
 
 from __future__ import annotations
