@@ -107,8 +107,10 @@ format: $(VENV)/.installed-dev ## lets ruff mend and format what it can
 # The checks of memory have to be loaded before the interpreter, which leaves its own memory behind when it ends: leaks
 # are not looked for. faulthandler would hide where an index was wrong.
 SANITIZED := build/sanitize
-SANITIZED_TESTS := tests/diagnosis tests/effects tests/identification tests/physics tests/discrepancy/test_segmentation.py tests/discrepancy/test_likelihood.py \
-  $(addprefix tests/live/test_,core.py cuts.py order_guard.py ring_buffer.py screen.py wheel_set.py)
+SANITIZED_TESTS := $(addprefix tests/,changepoints diagnosis identification paper simulation switching wheel) \
+  $(addprefix tests/discrepancy/test_,segmentation.py likelihood.py) tests/test_samples.py tests/test_slots.py \
+  $(addprefix tests/telemetry/test_,pulses.py ring_buffer.py sensor_validation.py) \
+  $(addprefix tests/monitor/test_,core.py cuts.py slot_assignment.py wheel_set.py)
 .PHONY: sanitize
 sanitize: export OPENBLAS_NUM_THREADS = 1
 sanitize: export ASAN_OPTIONS = detect_leaks=0:handle_abort=1
@@ -126,7 +128,7 @@ sanitize: $(VENV)/.installed-dev ## the tests that reach the kernels, under Addr
 
 .PHONY: schemas
 schemas: $(VENV)/.installed-dev ## writes schemas/ anew from the messages
-	$(BIN)/python -m rwa_monitor.live.schemas schemas
+	$(BIN)/python -m rwa_monitor.messages.schemas schemas
 
 .PHONY: references
 references: $(VENV)/.installed-dev ## makes the reference recordings in replay/ anew, after a change meant to change diagnoses

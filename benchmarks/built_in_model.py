@@ -13,7 +13,7 @@ from typing import Final
 from benchmarks.accuracy.campaign import outcomes
 from rwa_monitor.diagnosis.model import Model
 from rwa_monitor.diagnosis.training import train
-from rwa_monitor.physics.wheel import built_in_wheel
+from rwa_monitor.wheel.wheel import built_in_wheel
 
 RECIPE: Final = "mild"
 WINDOWS: Final = 1000

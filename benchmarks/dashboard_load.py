@@ -29,8 +29,8 @@ import psutil
 import websockets
 
 from benchmarks.speed.live import free_endpoint
-from rwa_monitor.live.bus import BusOptions, open_session
 from rwa_monitor.messages import Status
+from rwa_monitor.monitor.bus import BusOptions, open_session
 from tests.history.support import diagnosis
 
 CHROMIUM: Final = "/usr/bin/chromium"

@@ -15,11 +15,11 @@ from dataclasses import dataclass
 
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.discrepancy.find import find_discrepancy
-from rwa_monitor.live.core import diagnose_samples
-from rwa_monitor.live.events import WindowDiagnosed
-from rwa_monitor.live.searches import PATIENCE
-from rwa_monitor.physics.demo_satellite import WINDOW_SECONDS, Satellite, same, samples_key, simulate_satellite
+from rwa_monitor.monitor.core import diagnose_samples
+from rwa_monitor.monitor.events import WindowDiagnosed
+from rwa_monitor.monitor.searches import PATIENCE
 from rwa_monitor.samples import Samples
+from rwa_monitor.simulation.demo_satellite import WINDOW_SECONDS, Satellite, same, samples_key, simulate_satellite
 
 TARGET = 0.9  # share of seeds whose first name is right: 18 of 20
 WINDOWS = 5  # told at most: 30 s of the demo

@@ -24,13 +24,13 @@ import psutil
 
 from benchmarks.machine import describe_machine, peak_memory_bytes
 from benchmarks.page import add_output_option, page, put_out, table
-from rwa_monitor.fleet.cluster import each
-from rwa_monitor.fleet.tasks import Diagnose
-from rwa_monitor.formats.parquet_table import write_parquet
-from rwa_monitor.physics.scenario import Scenario
-from rwa_monitor.physics.telemetry import simulate
-from rwa_monitor.physics.wheel import built_in_wheel
+from rwa_monitor.batch.cluster import each
+from rwa_monitor.batch.tasks import Diagnose
+from rwa_monitor.simulation.record import simulate
+from rwa_monitor.simulation.scenario import Scenario
+from rwa_monitor.telemetry.parquet_table import write_parquet
 from rwa_monitor.threads import cores
+from rwa_monitor.wheel.wheel import built_in_wheel
 
 WORKERS = (1, 2, 4)
 
@@ -135,11 +135,11 @@ rwa-monitor diagnose day/*.parquet --scheduler tcp://scheduler:8786 --results /s
 
 - `--results DIR` keeps one Parquet file for each recording (`pip install 'rwa-monitor[parquet]'`). Its name
   holds a hash of recording, settings and release: what is done is not done again, what changed is.
-  `rwa_monitor.fleet.store.read_results(DIR)` gives all as one table.
+  `rwa_monitor.batch.store.read_results(DIR)` gives all as one table.
 - What cannot be used is listed in `DIR/failed.csv` with a reason and stops nothing: bad input, a fault of the
   program, a worker that was killed. The exit code is then 2.
 - The lines are those of one recording after the other, byte for byte, in the order of the arguments
-  (`tests/cli/test_fleet.py`).
+  (`tests/cli/test_batch.py`).
 - The workers of a scheduler must run the same release and see the files at the same path. Dask's own traffic is not
   protected: a scheduler belongs into a trusted network, or behind TLS (`distributed.comm.tls` in its configuration).
 

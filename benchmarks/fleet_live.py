@@ -32,17 +32,17 @@ from benchmarks.machine import describe_machine
 from benchmarks.page import add_output_option, page, put_out, table
 from benchmarks.speed.live import free_endpoint
 from rwa_monitor.diagnosis.model import built_in_model
-from rwa_monitor.live.bus import BusOptions, open_session
-from rwa_monitor.live.chain import recordings_of
-from rwa_monitor.live.core import WheelCore
-from rwa_monitor.live.publisher import SamplesPublisher
-from rwa_monitor.live.recorder import Recorder
-from rwa_monitor.live.recording import last_settings
-from rwa_monitor.live.run_options import RunOptions
-from rwa_monitor.physics.scenario import Scenario
-from rwa_monitor.physics.telemetry import simulate
-from rwa_monitor.physics.wheel import built_in_wheel
+from rwa_monitor.monitor.bus import BusOptions, open_session
+from rwa_monitor.monitor.core import WheelCore
+from rwa_monitor.monitor.publisher import SamplesPublisher
+from rwa_monitor.monitor.recording.chain import recordings_of
+from rwa_monitor.monitor.recording.reader import last_settings
+from rwa_monitor.monitor.recording.recorder import Recorder
+from rwa_monitor.monitor.run_options import RunOptions
 from rwa_monitor.samples import Samples
+from rwa_monitor.simulation.record import simulate
+from rwa_monitor.simulation.scenario import Scenario
+from rwa_monitor.wheel.wheel import built_in_wheel
 
 RATE_HZ = 8
 SETTLE_S = 30.0  # for discovery of all publishers, after which lag and processor time count
@@ -50,7 +50,7 @@ FULL_SLOTS = 76_000  # of the 80,000 of a window
 FILE_AGE_S = 60.0  # of a recording of the fleet with full windows; it is a day otherwise
 # The command, but for how old a recording may become.
 RUN = f"""
-from rwa_monitor.live import recorder
+from rwa_monitor.monitor import recorder
 recorder.MAX_FILE_AGE_S = {FILE_AGE_S}
 from rwa_monitor.cli.main import main
 main()

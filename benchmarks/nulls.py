@@ -26,12 +26,12 @@ from rwa_monitor.discrepancy.noise_effects import largest_noise_gain
 from rwa_monitor.discrepancy.record import make_record
 from rwa_monitor.discrepancy.search import search
 from rwa_monitor.discrepancy.switching_effects import largest_switching_gain
-from rwa_monitor.physics.durations import Uniform
-from rwa_monitor.physics.scenario import Scenario
-from rwa_monitor.physics.sensors import FrictionNoise
-from rwa_monitor.physics.speed import ProfileKind, SpeedProfile
-from rwa_monitor.physics.telemetry import simulate
-from rwa_monitor.physics.wheel import Wheel, built_in_wheel
+from rwa_monitor.simulation.motion import ProfileKind, SpeedProfile
+from rwa_monitor.simulation.record import simulate
+from rwa_monitor.simulation.scenario import Scenario
+from rwa_monitor.simulation.sensors import FrictionNoise
+from rwa_monitor.wheel.durations import Uniform
+from rwa_monitor.wheel.wheel import Wheel, built_in_wheel
 
 SEED: Final = 20_261_121
 LENGTHS: Final = (1_500, 6_000)  # samples

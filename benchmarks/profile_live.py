@@ -23,21 +23,21 @@ from benchmarks.page import add_output_option, page, put_out, table
 from benchmarks.references import SilentBus
 from benchmarks.speed.live import BATCH, samples_of
 from benchmarks.window import Window, window_of
-from rwa_monitor.diagnosis.evidence import WindowAccumulator
+from rwa_monitor.changepoints.evidence import WindowAccumulator
 from rwa_monitor.diagnosis.model import built_in_model
-from rwa_monitor.live import windows
-from rwa_monitor.live.core import WheelCore
-from rwa_monitor.live.friction import FrictionSource
-from rwa_monitor.live.monitor import Clock, Monitor
-from rwa_monitor.live.order_guard import OrderGuard
-from rwa_monitor.live.recorder import Recorder
-from rwa_monitor.live.ring_buffer import RingBuffer
-from rwa_monitor.live.run_options import RunOptions
-from rwa_monitor.live.screen import Screen
-from rwa_monitor.live.sequencer import Sequencer
 from rwa_monitor.messages import SamplesMessage, samples_json
-from rwa_monitor.physics.datasets import generate
-from rwa_monitor.physics.wheel import built_in_wheel
+from rwa_monitor.monitor import windows
+from rwa_monitor.monitor.core import WheelCore
+from rwa_monitor.monitor.ingest.sequencer import Sequencer
+from rwa_monitor.monitor.ingest.slot_assignment import OrderGuard
+from rwa_monitor.monitor.monitor import Clock, Monitor
+from rwa_monitor.monitor.recording.recorder import Recorder
+from rwa_monitor.monitor.run_options import RunOptions
+from rwa_monitor.simulation.datasets import generate
+from rwa_monitor.telemetry.friction import FrictionSource
+from rwa_monitor.telemetry.ring_buffer import RingBuffer
+from rwa_monitor.telemetry.sensor_validation import Screen
+from rwa_monitor.wheel.wheel import built_in_wheel
 
 KEY = "rwa/profile/wheel_1/samples"
 # What runs within what is told by the stack of stages: each gets only its own time.

@@ -23,20 +23,20 @@ from typing import Any, Final
 import numpy as np
 
 from rwa_monitor.diagnosis.model import built_in_model
-from rwa_monitor.live.backfill import Arrival
-from rwa_monitor.live.bus import Inbox
-from rwa_monitor.live.chain import recordings_of
-from rwa_monitor.live.monitor import Clock, Monitor
-from rwa_monitor.live.past import read_past
-from rwa_monitor.live.recorder import Recorder
-from rwa_monitor.live.recording import read_recording
-from rwa_monitor.live.run_options import RunOptions
 from rwa_monitor.messages import Diagnosis, Message, SamplesMessage, Status, samples_json
-from rwa_monitor.physics.scenario import Scenario
-from rwa_monitor.physics.telemetry import simulate
-from rwa_monitor.physics.wheel import Wheel, built_in_wheel
+from rwa_monitor.monitor.bus import Inbox
+from rwa_monitor.monitor.earlier_run import read_past
+from rwa_monitor.monitor.ingest.backfill import Arrival
+from rwa_monitor.monitor.monitor import Clock, Monitor
+from rwa_monitor.monitor.recording.chain import recordings_of
+from rwa_monitor.monitor.recording.reader import read_recording
+from rwa_monitor.monitor.recording.recorder import Recorder
+from rwa_monitor.monitor.run_options import RunOptions
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, Samples
+from rwa_monitor.simulation.record import simulate
+from rwa_monitor.simulation.scenario import Scenario
 from rwa_monitor.version import SOFTWARE
+from rwa_monitor.wheel.wheel import Wheel, built_in_wheel
 
 WINDOW_SLOTS: Final = 4_000
 BATCH: Final = 200  # samples of a message

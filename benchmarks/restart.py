@@ -32,15 +32,15 @@ from benchmarks.machine import describe_machine, peak_memory_bytes
 from benchmarks.page import add_output_option, page, put_out, table
 from benchmarks.speed.live import free_endpoint
 from rwa_monitor.diagnosis.model import built_in_model
-from rwa_monitor.live.bus import BusOptions, open_session
-from rwa_monitor.live.core import diagnose_samples
-from rwa_monitor.live.outputs import outputs_of
-from rwa_monitor.live.publisher import ReliablePublisher
 from rwa_monitor.messages import Diagnosis, samples_json
-from rwa_monitor.physics.scenario import Scenario
-from rwa_monitor.physics.telemetry import simulate
-from rwa_monitor.physics.wheel import built_in_wheel
+from rwa_monitor.monitor.bus import BusOptions, open_session
+from rwa_monitor.monitor.core import diagnose_samples
+from rwa_monitor.monitor.outputs import outputs_of
+from rwa_monitor.monitor.publisher import ReliablePublisher
 from rwa_monitor.samples import Samples
+from rwa_monitor.simulation.record import simulate
+from rwa_monitor.simulation.scenario import Scenario
+from rwa_monitor.wheel.wheel import built_in_wheel
 
 BATCH: Final = 256  # samples of a message
 SLOTS: Final = 80_000  # of a window

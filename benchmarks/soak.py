@@ -29,12 +29,12 @@ import numpy as np
 from benchmarks.beside import Beside
 from benchmarks.page import add_output_option, page, put_out, table
 from benchmarks.speed.live import free_endpoint
-from rwa_monitor.live.bus import INBOX_BYTES, OUTPUT_HISTORY, BusOptions, open_session
-from rwa_monitor.live.publisher import SamplesPublisher
-from rwa_monitor.physics.scenario import Scenario
-from rwa_monitor.physics.telemetry import simulate
-from rwa_monitor.physics.wheel import Wheel, built_in_wheel
+from rwa_monitor.monitor.bus import INBOX_BYTES, OUTPUT_HISTORY, BusOptions, open_session
+from rwa_monitor.monitor.publisher import SamplesPublisher
 from rwa_monitor.samples import Samples
+from rwa_monitor.simulation.record import simulate
+from rwa_monitor.simulation.scenario import Scenario
+from rwa_monitor.wheel.wheel import Wheel, built_in_wheel
 
 BATCH = 256  # samples of a message
 PERIOD_NS = 125_000_000
@@ -289,8 +289,8 @@ to a second of it is the age of the status. On {os.cpu_count()} processors, besi
 - **The index of the recording** that is being written, some 5 MB, until the next file.
 - **Messages of wheels whose model does not fit**, for a search: at most 64 MB.
 
-`tests/live/test_memory.py` counts what Python allocates: nothing is kept of windows that were closed and of files that
-were ended, and a new file takes the memory of one checkpoint however many wheels there are.""",
+`tests/monitor/test_memory.py` counts what Python allocates: nothing is kept of windows that were closed and of files
+that were ended, and a new file takes the memory of one checkpoint however many wheels there are.""",
     )
 
 

@@ -21,9 +21,9 @@ from benchmarks.page import NONE, add_output_option, counted, page, put_out, sec
 from rwa_monitor.cli.console import track
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.diagnosis.trend import MIN_WINDOWS, SIGNIFICANCE, find_trend
-from rwa_monitor.live.core import diagnose_samples
-from rwa_monitor.physics.datasets import FLEET_WINDOWS, LabelledWindow, generate
+from rwa_monitor.monitor.core import diagnose_samples
 from rwa_monitor.samples import FloatArray
+from rwa_monitor.simulation.datasets import FLEET_WINDOWS, LabelledWindow, generate
 
 COEFFICIENTS = ("dry", "viscous")
 SHARE = 0.9  # of the final growth: the limit whose time is foretold

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rwa_monitor.diagnosis.evidence import WindowAccumulator
-from rwa_monitor.diagnosis.results import Evidence, Method
-from rwa_monitor.physics.datasets import LabelledWindow
-from rwa_monitor.physics.torque_balance import mended_friction, torque_per_ampere
-from rwa_monitor.physics.wheel import Wheel
+from rwa_monitor.changepoints.evidence import WindowAccumulator
+from rwa_monitor.changepoints.stage_results import Evidence, Method
 from rwa_monitor.samples import BoolArray, FloatArray, Samples
+from rwa_monitor.simulation.datasets import LabelledWindow
+from rwa_monitor.wheel.torque_balance import mended_friction, torque_per_ampere
+from rwa_monitor.wheel.wheel import Wheel
 
 
 @dataclass(frozen=True, slots=True)

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 import rwa_monitor as rwa
-from rwa_monitor.physics.effects.base import Channels, MeanEffect, Memory, Parameter
-from rwa_monitor.physics.effects.catalogue import register
+from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Parameter
+from rwa_monitor.wheel.effects.catalogue import register
 
 
 # 1. The class. Metadata say what it is and what it is confused with; `columns` is the formula at unit strength.

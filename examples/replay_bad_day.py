@@ -11,7 +11,7 @@ from pathlib import Path
 import rwa_monitor as rwa
 
 # Not public, so it may change: it gives the messages of a recording one by one. Their samples alone are rwa.read(file).
-from rwa_monitor.live.telemetry_files import read_telemetry
+from rwa_monitor.monitor.telemetry_files import read_telemetry
 
 folder = Path(sys.argv[1]) if len(sys.argv) > 1 else Path(__file__).parents[1] / "replay" / "bad_day"
 

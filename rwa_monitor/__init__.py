@@ -1,8 +1,8 @@
 """Diagnosis of reaction wheels from their bearing friction, live on a bus and from recordings.
 
 Public are the names below (`rwa_monitor.api`, which each comes from when it is asked for), those in `__all__` of
-`rwa_monitor.plot` for pictures, `read_results` of `rwa_monitor.fleet.store`, and, to write an effect of one's own,
-`rwa_monitor.physics.effects.base` and `register` of `rwa_monitor.physics.effects.catalogue`. They change with a line in
+`rwa_monitor.plot` for pictures, `read_results` of `rwa_monitor.batch.store`, and, to write an effect of one's own,
+`rwa_monitor.wheel.effects.base` and `register` of `rwa_monitor.wheel.effects.catalogue`. They change with a line in
 the changelog; everything else may change at any time.
 """
 

@@ -27,36 +27,36 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from rwa_monitor.changepoints.stage_results import Method
 from rwa_monitor.diagnosis.model import Model, built_in_model
-from rwa_monitor.diagnosis.results import Method
-from rwa_monitor.diagnosis.state import CarriedState
 from rwa_monitor.discrepancy.extended import extended_wheel
 from rwa_monitor.discrepancy.find import find_discrepancy as search_recordings
 from rwa_monitor.discrepancy.finished_search import Search
 from rwa_monitor.errors import InputError, RwaMonitorError
-from rwa_monitor.formats.files import display_name
-from rwa_monitor.formats.model_file import read_model as read_model_file
-from rwa_monitor.formats.results import diagnosis_row
-from rwa_monitor.formats.scenario_file import read_scenario
-from rwa_monitor.formats.telemetry import joined, only_wheel, read_decoding
-from rwa_monitor.formats.wheel_file import read_wheel as read_wheel_file
 from rwa_monitor.identification.identify import Learned, bare_wheel
 from rwa_monitor.identification.identify import identify as learn_wheel
-from rwa_monitor.live.core import WheelCore
-from rwa_monitor.live.events import Event, SensorFault, WindowDiagnosed
-from rwa_monitor.live.outputs import trouble_in
-from rwa_monitor.live.replay import Report
-from rwa_monitor.live.replay import replay as replay_recordings
-from rwa_monitor.live.telemetry_files import read_telemetry
-from rwa_monitor.live.trends import CoefficientTrend, wheel_trends
 from rwa_monitor.messages import Diagnosis, diagnosis_message
-from rwa_monitor.physics.scenario import Scenario
-from rwa_monitor.physics.telemetry import Telemetry
-from rwa_monitor.physics.telemetry import simulate as simulate_telemetry
-from rwa_monitor.physics.wheel import Wheel, built_in_wheel
+from rwa_monitor.monitor.core import WheelCore
+from rwa_monitor.monitor.events import Event, SensorFault, WindowDiagnosed
+from rwa_monitor.monitor.outputs import trouble_in
+from rwa_monitor.monitor.replay import Report
+from rwa_monitor.monitor.replay import replay as replay_recordings
+from rwa_monitor.monitor.telemetry_files import read_telemetry
+from rwa_monitor.monitor.trends import CoefficientTrend, wheel_trends
+from rwa_monitor.reporting.diagnosis_rows import diagnosis_row
 from rwa_monitor.samples import Samples
+from rwa_monitor.simulation.record import Telemetry
+from rwa_monitor.simulation.record import simulate as simulate_telemetry
+from rwa_monitor.simulation.scenario import Scenario
+from rwa_monitor.switching.carried_state import CarriedState
+from rwa_monitor.telemetry.files import display_name
+from rwa_monitor.telemetry.model_file import read_model as read_model_file
+from rwa_monitor.telemetry.reader import joined, only_wheel, read_decoding
+from rwa_monitor.telemetry.scenario_file import read_scenario
+from rwa_monitor.telemetry.wheel_file import read_wheel as read_wheel_file
 from rwa_monitor.threads import on_threads, one_thread_of_algebra
 from rwa_monitor.version import SOFTWARE
+from rwa_monitor.wheel.wheel import Wheel, built_in_wheel
 
 if TYPE_CHECKING:
     from pandas import DataFrame

@@ -16,12 +16,12 @@ from matplotlib.figure import Figure
 from rwa_monitor.discrepancy.figures import ladder_picture as ladder
 from rwa_monitor.discrepancy.figures import overlay as discrepancy
 from rwa_monitor.errors import InputError
-from rwa_monitor.live.friction import source_of
-from rwa_monitor.live.trends import CoefficientTrend, WindowFriction, wheel_trends
 from rwa_monitor.messages import Diagnosis
-from rwa_monitor.physics.torque_balance import mended_friction, torque_per_ampere, without_motor
-from rwa_monitor.physics.wheel import Wheel, built_in_wheel
+from rwa_monitor.monitor.trends import CoefficientTrend, WindowFriction, wheel_trends
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, SECONDS_PER_HOUR, FloatArray, IntArray, Samples
+from rwa_monitor.telemetry.friction import source_of
+from rwa_monitor.wheel.torque_balance import mended_friction, torque_per_ampere, without_motor
+from rwa_monitor.wheel.wheel import Wheel, built_in_wheel
 
 __all__ = ["discrepancy", "ladder", "trend", "window"]
 

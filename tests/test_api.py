@@ -17,9 +17,9 @@ from threadpoolctl import threadpool_info, threadpool_limits
 import rwa_monitor as rwa
 from rwa_monitor import api
 from rwa_monitor.errors import InputError
-from rwa_monitor.formats.csv_table import write_csv
-from rwa_monitor.physics.wheel import Window
+from rwa_monitor.telemetry.csv_table import write_csv
 from rwa_monitor.threads import one_thread_of_algebra
+from rwa_monitor.wheel.wheel import Window
 
 SEED = 21
 

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 import rwa_monitor as rwa
 from rwa_monitor import plot
 from rwa_monitor.errors import InputError
-from rwa_monitor.physics.wheel import Window
+from rwa_monitor.wheel.wheel import Window
 
 WINDOW = 20_000
 

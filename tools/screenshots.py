@@ -11,7 +11,7 @@ from pathlib import Path
 from PIL import Image
 from playwright.sync_api import Page, expect, sync_playwright
 
-from rwa_monitor.physics.demo_satellite import FAILING
+from rwa_monitor.simulation.demo_satellite import FAILING
 
 CHROMIUM = "/usr/bin/chromium"
 FOLDER = Path("docs/screenshots")

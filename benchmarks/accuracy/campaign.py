@@ -13,17 +13,17 @@ import numpy as np
 
 from benchmarks.accuracy.outcome import Outcome, evaluate
 from benchmarks.window import window_of
-from rwa_monitor.diagnosis.assignment import assign
+from rwa_monitor.changepoints.stage_results import Method
 from rwa_monitor.diagnosis.classification import classify
-from rwa_monitor.diagnosis.components import split
 from rwa_monitor.diagnosis.features import features_of
 from rwa_monitor.diagnosis.model import Model, models_for
-from rwa_monitor.diagnosis.paper_assignment import assign_as_paper, split_as_paper
 from rwa_monitor.diagnosis.paper_classification import classify_as_paper
-from rwa_monitor.diagnosis.results import Method
-from rwa_monitor.diagnosis.state import CarriedState
-from rwa_monitor.physics.datasets import RECIPES, LabelledWindow, wheel_windows
+from rwa_monitor.paper.assignment import assign_as_paper, split_as_paper
 from rwa_monitor.samples import FloatArray
+from rwa_monitor.simulation.datasets import RECIPES, LabelledWindow, wheel_windows
+from rwa_monitor.switching.assignment import assign
+from rwa_monitor.switching.carried_state import CarriedState
+from rwa_monitor.switching.components import split
 
 STAGES = ("changepoints", "assignment", "classification")
 

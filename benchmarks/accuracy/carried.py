@@ -16,13 +16,13 @@ import numpy as np
 from benchmarks.accuracy.campaign import in_processes
 from rwa_monitor.cli.console import track
 from rwa_monitor.diagnosis.model import built_in_model
-from rwa_monitor.diagnosis.state import CarriedState
 from rwa_monitor.diagnosis.window_diagnosis import WindowDiagnosis
-from rwa_monitor.live.core import diagnose_samples
-from rwa_monitor.physics.datasets import FLEET_WINDOWS, RECIPES, Recipe, wheel_windows
-from rwa_monitor.physics.scenario import Scenario
-from rwa_monitor.physics.wheel import Wheel
+from rwa_monitor.monitor.core import diagnose_samples
 from rwa_monitor.samples import BoolArray, FloatArray
+from rwa_monitor.simulation.datasets import FLEET_WINDOWS, RECIPES, Recipe, wheel_windows
+from rwa_monitor.simulation.scenario import Scenario
+from rwa_monitor.switching.carried_state import CarriedState
+from rwa_monitor.wheel.wheel import Wheel
 
 EARLIER: Final = 10  # windows before the one that is judged
 StoryName = Literal["lasting", "sudden", "growing"]

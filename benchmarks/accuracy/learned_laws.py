@@ -17,11 +17,11 @@ from rwa_monitor.cli.console import track
 from rwa_monitor.diagnosis.model import Model, built_in_model
 from rwa_monitor.errors import InputError
 from rwa_monitor.identification.identify import identify
-from rwa_monitor.live.core import diagnose_samples
-from rwa_monitor.physics.datasets import RECIPES, LabelledWindow, Recipe, wheel_windows
-from rwa_monitor.physics.scenario import Scenario
-from rwa_monitor.physics.wheel import FrictionRange, Wheel
+from rwa_monitor.monitor.core import diagnose_samples
 from rwa_monitor.samples import BoolArray, Samples
+from rwa_monitor.simulation.datasets import RECIPES, LabelledWindow, Recipe, wheel_windows
+from rwa_monitor.simulation.scenario import Scenario
+from rwa_monitor.wheel.wheel import FrictionRange, Wheel
 
 RECORDINGS: Final = 8  # healthy windows that a wheel is identified from
 WINDOWS: Final = 25  # windows of each wheel that are diagnosed: each status five times

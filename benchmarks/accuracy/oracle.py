@@ -14,19 +14,19 @@ from dataclasses import replace
 import numpy as np
 
 from benchmarks.window import window_of
-from rwa_monitor.diagnosis.assignment import assign
-from rwa_monitor.diagnosis.components import split
-from rwa_monitor.diagnosis.estimation import estimate
+from rwa_monitor.changepoints.estimation import estimate
+from rwa_monitor.changepoints.running_sums import RunningSums
+from rwa_monitor.changepoints.stage_results import Assignment, Candidates, NoiseEstimate
 from rwa_monitor.diagnosis.features import Features, SystemFeatures, features_of
 from rwa_monitor.diagnosis.physical_units import changepoints_of
-from rwa_monitor.diagnosis.results import Assignment, Candidates, NoiseEstimate
-from rwa_monitor.diagnosis.running_sums import RunningSums
-from rwa_monitor.diagnosis.state import CarriedState
 from rwa_monitor.diagnosis.window_diagnosis import Changepoint
 from rwa_monitor.kernels.changepoints import refine_in_colour
-from rwa_monitor.physics.datasets import LabelledWindow
-from rwa_monitor.physics.telemetry import Truth
 from rwa_monitor.samples import IntArray
+from rwa_monitor.simulation.datasets import LabelledWindow
+from rwa_monitor.simulation.record import Truth
+from rwa_monitor.switching.assignment import assign
+from rwa_monitor.switching.carried_state import CarriedState
+from rwa_monitor.switching.components import split
 
 ORACLE_SCALE = 8  # slots: the assignment moves a candidate by half of this at most
 

@@ -8,17 +8,17 @@ from dataclasses import astuple, dataclass
 import numpy as np
 
 from benchmarks.accuracy.oracle import features_of_truth, features_with_true_jumps, jumps_of_ideal_search
+from rwa_monitor.changepoints.stage_results import Method
 from rwa_monitor.diagnosis.features import Features
-from rwa_monitor.diagnosis.results import Method
 from rwa_monitor.diagnosis.training import LabelledFeatures
 from rwa_monitor.diagnosis.window_diagnosis import Changepoint, WindowDiagnosis
 from rwa_monitor.discrepancy.diagnosis_gain import PLACED_WITHIN, false_changepoints
 from rwa_monitor.errors import InputError
-from rwa_monitor.live.core import diagnose_samples
-from rwa_monitor.physics.datasets import LabelledWindow
-from rwa_monitor.physics.telemetry import Changepoints
-from rwa_monitor.physics.wheel import Wheel
+from rwa_monitor.monitor.core import diagnose_samples
 from rwa_monitor.samples import BoolArray, IntArray, Samples
+from rwa_monitor.simulation.datasets import LabelledWindow
+from rwa_monitor.simulation.record import Changepoints
+from rwa_monitor.wheel.wheel import Wheel
 
 
 @dataclass(frozen=True, slots=True)

@@ -24,8 +24,8 @@ from benchmarks.accuracy.splits import COVERAGES, TRAINING_SHARE, Accuracy
 from benchmarks.page import NONE, page, percent, section, table, with_interval
 from benchmarks.target import target_table
 from rwa_monitor.discrepancy.diagnosis_gain import PLACED_WITHIN
-from rwa_monitor.physics.datasets import HARD_SEVERITIES, MILD_SEVERITIES, PAPER_SEVERITIES
-from rwa_monitor.physics.wheel import built_in_wheel
+from rwa_monitor.simulation.datasets import HARD_SEVERITIES, MILD_SEVERITIES, PAPER_SEVERITIES
+from rwa_monitor.wheel.wheel import built_in_wheel
 
 # Figures of the paper: its results section and the project's notes on it.
 PAPER_DETECTION: Final = {"dry": "~95 %", "viscous": "~95 %", "fss_1": "~95 %", "fss_2": "100 %"}

@@ -15,14 +15,14 @@ from scipy import special
 
 from benchmarks.accuracy.outcome import Outcome
 from benchmarks.page import wilson
+from rwa_monitor.changepoints.stage_results import Method
 from rwa_monitor.diagnosis.classification import Judged, classify
 from rwa_monitor.diagnosis.model import Model, models_for
 from rwa_monitor.diagnosis.paper_classification import classify_as_paper
-from rwa_monitor.diagnosis.results import Method
-from rwa_monitor.diagnosis.state import CarriedState
 from rwa_monitor.diagnosis.training import train
-from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import BoolArray, FloatArray
+from rwa_monitor.switching.carried_state import CarriedState
+from rwa_monitor.wheel.wheel import Wheel
 
 TRAINING_SHARE: Final = 0.2
 SPLITS: Final = 30

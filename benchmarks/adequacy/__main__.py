@@ -35,12 +35,12 @@ from benchmarks.page import NONE, add_output_option, counted, page, put_out, sec
 from benchmarks.target import Target, at_least, at_most, exit_code
 from benchmarks.window import Window
 from rwa_monitor.diagnosis import adequacy
-from rwa_monitor.diagnosis.assignment import assign
-from rwa_monitor.physics.datasets import MILD_SEVERITIES
-from rwa_monitor.physics.scenario import Scenario
-from rwa_monitor.physics.speed import ProfileKind
-from rwa_monitor.physics.telemetry import simulate
-from rwa_monitor.physics.wheel import built_in_wheel
+from rwa_monitor.simulation.datasets import MILD_SEVERITIES
+from rwa_monitor.simulation.motion import ProfileKind
+from rwa_monitor.simulation.record import simulate
+from rwa_monitor.simulation.scenario import Scenario
+from rwa_monitor.switching.assignment import assign
+from rwa_monitor.wheel.wheel import built_in_wheel
 
 RECIPE_NAMES = ("paper", "mild", "hard", "derived")
 WANTED_SEEN, WANTED_FALSE = 0.9, 0.01
@@ -74,11 +74,11 @@ the samples and sees more: it names effects in measured records of 1,760 samples
 ([measured.md](measured.md))."""
 MISSING = """\
 One window, one effect on one motion, all 17 × 4 that can be shown. *Doubt*: whether the standard deviations hold what
-the missing effect can have moved (`diagnosis/doubt.py`). The anomalies are those of recipe `mild`; *near-certain* is a
-probability above 0.9; *so called*: of the windows near-certain of what is not there, those whose verdict is
-`anomalous`, too; *open*: the verdict is `inconclusive`. A failing wheel that is not detected with doubt is mostly
-inconclusive, with a reason that names what the model lacks; its search is started, and once the wheel file is extended
-nothing is in doubt. Windows without a missing effect are adequate and are not touched."""
+the missing effect can have moved (`diagnosis/model_error_uncertainty.py`). The anomalies are those of recipe `mild`;
+*near-certain* is a probability above 0.9; *so called*: of the windows near-certain of what is not there, those whose
+verdict is `anomalous`, too; *open*: the verdict is `inconclusive`. A failing wheel that is not detected with doubt is
+mostly inconclusive, with a reason that names what the model lacks; its search is started, and once the wheel file is
+extended nothing is in doubt. Windows without a missing effect are adequate and are not touched."""
 COST = """\
 The check takes {check_ms:.1f} ms at the close of a window of 80,000 samples (median of 50), the assignment of the same
 windows {assignment_ms:.1f} ms. It reads running sums only; what they do not hold (direction, the dead band, the wheel's

@@ -1,7 +1,7 @@
 """How well the check at a window's close sees what the friction model lacks, and what that does to the diagnosis.
 
 A trial hides one effect in a few windows of a wheel of recipe `paper`, at a strength that is the RMS of its part
-orthogonal to sign, speed and true levels (`physics.effects.strength`), in standard deviations of the noise, over all
+orthogonal to sign, speed and true levels (`wheel.effects.strength`), in standard deviations of the noise, over all
 slots of the first window, the dead band included. The windows follow each other with the state carried on.
 """
 
@@ -15,20 +15,20 @@ import numpy as np
 
 from benchmarks.window import Window
 from rwa_monitor.diagnosis.model import built_in_model
-from rwa_monitor.diagnosis.state import CarriedState
 from rwa_monitor.diagnosis.window import diagnose_window
 from rwa_monitor.diagnosis.window_diagnosis import WindowDiagnosis
 from rwa_monitor.errors import InputError
-from rwa_monitor.live.core import diagnose_samples
-from rwa_monitor.physics.datasets import MILD_SEVERITIES, RECIPES
-from rwa_monitor.physics.effects.base import Channels, MeanEffect
-from rwa_monitor.physics.effects.catalogue import CATALOGUE, to_block
-from rwa_monitor.physics.effects.strength import level_columns, strength_for
-from rwa_monitor.physics.scenario import Anomaly, Scenario
-from rwa_monitor.physics.speed import ProfileKind, SpeedProfile
-from rwa_monitor.physics.telemetry import simulate
-from rwa_monitor.physics.truth import true_channels
-from rwa_monitor.physics.wheel import EffectBlock, Wheel
+from rwa_monitor.monitor.core import diagnose_samples
+from rwa_monitor.simulation.datasets import MILD_SEVERITIES, RECIPES
+from rwa_monitor.simulation.motion import ProfileKind, SpeedProfile
+from rwa_monitor.simulation.record import simulate
+from rwa_monitor.simulation.scenario import Anomaly, Scenario
+from rwa_monitor.simulation.truth import true_channels
+from rwa_monitor.switching.carried_state import CarriedState
+from rwa_monitor.wheel.effects.base import Channels, MeanEffect
+from rwa_monitor.wheel.effects.catalogue import CATALOGUE, to_block
+from rwa_monitor.wheel.effects.strength import level_columns, strength_for
+from rwa_monitor.wheel.wheel import EffectBlock, Wheel
 
 MOTIONS: Final[tuple[ProfileKind, ...]] = ("one_direction", "crossings", "rich", "orbit")
 MEAN_EFFECTS: Final = tuple(name for name, effect in CATALOGUE.items() if issubclass(effect, MeanEffect))
@@ -157,7 +157,7 @@ def diagnose_recipe(recipe: str, number: int, seed: int, *, nominal: bool) -> tu
     Parameters
     ----------
     recipe, number, seed
-        As in `physics.datasets.generate`.
+        As in `simulation.datasets.generate`.
     nominal
         Leave out the anomalies that the recipe draws.
     """

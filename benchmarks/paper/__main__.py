@@ -19,7 +19,7 @@ from benchmarks.paper.benchmark import Size, paper_targets, run
 from benchmarks.paper.page import to_markdown
 from benchmarks.paper.pictures import pictures
 from benchmarks.target import exit_code
-from rwa_monitor.formats.files import write_text
+from rwa_monitor.telemetry.files import write_text
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -22,12 +22,12 @@ from benchmarks.page import page, put_out, table
 from benchmarks.paper.peers import score
 from benchmarks.speed.plain_paper import changepoints as plain_changepoints
 from benchmarks.window import Window, window_of
-from rwa_monitor.diagnosis.estimation import default_exclusion, estimate, nominal_slope_prior
-from rwa_monitor.diagnosis.evidence import WindowAccumulator
-from rwa_monitor.diagnosis.results import Method
-from rwa_monitor.physics.datasets import generate
-from rwa_monitor.physics.telemetry import Changepoints
+from rwa_monitor.changepoints.estimation import default_exclusion, estimate, nominal_slope_prior
+from rwa_monitor.changepoints.evidence import WindowAccumulator
+from rwa_monitor.changepoints.stage_results import Method
 from rwa_monitor.samples import FloatArray
+from rwa_monitor.simulation.datasets import generate
+from rwa_monitor.simulation.record import Changepoints
 
 Noise = Callable[[np.random.Generator, int], FloatArray]
 SETTLED: Final = 200  # samples after which an autoregression has forgotten its start

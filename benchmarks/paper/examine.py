@@ -10,14 +10,14 @@ import numpy as np
 
 from benchmarks.accuracy.outcome import Outcome, evaluate
 from benchmarks.window import Window, window_of
-from rwa_monitor.diagnosis.assignment import assign
-from rwa_monitor.diagnosis.estimation import estimate
+from rwa_monitor.changepoints.estimation import estimate
+from rwa_monitor.changepoints.stage_results import REJECTED, UNATTRIBUTED, Assignment, Estimate, Evidence
 from rwa_monitor.diagnosis.features import features_of
-from rwa_monitor.diagnosis.paper_assignment import assign_as_paper, split_as_paper
-from rwa_monitor.diagnosis.results import REJECTED, UNATTRIBUTED, Assignment, Estimate, Evidence
-from rwa_monitor.diagnosis.state import CarriedState
-from rwa_monitor.physics.datasets import LabelledWindow
+from rwa_monitor.paper.assignment import assign_as_paper, split_as_paper
 from rwa_monitor.samples import FloatArray, IntArray
+from rwa_monitor.simulation.datasets import LabelledWindow
+from rwa_monitor.switching.assignment import assign
+from rwa_monitor.switching.carried_state import CarriedState
 
 HARD: Final = "paper, hard laws"  # name of the features of the paper's method as printed
 ORACLE: Final = "oracle"  # knows when jumps are

@@ -17,11 +17,11 @@ import numpy as np
 from benchmarks.accuracy.outcome import JumpScore, only_window, score_jumps
 from benchmarks.page import add_output_option, counted, page, put_out, table
 from benchmarks.target import at_least, at_most, exit_code
-from rwa_monitor.diagnosis.results import Method
-from rwa_monitor.physics.scenario import Scenario
-from rwa_monitor.physics.speed import SpeedProfile
-from rwa_monitor.physics.telemetry import Telemetry, simulate
-from rwa_monitor.physics.wheel import built_in_wheel
+from rwa_monitor.changepoints.stage_results import Method
+from rwa_monitor.simulation.motion import SpeedProfile
+from rwa_monitor.simulation.record import Telemetry, simulate
+from rwa_monitor.simulation.scenario import Scenario
+from rwa_monitor.wheel.wheel import built_in_wheel
 
 WANTED_RIGHT, WANTED_FALSE = 0.99, 0.1
 METHODS: tuple[Method, ...] = ("paper", "joint")

@@ -24,7 +24,7 @@ from benchmarks.paper.examine import ORACLE
 from benchmarks.paper.peers import Detected
 from benchmarks.paper.run_length import PAPER_RUN_LENGTHS, PAPER_WEIGHTS, PAPER_WINDOW, RunLengths
 from benchmarks.target import target_table
-from rwa_monitor.diagnosis.tuning import TuningCheck
+from rwa_monitor.changepoints.tuning import TuningCheck
 
 PAPER: Final = (
     "A. Penacho Riveiros, N. Bastianello, K. H. Johansson, M. Barreau, *Physics-Informed Detection of Friction "

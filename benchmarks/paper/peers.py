@@ -15,13 +15,13 @@ import numpy as np
 
 from benchmarks.speed.peers import Peer
 from benchmarks.window import Window, window_of
-from rwa_monitor.diagnosis.assignment import assign
-from rwa_monitor.diagnosis.results import REJECTED, Method
-from rwa_monitor.diagnosis.state import CarriedState
+from rwa_monitor.changepoints.stage_results import REJECTED, Method
 from rwa_monitor.discrepancy.diagnosis_gain import PLACED_WITHIN
-from rwa_monitor.physics.datasets import LabelledWindow
-from rwa_monitor.physics.truth import Changepoints
 from rwa_monitor.samples import IntArray
+from rwa_monitor.simulation.datasets import LabelledWindow
+from rwa_monitor.simulation.truth import Changepoints
+from rwa_monitor.switching.assignment import assign
+from rwa_monitor.switching.carried_state import CarriedState
 
 FPOP: Final = "skchange FPOP"
 WARM_UP: Final = 4000  # slots

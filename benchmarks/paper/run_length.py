@@ -12,7 +12,7 @@ from typing import Final
 import numpy as np
 from scipy import optimize, stats
 
-from rwa_monitor.diagnosis.tuning import Tuning, TuningCheck, check, information
+from rwa_monitor.changepoints.tuning import Tuning, TuningCheck, check, information
 from rwa_monitor.samples import FloatArray
 
 MISSED: Final = 1e-3  # the paper's missed detection rate

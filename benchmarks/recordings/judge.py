@@ -18,8 +18,8 @@ import numpy as np
 from rwa_monitor.discrepancy.find import find_discrepancy
 from rwa_monitor.discrepancy.finished_search import Search
 from rwa_monitor.errors import InputError
-from rwa_monitor.formats.table import read_table
-from rwa_monitor.formats.wheel_file import read_wheel
+from rwa_monitor.telemetry.table import read_table
+from rwa_monitor.telemetry.wheel_file import read_wheel
 
 OFFSET = "torque_bias coulomb_asymmetry"
 CONCAVE = "sublinear_viscous saturating_drag"

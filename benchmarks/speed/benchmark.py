@@ -23,8 +23,8 @@ from benchmarks.target import at_least, at_most
 from benchmarks.window import window_of
 from rwa_monitor.cli.console import track
 from rwa_monitor.diagnosis.model import built_in_model
-from rwa_monitor.physics.datasets import generate
-from rwa_monitor.physics.wheel import built_in_wheel
+from rwa_monitor.simulation.datasets import generate
+from rwa_monitor.wheel.wheel import built_in_wheel
 
 WINDOWS: Final = 1_000
 SEED: Final = 8_129

@@ -21,22 +21,22 @@ from mcap.writer import Writer
 from benchmarks.speed.detection import seven_scales
 from benchmarks.speed.race import Lap, Runner, laps
 from benchmarks.window import Window
-from rwa_monitor.diagnosis.evidence import WindowAccumulator
+from rwa_monitor.changepoints.evidence import WindowAccumulator
 from rwa_monitor.diagnosis.model import Model, built_in_model
-from rwa_monitor.live.bus import BusOptions, Inbox, MonitorBus, open_session
-from rwa_monitor.live.chain import RECORDING_SUFFIX, recordings_of
-from rwa_monitor.live.core import WheelCore
-from rwa_monitor.live.monitor import Clock, Monitor
-from rwa_monitor.live.past import Past
-from rwa_monitor.live.publisher import SamplesPublisher
-from rwa_monitor.live.recorder import REFUSED, Recorder
-from rwa_monitor.live.recording import read_recording
-from rwa_monitor.live.run_options import RunOptions
 from rwa_monitor.messages import SamplesMessage
-from rwa_monitor.physics.scenario import Scenario
-from rwa_monitor.physics.telemetry import simulate
-from rwa_monitor.physics.wheel import Wheel, built_in_wheel
+from rwa_monitor.monitor.bus import BusOptions, Inbox, MonitorBus, open_session
+from rwa_monitor.monitor.core import WheelCore
+from rwa_monitor.monitor.earlier_run import Past
+from rwa_monitor.monitor.monitor import Clock, Monitor
+from rwa_monitor.monitor.publisher import SamplesPublisher
+from rwa_monitor.monitor.recording.chain import RECORDING_SUFFIX, recordings_of
+from rwa_monitor.monitor.recording.reader import read_recording
+from rwa_monitor.monitor.recording.recorder import REFUSED, Recorder
+from rwa_monitor.monitor.run_options import RunOptions
 from rwa_monitor.samples import Samples
+from rwa_monitor.simulation.record import simulate
+from rwa_monitor.simulation.scenario import Scenario
+from rwa_monitor.wheel.wheel import Wheel, built_in_wheel
 
 BATCH: Final = 256  # samples of a message
 LONGEST_REPEATED: Final = 10_000  # samples up to which a length is run more than once: they take a millisecond

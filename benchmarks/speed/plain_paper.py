@@ -14,10 +14,10 @@ import numpy as np
 from scipy import special
 
 from rwa_monitor.diagnosis.model import Model, models_for
-from rwa_monitor.diagnosis.paper_assignment import most_likely_jumps
 from rwa_monitor.diagnosis.paper_classification import decide
-from rwa_monitor.physics.wheel import Wheel
+from rwa_monitor.paper.assignment import most_likely_jumps
 from rwa_monitor.samples import FloatArray, IntArray
+from rwa_monitor.wheel.wheel import Wheel
 
 SCALE: Final = 50  # w
 WEIGHT: Final = 1e-4  # W_b

@@ -25,11 +25,11 @@ from benchmarks.machine import peak_memory_bytes
 from benchmarks.speed.report import Section
 from benchmarks.target import at_most
 from rwa_monitor.discrepancy.find import find_discrepancy
-from rwa_monitor.physics.scenario import Scenario
-from rwa_monitor.physics.speed import SpeedProfile
-from rwa_monitor.physics.telemetry import simulate
-from rwa_monitor.physics.wheel import EffectBlock, built_in_wheel
+from rwa_monitor.simulation.motion import SpeedProfile
+from rwa_monitor.simulation.record import simulate
+from rwa_monitor.simulation.scenario import Scenario
 from rwa_monitor.threads import cores, on_threads, one_thread_of_algebra
+from rwa_monitor.wheel.wheel import EffectBlock, built_in_wheel
 
 SEED: Final = 3
 LENGTHS: Final = (20_000, 80_000, 320_000)  # samples

@@ -13,15 +13,15 @@ from benchmarks.speed import plain_paper
 from benchmarks.speed.detection import seven_scales
 from benchmarks.speed.peers import Peer
 from benchmarks.window import Window, window_of
-from rwa_monitor.diagnosis.assignment import assign
-from rwa_monitor.diagnosis.evidence import WindowAccumulator
+from rwa_monitor.changepoints.evidence import WindowAccumulator
 from rwa_monitor.diagnosis.model import Model
-from rwa_monitor.diagnosis.state import CarriedState
 from rwa_monitor.diagnosis.window import diagnose_window
-from rwa_monitor.physics.datasets import LabelledWindow
-from rwa_monitor.physics.durations import Uniform
-from rwa_monitor.physics.wheel import FrictionRange, SwitchingSystem, Wheel
 from rwa_monitor.samples import FloatArray
+from rwa_monitor.simulation.datasets import LabelledWindow
+from rwa_monitor.switching.assignment import assign
+from rwa_monitor.switching.carried_state import CarriedState
+from rwa_monitor.wheel.durations import Uniform
+from rwa_monitor.wheel.wheel import FrictionRange, SwitchingSystem, Wheel
 
 REPEATS: Final = 3  # of each window; the least counts, as only others' work on the machine makes it more
 PLAIN_EVERY: Final = 5  # windows from one that the plain method diagnoses too to the next: it takes most of the time

@@ -12,8 +12,8 @@ from rwa_monitor.cli.console import log
 from rwa_monitor.cli.options import Whole, bus_options, decoding_options, udp_option, warn_if_alone
 
 if TYPE_CHECKING:
-    from rwa_monitor.formats.telemetry import Decoding
-    from rwa_monitor.live.bus import BusOptions
+    from rwa_monitor.monitor.bus import BusOptions
+    from rwa_monitor.telemetry.reader import Decoding
 
 
 @click.command(name="bridge", short_help="Bring CCSDS space packets from UDP onto the bus.")
@@ -36,11 +36,11 @@ def command(udp: str, decoding: Decoding, batch: int, bus: BusOptions) -> None:
     from contextlib import ExitStack
 
     from rwa_monitor.cli.signals import stop_on_signals
-    from rwa_monitor.formats.ccsds_packets import PacketDecoder
-    from rwa_monitor.live.bridge import Bridge, UdpAddress, listening, run_bridge
-    from rwa_monitor.live.bus import endpoints, open_session
-    from rwa_monitor.live.bus_watch import BusNews, BusWatch
-    from rwa_monitor.live.publisher import LINGER_S, SamplesPublisher
+    from rwa_monitor.monitor.bridge import Bridge, UdpAddress, listening, run_bridge
+    from rwa_monitor.monitor.bus import endpoints, open_session
+    from rwa_monitor.monitor.bus_watch import BusNews, BusWatch
+    from rwa_monitor.monitor.publisher import LINGER_S, SamplesPublisher
+    from rwa_monitor.telemetry.ccsds_packets import PacketDecoder
 
     address = UdpAddress.parse(udp, "--udp")
     decoder = PacketDecoder(decoding, "bridge")

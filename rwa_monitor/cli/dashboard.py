@@ -23,7 +23,7 @@ from rwa_monitor.cli.options import (
 )
 
 if TYPE_CHECKING:
-    from rwa_monitor.live.bus import BusOptions
+    from rwa_monitor.monitor.bus import BusOptions
 
 
 @click.command(name="dashboard", short_help="The health page on live and recorded diagnoses.")
@@ -89,11 +89,11 @@ def command(
         raise click.ClickException(f"{error.name} is missing: pip install 'rwa-monitor[dashboard]'") from error
     from rwa_monitor.cli.signals import stop_on_signals
     from rwa_monitor.errors import InputError
-    from rwa_monitor.formats.wheel_file import read_wheel
     from rwa_monitor.history.imports import import_recordings
     from rwa_monitor.history.retention import Retention
     from rwa_monitor.history.store import History
-    from rwa_monitor.live.bus import endpoints, open_session
+    from rwa_monitor.monitor.bus import endpoints, open_session
+    from rwa_monitor.telemetry.wheel_file import read_wheel
 
     try:
         retention = Retention(*keep) if keep else None

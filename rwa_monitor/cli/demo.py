@@ -26,9 +26,9 @@ if TYPE_CHECKING:
     import zenoh
     from rich.table import Table
 
-    from rwa_monitor.live.bus import BusOptions
     from rwa_monitor.messages import Diagnosis, Discrepancy, Message
-    from rwa_monitor.physics.demo_satellite import Satellite
+    from rwa_monitor.monitor.bus import BusOptions
+    from rwa_monitor.simulation.demo_satellite import Satellite
 
 DEFAULT_DURATION_S: Final = 90.0
 MAX_DURATION_S: Final = 3600.0  # an hour simulates half a month of four wheels; it is all made before it begins
@@ -67,11 +67,11 @@ def command(duration: float, no_browser: bool, port: int | None, seed: int, reco
     """
     from rwa_monitor.cli.signals import stop_on_signals
     from rwa_monitor.diagnosis.model import built_in_model
-    from rwa_monitor.live.bus import open_session
-    from rwa_monitor.live.publisher import publish
-    from rwa_monitor.live.run_options import RunOptions
-    from rwa_monitor.live.service import run
-    from rwa_monitor.physics.demo_satellite import simulate_satellite
+    from rwa_monitor.monitor.bus import open_session
+    from rwa_monitor.monitor.publisher import publish
+    from rwa_monitor.monitor.run_options import RunOptions
+    from rwa_monitor.monitor.service import run
+    from rwa_monitor.simulation.demo_satellite import simulate_satellite
 
     # A new satellite each time: what the folder holds of the last one is not carried over to this one's healthy wheels.
     spacecraft = time.strftime("demo-%Y%m%dT%H%M%S", time.gmtime())
@@ -177,7 +177,7 @@ class WheelRow:
     @property
     def model(self) -> str:
         """What is known of the wheel's friction model, in a few words."""
-        from rwa_monitor.live.searches import PATIENCE
+        from rwa_monitor.monitor.searches import PATIENCE
 
         if self.discrepancy is not None:
             return _in_words(self.discrepancy)
@@ -202,7 +202,7 @@ class DemoView:
     """
 
     def __init__(self, session: Any, spacecraft: str, start_ns: int) -> None:
-        from rwa_monitor.live.bus import Inbox
+        from rwa_monitor.monitor.bus import Inbox
 
         self.rows: dict[str, WheelRow] = {}
         self._start_ns = start_ns
@@ -242,8 +242,8 @@ class DemoView:
                 self._take(self.rows.setdefault(wheel, WheelRow()), kinds[kind].parse(message.payload, message.key))
 
     def _take(self, row: WheelRow, message: Message) -> None:
-        from rwa_monitor.live.searches import PATIENCE
         from rwa_monitor.messages import Changepoints, Diagnosis, Discrepancy, Status
+        from rwa_monitor.monitor.searches import PATIENCE
 
         match message:
             case Status():
@@ -388,8 +388,8 @@ def _print_findings(satellite: Satellite, view: DemoView, record: Path) -> None:
 def _diagnose_again(satellite: Satellite, extended: Path) -> list[str]:
     """Return the verdicts on the full windows of the wheel that hides an effect, with its augmented model."""
     from rwa_monitor.diagnosis.model import built_in_model
-    from rwa_monitor.live.core import diagnose_samples
-    from rwa_monitor.physics.wheel import Wheel
+    from rwa_monitor.monitor.core import diagnose_samples
+    from rwa_monitor.wheel.wheel import Wheel
 
     wheel = Wheel.from_toml(extended.read_text(encoding="utf-8"), str(extended))
     windows = diagnose_samples(satellite.hidden.samples, wheel, built_in_model())
@@ -402,7 +402,7 @@ def _counts(verdicts: Iterable[str]) -> str:
 
 def _print_truth(satellite: Satellite, view: DemoView, record: Path) -> None:
     """Print what happened, what the monitor diagnosed, and how to check the recording."""
-    from rwa_monitor.physics.demo_satellite import ANOMALY, FACTOR, FAILING
+    from rwa_monitor.simulation.demo_satellite import ANOMALY, FACTOR, FAILING
     from rwa_monitor.words import counted
 
     effect = satellite.hidden.effect

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Final
 
 import click
 
+from rwa_monitor.cli.batch import Fleet
 from rwa_monitor.cli.console import log
-from rwa_monitor.cli.fleet import Fleet
 from rwa_monitor.cli.options import (
     FleetOptions,
     decoding_options,
@@ -26,11 +26,11 @@ from rwa_monitor.errors import InputError
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from rwa_monitor.diagnosis.results import Method
-    from rwa_monitor.fleet.tasks import CarriedStates, Diagnose
-    from rwa_monitor.formats.telemetry import Decoding
-    from rwa_monitor.live.trends import WindowFriction
+    from rwa_monitor.batch.tasks import CarriedStates, Diagnose
+    from rwa_monitor.changepoints.stage_results import Method
     from rwa_monitor.messages import Diagnosis
+    from rwa_monitor.monitor.trends import WindowFriction
+    from rwa_monitor.telemetry.reader import Decoding
 
 WIDTH_IN_FILES: Final = 120  # characters of a line where no terminal gives its width
 
@@ -67,11 +67,11 @@ def command(
     Of eight windows of a wheel or more, the last lines report whether its dry or viscous friction grows, and when it
     will leave the nominal range; not with --json.
     """
+    from rwa_monitor.batch.tasks import Diagnose
     from rwa_monitor.cli.diagnosis_view import has_too_few_samples, render
-    from rwa_monitor.fleet.tasks import Diagnose
-    from rwa_monitor.formats.model_file import read_model
-    from rwa_monitor.formats.wheel_file import read_wheel
-    from rwa_monitor.live.trends import WindowFriction
+    from rwa_monitor.monitor.trends import WindowFriction
+    from rwa_monitor.telemetry.model_file import read_model
+    from rwa_monitor.telemetry.wheel_file import read_wheel
     from rwa_monitor.words import counted
 
     if carry and fleet.given:
@@ -138,7 +138,7 @@ def _at_once(task: Diagnose, files: tuple[Path, ...], work: Fleet) -> Iterator[D
 
 def _print_trends(by_wheel: dict[tuple[str, str], list[WindowFriction]]) -> None:
     """Print what the windows of each wheel together show of its friction."""
-    from rwa_monitor.live.trends import wheel_trends
+    from rwa_monitor.monitor.trends import wheel_trends
 
     for (spacecraft, wheel), windows in by_wheel.items():
         starts = [window.window_start_ns for window in windows]

@@ -32,8 +32,8 @@ if TYPE_CHECKING:
     from rwa_monitor.discrepancy.mapper import Mapper
     from rwa_monitor.discrepancy.next_flight import Plan
     from rwa_monitor.discrepancy.plan import PlannedManoeuvre
-    from rwa_monitor.formats.telemetry import Decoding
-    from rwa_monitor.physics.wheel import Wheel
+    from rwa_monitor.telemetry.reader import Decoding
+    from rwa_monitor.wheel.wheel import Wheel
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,7 +115,7 @@ def command(
     With --each the files are judged one by one, side by side: a line of verdict and causes, or a JSON object, for each.
     """
     from rwa_monitor.cli.recordings import read_recordings, with_motor_off
-    from rwa_monitor.formats.wheel_file import read_wheel
+    from rwa_monitor.telemetry.wheel_file import read_wheel
 
     wheel = with_motor_off(read_wheel(wheel_file) if wheel_file else None, motor_off=motor_off)
     if each:
@@ -128,9 +128,9 @@ def command(
     if fleet.given:
         raise click.UsageError("--results, --scheduler and --workers need --each: several files are one joint report")
     from rwa_monitor.discrepancy.next_flight import plan
-    from rwa_monitor.formats.files import make_folder
-    from rwa_monitor.physics.wheel import built_in_wheel
+    from rwa_monitor.telemetry.files import make_folder
     from rwa_monitor.threads import cores, on_threads
+    from rwa_monitor.wheel.wheel import built_in_wheel
 
     if wanted.out is not None:
         make_folder(wanted.out, "--out")
@@ -195,8 +195,8 @@ def _each(
     files: tuple[Path, ...], wheel: Wheel | None, as_json: bool, decoding: Decoding, options: FleetOptions
 ) -> int:
     """Judge each file by itself, and return the exit code."""
-    from rwa_monitor.cli.fleet import Fleet
-    from rwa_monitor.fleet.tasks import FindDiscrepancy
+    from rwa_monitor.batch.tasks import FindDiscrepancy
+    from rwa_monitor.cli.batch import Fleet
 
     fleet = Fleet(options)
     task = FindDiscrepancy(wheel, decoding)
@@ -216,7 +216,7 @@ def _with_diagnosis_gain(found: Search, progress: Callable[[str], None]) -> Sear
 
     from rwa_monitor.diagnosis.model import built_in_model
     from rwa_monitor.discrepancy.diagnosis_gain import diagnosis_gain
-    from rwa_monitor.live.core import diagnose_samples
+    from rwa_monitor.monitor.core import diagnose_samples
 
     progress("diagnosis with and without the extension")
     model = built_in_model()
@@ -231,7 +231,7 @@ def _write_report(found: Search, sources: list[str], folder: Path) -> None:
     from rwa_monitor.build import build
     from rwa_monitor.discrepancy.extended import extend
     from rwa_monitor.discrepancy.report import html
-    from rwa_monitor.formats.files import write_text
+    from rwa_monitor.telemetry.files import write_text
 
     report = json.dumps(found.result.to_json(), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
     write_text(folder / "report.json", report)

@@ -18,9 +18,9 @@ from rwa_monitor.errors import InputError, RwaMonitorError
 if TYPE_CHECKING:
     import zenoh
 
-    from rwa_monitor.live.bus import BusOptions
-    from rwa_monitor.live.rebuild import Setup
-    from rwa_monitor.live.wheel_set import WheelKey
+    from rwa_monitor.monitor.bus import BusOptions
+    from rwa_monitor.monitor.state_recovery import Setup
+    from rwa_monitor.monitor.wheel_set import WheelKey
 
 CONNECT_S: Final = 3.0  # how long a router or peer has to answer
 LISTEN_S: Final = 2.0  # how long the doctor subscribes to the bus: a monitor publishes every second
@@ -49,10 +49,10 @@ def command(
 
     def setup() -> Setup:
         """Return what a monitor with these options would diagnose with."""
-        from rwa_monitor.formats.model_file import read_model
-        from rwa_monitor.formats.wheel_file import read_wheel, read_wheel_folder
-        from rwa_monitor.live.rebuild import Setup
-        from rwa_monitor.live.wheel_set import WheelSet
+        from rwa_monitor.monitor.state_recovery import Setup
+        from rwa_monitor.monitor.wheel_set import WheelSet
+        from rwa_monitor.telemetry.model_file import read_model
+        from rwa_monitor.telemetry.wheel_file import read_wheel, read_wheel_folder
 
         own_wheels = read_wheel_folder(wheel_folder) if wheel_folder else {}
         return Setup(WheelSet(read_wheel(wheel_file), own_wheels), read_model(model_file), "joint")
@@ -160,10 +160,10 @@ def _kernels() -> str:
     import numpy as np
 
     from rwa_monitor.diagnosis.model import built_in_model
-    from rwa_monitor.live.core import diagnose_samples
-    from rwa_monitor.physics.scenario import Scenario
-    from rwa_monitor.physics.telemetry import simulate
-    from rwa_monitor.physics.wheel import built_in_wheel
+    from rwa_monitor.monitor.core import diagnose_samples
+    from rwa_monitor.simulation.record import simulate
+    from rwa_monitor.simulation.scenario import Scenario
+    from rwa_monitor.wheel.wheel import built_in_wheel
 
     wheel, model = built_in_wheel(), built_in_model()
     telemetry = simulate(Scenario(duration_s=250.0), wheel, np.random.default_rng(0))
@@ -193,8 +193,8 @@ def _settings(ctx: click.Context) -> str:
 
 def _wheel(wheel_file: Path | None) -> str:
     """Check that the wheel file can be used, and return what it lacks."""
-    from rwa_monitor.formats.wheel_file import read_wheel
-    from rwa_monitor.live.wheel_words import first_verdict
+    from rwa_monitor.monitor.wheel_words import first_verdict
+    from rwa_monitor.telemetry.wheel_file import read_wheel
     from rwa_monitor.words import counted
 
     wheel = read_wheel(wheel_file)
@@ -207,8 +207,8 @@ def _wheel(wheel_file: Path | None) -> str:
 def _model(model_file: Path | None, wheel_file: Path | None) -> str:
     """Check that the model can be used, and with this wheel."""
     from rwa_monitor.diagnosis.model import models_for
-    from rwa_monitor.formats.model_file import read_model
-    from rwa_monitor.formats.wheel_file import read_wheel
+    from rwa_monitor.telemetry.model_file import read_model
+    from rwa_monitor.telemetry.wheel_file import read_wheel
 
     model, wheel = read_model(model_file), read_wheel(wheel_file)
     names = sorted(anomaly.name for anomaly in model.anomalies)
@@ -231,7 +231,7 @@ def _model(model_file: Path | None, wheel_file: Path | None) -> str:
 
 def look_at_wheel_folder(folder: Path) -> str:
     """Check that the wheel files of single wheels can be used, and return what they lack and what lies beside them."""
-    from rwa_monitor.formats.wheel_file import read_wheel_folder
+    from rwa_monitor.telemetry.wheel_file import read_wheel_folder
     from rwa_monitor.words import counted, first_few
 
     wheels = read_wheel_folder(folder)
@@ -253,7 +253,7 @@ def look_at_recordings(folder: Path, setup: Setup) -> str:
     import os
     import shutil
 
-    from rwa_monitor.live.recorder import MIN_FREE_BYTES, FolderLock, last_recording
+    from rwa_monitor.monitor.recording.recorder import MIN_FREE_BYTES, FolderLock, last_recording
 
     if not folder.exists():
         parent = next(one for one in folder.absolute().parents if one.exists())
@@ -272,9 +272,9 @@ def look_at_recordings(folder: Path, setup: Setup) -> str:
 
 def _stale(last: Path, setup: Setup) -> str:
     """Return of which wheels a recording was made with something else than now, "" where of none."""
-    from rwa_monitor.live.rebuild import Setup
-    from rwa_monitor.live.recording import read_recording
     from rwa_monitor.messages import SamplesMessage, split_key
+    from rwa_monitor.monitor.recording.reader import read_recording
+    from rwa_monitor.monitor.state_recovery import Setup
     from rwa_monitor.words import first_few
 
     try:
@@ -289,7 +289,7 @@ def _stale(last: Path, setup: Setup) -> str:
 
 def _own_wheels(wheel_folder: Path | None) -> set[WheelKey]:
     """Return the wheels that have a file in a folder; none where it cannot be used, which another check reports."""
-    from rwa_monitor.formats.wheel_file import read_wheel_folder
+    from rwa_monitor.telemetry.wheel_file import read_wheel_folder
 
     try:
         return set(read_wheel_folder(wheel_folder)) if wheel_folder else set()
@@ -308,8 +308,8 @@ def look_at_bus(bus: BusOptions, own_wheels: set[WheelKey]) -> str:
     import time
     from threading import Event
 
-    from rwa_monitor.live.bus import endpoints, open_session
-    from rwa_monitor.live.bus_watch import BusWatch
+    from rwa_monitor.monitor.bus import endpoints, open_session
+    from rwa_monitor.monitor.bus_watch import BusWatch
     from rwa_monitor.words import counted, first_few
 
     def listed(wheels: set[WheelKey]) -> str:

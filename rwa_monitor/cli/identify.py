@@ -19,8 +19,8 @@ from rwa_monitor.cli.options import (
 )
 
 if TYPE_CHECKING:
-    from rwa_monitor.fleet.tasks import Identify
-    from rwa_monitor.formats.telemetry import Decoding
+    from rwa_monitor.batch.tasks import Identify
+    from rwa_monitor.telemetry.reader import Decoding
 
 
 @click.command(name="identify", short_help="Learn a wheel's nominal friction, noise and switching laws.")
@@ -57,17 +57,17 @@ def command(
     says so where friction drifts, and diagnoses the recordings with the wheel file, which it does not write where that
     calls them anomalous. With --each the files are learned one by one, side by side.
     """
+    from rwa_monitor.batch.tasks import not_nominal
     from rwa_monitor.cli.console import status_line
     from rwa_monitor.cli.recordings import read_recordings, with_motor_off
     from rwa_monitor.discrepancy.bench import as_measured
-    from rwa_monitor.fleet.tasks import not_nominal
-    from rwa_monitor.formats.files import write_text
-    from rwa_monitor.formats.wheel_file import read_wheel
     from rwa_monitor.identification.identify import bare_wheel, identify
+    from rwa_monitor.telemetry.files import write_text
+    from rwa_monitor.telemetry.wheel_file import read_wheel
 
     start = with_motor_off(read_wheel(wheel_file) if wheel_file else None, motor_off=motor_off)
     if each:
-        from rwa_monitor.fleet.tasks import Identify
+        from rwa_monitor.batch.tasks import Identify
 
         return _each(files, output, Identify(start, not no_systems, decoding), fleet)
     if fleet.given:
@@ -91,8 +91,8 @@ def command(
 
 def _each(files: tuple[Path, ...], folder: Path, task: Identify, options: FleetOptions) -> int:
     """Learn a wheel from each file, and return the exit code."""
-    from rwa_monitor.cli.fleet import Fleet
-    from rwa_monitor.formats.files import make_folder, write_text
+    from rwa_monitor.cli.batch import Fleet
+    from rwa_monitor.telemetry.files import make_folder, write_text
     from rwa_monitor.words import counted
 
     names = [f"{file.name}.wheel.toml" for file in files]

@@ -15,8 +15,8 @@ import click
 from rwa_monitor.cli.console import log
 
 if TYPE_CHECKING:
-    from rwa_monitor.formats.telemetry import Decoding
-    from rwa_monitor.live.bus import BusOptions
+    from rwa_monitor.monitor.bus import BusOptions
+    from rwa_monitor.telemetry.reader import Decoding
 
 # Endpoints that nobody reaches from outside this machine, and transports whose other end shows who it is.
 _LOOPBACK: Final = re.compile(r"127\.|localhost:|\[::1\]")
@@ -128,7 +128,7 @@ def udp_option(*, required: bool, help: str) -> Callable[[Decorated], Decorated]
 
 
 def _decoding(map_file: Path | None, xtce_file: Path | None) -> Decoding:
-    from rwa_monitor.formats.telemetry import read_decoding
+    from rwa_monitor.telemetry.reader import read_decoding
 
     return read_decoding(map_file, xtce_file)
 
@@ -180,7 +180,7 @@ fleet_options = as_one(
 
 
 def _bus(**options: Any) -> BusOptions:
-    from rwa_monitor.live.bus import BusOptions
+    from rwa_monitor.monitor.bus import BusOptions
 
     return BusOptions(**options)
 

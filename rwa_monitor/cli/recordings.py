@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 from rwa_monitor.cli.console import log
 
 if TYPE_CHECKING:
-    from rwa_monitor.formats.telemetry import Decoding
-    from rwa_monitor.physics.wheel import Wheel
     from rwa_monitor.samples import Samples
+    from rwa_monitor.telemetry.reader import Decoding
+    from rwa_monitor.wheel.wheel import Wheel
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,9 +59,9 @@ def read_recordings(files: Sequence[Path], decoding: Decoding) -> WheelRecording
     InputError
         If a file cannot be used, or holds several wheels.
     """
-    from rwa_monitor.formats.files import display_name
-    from rwa_monitor.formats.telemetry import joined, only_wheel
-    from rwa_monitor.live.telemetry_files import read_telemetry
+    from rwa_monitor.monitor.telemetry_files import read_telemetry
+    from rwa_monitor.telemetry.files import display_name
+    from rwa_monitor.telemetry.reader import joined, only_wheel
 
     found: list[tuple[str, Samples]] = []
     wheel: Wheel | None = None

@@ -15,7 +15,7 @@ from rwa_monitor.cli.exit_codes import FAILED, UNREADABLE
 from rwa_monitor.cli.options import FILE, bus_options, speed_option, warn_if_alone
 
 if TYPE_CHECKING:
-    from rwa_monitor.live.bus import BusOptions
+    from rwa_monitor.monitor.bus import BusOptions
 
 NANOSECONDS_PER_SECOND: Final = 1_000_000_000  # as in samples.py, which brings NumPy with it
 MICROSECOND_NS: Final = 1_000
@@ -91,7 +91,7 @@ def command(
     report; the exit code is 1 when something differs. It is 3 when all that could be read agrees, and something could
     not.
     """
-    from rwa_monitor.live.replay import replay
+    from rwa_monitor.monitor.replay import replay
 
     compare = verify or exact
     if publish and compare:
@@ -118,8 +118,8 @@ def command(
 def _publish(paths: Path | tuple[Path, ...], speed: float, from_ns: int | None, bus: BusOptions) -> int:
     """Send the recorded inputs in the pace of their own time."""
     from rwa_monitor.cli.signals import stop_on_signals
-    from rwa_monitor.live.bus import open_session
-    from rwa_monitor.live.replay import replay_to_bus
+    from rwa_monitor.monitor.bus import open_session
+    from rwa_monitor.monitor.replay import replay_to_bus
     from rwa_monitor.words import counted
 
     warn_if_alone(bus)

@@ -23,8 +23,8 @@ from rwa_monitor.cli.options import (
 )
 
 if TYPE_CHECKING:
-    from rwa_monitor.diagnosis.results import Method
-    from rwa_monitor.live.bus import BusOptions
+    from rwa_monitor.changepoints.stage_results import Method
+    from rwa_monitor.monitor.bus import BusOptions
 
 
 def _shard(ctx: click.Context, param: click.Parameter, value: str) -> tuple[int, int]:
@@ -79,11 +79,11 @@ def command(
     window. Stops cleanly on SIGINT and SIGTERM. Under systemd it notifies when it is ready, and its watchdog.
     """
     from rwa_monitor.cli.signals import stop_on_signals
-    from rwa_monitor.formats.model_file import read_model
-    from rwa_monitor.formats.wheel_file import read_wheel, read_wheel_folder
-    from rwa_monitor.live.run_options import RunOptions
-    from rwa_monitor.live.service import run
-    from rwa_monitor.live.supervisor import Supervisor
+    from rwa_monitor.monitor.run_options import RunOptions
+    from rwa_monitor.monitor.service import run
+    from rwa_monitor.monitor.supervisor import Supervisor
+    from rwa_monitor.telemetry.model_file import read_model
+    from rwa_monitor.telemetry.wheel_file import read_wheel, read_wheel_folder
 
     wheel = read_wheel(wheel_file)
     own_wheels = read_wheel_folder(wheel_folder) if wheel_folder else {}

@@ -24,9 +24,9 @@ from typing import Any, Final
 import click
 
 from rwa_monitor.errors import InputError
-from rwa_monitor.formats.files import display_name, read_checked_text
 from rwa_monitor.hints import did_you_mean
-from rwa_monitor.physics.toml import parse_toml
+from rwa_monitor.telemetry.files import display_name, read_checked_text
+from rwa_monitor.wheel.toml import parse_toml
 
 MAX_BYTES: Final = 1_000_000  # of a settings file
 PREFIX: Final = "RWA_MONITOR_"  # of the variables

@@ -21,8 +21,8 @@ from rwa_monitor.cli.options import (
 )
 
 if TYPE_CHECKING:
-    from rwa_monitor.live.bus import BusOptions
-    from rwa_monitor.physics.datasets import LabelledWindow
+    from rwa_monitor.monitor.bus import BusOptions
+    from rwa_monitor.simulation.datasets import LabelledWindow
 
 DEFAULT_KEY: Final = "rwa/simulated/wheel_{n}/samples"
 
@@ -54,7 +54,7 @@ def recording(scenario_file: Path | None, wheel_file: Path | None, seed: int, ou
     recording: FILE.truth.json (labels, jumps, scenario) and FILE.truth.pq (every slot, as Parquet); so does the wheel
     where it is not the built-in one: FILE.wheel.toml.
     """
-    from rwa_monitor.formats.table import table_writer
+    from rwa_monitor.telemetry.table import table_writer
 
     write = table_writer(output)
     window = _simulate(scenario_file, wheel_file, seed, output.stem)
@@ -80,10 +80,10 @@ def dataset(recipe: str, count: int, seed: int, output: Path, suffix: str) -> No
 
     The wheel of each window lies beside its table, for the recipes draw wheels too.
     """
-    from rwa_monitor.formats.files import make_folder
-    from rwa_monitor.formats.labels import write_labels
-    from rwa_monitor.formats.table import table_writer
-    from rwa_monitor.physics.datasets import generate, label_columns, label_row
+    from rwa_monitor.simulation.datasets import generate, label_columns, label_row
+    from rwa_monitor.telemetry.files import make_folder
+    from rwa_monitor.telemetry.labels import write_labels
+    from rwa_monitor.telemetry.table import table_writer
     from rwa_monitor.words import counted
 
     windows = track(generate(recipe, count, seed), count, "simulating")
@@ -142,11 +142,11 @@ def publish(
     a datagram, from APID 416 on.
     """
     from rwa_monitor.cli.signals import stop_on_signals
-    from rwa_monitor.formats.ccsds_example import FIRST_APID, MAX_EXAMPLE_WHEELS
-    from rwa_monitor.live.bridge import PacketSender, UdpAddress
-    from rwa_monitor.live.bus import endpoints, open_session
-    from rwa_monitor.live.bus_watch import BusWatch
-    from rwa_monitor.live.publisher import SamplesPublisher, SamplesSink, send
+    from rwa_monitor.monitor.bridge import PacketSender, UdpAddress
+    from rwa_monitor.monitor.bus import endpoints, open_session
+    from rwa_monitor.monitor.bus_watch import BusWatch
+    from rwa_monitor.monitor.publisher import SamplesPublisher, SamplesSink, send
+    from rwa_monitor.telemetry.ccsds_example import FIRST_APID, MAX_EXAMPLE_WHEELS
 
     if udp is None:
         warn_if_alone(bus)
@@ -181,10 +181,10 @@ def _simulate(scenario_file: Path | None, wheel_file: Path | None, seed: int, na
     """Simulate what the options ask for."""
     import numpy as np
 
-    from rwa_monitor.formats.scenario_file import read_scenario
-    from rwa_monitor.formats.wheel_file import read_wheel
-    from rwa_monitor.physics.datasets import LabelledWindow
-    from rwa_monitor.physics.telemetry import simulate
+    from rwa_monitor.simulation.datasets import LabelledWindow
+    from rwa_monitor.simulation.record import simulate
+    from rwa_monitor.telemetry.scenario_file import read_scenario
+    from rwa_monitor.telemetry.wheel_file import read_wheel
 
     scenario, wheel = read_scenario(scenario_file), read_wheel(wheel_file)
     telemetry = simulate(scenario, wheel, np.random.default_rng(seed))
@@ -193,9 +193,9 @@ def _simulate(scenario_file: Path | None, wheel_file: Path | None, seed: int, na
 
 def _write_beside(window: LabelledWindow, table: Path, **source: Any) -> tuple[str, ...]:
     """Write the truth of a recording beside it, and its wheel unless it is built in; returns what was left out."""
-    from rwa_monitor.formats.truth import beside, write_truth
-    from rwa_monitor.formats.wheel_file import write_wheel
-    from rwa_monitor.physics.wheel import built_in_wheel
+    from rwa_monitor.telemetry.truth import beside, write_truth
+    from rwa_monitor.telemetry.wheel_file import write_wheel
+    from rwa_monitor.wheel.wheel import built_in_wheel
 
     if window.wheel != built_in_wheel():
         write_wheel(window.wheel, beside(table, ".wheel.toml"))

@@ -25,13 +25,13 @@ def command(labels_file: Path, wheel_file: Path, output: Path, scheduler: str | 
     label holds for all windows of its file. A last window that is not full is left out where there are full ones. A
     file with a wheel of its own beside it (FILE.wheel.toml, as `simulate dataset` writes it) is read with that one.
     """
+    from rwa_monitor.batch.cluster import each
+    from rwa_monitor.batch.tasks import ReadFeatures
     from rwa_monitor.diagnosis.training import LabelledFeatures, train
-    from rwa_monitor.fleet.cluster import each
-    from rwa_monitor.fleet.tasks import ReadFeatures
-    from rwa_monitor.formats.files import display_name
-    from rwa_monitor.formats.labels import read_labels
-    from rwa_monitor.formats.model_file import write_model
-    from rwa_monitor.formats.wheel_file import read_wheel
+    from rwa_monitor.telemetry.files import display_name
+    from rwa_monitor.telemetry.labels import read_labels
+    from rwa_monitor.telemetry.model_file import write_model
+    from rwa_monitor.telemetry.wheel_file import read_wheel
     from rwa_monitor.words import counted
 
     wheel = read_wheel(wheel_file)

@@ -50,7 +50,7 @@ def command(
     """
     import numpy as np
 
-    from rwa_monitor.diagnosis.tuning import check, tune
+    from rwa_monitor.changepoints.tuning import check, tune
 
     tuning = tune(missed, run_length, jump, acceleration=acceleration, slope_error=slope_error)
     counted = check(tuning, jump, acceleration, np.random.default_rng(SEED), slope_error=slope_error)

@@ -28,7 +28,7 @@ from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp, Receive, Scope, Send
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from rwa_monitor.dashboard.aside import Aside
+from rwa_monitor.dashboard.alarm_notifier import Voices, alarm_entry
 from rwa_monitor.dashboard.feed import Client, frame, pulse
 from rwa_monitor.dashboard.fleet import Fleet, Received
 from rwa_monitor.dashboard.listener import aside_entry
@@ -42,8 +42,8 @@ from rwa_monitor.dashboard.openapi import (
     openapi,
 )
 from rwa_monitor.dashboard.recordings import list_recordings, replay_json
+from rwa_monitor.dashboard.retired_wheels import Aside
 from rwa_monitor.dashboard.trends import trends
-from rwa_monitor.dashboard.voices import Voices, alarm_entry
 from rwa_monitor.errors import InputError
 from rwa_monitor.history.database import HistoryError
 from rwa_monitor.history.records import AlarmRecord, WheelLine

@@ -10,8 +10,8 @@ from typing import Any, Final
 import zenoh
 from zenoh import ext
 
-from rwa_monitor.live.bus import Inbox
 from rwa_monitor.messages import MAX_MESSAGE_BYTES
+from rwa_monitor.monitor.bus import Inbox
 
 IDLE_WAIT_S: Final = 0.1
 

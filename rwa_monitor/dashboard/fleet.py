@@ -7,14 +7,14 @@ from dataclasses import dataclass, field, replace
 from threading import Lock
 from typing import Final
 
-from rwa_monitor.dashboard.course import Course
+from rwa_monitor.dashboard.decimated_samples import Trace
 from rwa_monitor.dashboard.telemetry import DerivedFriction, Evidence, OpenWindow, Rhythm
-from rwa_monitor.dashboard.trace import Trace
-from rwa_monitor.live.wheel_set import WheelSet
+from rwa_monitor.dashboard.verdict_history import Course
 from rwa_monitor.messages import Changepoints, Diagnosis, Discrepancy, Message, Status, dump_json, key_of
-from rwa_monitor.physics.wheel import Wheel as WheelConstants
-from rwa_monitor.physics.wheel import built_in_wheel
+from rwa_monitor.monitor.wheel_set import WheelSet
 from rwa_monitor.samples import Samples
+from rwa_monitor.wheel.wheel import Wheel as WheelConstants
+from rwa_monitor.wheel.wheel import built_in_wheel
 
 MAX_WHEELS: Final = 5_000
 SHOWN_WINDOWS: Final = 2  # closed ones, that a picture spans beside the open one

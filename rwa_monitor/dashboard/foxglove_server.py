@@ -12,8 +12,8 @@ from foxglove.websocket import ChannelView, Client, ServerListener
 
 from rwa_monitor.dashboard.bus_thread import BusThread
 from rwa_monitor.errors import InputError, RwaMonitorError
-from rwa_monitor.formats.foxglove import LOG_SCHEMA, Translator, View, schemas
 from rwa_monitor.messages import dump_json
+from rwa_monitor.reporting.foxglove import LOG_SCHEMA, Translator, View, schemas
 from rwa_monitor.version import SOFTWARE
 
 HOST: Final = "127.0.0.1"

@@ -8,14 +8,11 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Final
 
-from rwa_monitor.dashboard.course import Course
+from rwa_monitor.dashboard.decimated_samples import samples_of, thinned_json
 from rwa_monitor.dashboard.fleet import Received
 from rwa_monitor.dashboard.telemetry import DerivedFriction, Evidence, OpenWindow
-from rwa_monitor.dashboard.trace import samples_of, thinned_json
+from rwa_monitor.dashboard.verdict_history import Course
 from rwa_monitor.errors import InputError
-from rwa_monitor.live.chain import RECORDING_SUFFIX
-from rwa_monitor.live.recording import RecordedMessage, Recording, read_recording, time_span
-from rwa_monitor.live.wheel_set import COMMON, WheelSet
 from rwa_monitor.messages import (
     Changepoints,
     Diagnosis,
@@ -26,7 +23,10 @@ from rwa_monitor.messages import (
     key_of,
     split_key,
 )
-from rwa_monitor.physics.wheel import built_in_wheel
+from rwa_monitor.monitor.recording.chain import RECORDING_SUFFIX
+from rwa_monitor.monitor.recording.reader import RecordedMessage, Recording, read_recording, time_span
+from rwa_monitor.monitor.wheel_set import COMMON, WheelSet
+from rwa_monitor.wheel.wheel import built_in_wheel
 
 MAX_REPLAY_BYTES: Final = 512 * 2**20
 POINTS_PER_WHEEL: Final = 12_000  # of a whole recording, for its picture

@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from rwa_monitor.diagnosis.evidence_curve import evidence_curve
+from rwa_monitor.changepoints.evidence_curve import evidence_curve
 from rwa_monitor.messages import Diagnosis, Message, Number, TimeNs, dump_json
-from rwa_monitor.physics.torque_balance import half_width, mended_friction, torque_per_ampere
-from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, FloatArray, IntArray, Samples, concatenate
 from rwa_monitor.slots import SlotGrid
+from rwa_monitor.wheel.torque_balance import half_width, mended_friction, torque_per_ampere
+from rwa_monitor.wheel.wheel import Wheel
 
 EVIDENCE_POINTS: Final = 1_500  # a screen is some 1,500 pixels wide
 SPARSEST: Final = 8  # slots per sample up to which a stretch is laid on the slot grid

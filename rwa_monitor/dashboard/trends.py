@@ -8,8 +8,8 @@ from collections.abc import Sequence
 from rwa_monitor.diagnosis.trend import MAX_WINDOWS, MIN_WINDOWS
 from rwa_monitor.history.alarms import Policy
 from rwa_monitor.history.records import EstimateRecord
-from rwa_monitor.live.trends import coefficient_trend
 from rwa_monitor.messages import Message, Number
+from rwa_monitor.monitor.trends import coefficient_trend
 from rwa_monitor.samples import SECONDS_PER_DAY
 
 

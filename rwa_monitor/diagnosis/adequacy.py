@@ -25,15 +25,15 @@ from typing import Final
 import numpy as np
 from scipy import special
 
-from rwa_monitor.diagnosis.noise import ar_coefficient
+from rwa_monitor.changepoints.noise import ar_coefficient
+from rwa_monitor.changepoints.stage_results import REJECTED, UNATTRIBUTED, Assignment, Estimate, Evidence, NoiseEstimate
+from rwa_monitor.changepoints.structure import HARMONICS
 from rwa_monitor.diagnosis.residual_blocks import Blocks, residual_blocks
-from rwa_monitor.diagnosis.results import REJECTED, UNATTRIBUTED, Assignment, Estimate, Evidence, NoiseEstimate
-from rwa_monitor.diagnosis.structure import HARMONICS
 from rwa_monitor.kernels.adequacy import crossing_deviations, deviations_of_slopes, lasting, side_differences
 from rwa_monitor.kernels.structure import BLOCK
-from rwa_monitor.physics.switching import jumping_chain_law
-from rwa_monitor.physics.wheel import SwitchingSystem
 from rwa_monitor.samples import FloatArray
+from rwa_monitor.wheel.switching_systems import jumping_chain_law
+from rwa_monitor.wheel.wheel import SwitchingSystem
 
 # An interval disagrees when its slope is this many standard deviations from the common one: 1 in 16,000 by chance.
 DISAGREEING_SIGMAS: Final = 4.0

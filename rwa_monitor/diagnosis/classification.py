@@ -20,14 +20,14 @@ from typing import Final, TypeGuard
 import numpy as np
 from scipy import special
 
+from rwa_monitor.diagnosis.base_system_ambiguity import Shift, integrate_shift
 from rwa_monitor.diagnosis.features import Features, FeaturesOfStory
 from rwa_monitor.diagnosis.history import TELLING_STD, Coefficient, coefficient
 from rwa_monitor.diagnosis.likelihood import stray_probabilities, system_evidence
 from rwa_monitor.diagnosis.model import AnomalyModel, Model
-from rwa_monitor.diagnosis.shift import Shift, integrate_shift
-from rwa_monitor.diagnosis.state import CarriedState, Tracked, probability_before
 from rwa_monitor.kernels.order_statistics import sum_up
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
+from rwa_monitor.switching.carried_state import CarriedState, Tracked, probability_before
 
 UNKNOWN: Final = 0.5  # probability of an anomaly about which nothing is known
 LEAST_PRIOR: Final = 1e-9

@@ -13,11 +13,11 @@ from typing import Final
 
 import numpy as np
 
-from rwa_monitor.diagnosis.estimation import SlopePrior
-from rwa_monitor.diagnosis.results import Assignment, Components, Reading
+from rwa_monitor.changepoints.estimation import SlopePrior
+from rwa_monitor.changepoints.stage_results import Assignment, Components, Reading
 from rwa_monitor.kernels.order_statistics import sum_up
-from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import FloatArray, IntArray
+from rwa_monitor.wheel.wheel import Wheel
 
 LEAST_INFORMATION: Final = 1e-3  # share of what is known of the slope that the window adds; with less it tells nothing
 
@@ -97,7 +97,7 @@ class FeaturesOfStory:
     Attributes
     ----------
     log_weight
-        See `results.Reading`.
+        See `stage_results.Reading`.
     features
         With standard deviations of the measurement alone.
     same_jumps

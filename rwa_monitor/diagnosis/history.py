@@ -29,8 +29,8 @@ import numpy as np
 
 from rwa_monitor.diagnosis.likelihood import log_densities
 from rwa_monitor.diagnosis.model import AnomalyModel, Levels
-from rwa_monitor.diagnosis.state import Tracked, rate_after_change
 from rwa_monitor.samples import FloatArray
+from rwa_monitor.switching.carried_state import Tracked, rate_after_change
 
 # A value tells nothing when its standard deviation exceeds this share of the distance between nominal and anomalous.
 TELLING_STD: Final = 0.4

@@ -15,12 +15,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import Field, ValidationError, model_validator
 
-from rwa_monitor.diagnosis.canonical import Rounded, canonical_json, content_sha256
 from rwa_monitor.errors import InputError
 from rwa_monitor.kernels.laws import LEVEL_NUMBERS, band_densities
-from rwa_monitor.physics.strict import Strict
-from rwa_monitor.physics.wheel import RESERVED_ANOMALIES, SwitchingSystem, Wheel
 from rwa_monitor.samples import FloatArray
+from rwa_monitor.wheel.canonical_json import Rounded, canonical_json, content_sha256
+from rwa_monitor.wheel.strict import Strict
+from rwa_monitor.wheel.wheel import RESERVED_ANOMALIES, SwitchingSystem, Wheel
 
 MODEL_VERSION: Final = 1
 MAX_MODEL_BYTES: Final = 1_000_000  # the built-in model is some 20 kB

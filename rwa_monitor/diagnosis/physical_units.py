@@ -6,12 +6,12 @@ import math
 
 import numpy as np
 
+from rwa_monitor.changepoints.stage_results import REJECTED, UNATTRIBUTED, Assignment
 from rwa_monitor.diagnosis.classification import Judged
 from rwa_monitor.diagnosis.features import Features
 from rwa_monitor.diagnosis.model import AnomalyModel, Levels
-from rwa_monitor.diagnosis.results import REJECTED, UNATTRIBUTED, Assignment
 from rwa_monitor.diagnosis.window_diagnosis import DRY_UNIT, VISCOUS_UNIT, AnomalyDiagnosis, Changepoint, Value
-from rwa_monitor.physics.wheel import Wheel
+from rwa_monitor.wheel.wheel import Wheel
 
 
 def viscous_unit(wheel: Wheel) -> float:

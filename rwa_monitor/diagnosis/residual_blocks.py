@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rwa_monitor.diagnosis.results import Estimate, Evidence
+from rwa_monitor.changepoints.stage_results import Estimate, Evidence
 from rwa_monitor.kernels.adequacy import cut
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 

@@ -18,8 +18,8 @@ from rwa_monitor.diagnosis.features import Features
 from rwa_monitor.diagnosis.model import AnomalyModel, Band, Levels, LinearSvm, Model, Provenance
 from rwa_monitor.diagnosis.paper_classification import paper_values, svm_features
 from rwa_monitor.errors import InputError
-from rwa_monitor.physics.wheel import RESERVED_ANOMALIES, Wheel
 from rwa_monitor.samples import BoolArray, FloatArray
+from rwa_monitor.wheel.wheel import RESERVED_ANOMALIES, Wheel
 
 BINS: Final = 40  # errata 13
 # Cost of a margin violation. Both kinds of feature lie in [0, 1]; histograms of 40 bins need a large cost to use them.

@@ -15,26 +15,7 @@ from typing import Final
 
 import numpy as np
 
-from rwa_monitor.diagnosis import adequacy, explanation
-from rwa_monitor.diagnosis.adequacy import Adequacy
-from rwa_monitor.diagnosis.assignment import assign
-from rwa_monitor.diagnosis.case import Case
-from rwa_monitor.diagnosis.classification import Judgement, classify, unjudged
-from rwa_monitor.diagnosis.components import split
-from rwa_monitor.diagnosis.doubt import doubt_of
-from rwa_monitor.diagnosis.features import (
-    Features,
-    SystemFeatures,
-    features_of,
-    normalised_nominal_viscous,
-    without_prior,
-)
-from rwa_monitor.diagnosis.friction_priors import slope_prior
-from rwa_monitor.diagnosis.model import AnomalyModel, Model, models_for
-from rwa_monitor.diagnosis.paper_assignment import assign_as_paper, split_as_paper
-from rwa_monitor.diagnosis.paper_classification import classify_as_paper
-from rwa_monitor.diagnosis.physical_units import anomaly_of, changepoints_of, scaled, value_of, viscous_unit
-from rwa_monitor.diagnosis.results import (
+from rwa_monitor.changepoints.stage_results import (
     REJECTED,
     Assignment,
     Components,
@@ -42,7 +23,21 @@ from rwa_monitor.diagnosis.results import (
     Evidence,
     Method,
 )
-from rwa_monitor.diagnosis.state import CarriedState, Tracked, follow, next_state
+from rwa_monitor.diagnosis import adequacy, explanation
+from rwa_monitor.diagnosis.adequacy import Adequacy
+from rwa_monitor.diagnosis.classification import Judgement, classify, unjudged
+from rwa_monitor.diagnosis.diagnosis_input import Case
+from rwa_monitor.diagnosis.features import (
+    Features,
+    SystemFeatures,
+    features_of,
+    normalised_nominal_viscous,
+    without_prior,
+)
+from rwa_monitor.diagnosis.model import AnomalyModel, Model, models_for
+from rwa_monitor.diagnosis.model_error_uncertainty import doubt_of
+from rwa_monitor.diagnosis.paper_classification import classify_as_paper
+from rwa_monitor.diagnosis.physical_units import anomaly_of, changepoints_of, scaled, value_of, viscous_unit
 from rwa_monitor.diagnosis.verdict import Shown, covered, from_another_wheel, remedy_of, verdict_of
 from rwa_monitor.diagnosis.window_diagnosis import (
     DRY_UNIT,
@@ -52,8 +47,13 @@ from rwa_monitor.diagnosis.window_diagnosis import (
     Value,
     WindowDiagnosis,
 )
-from rwa_monitor.physics.wheel import Wheel
+from rwa_monitor.paper.assignment import assign_as_paper, split_as_paper
 from rwa_monitor.samples import IntArray
+from rwa_monitor.switching.assignment import assign
+from rwa_monitor.switching.carried_state import CarriedState, Tracked, follow, next_state
+from rwa_monitor.switching.components import split
+from rwa_monitor.switching.friction_priors import slope_prior
+from rwa_monitor.wheel.wheel import Wheel
 
 MIN_USED: Final = 16  # samples below which nothing is estimated at all
 

@@ -1,4 +1,4 @@
-"""What the diagnosis of a window says: plain, immutable, in SI units; the live room turns it into a message.
+"""What the diagnosis of a window says: plain, immutable, in SI units; the monitor room turns it into a message.
 
 Slots and indices count within the window; nothing here knows the time of day, the spacecraft or the file.
 """
@@ -8,8 +8,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+from rwa_monitor.changepoints.stage_results import Method
 from rwa_monitor.diagnosis.features import Features
-from rwa_monitor.diagnosis.results import Method
 
 Verdict = Literal["nominal", "anomalous", "inconclusive"]
 DRY_UNIT = "N m"

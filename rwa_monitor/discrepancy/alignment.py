@@ -17,11 +17,11 @@ import numpy as np
 from scipy.ndimage import binary_dilation, correlate1d
 
 from rwa_monitor.discrepancy.steps import RMS_OF_ROUNDING, Steps
-from rwa_monitor.physics import torque_balance
-from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import FloatArray, IntArray
+from rwa_monitor.wheel import torque_balance
+from rwa_monitor.wheel.wheel import Wheel
 
-LONGEST_S: Final = 5.0  # of a delay (physics/effects/current_delay.py)
+LONGEST_S: Final = 5.0  # of a delay (wheel/effects/current_delay.py)
 MOST_SLOTS: Final = 40
 STEP_STDS: Final = 10.0  # of what friction varies by from slot to slot: a step of the torque that shows any delay
 FEWEST_STEPS: Final = 3

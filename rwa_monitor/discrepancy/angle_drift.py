@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from rwa_monitor.discrepancy.base_fit import Fit
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.record import Record
-from rwa_monitor.physics.effects.torque_ripple import MAX_HARMONIC, angle_turned, coherent_slots
 from rwa_monitor.samples import FloatArray
+from rwa_monitor.wheel.effects.torque_ripple import MAX_HARMONIC, angle_turned, coherent_slots
 
 ComplexArray = NDArray[np.complex128]
 

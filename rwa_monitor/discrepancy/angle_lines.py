@@ -19,14 +19,14 @@ from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.record import Record
 from rwa_monitor.discrepancy.result import Unexplained
-from rwa_monitor.physics.effects.torque_ripple import (
+from rwa_monitor.samples import FloatArray
+from rwa_monitor.wheel.effects.torque_ripple import (
     LOWEST_ORDER,
     MANY_TURNS,
     MAX_HARMONIC,
     TorqueRipple,
     angle_turned,
 )
-from rwa_monitor.samples import FloatArray
 
 CELLS_PER_PERIOD: Final = 4  # of the highest order: what falls between cells blurs it by a tenth
 MOST_CELLS: Final = 2**21  # of a record; where it turns more often, high orders are not looked for

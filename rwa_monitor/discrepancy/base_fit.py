@@ -26,8 +26,8 @@ from rwa_monitor.discrepancy.record import Record
 from rwa_monitor.discrepancy.segmentation import segment
 from rwa_monitor.errors import InputError
 from rwa_monitor.kernels.segmentation import centred_sums, segment_sums
-from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
+from rwa_monitor.wheel.wheel import Wheel
 
 JUMP_PENALTY: Final = 3.0  # times log N, for place, size and sign of a jump (Zhang & Siegmund 2007 gives 3/2 · 2)
 # Alternations of segmentation and least squares. Jumps are dear at first, so that only true ones are made while the

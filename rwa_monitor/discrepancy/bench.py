@@ -17,11 +17,11 @@ import numpy as np
 from scipy.ndimage import median_filter
 
 from rwa_monitor.errors import InputError
-from rwa_monitor.physics.effects.base import Channels, MeanEffect
-from rwa_monitor.physics.effects.torque_ripple import TorqueRipple
-from rwa_monitor.physics.torque_balance import inertia_of, without_motor
-from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, TABLE_CHANNELS, BoolArray, FloatArray, IntArray, Samples
+from rwa_monitor.wheel.effects.base import Channels, MeanEffect
+from rwa_monitor.wheel.effects.torque_ripple import TorqueRipple
+from rwa_monitor.wheel.torque_balance import inertia_of, without_motor
+from rwa_monitor.wheel.wheel import Wheel
 from rwa_monitor.words import counted
 
 OFF_A_STEP: Final = 0.05  # of the median step, from the nearest whole number of them: a step of an uneven clock

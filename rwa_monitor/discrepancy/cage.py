@@ -19,9 +19,9 @@ from rwa_monitor.discrepancy.noise_effects import accepted, is_quantised, residu
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.record import Record
 from rwa_monitor.discrepancy.result import FoundEffect
-from rwa_monitor.physics.effects.cage_instability import CageInstability
-from rwa_monitor.physics.effects.likelihood import LikelihoodFit
 from rwa_monitor.samples import BoolArray
+from rwa_monitor.wheel.effects.cage_instability import CageInstability
+from rwa_monitor.wheel.effects.likelihood import LikelihoodFit
 
 MARGIN: Final = 8  # slots on each side of a burst: where exactly it begins is not known
 BAND_MARGIN: Final = 1.2  # of the band's half width, in which bursts too short to be told may be left

@@ -14,9 +14,9 @@ from scipy.ndimage import binary_dilation, correlate1d, maximum_filter
 
 from rwa_monitor.discrepancy.steps import RMS_OF_ROUNDING
 from rwa_monitor.errors import InputError
-from rwa_monitor.physics import torque_balance
-from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import BoolArray, FloatArray
+from rwa_monitor.wheel import torque_balance
+from rwa_monitor.wheel.wheel import Wheel
 
 BIAS_REACH: Final = 20  # slots beyond the derivative filter that tell its bias, at 17 % of the filter's noise
 SHORT_BIAS_REACH: Final = 12  # slots, of a second opinion

@@ -16,11 +16,11 @@ from rwa_monitor.diagnosis.window_diagnosis import Changepoint, WindowDiagnosis
 from rwa_monitor.discrepancy.extended import extended_wheel
 from rwa_monitor.discrepancy.finished_search import Search
 from rwa_monitor.discrepancy.result import DiagnosisGain, Rates
-from rwa_monitor.physics.scenario import Anomaly, Scenario
-from rwa_monitor.physics.speed import SpeedProfile
-from rwa_monitor.physics.telemetry import Changepoints, Telemetry, simulate
-from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import Samples
+from rwa_monitor.simulation.motion import SpeedProfile
+from rwa_monitor.simulation.record import Changepoints, Telemetry, simulate
+from rwa_monitor.simulation.scenario import Anomaly, Scenario
+from rwa_monitor.wheel.wheel import Wheel
 
 Diagnose = Callable[[Samples, Wheel], WindowDiagnosis]
 Counts = np.ndarray[Any, np.dtype[np.int64]]

@@ -22,10 +22,10 @@ from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.result import SimulatedGain
 from rwa_monitor.discrepancy.slope_jumps import SlopeJumps, shared_strength
 from rwa_monitor.discrepancy.uncertainty import spread
-from rwa_monitor.physics.effects.catalogue import effect_class, mean_effects, to_block
-from rwa_monitor.physics.effects.current_delay import CurrentDelay
-from rwa_monitor.physics.wheel import Nominal, Wheel
 from rwa_monitor.samples import FloatArray
+from rwa_monitor.wheel.effects.catalogue import effect_class, mean_effects, to_block
+from rwa_monitor.wheel.effects.current_delay import CurrentDelay
+from rwa_monitor.wheel.wheel import Nominal, Wheel
 
 Treatment = Literal["kept", "one speed", "shifted", "absent"]
 LOWEST_SHARE: Final = 0.05  # of the samples: the dry friction is the lowest level that lasts, jumps lie above

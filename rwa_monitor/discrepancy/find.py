@@ -55,12 +55,12 @@ from rwa_monitor.discrepancy.uncertainty import ORDER, described, spread
 from rwa_monitor.discrepancy.unexplained import judge_leftover, shorter, wandering, with_free_curves, without_unnamed
 from rwa_monitor.discrepancy.unnamed import UNNAMED
 from rwa_monitor.discrepancy.untested import as_a_part, too_weak_to_show, untested_others
-from rwa_monitor.physics.effects.base import MeanEffect
-from rwa_monitor.physics.effects.catalogue import CATALOGUE, MEAN_EFFECTS, NOISE_EFFECTS, effect_class
-from rwa_monitor.physics.effects.formula import BLOCK, Formula
-from rwa_monitor.physics.effects.torque_ripple import TorqueRipple
-from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import Samples
+from rwa_monitor.wheel.effects.base import MeanEffect
+from rwa_monitor.wheel.effects.catalogue import CATALOGUE, MEAN_EFFECTS, NOISE_EFFECTS, effect_class
+from rwa_monitor.wheel.effects.formula import BLOCK, Formula
+from rwa_monitor.wheel.effects.torque_ripple import TorqueRipple
+from rwa_monitor.wheel.wheel import Wheel
 
 # All that has columns: mean effects, and effects of jumps that are torques too; some with columns of their own here.
 CANDIDATES = tuple({**MEAN_EFFECTS, **{term.name: term for term in (DelayTerm, *JUMP_TERMS)}}.values())

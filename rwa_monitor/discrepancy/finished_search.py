@@ -11,8 +11,8 @@ from rwa_monitor.discrepancy.gain import HeldOut
 from rwa_monitor.discrepancy.models import Model, SearchResult
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.result import DiscrepancyResult
-from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import FloatArray
+from rwa_monitor.wheel.wheel import Wheel
 
 
 @dataclass(frozen=True, slots=True)

@@ -33,8 +33,8 @@ from rwa_monitor.discrepancy.score import Background, off_reversals, scored, wit
 from rwa_monitor.discrepancy.shape_profile import profile
 from rwa_monitor.discrepancy.terms import Term, depends_on_level, make_term
 from rwa_monitor.discrepancy.testable import sort_out
-from rwa_monitor.physics.effects.base import MeanEffect
 from rwa_monitor.samples import FloatArray, IntArray
+from rwa_monitor.wheel.effects.base import MeanEffect
 
 Progress = Callable[[str], None]
 Effects = Sequence[type[MeanEffect]]

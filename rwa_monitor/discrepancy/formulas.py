@@ -7,10 +7,10 @@ import numpy as np
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.shape_profile import shape_limits
 from rwa_monitor.discrepancy.terms import Term, available
-from rwa_monitor.physics.effects.base import MeanEffect
-from rwa_monitor.physics.effects.formula import FORMULAS, Formula
-from rwa_monitor.physics.effects.sublinear_viscous import LEAST_K
 from rwa_monitor.samples import FloatArray
+from rwa_monitor.wheel.effects.base import MeanEffect
+from rwa_monitor.wheel.effects.formula import FORMULAS, Formula
+from rwa_monitor.wheel.effects.sublinear_viscous import LEAST_K
 
 
 def formulas(problem: Problem) -> list[type[MeanEffect]]:

@@ -12,9 +12,9 @@ from typing import ClassVar, Final
 import numpy as np
 
 from rwa_monitor.discrepancy.unnamed import UnnamedEffect
-from rwa_monitor.physics.effects.base import Channels, Memory, Parameter
-from rwa_monitor.physics.effects.torque_ripple import angle_range_turns, angle_turned
 from rwa_monitor.samples import FloatArray
+from rwa_monitor.wheel.effects.base import Channels, Memory, Parameter
+from rwa_monitor.wheel.effects.torque_ripple import angle_range_turns, angle_turned
 
 KNOTS: Final = 14  # of a free curve: a feature as wide as a tenth of the range is not missed
 TURN_RAD: Final = 2.0 * np.pi

@@ -11,14 +11,14 @@ from typing import ClassVar, Final
 import numpy as np
 from scipy.ndimage import correlate1d
 
-from rwa_monitor.physics.effects.base import Channels, MeanEffect, Memory, Parameter
-from rwa_monitor.physics.effects.columns import known_or_nan, stack
-from rwa_monitor.physics.effects.current_delay import CurrentDelay
-from rwa_monitor.physics.effects.decaying_jump import DecayingJump
-from rwa_monitor.physics.effects.resolution import duration, narrowed
-from rwa_monitor.physics.effects.switching_base import Jumps, SwitchingEffect
-from rwa_monitor.physics.effects.viscous_jump import ViscousJump
 from rwa_monitor.samples import FloatArray
+from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Parameter
+from rwa_monitor.wheel.effects.columns import known_or_nan, stack
+from rwa_monitor.wheel.effects.current_delay import CurrentDelay
+from rwa_monitor.wheel.effects.decaying_jump import DecayingJump
+from rwa_monitor.wheel.effects.resolution import duration, narrowed
+from rwa_monitor.wheel.effects.switching_base import Jumps, SwitchingEffect
+from rwa_monitor.wheel.effects.viscous_jump import ViscousJump
 
 SHORTEST_SLOTS: Final = 20  # of a relaxation: shorter ones are outliers beside a jump
 LONGEST_SHARE: Final = 0.1  # of the record: longer ones are drifts

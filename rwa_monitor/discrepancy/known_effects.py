@@ -10,11 +10,11 @@ import numpy as np
 from rwa_monitor.discrepancy.alignment import Delay
 from rwa_monitor.discrepancy.quantisation import without_steps
 from rwa_monitor.discrepancy.record import Record, make_record
-from rwa_monitor.physics.effects.catalogue import mean_effects
-from rwa_monitor.physics.effects.current_delay import CurrentDelay
-from rwa_monitor.physics.effects.removal import effect_torque
-from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import Samples
+from rwa_monitor.wheel.effects.catalogue import mean_effects
+from rwa_monitor.wheel.effects.current_delay import CurrentDelay
+from rwa_monitor.wheel.effects.removal import effect_torque
+from rwa_monitor.wheel.wheel import Wheel
 
 
 def records_of(recordings: Sequence[tuple[str, Samples]], wheel: Wheel, delay: Delay | None = None) -> list[Record]:

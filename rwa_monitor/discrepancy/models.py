@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from rwa_monitor.discrepancy.base_fit import Fit
 from rwa_monitor.discrepancy.likelihood import NoiseLaw
 from rwa_monitor.discrepancy.terms import Term
-from rwa_monitor.physics.effects.base import MeanEffect
 from rwa_monitor.samples import FloatArray
+from rwa_monitor.wheel.effects.base import MeanEffect
 
 
 @dataclass(frozen=True, slots=True)

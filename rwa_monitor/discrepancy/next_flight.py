@@ -11,7 +11,7 @@ from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN
 from rwa_monitor.discrepancy.plan import DECIDES, PlannedManoeuvre, rank_for_untested, rank_manoeuvres
 from rwa_monitor.discrepancy.result import Unexplained
 from rwa_monitor.discrepancy.untested import not_testable
-from rwa_monitor.physics.effects.catalogue import CATALOGUE, MEAN_EFFECTS
+from rwa_monitor.wheel.effects.catalogue import CATALOGUE, MEAN_EFFECTS
 
 TELLS_NOTHING: Final = 0.1  # nats: odds of 1.1 to 1
 BEYOND_DOUBT: Final = 2 * ACCEPT_GAIN  # an effect that gains so much needs no confirmation

@@ -19,8 +19,8 @@ from rwa_monitor.discrepancy.score import Background
 from rwa_monitor.discrepancy.shape_profile import reach_between, shape_limits
 from rwa_monitor.discrepancy.terms import make_term
 from rwa_monitor.discrepancy.uncertainty import ORDER
-from rwa_monitor.physics.effects.torque_ripple import MAX_HARMONIC, TorqueRipple, angle_range_turns
 from rwa_monitor.samples import FloatArray
+from rwa_monitor.wheel.effects.torque_ripple import MAX_HARMONIC, TorqueRipple, angle_range_turns
 
 WIDTHS: Final = 4.0  # of a line, each way, that are looked at closely
 PER_WIDTH: Final = 4  # orders

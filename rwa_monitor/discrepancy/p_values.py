@@ -25,9 +25,9 @@ import numpy as np
 from rwa_monitor.discrepancy.finished_search import Search
 from rwa_monitor.discrepancy.fitting import Fitting, Progress
 from rwa_monitor.errors import InputError
-from rwa_monitor.physics.effects.base import Family
-from rwa_monitor.physics.effects.catalogue import MEAN_EFFECTS
 from rwa_monitor.samples import FloatArray
+from rwa_monitor.wheel.effects.base import Family
+from rwa_monitor.wheel.effects.catalogue import MEAN_EFFECTS
 
 TABLE_FILE: Final = "nulls.json"
 TAIL: Final = 0.1  # share of the nulls from which on the exponential stands in

@@ -23,11 +23,11 @@ from rwa_monitor.discrepancy.record import Record
 from rwa_monitor.discrepancy.score import Background
 from rwa_monitor.discrepancy.shape_profile import middle_shape, profile
 from rwa_monitor.discrepancy.terms import make_term
-from rwa_monitor.physics.effects.base import Channels
-from rwa_monitor.physics.effects.catalogue import MEAN_EFFECTS
-from rwa_monitor.physics.speed import ORBIT_S
-from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import SECONDS_PER_HOUR, FloatArray, IntArray
+from rwa_monitor.simulation.motion import ORBIT_S
+from rwa_monitor.wheel.effects.base import Channels
+from rwa_monitor.wheel.effects.catalogue import MEAN_EFFECTS
+from rwa_monitor.wheel.wheel import Wheel
 
 DURATION_S: Final = 2400.0  # of a manoeuvre: less than half an orbit
 DECIDES: Final = 5.0  # nats: one cause is then 150 times as likely as the other

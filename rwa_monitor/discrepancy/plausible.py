@@ -9,8 +9,8 @@ from typing import Any, Final
 import numpy as np
 
 from rwa_monitor.errors import InputError
-from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import BoolArray, FloatArray, Samples
+from rwa_monitor.wheel.wheel import Wheel
 
 # Of nominal friction: mN m read as N m are a thousand; no bearing gets there and turns.
 WRONG_UNIT_FACTOR: Final = 100.0

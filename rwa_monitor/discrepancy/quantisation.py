@@ -27,9 +27,9 @@ from rwa_monitor.discrepancy.fitting import Fitting
 from rwa_monitor.discrepancy.models import SearchResult
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.record import Record
-from rwa_monitor.physics.effects.tachometer_quantisation import lattice_step
-from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import FloatArray
+from rwa_monitor.wheel.effects.tachometer_quantisation import lattice_step
+from rwa_monitor.wheel.wheel import Wheel
 
 COARSE: Final = 0.5  # standard deviations of the noise: finer steps are of no consequence
 FINE: Final = 4.0  # steps between neighbours, on the median: a lattice far below any noise or motion

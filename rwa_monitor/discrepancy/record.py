@@ -25,13 +25,13 @@ from rwa_monitor.discrepancy.plausible import check_inertia, check_plausible, sh
 from rwa_monitor.discrepancy.reversals import averages_over_reversals
 from rwa_monitor.discrepancy.steps import Steps, source_of_friction, steps_of
 from rwa_monitor.errors import InputError
-from rwa_monitor.physics.effects.base import Channels
-from rwa_monitor.physics.effects.torque_ripple import angle_turned
-from rwa_monitor.physics.speed import wheel_angle
-from rwa_monitor.physics.torque_balance import torque_per_ampere
-from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, BoolArray, FloatArray, IntArray, Samples
+from rwa_monitor.simulation.motion import wheel_angle
 from rwa_monitor.slots import SlotGrid
+from rwa_monitor.wheel.effects.base import Channels
+from rwa_monitor.wheel.effects.torque_ripple import angle_turned
+from rwa_monitor.wheel.torque_balance import torque_per_ampere
+from rwa_monitor.wheel.wheel import Wheel
 
 MAX_UNEVEN_FACTOR: Final = 64  # where the clock is uneven, and each row has a short slot of its own (`bench`)
 MIN_REST_SLOTS: Final = 8  # shorter stays near zero are crossings

@@ -19,8 +19,8 @@ from rwa_monitor.discrepancy.report_template import PAGE
 from rwa_monitor.discrepancy.result import DiscrepancyResult, FoundEffect, Gain
 from rwa_monitor.discrepancy.untested import Detectable, detectable_strengths, not_testable
 from rwa_monitor.discrepancy.views import all_views
-from rwa_monitor.physics.effects.catalogue import effect_class
 from rwa_monitor.version import SOFTWARE
+from rwa_monitor.wheel.effects.catalogue import effect_class
 
 KINDS: Final = {"mean": "a torque", "noise": "of the noise", "switching": "of the jumps"}
 PROPER: Final = "Stribeck"  # a name: it keeps its capital

@@ -1,4 +1,4 @@
-"""What the search for discrepancies says: plain and immutable; the command and the live room turn it into JSON."""
+"""What the search for discrepancies says: plain and immutable; the command and the monitor room turn it into JSON."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import math
 from dataclasses import asdict, dataclass
 from typing import Any, Final, Literal
 
-from rwa_monitor.physics.effects.base import Family
+from rwa_monitor.wheel.effects.base import Family
 
 Verdict = Literal["adequate", "inadequate", "untestable"]
 

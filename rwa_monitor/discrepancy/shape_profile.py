@@ -16,8 +16,8 @@ from scipy import optimize
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.score import Background
 from rwa_monitor.discrepancy.terms import Term, followed_level, make_term_with
-from rwa_monitor.physics.effects.base import MeanEffect, Parameter
 from rwa_monitor.samples import FloatArray
+from rwa_monitor.wheel.effects.base import MeanEffect, Parameter
 
 FEW_CHOICES: Final = 3  # of a discrete shape parameter: so few are tried again in each refinement
 GRID_POINTS: Final = 9  # per continuous shape parameter; the profile is then refined between neighbours

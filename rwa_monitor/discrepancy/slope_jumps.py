@@ -24,9 +24,9 @@ from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.result import ParameterValue
 from rwa_monitor.discrepancy.terms import Term
 from rwa_monitor.kernels.segmentation import optimal_lines
-from rwa_monitor.physics.effects.base import Channels, Memory, Parameter
-from rwa_monitor.physics.effects.viscous_jump import ViscousJump
 from rwa_monitor.samples import FloatArray, IntArray
+from rwa_monitor.wheel.effects.base import Channels, Memory, Parameter
+from rwa_monitor.wheel.effects.viscous_jump import ViscousJump
 
 BLOCKS: Final = 3_000  # of a record, between which the segmentation may cut; each cut is then placed to the sample
 LINE_PENALTY: Final = 2 * JUMP_PENALTY  # times log N, for a new straight line: its level and its slope

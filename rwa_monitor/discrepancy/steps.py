@@ -8,9 +8,9 @@ from typing import Final
 import numpy as np
 
 from rwa_monitor.discrepancy import engineering
-from rwa_monitor.physics.effects.tachometer_quantisation import lattice_step
-from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import FloatArray, Samples
+from rwa_monitor.wheel.effects.tachometer_quantisation import lattice_step
+from rwa_monitor.wheel.wheel import Wheel
 
 FEWEST_LEVELS: Final = 3  # readings, all different, of which a step can be told
 MOST_LEVELS: Final = 0.5  # of the samples: where so many readings differ, steps are finer than the noise

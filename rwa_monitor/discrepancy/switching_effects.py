@@ -14,22 +14,22 @@ from typing import Final
 
 import numpy as np
 
-from rwa_monitor.diagnosis.assignment import assign
-from rwa_monitor.diagnosis.evidence import WindowAccumulator
-from rwa_monitor.diagnosis.results import UNATTRIBUTED, Assignment, Evidence
+from rwa_monitor.changepoints.evidence import WindowAccumulator
+from rwa_monitor.changepoints.stage_results import UNATTRIBUTED, Assignment, Evidence
 from rwa_monitor.discrepancy.fitting import EQUIVALENT_WITHIN
 from rwa_monitor.discrepancy.models import Model
 from rwa_monitor.discrepancy.noise_effects import accepted, residual_on_slots
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.result import FoundEffect
-from rwa_monitor.physics.durations import Geometric
-from rwa_monitor.physics.effects.catalogue import SWITCHING_EFFECTS
-from rwa_monitor.physics.effects.likelihood import LikelihoodFit
-from rwa_monitor.physics.effects.speed_triggered_jumps import SpeedTriggeredJumps
-from rwa_monitor.physics.effects.switching_base import Jumps, Sojourns, SwitchingEvidence
-from rwa_monitor.physics.effects.wrong_duration_law import FEWEST_SOJOURNS, WrongDurationLaw, weibull_of_mean
-from rwa_monitor.physics.wheel import FrictionRange, SwitchingSystem, Wheel
 from rwa_monitor.samples import FloatArray, IntArray
+from rwa_monitor.switching.assignment import assign
+from rwa_monitor.wheel.durations import Geometric
+from rwa_monitor.wheel.effects.catalogue import SWITCHING_EFFECTS
+from rwa_monitor.wheel.effects.likelihood import LikelihoodFit
+from rwa_monitor.wheel.effects.speed_triggered_jumps import SpeedTriggeredJumps
+from rwa_monitor.wheel.effects.switching_base import Jumps, Sojourns, SwitchingEvidence
+from rwa_monitor.wheel.effects.wrong_duration_law import FEWEST_SOJOURNS, WrongDurationLaw, weibull_of_mean
+from rwa_monitor.wheel.wheel import FrictionRange, SwitchingSystem, Wheel
 
 EXTRA: Final = "extra_switching_system"
 WRONG_LAW: Final = "wrong_duration_law"

@@ -20,9 +20,9 @@ from rwa_monitor.discrepancy.jump_terms import LEAD, SLOPE_REACH, without_pulses
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.record import Record
 from rwa_monitor.discrepancy.unnamed import UnnamedEffect
-from rwa_monitor.physics.effects.base import Channels, MeanEffect
-from rwa_monitor.physics.effects.torque_ripple import TorqueRipple
 from rwa_monitor.samples import FloatArray
+from rwa_monitor.wheel.effects.base import Channels, MeanEffect
+from rwa_monitor.wheel.effects.torque_ripple import TorqueRipple
 
 ROBUST_PAIRS: Final = 8_000  # differences that the robust start looks at, evenly spread
 TINY: Final = 1e-100  # of what is divided by

@@ -18,8 +18,8 @@ from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.score import term_rows
 from rwa_monitor.discrepancy.shape_profile import middle_shape
 from rwa_monitor.discrepancy.terms import available, make_term
-from rwa_monitor.physics.effects.base import Channels, MeanEffect
 from rwa_monitor.samples import FloatArray
+from rwa_monitor.wheel.effects.base import Channels, MeanEffect
 
 KNOTS: Final = 12  # of a free curve over the speed, at quantiles of the speeds
 SPANNED: Final = 0.02  # of a column's energy beyond the base law: so little is left of what a curve of the speed spans

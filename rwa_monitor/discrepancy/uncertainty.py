@@ -24,11 +24,11 @@ from rwa_monitor.discrepancy.result import ParameterValue
 from rwa_monitor.discrepancy.score import Background
 from rwa_monitor.discrepancy.shape_profile import LOG_SPACING_FROM, shape_limits
 from rwa_monitor.discrepancy.terms import Term, make_term
-from rwa_monitor.physics.effects.base import Parameter
-from rwa_monitor.physics.effects.catalogue import CATALOGUE
-from rwa_monitor.physics.effects.speed_dead_zone import SpeedDeadZone
-from rwa_monitor.physics.effects.torque_ripple import TorqueRipple, angle_range_turns
 from rwa_monitor.samples import FloatArray
+from rwa_monitor.wheel.effects.base import Parameter
+from rwa_monitor.wheel.effects.catalogue import CATALOGUE
+from rwa_monitor.wheel.effects.speed_dead_zone import SpeedDeadZone
+from rwa_monitor.wheel.effects.torque_ripple import TorqueRipple, angle_range_turns
 
 DEAD_ZONE: Final = "dead_zone_rad_s"
 ORDER: Final = "harmonic"

@@ -21,10 +21,10 @@ import numpy as np
 from scipy.signal import lfilter
 
 from rwa_monitor.discrepancy.problem import Problem
-from rwa_monitor.physics.effects.base import Channels, MeanEffect, Memory, Parameter
-from rwa_monitor.physics.effects.resolution import duration, narrowed
-from rwa_monitor.physics.effects.viscosity_temperature import ViscosityTemperature
 from rwa_monitor.samples import FloatArray
+from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Parameter
+from rwa_monitor.wheel.effects.resolution import duration, narrowed
+from rwa_monitor.wheel.effects.viscosity_temperature import ViscosityTemperature
 
 FASTEST_S: Final = 60.0  # time constants of a bearing in its housing: minutes (its rings) to hours (the wheel's case)
 SLOWEST_S: Final = 7200.0

@@ -20,9 +20,9 @@ from rwa_monitor.discrepancy.models import Model
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.shape_profile import middle_shape
 from rwa_monitor.discrepancy.terms import available, depends_on_level, make_term
-from rwa_monitor.physics.effects.base import MeanEffect
-from rwa_monitor.physics.effects.wrong_duration_law import FEWEST_SOJOURNS
-from rwa_monitor.physics.wheel import Wheel
+from rwa_monitor.wheel.effects.base import MeanEffect
+from rwa_monitor.wheel.effects.wrong_duration_law import FEWEST_SOJOURNS
+from rwa_monitor.wheel.wheel import Wheel
 
 TOO_LARGE: Final = 0.3  # of the RMS of all friction: an effect that must be larger to show has not been tested
 # Of the RMS of the friction where it acts: what acts in a few samples has a small RMS however large it is there, as

@@ -19,8 +19,8 @@ from scipy import stats
 from rwa_monitor.discrepancy.base_fit import least_squares, remove_levels, segment_starts
 from rwa_monitor.discrepancy.models import Model
 from rwa_monitor.discrepancy.problem import Problem
-from rwa_monitor.physics.effects.base import Channels
 from rwa_monitor.samples import FloatArray, IntArray
+from rwa_monitor.wheel.effects.base import Channels
 
 BINS: Final = 24  # of equal counts
 MIN_PER_BIN: Final = 12  # samples; fewer make no mean

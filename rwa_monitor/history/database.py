@@ -20,8 +20,8 @@ from sqlalchemy.orm import Session
 from sqlalchemy.pool import StaticPool
 
 from rwa_monitor.errors import InputError, RwaMonitorError
-from rwa_monitor.formats.files import make_folder
 from rwa_monitor.history.schema import bring_up_to_date
+from rwa_monitor.telemetry.files import make_folder
 
 POSTGRESQL: Final = "pip install 'rwa-monitor[postgresql]'"
 BUSY_TIMEOUT_S: Final = 5.0

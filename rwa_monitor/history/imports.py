@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Final
 
 from rwa_monitor.history.store import History
-from rwa_monitor.live.chain import read_chain
 from rwa_monitor.messages import Diagnosis, Discrepancy
+from rwa_monitor.monitor.recording.chain import read_chain
 
 BATCH_WINDOWS: Final = 200  # of one transaction
 

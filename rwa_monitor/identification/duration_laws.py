@@ -31,9 +31,9 @@ import numpy as np
 from pydantic import BaseModel
 from scipy import special
 
-from rwa_monitor.diagnosis.laws import broad_survival
-from rwa_monitor.physics.durations import LONGEST, Geometric, Histogram, Lognormal, Uniform, Weibull
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
+from rwa_monitor.switching.duration_likelihoods import broad_survival
+from rwa_monitor.wheel.durations import LONGEST, Geometric, Histogram, Lognormal, Uniform, Weibull
 
 NODES: Final = 41  # of each parameter over its posterior
 REACH: Final = (-6.0, 10.0)  # standard errors over which a scale is integrated; sojourns that were cut only lengthen it

@@ -21,8 +21,7 @@ from rwa_monitor.discrepancy.plausible import Shown, slope_in_question
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.record import left_out_in_words, make_record
 from rwa_monitor.errors import InputError
-from rwa_monitor.identification.chain_decoding import Stays
-from rwa_monitor.identification.doubts import (
+from rwa_monitor.identification.data_quality import (
     check_enough,
     check_told_apart,
     drift_in_words,
@@ -32,9 +31,10 @@ from rwa_monitor.identification.doubts import (
 )
 from rwa_monitor.identification.duration_laws import LearnedLaw, Sojourns, learn_laws
 from rwa_monitor.identification.negative_friction import at_one_speed, missing_law, motion_in_friction, why_negative
-from rwa_monitor.identification.parting import Visit, part
-from rwa_monitor.physics.wheel import FrictionRange, Noise, Nominal, SwitchingSystem, Wheel, Window
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, SECONDS_PER_HOUR, FloatArray, IntArray, Samples
+from rwa_monitor.switching.chain_decoding import Stays
+from rwa_monitor.switching.jump_attribution import Visit, part
+from rwa_monitor.wheel.wheel import FrictionRange, Noise, Nominal, SwitchingSystem, Wheel, Window
 
 MIN_SOJOURNS: Final = 4  # of a configuration, whole or cut; fewer do not show that there is one
 # Of a mean duration, one standard deviation. The law written holds it, so that it misleads no diagnosis; but a law that

@@ -9,7 +9,7 @@ import numpy as np
 from rwa_monitor.discrepancy.base_fit import Fit, remove_levels, segment_starts
 from rwa_monitor.discrepancy.plausible import first_slope
 from rwa_monitor.discrepancy.problem import Problem
-from rwa_monitor.physics.wheel import Wheel
+from rwa_monitor.wheel.wheel import Wheel
 
 MOTION_VISIBLE_AT: Final = 10.0  # standard deviations of an inertia left in friction, its noise taken to be white
 BENT_VISIBLE_AT: Final = 10.0  # standard deviations of drag with the square of the speed, its noise taken to be white

@@ -3,7 +3,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from rwa_monitor.diagnosis.running_sums import SumArrays
+from rwa_monitor.changepoints.running_sums import SumArrays
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 
 FEWEST_BLOCKS: Final[int]

@@ -1,4 +1,4 @@
-// Which candidates are jumps, and which switching system made each (see rwa_monitor/diagnosis/assignment_search.py).
+// Which candidates are jumps, and which switching system made each (see rwa_monitor/switching/assignment_search.py).
 #pragma once
 
 #include "arrays.hpp"

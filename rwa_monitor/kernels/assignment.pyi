@@ -1,8 +1,8 @@
 from typing import Final
 
-from rwa_monitor.diagnosis.assignment import Knowns
-from rwa_monitor.diagnosis.assignment_search import Scores
 from rwa_monitor.samples import FloatArray, IntArray
+from rwa_monitor.switching.assignment import Knowns
+from rwa_monitor.switching.assignment_search import Scores
 
 REJECT: Final[int]
 NO_SYSTEM: Final[int]
@@ -54,9 +54,9 @@ def tell(
     Returns
     -------
     story, nodes, system, direction
-        Who jumped when, see `results.FlatStory`; int64 (segments + 1,), the accepted candidates as nodes, and both ends
-        of the window; int64 (m, 2), who jumped at each candidate and which way: REJECTED or UNATTRIBUTED alone,
-        REJECTED in second place.
+        Who jumped when, see `stage_results.FlatStory`; int64 (segments + 1,), the accepted candidates as nodes, and
+        both ends of the window; int64 (m, 2), who jumped at each candidate and which way: REJECTED or UNATTRIBUTED
+        alone, REJECTED in second place.
     """
 
 def weigh(

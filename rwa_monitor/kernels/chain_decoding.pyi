@@ -1,8 +1,8 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from rwa_monitor.identification.chain_decoding import Laws, Record, States
 from rwa_monitor.samples import IntArray
+from rwa_monitor.switching.chain_decoding import Laws, Record, States
 
 NEVER: float
 

@@ -1,4 +1,4 @@
-// From the peaks of all scales to the candidates of a window (see rwa_monitor/diagnosis/changepoints.py).
+// From the peaks of all scales to the candidates of a window (see rwa_monitor/changepoints/changepoints.py).
 #pragma once
 
 #include "running_sums.hpp"

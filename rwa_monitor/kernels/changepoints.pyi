@@ -1,5 +1,5 @@
-from rwa_monitor.diagnosis.changepoints import Bar
-from rwa_monitor.diagnosis.running_sums import SumArrays
+from rwa_monitor.changepoints.changepoints import Bar
+from rwa_monitor.changepoints.running_sums import SumArrays
 from rwa_monitor.samples import FloatArray, IntArray
 
 def contrast(k: int, w: int, slope: float, weight: float, sums: SumArrays) -> tuple[float, float]:

@@ -1,4 +1,4 @@
-// Friction of the intervals between changepoints (see rwa_monitor/diagnosis/estimation.py).
+// Friction of the intervals between changepoints (see rwa_monitor/changepoints/estimation.py).
 #pragma once
 
 #include "running_sums.hpp"

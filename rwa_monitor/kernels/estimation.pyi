@@ -1,4 +1,4 @@
-from rwa_monitor.diagnosis.running_sums import SumArrays
+from rwa_monitor.changepoints.running_sums import SumArrays
 from rwa_monitor.samples import FloatArray, IntArray
 
 def interval_bounds(slots: int, index: IntArray, exclude: IntArray) -> tuple[IntArray, IntArray]:

@@ -1,6 +1,6 @@
-from rwa_monitor.diagnosis.friction_model import Cases
-from rwa_monitor.diagnosis.results import FlatStory
+from rwa_monitor.changepoints.stage_results import FlatStory
 from rwa_monitor.samples import FloatArray, IntArray
+from rwa_monitor.switching.friction_model import Cases
 
 def lay_out(story: FlatStory, borders: IntArray, table: FloatArray) -> tuple[FloatArray, IntArray, FloatArray]:
     """Lay out the linear model of a story; its unknowns are base, sojourns, unattributed jumps, and the slope.

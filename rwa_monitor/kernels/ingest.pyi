@@ -57,4 +57,4 @@ def judge(
     kind: NDArray[np.int8],
     since: IntArray,
 ) -> bool:
-    """Return whether `screen.Channel.judge` finds anything; `state` goes on, `kind` and `since` (zeros) are written."""
+    """Return whether `sensor_validation.Channel.judge` finds anything; `state` goes on; sets `kind`, `since`, zeros."""

@@ -1,7 +1,7 @@
 from typing import Final
 
-from rwa_monitor.diagnosis.laws import Chain, Told
 from rwa_monitor.samples import FloatArray, IntArray
+from rwa_monitor.switching.duration_likelihoods import Chain, Told
 
 SOFT_SHARE: Final[float]
 OTHER_SIZE: Final[float]
@@ -29,7 +29,7 @@ def tabulate(
     chain, told
         The system's laws, and what is known of its first sojourn.
     jump, stay, missed
-        The system's part of `laws.LawTables`.
+        The system's part of `duration_likelihoods.LawTables`.
     """
 
 def add_up(

@@ -1,4 +1,4 @@
-// The noise of a window, measured beside its jumps (see rwa_monitor/diagnosis/noise.py).
+// The noise of a window, measured beside its jumps (see rwa_monitor/changepoints/noise.py).
 #pragma once
 
 #include "arrays.hpp"

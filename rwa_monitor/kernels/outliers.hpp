@@ -1,4 +1,4 @@
-// How heavy the tails of a window's noise are (see rwa_monitor/diagnosis/tails.py).
+// How heavy the tails of a window's noise are (see rwa_monitor/changepoints/outlier_model.py).
 #pragma once
 
 #include "arrays.hpp"

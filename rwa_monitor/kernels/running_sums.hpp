@@ -1,4 +1,4 @@
-// Running sums of a window (see rwa_monitor/diagnosis/running_sums.py): the moments of any range of slots.
+// Running sums of a window (see rwa_monitor/changepoints/running_sums.py): the moments of any range of slots.
 #pragma once
 
 #include "arrays.hpp"

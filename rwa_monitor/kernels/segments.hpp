@@ -1,4 +1,4 @@
-// Levels between candidates (see rwa_monitor/diagnosis/segments.py).
+// Levels between candidates (see rwa_monitor/switching/segments.py).
 #pragma once
 
 #include "arrays.hpp"

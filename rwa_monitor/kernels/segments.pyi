@@ -1,6 +1,6 @@
 from typing import Final
 
-from rwa_monitor.diagnosis.running_sums import SumArrays
+from rwa_monitor.changepoints.running_sums import SumArrays
 from rwa_monitor.samples import FloatArray, IntArray
 
 PREFERENCE: Final[float]

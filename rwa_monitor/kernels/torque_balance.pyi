@@ -1,7 +1,7 @@
 from rwa_monitor.samples import FloatArray
 
 def bridge(speed: FloatArray, result: FloatArray, half: int, period_s: float, max_variance_ratio: float) -> None:
-    """Fill in the derivative `result` over gaps: see `physics.torque_balance.differentiate_over_gaps`."""
+    """Fill in the derivative `result` over gaps: see `wheel.torque_balance.differentiate_over_gaps`."""
 
 def rounding_error(
     speed: FloatArray,
@@ -15,7 +15,7 @@ def rounding_error(
     soft: bool,
     error: FloatArray,
 ) -> None:
-    """Set `error`, zeros, as `physics.torque_balance.rounding_error` returns it.
+    """Set `error`, zeros, as `wheel.torque_balance.rounding_error` returns it.
 
     Parameters
     ----------

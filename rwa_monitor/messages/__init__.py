@@ -85,7 +85,7 @@ MESSAGES: Final[tuple[type[Message], ...]] = (SamplesMessage, Status, Changepoin
 
 
 def schema_files() -> dict[str, str]:
-    """Return the JSON Schemas of all messages as file name and text; `live.schemas` writes them into `schemas/`."""
+    """Return the JSON Schemas of all messages as file name and text; `messages.schemas` writes them into `schemas/`."""
     return {
         f"{message.schema_name()}.json": json.dumps(message.json_schema(), indent=2, ensure_ascii=False) + "\n"
         for message in MESSAGES

@@ -6,7 +6,7 @@ from typing import Annotated, Any, ClassVar
 
 from pydantic import Field
 
-from rwa_monitor.diagnosis.results import Method
+from rwa_monitor.changepoints.stage_results import Method
 from rwa_monitor.diagnosis.window_diagnosis import AnomalyDiagnosis, Value, WindowDiagnosis
 from rwa_monitor.messages.base import ClockNs, Count, Message, Name, Number, Slot, Verdict, dump_json
 
@@ -136,7 +136,7 @@ def diagnosis_message(
     spacecraft, wheel
         From the bus key; "" and the wheel's name for a table.
     window_start_ns, window_end_ns, period_ns, partial
-        Where the window lies, as in `live.core.WindowDiagnosed`.
+        Where the window lies, as in `monitor.core.WindowDiagnosed`.
     software
         Name and version.
     source

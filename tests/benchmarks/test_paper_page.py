@@ -20,8 +20,8 @@ from benchmarks.paper.run_length import run_lengths
 from benchmarks.speed.peers import Peer
 from benchmarks.window import window_of
 from rwa_monitor.discrepancy.figures import svg
-from rwa_monitor.physics.datasets import LabelledWindow, generate
-from rwa_monitor.physics.truth import Changepoints
+from rwa_monitor.simulation.datasets import LabelledWindow, generate
+from rwa_monitor.simulation.truth import Changepoints
 
 SEED = 51
 

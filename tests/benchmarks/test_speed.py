@@ -19,8 +19,8 @@ from benchmarks.target import at_least, at_most
 from benchmarks.window import Window, window_of
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.kernels.wglr import wglr
-from rwa_monitor.physics.datasets import generate
-from rwa_monitor.physics.wheel import built_in_wheel
+from rwa_monitor.simulation.datasets import generate
+from rwa_monitor.wheel.wheel import built_in_wheel
 
 # A ratio may be so many times its target before a test fails: processor times of short runs on a shared machine.
 SLACK = 5.0

@@ -1,6 +1,7 @@
 """Torques of the hidden effects at unit strength, from the literature's formulas, never from the package's classes.
 
-Each takes the true motion and a shape drawn for it. What `tests/effects/literature.py` already has is used from there.
+Each takes the true motion and a shape drawn for it. What `tests/wheel/effects/literature.py` already has is used from
+there.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from typing import Any
 import numpy as np
 from scipy import signal
 
-from tests.effects import literature
+from tests.wheel.effects import literature
 
 Array = np.ndarray[Any, np.dtype[np.float64]]
 Shape = dict[str, float]

@@ -12,15 +12,15 @@ from typing import Any, Literal
 
 import numpy as np
 
-from rwa_monitor.physics.durations import Uniform
-from rwa_monitor.physics.speed import SpeedProfile, simulate_motion
-from rwa_monitor.physics.switching import simulate_system
-from rwa_monitor.physics.torque_balance import derived_noise_autocovariance
-from rwa_monitor.physics.wheel import Derivative, FrictionFilter, FrictionRange, Nominal, SwitchingSystem, Wheel
 from rwa_monitor.samples import Samples
+from rwa_monitor.simulation.motion import SpeedProfile, simulate_motion
+from rwa_monitor.wheel.durations import Uniform
+from rwa_monitor.wheel.switching_systems import simulate_system
+from rwa_monitor.wheel.torque_balance import derived_noise_autocovariance
+from rwa_monitor.wheel.wheel import Derivative, FrictionFilter, FrictionRange, Nominal, SwitchingSystem, Wheel
 from tests.blind import formulas
 from tests.blind.formulas import Array, Shape
-from tests.effects import literature
+from tests.wheel.effects import literature
 
 SAMPLES = 20_000
 RELATIVE_NOISE = 0.024  # of the nominal dry torque, as the paper's errors show it

@@ -9,7 +9,7 @@ from typing import TypeVar
 import numpy as np
 from scipy import stats
 
-from rwa_monitor.physics.effects.catalogue import CATALOGUE
+from rwa_monitor.wheel.effects.catalogue import CATALOGUE
 from tests.blind.trial import FORMULA, Outcome
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from scipy import stats
 
-from rwa_monitor.physics.effects.catalogue import CATALOGUE
+from rwa_monitor.wheel.effects.catalogue import CATALOGUE
 from tests.blind.generator import Case, plan
 from tests.blind.table import real_names
 from tests.blind.trial import Outcome, run_trial

@@ -20,13 +20,13 @@ from rwa_monitor.discrepancy.models import Model
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.shape_profile import middle_shape
 from rwa_monitor.discrepancy.terms import Term, make_term
-from rwa_monitor.formats.csv_table import write_csv
-from rwa_monitor.formats.table import read_table
-from rwa_monitor.formats.wheel_file import read_wheel, write_wheel
-from rwa_monitor.physics.effects.base import MeanEffect
-from rwa_monitor.physics.effects.catalogue import CATALOGUE, MEAN_EFFECTS
-from rwa_monitor.physics.effects.noise_base import NoiseEffect
-from rwa_monitor.physics.effects.switching_base import Jumps, SwitchingEffect, SwitchingEvidence
+from rwa_monitor.telemetry.csv_table import write_csv
+from rwa_monitor.telemetry.table import read_table
+from rwa_monitor.telemetry.wheel_file import read_wheel, write_wheel
+from rwa_monitor.wheel.effects.base import MeanEffect
+from rwa_monitor.wheel.effects.catalogue import CATALOGUE, MEAN_EFFECTS
+from rwa_monitor.wheel.effects.noise_base import NoiseEffect
+from rwa_monitor.wheel.effects.switching_base import Jumps, SwitchingEffect, SwitchingEvidence
 from tests.blind.equivalence import accepted
 from tests.blind.generator import NOISE_EFFECTS, SWITCHING_EFFECTS, Case, Hidden, generate, orthogonal
 

@@ -8,9 +8,9 @@ import pytest
 from click.testing import CliRunner, Result
 
 from rwa_monitor.cli.main import main
-from rwa_monitor.formats.wheel_file import write_wheel
-from rwa_monitor.physics.datasets import scaled_wheel
-from rwa_monitor.physics.wheel import Window, built_in_wheel
+from rwa_monitor.simulation.datasets import scaled_wheel
+from rwa_monitor.telemetry.wheel_file import write_wheel
+from rwa_monitor.wheel.wheel import Window, built_in_wheel
 
 WINDOW = 4000  # slots: large enough for a verdict, small enough for many tests
 SECONDS = 1250.0  # of a recording: two and a half windows

@@ -11,8 +11,8 @@ from pathlib import Path
 
 import pytest
 
-from rwa_monitor.physics.demo_satellite import same
-from rwa_monitor.physics.wheel import Wheel
+from rwa_monitor.simulation.demo_satellite import same
+from rwa_monitor.wheel.wheel import Wheel
 
 PROGRAM = [sys.executable, "-m", "rwa_monitor"]
 # Long enough for the failing wheel to be found (6 s a window, onset after three tenths), and for the search of the

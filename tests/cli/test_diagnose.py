@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from rwa_monitor.diagnosis.state import CarriedState
 from rwa_monitor.messages import Diagnosis
-from rwa_monitor.physics.wheel import built_in_wheel
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND
+from rwa_monitor.switching.carried_state import CarriedState
+from rwa_monitor.wheel.wheel import built_in_wheel
 from tests.cli.conftest import WINDOW, run
 
 MEASURED = os.environ.get("RWA_MEASURED_DATA")

@@ -9,8 +9,8 @@ from click.testing import CliRunner
 
 import rwa_monitor as rwa
 from rwa_monitor.cli.main import main
-from rwa_monitor.formats.table import table_writer
-from rwa_monitor.formats.wheel_file import write_wheel
+from rwa_monitor.telemetry.table import table_writer
+from rwa_monitor.telemetry.wheel_file import write_wheel
 
 GROWING = "[anomalies.viscous]\nfactor = 1.5\nonset_s = 4000.0\ngrowth_s = 6000.0\n"
 

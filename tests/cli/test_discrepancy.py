@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rwa_monitor.physics.wheel import Limits, built_in_wheel
+from rwa_monitor.wheel.wheel import Limits, built_in_wheel
 from tests.discrepancy.simple import NOISE_NM, PERIOD_S, record, swing
 
 PROGRAM = [sys.executable, "-m", "rwa_monitor", "discrepancy"]

@@ -11,14 +11,14 @@ import pytest
 from rwa_monitor.cli.doctor import look_at_bus, look_at_recordings, look_at_wheel_folder
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.errors import RwaMonitorError
-from rwa_monitor.live.bus import BusOptions, open_session
-from rwa_monitor.live.rebuild import Setup
-from rwa_monitor.live.recorder import FolderLock
-from rwa_monitor.live.recording import read_recording
-from rwa_monitor.live.wheel_set import WheelSet
-from rwa_monitor.physics.wheel import built_in_wheel
+from rwa_monitor.monitor.bus import BusOptions, open_session
+from rwa_monitor.monitor.recording.reader import read_recording
+from rwa_monitor.monitor.recording.recorder import FolderLock
+from rwa_monitor.monitor.state_recovery import Setup
+from rwa_monitor.monitor.wheel_set import WheelSet
+from rwa_monitor.wheel.wheel import built_in_wheel
 from tests.cli.conftest import run
-from tests.live.support import free_port
+from tests.monitor.support import free_port
 
 RECORDING = Path(__file__).parents[2] / "replay" / "nominal" / "rwa-000001.mcap"
 SETUP = Setup(WheelSet(built_in_wheel()), built_in_model(), "joint")

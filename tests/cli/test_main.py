@@ -171,15 +171,15 @@ def test_without_arrow_a_csv_is_written_and_what_is_left_out_is_named(tmp_path: 
 
 RUN = """
 import sys
-from rwa_monitor.live import service
+from rwa_monitor.monitor import service
 service.run = lambda *given, **options: None
 from rwa_monitor.cli.main import main
 main(["run"], standalone_mode=False)
 
 import numpy as np
 from rwa_monitor.diagnosis.model import built_in_model
-from rwa_monitor.live.core import diagnose_samples
-from rwa_monitor.physics.wheel import built_in_wheel
+from rwa_monitor.monitor.core import diagnose_samples
+from rwa_monitor.wheel.wheel import built_in_wheel
 from rwa_monitor.samples import Samples
 
 slot = np.arange(4_000)
@@ -200,5 +200,5 @@ def test_a_monitor_loads_nothing_that_it_does_not_use() -> None:
     done = subprocess.run([sys.executable, "-c", RUN], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     loaded = done.stdout.splitlines()
-    assert "rwa_monitor.live.monitor" in loaded
+    assert "rwa_monitor.monitor.monitor" in loaded
     assert [name for name in loaded if any(f"{name}.".startswith(f"{one}.") for one in NOT_FOR_A_MONITOR)] == []

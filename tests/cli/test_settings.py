@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from rwa_monitor.cli.main import main
 from tests.cli.conftest import run
-from tests.live.support import free_port
+from tests.monitor.support import free_port
 
 
 def tuned(monkeypatch: pytest.MonkeyPatch, *words: str, **environment: str) -> str:

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 import zenoh
 
-from rwa_monitor.live.bus import BusOptions, open_session
+from rwa_monitor.monitor.bus import BusOptions, open_session
 from tests.dashboard.support import browser
 
 

@@ -20,14 +20,14 @@ from rwa_monitor.dashboard import telemetry
 from rwa_monitor.dashboard.server import HISTORY_NAME, DashboardOptions, serve
 from rwa_monitor.history.alarms import MONITOR_ALARM
 from rwa_monitor.history.store import History
-from rwa_monitor.live.bus import BusOptions, open_session
 from rwa_monitor.messages import samples_json
+from rwa_monitor.monitor.bus import BusOptions, open_session
 from tests.dashboard.support import START_S, ask, expect, new_page, reporting, send_windows, wait_until
 from tests.dashboard.test_recordings import RECORDING
 from tests.dashboard.test_telemetry import with_friction
 from tests.history.support import diagnosis
-from tests.live.processes import Listener
-from tests.live.support import free_port
+from tests.monitor.processes import Listener
+from tests.monitor.support import free_port
 
 pytestmark = [pytest.mark.browser, pytest.mark.processes]
 

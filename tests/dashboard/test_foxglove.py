@@ -20,7 +20,7 @@ from websockets.typing import Subprotocol
 
 from rwa_monitor.dashboard.server import DashboardOptions, serve
 from rwa_monitor.errors import RwaMonitorError
-from rwa_monitor.formats.foxglove import LOG_SCHEMA, LogLevel, schemas
+from rwa_monitor.reporting.foxglove import LOG_SCHEMA, LogLevel, schemas
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND
 from tests.dashboard.support import WAIT_S, send_windows, status
 from tests.history.support import diagnosis

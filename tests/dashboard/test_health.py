@@ -14,13 +14,13 @@ import zenoh
 
 from rwa_monitor.dashboard.server import DashboardOptions, serve
 from rwa_monitor.diagnosis.model import built_in_model
-from rwa_monitor.live.bus import BusOptions, open_session
-from rwa_monitor.live.publisher import publish
-from rwa_monitor.live.run_options import RunOptions
-from rwa_monitor.live.service import run
 from rwa_monitor.messages import Diagnosis, Health, SamplesMessage, health_message, key_of
-from rwa_monitor.physics.wheel import Window, built_in_wheel
+from rwa_monitor.monitor.bus import BusOptions, open_session
+from rwa_monitor.monitor.publisher import publish
+from rwa_monitor.monitor.run_options import RunOptions
+from rwa_monitor.monitor.service import run
 from rwa_monitor.samples import Samples
+from rwa_monitor.wheel.wheel import Window, built_in_wheel
 from tests.dashboard.support import START_S, ask, send_windows, wait_until
 from tests.dashboard.test_telemetry import with_friction
 from tests.history.support import diagnosis
@@ -106,7 +106,7 @@ def test_a_dashboard_tells_the_health_at_each_change_of_an_alarm(session: zenoh.
 
 
 def test_who_asks_gets_the_later_of_what_monitor_and_dashboard_know(session: zenoh.Session, tmp_path: Path) -> None:
-    from rwa_monitor.live.bus import Inbox, MonitorBus
+    from rwa_monitor.monitor.bus import Inbox, MonitorBus
 
     key, encoding = "rwa/sat/wheel_1/health", Health.encoding()
     with MonitorBus(session, Inbox()) as bus, serve(DashboardOptions(0, tmp_path, token="right"), session) as running:

@@ -16,8 +16,8 @@ import zenoh
 
 from rwa_monitor.dashboard.server import DashboardOptions, Running, serve
 from rwa_monitor.messages import samples_json
-from rwa_monitor.physics.demo_satellite import FAILING
 from rwa_monitor.samples import Samples
+from rwa_monitor.simulation.demo_satellite import FAILING
 from tests.dashboard.support import ask, expect, new_page, reporting, send_windows, serious, status, wait_until
 from tests.dashboard.test_recordings import RECORDING
 from tests.dashboard.test_telemetry import current, with_friction

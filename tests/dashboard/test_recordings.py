@@ -12,8 +12,8 @@ from rwa_monitor.dashboard.recordings import POINTS_PER_WHEEL, list_recordings, 
 from rwa_monitor.errors import InputError
 from rwa_monitor.history.imports import import_recordings
 from rwa_monitor.history.store import History
-from rwa_monitor.live.recording import read_recording
 from rwa_monitor.messages import Diagnosis
+from rwa_monitor.monitor.recording.reader import read_recording
 
 RECORDING = min(Path("replay").rglob("*.mcap"), key=lambda path: path.stat().st_size)
 

@@ -11,16 +11,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rwa_monitor.dashboard import fleet
-from rwa_monitor.dashboard.course import Course
+from rwa_monitor.dashboard.decimated_samples import thinned_json
 from rwa_monitor.dashboard.fleet import Fleet, Received
 from rwa_monitor.dashboard.telemetry import FIRST_STALE_S, DerivedFriction, OpenWindow, Rhythm
-from rwa_monitor.dashboard.trace import thinned_json
-from rwa_monitor.live.wheel_set import WheelSet
+from rwa_monitor.dashboard.verdict_history import Course
 from rwa_monitor.messages import SamplesMessage
-from rwa_monitor.physics.torque_balance import mended_friction
-from rwa_monitor.physics.wheel import built_in_wheel
+from rwa_monitor.monitor.wheel_set import WheelSet
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND as SECOND
 from rwa_monitor.samples import Samples
+from rwa_monitor.wheel.torque_balance import mended_friction
+from rwa_monitor.wheel.wheel import built_in_wheel
 from tests.history.support import START_NS, WINDOW_NS, diagnosis
 
 WHEEL = built_in_wheel()

@@ -10,13 +10,13 @@ from benchmarks.adequacy.trials import MEAN_EFFECTS, MOTIONS, diagnose_recipe, h
 from rwa_monitor.diagnosis.adequacy import expected_jumps, persistence
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.diagnosis.residual_blocks import Blocks
-from rwa_monitor.live.core import diagnose_samples
-from rwa_monitor.physics.scenario import Scenario
-from rwa_monitor.physics.sensors import FrictionNoise, Sensors
-from rwa_monitor.physics.speed import SpeedProfile
-from rwa_monitor.physics.telemetry import simulate
-from rwa_monitor.physics.wheel import built_in_wheel
+from rwa_monitor.monitor.core import diagnose_samples
 from rwa_monitor.samples import FloatArray
+from rwa_monitor.simulation.motion import SpeedProfile
+from rwa_monitor.simulation.record import simulate
+from rwa_monitor.simulation.scenario import Scenario
+from rwa_monitor.simulation.sensors import FrictionNoise, Sensors
+from rwa_monitor.wheel.wheel import built_in_wheel
 
 # Each effect on one motion that shows it, in turn; benchmarks/adequacy runs all of them on many seeds.
 EITHER_WAY = ("crossings", "rich", "orbit")

@@ -12,8 +12,8 @@ from rwa_monitor.diagnosis.features import Features, FeaturesOfStory, SystemFeat
 from rwa_monitor.diagnosis.likelihood import log_densities
 from rwa_monitor.diagnosis.model import built_in_model, models_for
 from rwa_monitor.diagnosis.paper_classification import classify_as_paper
-from rwa_monitor.diagnosis.state import CarriedState, Tracked, probability_before
-from rwa_monitor.physics.wheel import built_in_wheel
+from rwa_monitor.switching.carried_state import CarriedState, Tracked, probability_before
+from rwa_monitor.wheel.wheel import built_in_wheel
 
 WHEEL, MODEL = built_in_wheel(), built_in_model()
 MODELS, NAMES = models_for(WHEEL, MODEL), WHEEL.anomalies

@@ -8,18 +8,18 @@ import numpy as np
 import pytest
 from scipy import special
 
-from rwa_monitor.diagnosis import segments
+from rwa_monitor.changepoints.estimation import estimate
+from rwa_monitor.changepoints.noise import mean_variance_factor
+from rwa_monitor.changepoints.running_sums import RunningSums
+from rwa_monitor.changepoints.stage_results import Evidence, NoiseEstimate
 from rwa_monitor.diagnosis.adequacy import PERSISTENCE_LAGS, persistence
-from rwa_monitor.diagnosis.estimation import estimate
 from rwa_monitor.diagnosis.model import built_in_model
-from rwa_monitor.diagnosis.noise import mean_variance_factor
 from rwa_monitor.diagnosis.residual_blocks import Blocks, residual_blocks
-from rwa_monitor.diagnosis.results import Evidence, NoiseEstimate
-from rwa_monitor.diagnosis.running_sums import RunningSums
 from rwa_monitor.kernels.adequacy import FEWEST_BLOCKS, LARGEST_BLOCK
 from rwa_monitor.kernels.laws import OTHER_SIZE, level_densities
 from rwa_monitor.kernels.segments import LEVEL_SCATTER, PREFERENCE, jumps_of, pair_moments
-from tests.diagnosis.assignment_windows import NO_CANDIDATES, NO_STRUCTURE
+from rwa_monitor.switching import segments
+from tests.switching.assignment_windows import NO_CANDIDATES, NO_STRUCTURE
 
 SLOTS, STD, SLOPE = 4_000, 0.05, 0.8
 INDEX = np.array([320, 1_003, 1_040, 2_500, 3_900])

@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 
 from rwa_monitor.diagnosis.model import built_in_model
-from rwa_monitor.live.core import diagnose_samples
-from rwa_monitor.live.events import WindowDiagnosed
-from rwa_monitor.physics.demo_satellite import demo_wheel, simulate_satellite
-from rwa_monitor.physics.scenario import Anomaly, Scenario
-from rwa_monitor.physics.speed import ProfileKind, SpeedProfile
-from rwa_monitor.physics.telemetry import simulate
+from rwa_monitor.monitor.core import diagnose_samples
+from rwa_monitor.monitor.events import WindowDiagnosed
+from rwa_monitor.simulation.demo_satellite import demo_wheel, simulate_satellite
+from rwa_monitor.simulation.motion import ProfileKind, SpeedProfile
+from rwa_monitor.simulation.record import simulate
+from rwa_monitor.simulation.scenario import Anomaly, Scenario
 
 WHEEL, MODEL = demo_wheel(), built_in_model()
 WINDOW_S = WHEEL.window.samples * WHEEL.sample_period_s

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as hnp
 
-from rwa_monitor.diagnosis.estimation import SlopePrior
+from rwa_monitor.changepoints.estimation import SlopePrior
 from rwa_monitor.diagnosis.features import (
     Features,
     SystemFeatures,
@@ -16,7 +16,7 @@ from rwa_monitor.diagnosis.features import (
     normalised_nominal_viscous,
     without_prior,
 )
-from rwa_monitor.physics.wheel import built_in_wheel
+from rwa_monitor.wheel.wheel import built_in_wheel
 
 
 def test_bins_are_half_open_and_cover_the_range() -> None:

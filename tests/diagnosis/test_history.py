@@ -11,7 +11,7 @@ from scipy import integrate
 from rwa_monitor.diagnosis.history import Coefficient, coefficient
 from rwa_monitor.diagnosis.likelihood import log_densities
 from rwa_monitor.diagnosis.model import built_in_model
-from rwa_monitor.diagnosis.state import CHANGE_PER_WINDOW, Tracked
+from rwa_monitor.switching.carried_state import CHANGE_PER_WINDOW, Tracked
 
 VISCOUS = built_in_model().anomaly("viscous")
 assert VISCOUS is not None

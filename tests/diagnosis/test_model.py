@@ -18,7 +18,7 @@ from rwa_monitor.diagnosis.model import (
     models_for,
 )
 from rwa_monitor.errors import InputError
-from rwa_monitor.physics.wheel import FrictionRange, built_in_wheel
+from rwa_monitor.wheel.wheel import FrictionRange, built_in_wheel
 
 
 def test_built_in_model_serves_the_built_in_wheel() -> None:

@@ -15,7 +15,7 @@ from rwa_monitor.diagnosis.features import Features, SystemFeatures
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.diagnosis.training import LabelledFeatures, fit_levels, train, train_svm
 from rwa_monitor.errors import InputError
-from rwa_monitor.physics.wheel import built_in_wheel
+from rwa_monitor.wheel.wheel import built_in_wheel
 
 WHEEL = built_in_wheel()
 STATUSES = (None, *WHEEL.anomalies)

@@ -12,7 +12,7 @@ from scipy import signal
 
 from rwa_monitor.diagnosis.trend import MIN_WINDOWS, SIGNIFICANCE, Trend, find_trend
 from rwa_monitor.errors import InputError
-from rwa_monitor.physics.datasets import FLEET_ONSET, FLEET_SEVERITIES, FLEET_WINDOWS
+from rwa_monitor.simulation.datasets import FLEET_ONSET, FLEET_SEVERITIES, FLEET_WINDOWS
 
 WINDOW_S = 10_000.0
 Scatter = Callable[[int, np.random.Generator], np.ndarray]

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 from rwa_monitor.diagnosis.model import built_in_model
-from rwa_monitor.live.core import diagnose_samples
-from rwa_monitor.live.events import WindowDiagnosed
-from rwa_monitor.physics.durations import Uniform
-from rwa_monitor.physics.scenario import Anomaly, Scenario
-from rwa_monitor.physics.speed import SpeedProfile
-from rwa_monitor.physics.telemetry import simulate
-from rwa_monitor.physics.wheel import Wheel, built_in_wheel
+from rwa_monitor.monitor.core import diagnose_samples
+from rwa_monitor.monitor.events import WindowDiagnosed
 from rwa_monitor.samples import Samples
+from rwa_monitor.simulation.motion import SpeedProfile
+from rwa_monitor.simulation.record import simulate
+from rwa_monitor.simulation.scenario import Anomaly, Scenario
+from rwa_monitor.wheel.durations import Uniform
+from rwa_monitor.wheel.wheel import Wheel, built_in_wheel
 
 MODEL = built_in_model()
 WINDOW_S = 10_000.0

@@ -6,17 +6,17 @@ from dataclasses import asdict, replace
 import numpy as np
 import pytest
 
+from rwa_monitor.changepoints.evidence import WindowAccumulator
+from rwa_monitor.changepoints.stage_results import Method
 from rwa_monitor.diagnosis import explanation
-from rwa_monitor.diagnosis.evidence import WindowAccumulator
 from rwa_monitor.diagnosis.model import Model, built_in_model
-from rwa_monitor.diagnosis.results import Method
-from rwa_monitor.diagnosis.state import CarriedState
 from rwa_monitor.diagnosis.window import diagnose_window
 from rwa_monitor.diagnosis.window_diagnosis import WindowDiagnosis
-from rwa_monitor.physics.scenario import Anomaly, Scenario
-from rwa_monitor.physics.telemetry import simulate
-from rwa_monitor.physics.wheel import Wheel, built_in_wheel
 from rwa_monitor.samples import BoolArray, FloatArray
+from rwa_monitor.simulation.record import simulate
+from rwa_monitor.simulation.scenario import Anomaly, Scenario
+from rwa_monitor.switching.carried_state import CarriedState
+from rwa_monitor.wheel.wheel import Wheel, built_in_wheel
 
 MODEL = built_in_model()
 EMPTY = CarriedState.empty()

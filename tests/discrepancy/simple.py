@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from rwa_monitor.physics.wheel import Wheel, built_in_wheel
 from rwa_monitor.samples import Samples
+from rwa_monitor.wheel.wheel import Wheel, built_in_wheel
 
 Array = np.ndarray[Any, np.dtype[np.float64]]
 PERIOD_S, DRY_NM, VISCOUS, NOISE_NM = 0.125, 1.6e-3, 5.333e-6, 3.9e-5

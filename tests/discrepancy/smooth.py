@@ -11,8 +11,8 @@ from scipy.signal import lfilter
 from rwa_monitor.discrepancy.find import prepare
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.record import make_record
-from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import Samples
+from rwa_monitor.wheel.wheel import Wheel
 from tests.discrepancy.simple import DRY_NM, NOISE_NM, PERIOD_S, VISCOUS, WHEEL, Array
 
 COUNT: Final = 600

@@ -7,8 +7,8 @@ import pytest
 
 from rwa_monitor.discrepancy.angle_drift import smooth_phase, track_drift
 from rwa_monitor.discrepancy.record import Record
-from rwa_monitor.physics.effects.base import Channels
 from rwa_monitor.samples import FloatArray
+from rwa_monitor.wheel.effects.base import Channels
 
 PERIOD_S = 0.125
 SPEED_NOISE_RAD_S = 0.02

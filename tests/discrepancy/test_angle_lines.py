@@ -11,8 +11,8 @@ from rwa_monitor.discrepancy.extended import extend
 from rwa_monitor.discrepancy.find import find_discrepancy, prepare
 from rwa_monitor.discrepancy.next_flight import plan
 from rwa_monitor.discrepancy.record import make_record
-from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import Samples
+from rwa_monitor.wheel.wheel import Wheel
 from tests.discrepancy.simple import DRY_NM, NOISE_NM, PERIOD_S, VISCOUS, Array
 
 COUNT = 6000

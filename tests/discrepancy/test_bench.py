@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
+from rwa_monitor.batch.tasks import not_nominal
 from rwa_monitor.discrepancy.bench import (
     MEAN_OF_A_TURN,
     SCALED_ONLY,
@@ -24,12 +25,11 @@ from rwa_monitor.discrepancy.find import CANDIDATES, find_discrepancy
 from rwa_monitor.discrepancy.finished_search import Search
 from rwa_monitor.discrepancy.plausible import shown_inertia
 from rwa_monitor.errors import InputError
-from rwa_monitor.fleet.tasks import not_nominal
-from rwa_monitor.formats.table import read_table
 from rwa_monitor.identification.identify import identify
-from rwa_monitor.physics.torque_balance import torque_per_ampere
-from rwa_monitor.physics.wheel import FrictionFilter, Wheel
 from rwa_monitor.samples import Samples, concatenate
+from rwa_monitor.telemetry.table import read_table
+from rwa_monitor.wheel.torque_balance import torque_per_ampere
+from rwa_monitor.wheel.wheel import FrictionFilter, Wheel
 from tests.discrepancy.simple import Array
 
 OFF = FrictionFilter(motor_off=True)

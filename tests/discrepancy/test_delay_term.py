@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from rwa_monitor.discrepancy.jump_terms import LEAD, DelayTerm, without_pulses
-from rwa_monitor.physics.effects.base import Channels
 from rwa_monitor.samples import FloatArray
+from rwa_monitor.wheel.effects.base import Channels
 
 PERIOD_S = 0.125
 SIZE, JUMP = 200, 120

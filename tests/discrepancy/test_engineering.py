@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rwa_monitor.discrepancy.engineering import PREFIXES, in_words, measure, probability, scaled
-from rwa_monitor.physics.effects.catalogue import CATALOGUE
+from rwa_monitor.wheel.effects.catalogue import CATALOGUE
 
 
 @pytest.mark.parametrize(

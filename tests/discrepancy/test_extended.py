@@ -12,12 +12,12 @@ from rwa_monitor.discrepancy.extended import extend, laws_in_words
 from rwa_monitor.discrepancy.find import find_discrepancy
 from rwa_monitor.discrepancy.finished_search import Search
 from rwa_monitor.identification.identify import identify
-from rwa_monitor.physics.effects.catalogue import mean_effects
-from rwa_monitor.physics.scenario import Anomaly, Scenario
-from rwa_monitor.physics.speed import SpeedProfile
-from rwa_monitor.physics.telemetry import simulate
-from rwa_monitor.physics.wheel import EffectBlock, Wheel, built_in_wheel
 from rwa_monitor.samples import Samples
+from rwa_monitor.simulation.motion import SpeedProfile
+from rwa_monitor.simulation.record import simulate
+from rwa_monitor.simulation.scenario import Anomaly, Scenario
+from rwa_monitor.wheel.effects.catalogue import mean_effects
+from rwa_monitor.wheel.wheel import EffectBlock, Wheel, built_in_wheel
 
 VISCOUS = built_in_wheel().nominal.viscous_Nm_s_rad  # type: ignore[union-attr]
 CONCAVE = EffectBlock(name="sublinear_viscous", parameters={"strength_Nm": 2.0e-5, "exponent": 0.667})

@@ -8,8 +8,8 @@ import pytest
 from rwa_monitor.discrepancy.find import find_discrepancy
 from rwa_monitor.discrepancy.finished_search import Search
 from rwa_monitor.discrepancy.next_flight import plan
-from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import Samples
+from rwa_monitor.wheel.wheel import Wheel
 from tests.discrepancy.simple import NOISE_NM, Array
 
 COUNT, PERIOD_S = 6000, 0.5

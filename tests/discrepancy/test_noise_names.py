@@ -12,8 +12,8 @@ from rwa_monitor.discrepancy.derived_friction import speed_noise_taps
 from rwa_monitor.discrepancy.find import find_discrepancy
 from rwa_monitor.discrepancy.noise_effects import coloured_beyond_filter
 from rwa_monitor.discrepancy.record import make_record
-from rwa_monitor.physics.effects.cage_instability import CageInstability
 from rwa_monitor.samples import Samples
+from rwa_monitor.wheel.effects.cage_instability import CageInstability
 from tests.discrepancy.simple import DRY_NM, NOISE_NM, PERIOD_S, VISCOUS, WHEEL, record, swing
 
 SAMPLES = 20_000

@@ -20,7 +20,7 @@ from rwa_monitor.discrepancy.fitting import Fitting
 from rwa_monitor.discrepancy.p_values import Nulls, built_in_nulls
 from rwa_monitor.discrepancy.record import make_record
 from rwa_monitor.discrepancy.search import search
-from rwa_monitor.physics.effects.base import Family
+from rwa_monitor.wheel.effects.base import Family
 from tests.blind.generator import MANOEUVRES, NOISES, generate, plan
 
 FAMILIES: tuple[Family, ...] = ("mean", "noise", "switching")

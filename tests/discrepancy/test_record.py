@@ -9,8 +9,8 @@ import pytest
 
 from rwa_monitor.discrepancy.record import left_out_in_words, make_record
 from rwa_monitor.errors import InputError
-from rwa_monitor.physics.wheel import Limits
 from rwa_monitor.samples import Samples
+from rwa_monitor.wheel.wheel import Limits
 from tests.discrepancy.simple import NOISE_NM, PERIOD_S, WHEEL, record, swing
 
 

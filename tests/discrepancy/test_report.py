@@ -24,13 +24,13 @@ from rwa_monitor.discrepancy.plan import rank_manoeuvres
 from rwa_monitor.discrepancy.result import Unexplained
 from rwa_monitor.discrepancy.terms import make_term
 from rwa_monitor.discrepancy.views import all_views
-from rwa_monitor.formats.table import table_writer
-from rwa_monitor.physics.effects.catalogue import CATALOGUE, MEAN_EFFECTS
-from rwa_monitor.physics.scenario import Scenario
-from rwa_monitor.physics.speed import SpeedProfile
-from rwa_monitor.physics.telemetry import simulate
-from rwa_monitor.physics.wheel import EffectBlock, Wheel, built_in_wheel
 from rwa_monitor.samples import Samples
+from rwa_monitor.simulation.motion import SpeedProfile
+from rwa_monitor.simulation.record import simulate
+from rwa_monitor.simulation.scenario import Scenario
+from rwa_monitor.telemetry.table import table_writer
+from rwa_monitor.wheel.effects.catalogue import CATALOGUE, MEAN_EFFECTS
+from rwa_monitor.wheel.wheel import EffectBlock, Wheel, built_in_wheel
 
 STRENGTH_NM, WIDTH_RAD_S = 6.0e-4, 10.0
 

@@ -14,10 +14,10 @@ from rwa_monitor.discrepancy.find import find_discrepancy
 from rwa_monitor.discrepancy.jump_terms import JUMP_TERMS
 from rwa_monitor.discrepancy.record import make_record
 from rwa_monitor.discrepancy.terms import make_term
-from rwa_monitor.physics.effects.catalogue import CATALOGUE, MEAN_EFFECTS
-from rwa_monitor.physics.effects.presliding import Presliding
 from rwa_monitor.samples import Samples
 from rwa_monitor.threads import on_threads
+from rwa_monitor.wheel.effects.catalogue import CATALOGUE, MEAN_EFFECTS
+from rwa_monitor.wheel.effects.presliding import Presliding
 from tests.discrepancy.simple import DRY_NM, NOISE_NM, PERIOD_S, VISCOUS, WHEEL, record, swing
 
 

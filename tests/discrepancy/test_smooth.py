@@ -23,9 +23,9 @@ from rwa_monitor.discrepancy.search import search
 from rwa_monitor.discrepancy.terms import make_term
 from rwa_monitor.discrepancy.testable import FOLLOWS_THE_SPEED
 from rwa_monitor.discrepancy.uncertainty import spread
-from rwa_monitor.physics.effects.torque_ripple import TorqueRipple
-from rwa_monitor.physics.wheel import Limits, Nominal, Wheel
 from rwa_monitor.samples import Samples
+from rwa_monitor.wheel.effects.torque_ripple import TorqueRipple
+from rwa_monitor.wheel.wheel import Limits, Nominal, Wheel
 from tests.discrepancy.simple import DRY_NM, PERIOD_S, VISCOUS, WHEEL, Array, record, swing
 from tests.discrepancy.smooth import (
     CORRELATIONS,

@@ -8,7 +8,7 @@ import pytest
 from rwa_monitor.discrepancy.extended import extend
 from rwa_monitor.discrepancy.find import find_discrepancy
 from rwa_monitor.discrepancy.finished_search import Search
-from rwa_monitor.physics.wheel import Wheel
+from rwa_monitor.wheel.wheel import Wheel
 from tests.discrepancy.simple import NOISE_NM, WHEEL, Array, record, swing
 
 STRENGTH_NM = 5e-4

@@ -9,10 +9,10 @@ from rwa_monitor.discrepancy.base_fit import fit, make_problem
 from rwa_monitor.discrepancy.models import Model
 from rwa_monitor.discrepancy.record import make_record
 from rwa_monitor.discrepancy.switching_effects import switching_effects
-from rwa_monitor.physics.durations import Geometric, Uniform
-from rwa_monitor.physics.switching import simulate_system
-from rwa_monitor.physics.wheel import FrictionRange, SwitchingSystem, Wheel
 from rwa_monitor.samples import FloatArray, Samples
+from rwa_monitor.wheel.durations import Geometric, Uniform
+from rwa_monitor.wheel.switching_systems import simulate_system
+from rwa_monitor.wheel.wheel import FrictionRange, SwitchingSystem, Wheel
 from tests.discrepancy.simple import DRY_NM, NOISE_NM, PERIOD_S, VISCOUS, WHEEL
 
 COUNT = 16_000

@@ -12,12 +12,12 @@ from rwa_monitor.discrepancy.fitting import Fitting
 from rwa_monitor.discrepancy.record import make_record
 from rwa_monitor.discrepancy.result import ParameterValue
 from rwa_monitor.discrepancy.uncertainty import described, spread
-from rwa_monitor.physics.effects.catalogue import MEAN_EFFECTS
-from rwa_monitor.physics.scenario import Scenario
-from rwa_monitor.physics.speed import SpeedProfile
-from rwa_monitor.physics.telemetry import simulate
-from rwa_monitor.physics.wheel import EffectBlock, Wheel, built_in_wheel
 from rwa_monitor.samples import Samples
+from rwa_monitor.simulation.motion import SpeedProfile
+from rwa_monitor.simulation.record import simulate
+from rwa_monitor.simulation.scenario import Scenario
+from rwa_monitor.wheel.effects.catalogue import MEAN_EFFECTS
+from rwa_monitor.wheel.wheel import EffectBlock, Wheel, built_in_wheel
 
 SEEDS = range(3000, 3020)
 TRUTH = {

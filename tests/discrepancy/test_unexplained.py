@@ -7,7 +7,7 @@ import pytest
 from scipy import signal
 
 from rwa_monitor.discrepancy.find import find_discrepancy
-from rwa_monitor.physics.wheel import Wheel
+from rwa_monitor.wheel.wheel import Wheel
 from tests.discrepancy.simple import NOISE_NM, PERIOD_S, WHEEL, record, swing
 
 COUNT = 8000

@@ -10,7 +10,7 @@ from types import ModuleType
 
 import pytest
 
-from rwa_monitor.physics.effects.catalogue import CATALOGUE
+from rwa_monitor.wheel.effects.catalogue import CATALOGUE
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"

@@ -73,7 +73,7 @@ LIMITS = """
   wrong diagnoses); this was mended, with a test, and that history (122) keeps every promise now.
 - On seed 45, 99 of 100: the chain of history 64 replayed equal to 1e-9 relative, and not byte for byte. One number of
   the carried state was not rounded as its file is, which showed where a restart came after such a window; mended, with
-  a test (`tests/live/test_core.py`).
+  a test (`tests/monitor/test_core.py`).
 - A second publisher speaks between two messages of the first one, and not in an outage, where it looks like a restart.
 - A damaged message is one that cannot be read. A flipped digit is a message: telemetry carries no checksum.
 - A disk that hangs, rather than fails, stops the monitor until it goes on; this is not tried.

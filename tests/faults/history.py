@@ -11,11 +11,11 @@ import numpy as np
 
 from benchmarks.references import reference_wheel
 from rwa_monitor.messages import SamplesMessage, samples_json
-from rwa_monitor.physics.scenario import Scenario
-from rwa_monitor.physics.telemetry import simulate
-from rwa_monitor.physics.wheel import Wheel
 from rwa_monitor.samples import Samples
-from tests.live.support import spoiled
+from rwa_monitor.simulation.record import simulate
+from rwa_monitor.simulation.scenario import Scenario
+from rwa_monitor.wheel.wheel import Wheel
+from tests.monitor.support import spoiled
 
 WINDOW: Final = 2_000
 PERIOD_NS: Final = 125_000_000

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from rwa_monitor.live.core import diagnose_samples
-from tests.live.support import WINDOW, model, telemetry, wheel
+from rwa_monitor.monitor.core import diagnose_samples
+from tests.monitor.support import WINDOW, model, telemetry, wheel
 
 list(diagnose_samples(telemetry(WINDOW), wheel(), model()))

@@ -32,13 +32,13 @@ import zenoh
 from zenoh import ext
 
 from rwa_monitor.cli.signals import stop_on_signals
-from rwa_monitor.live.bus import MAX_HISTORY, BusOptions, open_session
-from rwa_monitor.live.publisher import ReliablePublisher
-from rwa_monitor.live.recorder import MAX_FILE_BYTES
-from rwa_monitor.live.run_options import RunOptions
-from rwa_monitor.live.service import run
+from rwa_monitor.monitor.bus import MAX_HISTORY, BusOptions, open_session
+from rwa_monitor.monitor.publisher import ReliablePublisher
+from rwa_monitor.monitor.recording.recorder import MAX_FILE_BYTES
+from rwa_monitor.monitor.run_options import RunOptions
+from rwa_monitor.monitor.service import run
 from tests.faults.history import Put, wheel
-from tests.live.support import free_port, model
+from tests.monitor.support import free_port, model
 
 PATIENCE_S: Final = 200.0  # for what takes seconds, but longer where all cores are busy
 LEASE_MS: Final = 1_000  # a peer that is silent for longer is given up: pauses and outages last up to 1.6 s

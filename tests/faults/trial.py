@@ -16,18 +16,18 @@ import numpy as np
 from click.testing import CliRunner
 
 from rwa_monitor.cli.diagnose import command as diagnose
-from rwa_monitor.formats.table import table_writer
-from rwa_monitor.live.chain import recordings_of
-from rwa_monitor.live.core import WheelCore
-from rwa_monitor.live.recorder import FLUSH_PERIOD_S
-from rwa_monitor.live.recording import RecordedMessage, read_recording
-from rwa_monitor.live.replay import replay
-from rwa_monitor.live.sequencer import Counts
 from rwa_monitor.messages import SamplesMessage, dump_json
+from rwa_monitor.monitor.core import WheelCore
+from rwa_monitor.monitor.ingest.sequencer import Counts
+from rwa_monitor.monitor.recording.chain import recordings_of
+from rwa_monitor.monitor.recording.reader import RecordedMessage, read_recording
+from rwa_monitor.monitor.recording.recorder import FLUSH_PERIOD_S
+from rwa_monitor.monitor.replay import replay
 from rwa_monitor.samples import Samples
+from rwa_monitor.telemetry.table import table_writer
 from tests.faults.history import LOSING, MAX_DELAY_S, Fault, History, make_history, wheel
 from tests.faults.rig import Rig, wait_for
-from tests.live.support import diagnoses, model, said
+from tests.monitor.support import diagnoses, model, said
 
 # In these histories the monitor must be there from the beginning; in the others the bus may be first.
 NEEDS_MONITOR: Final = frozenset({"second_publisher", "disk_fails", *LOSING})

@@ -22,24 +22,7 @@ from rwa_monitor.dashboard.fleet import Fleet, Received
 from rwa_monitor.dashboard.recordings import replay_json
 from rwa_monitor.diagnosis.model import built_in_model, models_for
 from rwa_monitor.errors import RwaMonitorError
-from rwa_monitor.formats.ccsds_packets import PacketDecoder, read_packets
-from rwa_monitor.formats.files import read_text
-from rwa_monitor.formats.labels import read_labels, write_labels
-from rwa_monitor.formats.model_file import read_model
-from rwa_monitor.formats.ros2_bag import read_bag
-from rwa_monitor.formats.scenario_file import read_scenario
-from rwa_monitor.formats.table import read_table, table_writer
-from rwa_monitor.formats.telemetry import Decoding, TextFile
-from rwa_monitor.formats.wheel_file import read_wheel
 from rwa_monitor.history.store import History
-from rwa_monitor.live.bus import BusOptions, session_config
-from rwa_monitor.live.core import WheelCore
-from rwa_monitor.live.outputs import outputs_of
-from rwa_monitor.live.recording import read_recording
-from rwa_monitor.live.recording_writer import RecordingWriter
-from rwa_monitor.live.recover import recover
-from rwa_monitor.live.replay import replay
-from rwa_monitor.live.telemetry_files import read_telemetry
 from rwa_monitor.messages import (
     MESSAGES,
     Changepoints,
@@ -53,12 +36,29 @@ from rwa_monitor.messages import (
     samples_json,
     split_key,
 )
-from rwa_monitor.physics.scenario import Scenario
-from rwa_monitor.physics.wheel import Wheel
+from rwa_monitor.monitor.bus import BusOptions, session_config
+from rwa_monitor.monitor.core import WheelCore
+from rwa_monitor.monitor.outputs import outputs_of
+from rwa_monitor.monitor.recording.reader import read_recording
+from rwa_monitor.monitor.recording.recover import recover
+from rwa_monitor.monitor.recording.writer import RecordingWriter
+from rwa_monitor.monitor.replay import replay
+from rwa_monitor.monitor.telemetry_files import read_telemetry
 from rwa_monitor.samples import Samples
-from tests.formats import bags
-from tests.formats import packets as made
-from tests.live.support import telemetry, wheel
+from rwa_monitor.simulation.scenario import Scenario
+from rwa_monitor.telemetry.ccsds_packets import PacketDecoder, read_packets
+from rwa_monitor.telemetry.files import read_text
+from rwa_monitor.telemetry.labels import read_labels, write_labels
+from rwa_monitor.telemetry.model_file import read_model
+from rwa_monitor.telemetry.reader import Decoding, TextFile
+from rwa_monitor.telemetry.ros2_bag import read_bag
+from rwa_monitor.telemetry.scenario_file import read_scenario
+from rwa_monitor.telemetry.table import read_table, table_writer
+from rwa_monitor.telemetry.wheel_file import read_wheel
+from rwa_monitor.wheel.wheel import Wheel
+from tests.monitor.support import telemetry, wheel
+from tests.telemetry import bags
+from tests.telemetry import packets as made
 
 KEY: Final = "rwa/sat/wheel_1/samples"
 WINDOW: Final = 64

@@ -14,7 +14,7 @@ from uuid import uuid4
 
 import pytest
 
-from tests.live.support import free_port
+from tests.monitor.support import free_port
 
 PATIENCE_S = 60
 

@@ -9,9 +9,9 @@ from websockets.sync.client import ClientConnection, connect
 
 from rwa_monitor.dashboard.server import DashboardOptions, serve
 from rwa_monitor.history.store import History
-from rwa_monitor.live.bus import BusOptions, open_session
+from rwa_monitor.monitor.bus import BusOptions, open_session
 from tests.dashboard.support import WAIT_S
-from tests.dashboard.test_aside import put_aside
+from tests.dashboard.test_retired_wheels import put_aside
 from tests.history.support import diagnosis
 
 pytestmark = pytest.mark.processes

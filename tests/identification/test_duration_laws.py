@@ -7,10 +7,10 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from rwa_monitor.diagnosis.laws import soften
 from rwa_monitor.identification.duration_laws import Sojourns, learn_laws
-from rwa_monitor.physics.durations import DurationLaw, Geometric, Lognormal, Uniform, Weibull
-from rwa_monitor.physics.switching import residual_duration
+from rwa_monitor.switching.duration_likelihoods import soften
+from rwa_monitor.wheel.durations import DurationLaw, Geometric, Lognormal, Uniform, Weibull
+from rwa_monitor.wheel.switching_systems import residual_duration
 
 LAWS: list[DurationLaw] = [
     Uniform(low=6575, high=19726),

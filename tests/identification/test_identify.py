@@ -10,18 +10,18 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from rwa_monitor.batch.tasks import not_nominal
 from rwa_monitor.cli.main import main
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.errors import InputError
-from rwa_monitor.fleet.tasks import not_nominal
-from rwa_monitor.formats.table import table_writer
 from rwa_monitor.identification.identify import identify
-from rwa_monitor.live.core import diagnose_samples
-from rwa_monitor.physics.scenario import Anomaly, Scenario
-from rwa_monitor.physics.speed import SpeedProfile
-from rwa_monitor.physics.telemetry import simulate
-from rwa_monitor.physics.wheel import EffectBlock, Limits, Wheel, built_in_wheel
+from rwa_monitor.monitor.core import diagnose_samples
 from rwa_monitor.samples import Samples
+from rwa_monitor.simulation.motion import SpeedProfile
+from rwa_monitor.simulation.record import simulate
+from rwa_monitor.simulation.scenario import Anomaly, Scenario
+from rwa_monitor.telemetry.table import table_writer
+from rwa_monitor.wheel.wheel import EffectBlock, Limits, Wheel, built_in_wheel
 
 
 def recordings(count: int, seed: int) -> list[tuple[str, Samples]]:

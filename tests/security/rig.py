@@ -12,8 +12,8 @@ from typing import Final
 
 import trustme
 
-from rwa_monitor.live.bus import BusOptions
-from tests.live.support import free_port
+from rwa_monitor.monitor.bus import BusOptions
+from tests.monitor.support import free_port
 
 DOCKER: Final = Path(__file__).parents[2] / "docker"
 TLS_FOLDER: Final = "/etc/rwa-monitor/tls"  # where the shipped files look for certificates

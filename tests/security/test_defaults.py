@@ -19,8 +19,8 @@ import pytest
 import rwa_monitor
 from rwa_monitor.cli.options import warn_if_alone
 from rwa_monitor.errors import InputError
-from rwa_monitor.live.bus import MAX_CONFIG_BYTES, MAX_CONFIG_DEPTH, BusOptions, open_session, session_config
-from tests.live.processes import wait_for
+from rwa_monitor.monitor.bus import MAX_CONFIG_BYTES, MAX_CONFIG_DEPTH, BusOptions, open_session, session_config
+from tests.monitor.processes import wait_for
 
 PACKAGE = Path(rwa_monitor.__file__).parent
 
@@ -235,8 +235,8 @@ assert [event for event, _, _ in seen] == ["pickle.find_class"], seen  # the con
 
 def test_reading_files_runs_nothing_in_them_and_talks_to_nobody(tmp_path: Path) -> None:
     from rwa_monitor.diagnosis.model import built_in_model
-    from rwa_monitor.formats.table import table_writer
-    from tests.live.support import WINDOW, telemetry, wheel
+    from rwa_monitor.telemetry.table import table_writer
+    from tests.monitor.support import WINDOW, telemetry, wheel
 
     (tmp_path / "wheel.toml").write_text(wheel().to_toml())
     (tmp_path / "model.json").write_text(built_in_model().to_json())

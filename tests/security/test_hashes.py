@@ -11,14 +11,14 @@ from mcap.writer import CompressionType, Writer
 
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.errors import InputError
-from rwa_monitor.formats.model_file import read_model
-from rwa_monitor.formats.scenario_file import read_scenario
-from rwa_monitor.formats.wheel_file import read_wheel
-from rwa_monitor.live.rebuild import Setup
-from rwa_monitor.live.recording import read_recording
-from rwa_monitor.live.replay import replay
-from rwa_monitor.physics.scenario import Scenario
-from rwa_monitor.physics.wheel import built_in_wheel
+from rwa_monitor.monitor.recording.reader import read_recording
+from rwa_monitor.monitor.replay import replay
+from rwa_monitor.monitor.state_recovery import Setup
+from rwa_monitor.simulation.scenario import Scenario
+from rwa_monitor.telemetry.model_file import read_model
+from rwa_monitor.telemetry.scenario_file import read_scenario
+from rwa_monitor.telemetry.wheel_file import read_wheel
+from rwa_monitor.wheel.wheel import built_in_wheel
 
 REFERENCE = Path(__file__).parents[2] / "replay" / "nominal" / "rwa-000001.mcap"
 FILES = {

@@ -19,24 +19,24 @@ from mcap.writer import MCAP0_MAGIC
 
 from rwa_monitor.diagnosis.model import MAX_MODEL_BYTES
 from rwa_monitor.errors import InputError
-from rwa_monitor.formats.columns import MAX_COLUMNS, MAX_ROWS
-from rwa_monitor.formats.csv_table import MAX_CSV_BYTES, MAX_HEADER_BYTES
-from rwa_monitor.formats.labels import MAX_LABELS_BYTES, read_labels
-from rwa_monitor.formats.model_file import read_model
-from rwa_monitor.formats.parquet_table import MAX_PARQUET_BYTES
-from rwa_monitor.formats.scenario_file import read_scenario
-from rwa_monitor.formats.table import read_table
-from rwa_monitor.formats.wheel_file import read_wheel
-from rwa_monitor.live.bus import BusOptions, session_config
-from rwa_monitor.live.recording import (
+from rwa_monitor.messages import MAX_MESSAGE_BYTES, MAX_SAMPLES, MESSAGES, SamplesMessage
+from rwa_monitor.monitor.bus import BusOptions, session_config
+from rwa_monitor.monitor.recording.reader import (
     MAX_CHUNK_BYTES,
     MAX_FILE_BYTES,
     MAX_FLEET_FILE_BYTES,
     MAX_WORK_BYTES,
     read_recording,
 )
-from rwa_monitor.messages import MAX_MESSAGE_BYTES, MAX_SAMPLES, MESSAGES, SamplesMessage
-from rwa_monitor.physics.wheel import MAX_WHEEL_FILE_BYTES
+from rwa_monitor.telemetry.columns import MAX_COLUMNS, MAX_ROWS
+from rwa_monitor.telemetry.csv_table import MAX_CSV_BYTES, MAX_HEADER_BYTES
+from rwa_monitor.telemetry.labels import MAX_LABELS_BYTES, read_labels
+from rwa_monitor.telemetry.model_file import read_model
+from rwa_monitor.telemetry.parquet_table import MAX_PARQUET_BYTES
+from rwa_monitor.telemetry.scenario_file import read_scenario
+from rwa_monitor.telemetry.table import read_table
+from rwa_monitor.telemetry.wheel_file import read_wheel
+from rwa_monitor.wheel.wheel import MAX_WHEEL_FILE_BYTES
 from tests.cli.conftest import run
 
 DEEP = 100_000

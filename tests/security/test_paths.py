@@ -11,15 +11,15 @@ import pytest
 
 from rwa_monitor.dashboard.server import DashboardOptions, serve
 from rwa_monitor.errors import InputError
-from rwa_monitor.formats.labels import read_labels
-from rwa_monitor.live.bus import BusOptions, open_session
-from rwa_monitor.live.core import WheelCore
-from rwa_monitor.live.rebuild import run_passing
-from rwa_monitor.live.recording import PassingRecording
-from rwa_monitor.live.recording_writer import RecordingWriter
-from rwa_monitor.live.telemetry_files import read_telemetry
 from rwa_monitor.messages import SamplesMessage, samples_json, split_key
-from tests.live.support import model, telemetry, wheel
+from rwa_monitor.monitor.bus import BusOptions, open_session
+from rwa_monitor.monitor.core import WheelCore
+from rwa_monitor.monitor.recording.reader import PassingRecording
+from rwa_monitor.monitor.recording.writer import RecordingWriter
+from rwa_monitor.monitor.state_recovery import run_passing
+from rwa_monitor.monitor.telemetry_files import read_telemetry
+from rwa_monitor.telemetry.labels import read_labels
+from tests.monitor.support import model, telemetry, wheel
 
 ESCAPED = ["%2e%2e", "..%2fx", "a\\b", "a\x00b", "a\nb"]
 LEADING_OUT = ["..", ".", "", "/", "/etc", "../x", "a/b", "~/x y", "*", "**", "$*", *ESCAPED]

@@ -24,13 +24,13 @@ import zenoh
 from zenoh import ext
 
 from rwa_monitor.errors import RwaMonitorError
-from rwa_monitor.live.bus import BusOptions, open_session
-from rwa_monitor.live.chain import recordings_of
-from rwa_monitor.live.publisher import ReliablePublisher, SamplesPublisher
-from rwa_monitor.live.recording import read_recording
 from rwa_monitor.messages import SamplesMessage
-from tests.live.processes import wait_for
-from tests.live.support import WINDOW, batch_diagnoses, telemetry, wheel
+from rwa_monitor.monitor.bus import BusOptions, open_session
+from rwa_monitor.monitor.publisher import ReliablePublisher, SamplesPublisher
+from rwa_monitor.monitor.recording.chain import recordings_of
+from rwa_monitor.monitor.recording.reader import read_recording
+from tests.monitor.processes import wait_for
+from tests.monitor.support import WINDOW, batch_diagnoses, telemetry, wheel
 from tests.security.rig import DOCKER, NAMES, certificates, issued, leaf, make_certificates, router
 
 pytestmark = pytest.mark.processes

@@ -1,4 +1,4 @@
-import { asideList } from "./aside.js";
+import { asideList } from "./retired_wheels.js";
 import { h } from "./dom.js";
 import { age, counted, number, percent, span } from "./format.js";
 import { badge } from "./levels.js";

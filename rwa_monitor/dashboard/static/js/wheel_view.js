@@ -1,4 +1,4 @@
-import { asideCard } from "./aside.js";
+import { asideCard } from "./retired_wheels.js";
 import { ask } from "./ask.js";
 import { discrepancyReport } from "./discrepancy.js";
 import { h } from "./dom.js";

@@ -1,0 +1,94 @@
+"""The folder of results: one Parquet file for each recording, whose name says what it was made from."""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import io
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Final
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from rwa_monitor.batch.tasks import Done, Task
+from rwa_monitor.errors import InputError
+from rwa_monitor.telemetry.files import atomic_write, display_name, unreadable, write_text
+
+FAILED: Final = "failed.csv"
+PROBLEMS: Final = b"rwa_monitor.problems"  # metadata of a Parquet file: what of the recording could not be read
+# Of the 256 bits of a hash; recordings with the same name whose results meet by chance: one pair in 2^64.
+DIGITS: Final = 16
+NAME_CHARACTERS: Final = 80  # of the recording's name, so that the result's stays below the 255 bytes of a file system
+
+
+@dataclass(frozen=True, slots=True)
+class Store:
+    """Results of one task in one folder; a value that travels to workers, which write for themselves.
+
+    A result is written whole or not at all. It counts as done while recording, settings and program are the same, so
+    that a run that was cut off goes on where it ended, and a changed recording or wheel file is done anew.
+    """
+
+    folder: Path
+    task: Task
+
+    def __call__(self, file: Path) -> Done:
+        """Return the result of a recording, made now or before; raises InputError if the recording cannot be used."""
+        path = self.path(file)
+        if path.exists():
+            return _read(path)
+        done = self.task(file)
+        _write(path, done)
+        return done
+
+    def path(self, file: Path) -> Path:
+        """Return where the result of a recording lies, whether it is there or not."""
+        try:
+            with file.open("rb") as stream:
+                content = hashlib.file_digest(stream, "sha256").hexdigest()
+        except OSError as error:
+            raise unreadable(file, error) from error
+        key = hashlib.sha256("\n".join((self.task.identity(), str(file), content)).encode()).hexdigest()
+        # Whatever stands in a file's name, the result lies in this folder.
+        name = re.sub(r"[^A-Za-z0-9._-]", "_", file.name)[:NAME_CHARACTERS]
+        return self.folder / f"{self.task.kind}-{name}-{key[:DIGITS]}.parquet"
+
+    def write_failures(self, failures: Iterable[tuple[Path, str]]) -> None:
+        """List the recordings that could not be used, with the reason; an empty list where all could."""
+        text = io.StringIO()
+        writer = csv.writer(text, lineterminator="\n")
+        writer.writerow(("file", "reason"))
+        writer.writerows((str(file), reason) for file, reason in failures)
+        write_text(self.folder / FAILED, text.getvalue())
+
+
+def read_results(folder: Path, kind: str = "diagnosis") -> pa.Table:
+    """Return all results of one kind in a folder as one table, by recording and time; `to_pandas()` gives a frame.
+
+    Raises
+    ------
+    InputError
+        If there are none.
+    """
+    tables = [pq.read_table(path) for path in sorted(folder.glob(f"{kind}-*.parquet"))]
+    if not tables:
+        raise InputError(display_name(folder), f"holds no results of kind {kind}")
+    table = pa.concat_tables(tables, promote_options="permissive")
+    order = [(column, "ascending") for column in ("source", "window_start_ns") if column in table.column_names]
+    return table.sort_by(order)
+
+
+def _write(path: Path, done: Done) -> None:
+    table = pa.Table.from_pylist(done.rows).replace_schema_metadata({PROBLEMS: "\n".join(done.problems).encode()})
+    with atomic_write(path) as part:
+        pq.write_table(table, part)
+
+
+def _read(path: Path) -> Done:
+    table = pq.read_table(path)
+    problems = (table.schema.metadata or {}).get(PROBLEMS, b"").decode()
+    return Done(table.to_pylist(), tuple(problems.split("\n")) if problems else ())

@@ -1,0 +1,450 @@
+"""The evidence of one window, gathered sample by sample: stage 1 as it runs live.
+
+A `WindowAccumulator` takes the slots of one window in any pieces and keeps their running sums, the wGLR's peaks at all
+scales and what is known of the noise, in memory of fixed size. `close` makes the window's `Evidence` of them without
+another look at the samples, but for a few around each candidate.
+
+Nothing depends on how the slots arrive: work is done in steps that end at fixed slots of the window, with settings
+(variances, floors) that change at fixed slots only.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Final, NamedTuple
+
+import numpy as np
+from scipy import special
+
+from rwa_monitor.changepoints.candidates import choose
+from rwa_monitor.changepoints.changepoints import TESTS_PER_SLOT, threshold_for
+from rwa_monitor.changepoints.estimation import SlopePrior, nominal_slope_prior
+from rwa_monitor.changepoints.noise import estimate_noise
+from rwa_monitor.changepoints.outlier_model import Tails, estimate_tails, gaussian_outlier
+from rwa_monitor.changepoints.peaks import PeakList, ScanState
+from rwa_monitor.changepoints.running_sums import RunningSums, SumArrays
+from rwa_monitor.changepoints.stage_results import Candidates, Evidence, Method, NoiseEstimate
+from rwa_monitor.changepoints.structure import StructureArrays, StructureSums
+from rwa_monitor.kernels.evidence import (
+    ALL_DONE,
+    CONFIRMED_STATISTIC,
+    COUNTED,
+    KEPT_STATISTIC,
+    NO_ROOM,
+    OUTLIER,
+    PAPER_WEIGHT,
+    VARIANCE,
+    Window,
+    gather,
+    learn_noise,
+)
+from rwa_monitor.kernels.noise import BLOCK, LAGS
+from rwa_monitor.kernels.wglr import BINS, CHUNK, HISTORY, PREFIXES, STEP
+from rwa_monitor.samples import BoolArray, FloatArray, IntArray
+from rwa_monitor.wheel.wheel import Wheel
+
+JOINT_SCALES: Final = (1, 2, 4, 8, 16, 32, 64, 128)
+PAPER_SCALES: Final = (50,)
+
+PEAK_TESTS_PER_SLOT: Final = 1.5  # independent tests that the peaks of all scales are, a slot: Σ 1/w, hardly less
+FAR_AWAY: Final = -(2**40)  # a slot that lies near none
+FALSE_CANDIDATES: Final = 0.3  # bearable in a window without a jump; the assignment sorts them out
+_NO_VALUES: Final[FloatArray] = np.empty(0)
+_NO_SLOTS: Final[BoolArray] = np.empty(0, dtype=np.bool_)
+
+
+@dataclass(frozen=True, slots=True)
+class ConfirmedCandidate:
+    """A jump that is certain while its window is still open; provisional until the window's diagnosis.
+
+    Attributes
+    ----------
+    index
+        Slot within the window, the first of the new level.
+    jump, std
+        Its size and standard deviation, normalised.
+    confidence
+        Probability that the noise alone has no such jump in a whole window.
+    """
+
+    index: int
+    jump: float
+    std: float
+    confidence: float
+
+
+@dataclass(frozen=True, slots=True)
+class Gathered:
+    """The samples that a window has gathered: all that another accumulator needs to go on alike.
+
+    Attributes
+    ----------
+    x, z
+        float64 (n,), normalised; NaN where not good.
+    turns
+        int64 (blocks,), see `StructureSums.turns`.
+    """
+
+    x: FloatArray
+    z: FloatArray
+    turns: IntArray
+
+
+class Learned(NamedTuple):
+    """What a window has learned of itself so far, brought up to date in place.
+
+    Attributes
+    ----------
+    bars
+        float64 (3, S), of each scale: the variance of its contrast, NaN where not known; and the statistics [torque²]
+        from which a peak is kept, and is sure, infinite where not known.
+    announced
+        int64 (STEP + 1,): the last indices announced, in turns, and how many there were.
+    numbers
+        float64 (8,): centre and weight of the slope's prior, dead band, and speed from which its sign is certain, all
+        normalised, the last two NaN until the first chunk is there; the three of `quantiles_of`; and the largest
+        outlier of heavy tails where `gather` asked for it, else NaN.
+    """
+
+    bars: FloatArray
+    announced: IntArray
+    numbers: FloatArray
+
+
+def nothing_learned(scales: int, slope: float) -> Learned:
+    """Return what is known of a window before its first sample: a centre for its slope."""
+    announced: IntArray = np.full(STEP + 1, FAR_AWAY, dtype=np.int64)
+    announced[STEP] = 0
+    return Learned(
+        bars=np.repeat([[np.nan], [np.inf], [np.inf]], scales, axis=1),
+        announced=announced,
+        numbers=np.array([slope, PAPER_WEIGHT, np.nan, np.nan, 0.0, 0.0, 0.0, np.nan]),
+    )
+
+
+class WindowArrays(NamedTuple):
+    """What a window's slots go into, in the order in which `Window` takes it.
+
+    Attributes
+    ----------
+    x, z, good, used
+        (slots,), the samples, normalised; which are good, and which of those are used.
+    sums, running
+        See `RunningSums`.
+    structure, state, learned
+        See their classes.
+    block_sums, block_pairs
+        float64 (B, LAGS), see `block_differences`.
+    scales
+        int64 (S,), half-widths of the scales [slots].
+    """
+
+    x: FloatArray
+    z: FloatArray
+    good: BoolArray
+    used: BoolArray
+    sums: SumArrays
+    running: FloatArray
+    structure: StructureArrays
+    block_sums: FloatArray
+    block_pairs: FloatArray
+    state: ScanState
+    scales: IntArray
+    learned: Learned
+
+
+class WindowSettings(NamedTuple):
+    """How a window's slots are taken. What is not known is NaN.
+
+    Attributes
+    ----------
+    speed_unit, torque_unit
+        What x and z are normalised by [rad/s], [N m].
+    dead_band
+        Normalised; NaN: what the speed's noise asks for.
+    angle_per_x
+        Angle by which the wheel turns in one slot at x = 1 [rad].
+    block_hop, stretch_hop
+        Slots from one block of the noise, and one stretch of the structure, to the next.
+    start_std
+        Standard deviation of the noise expected before any data, normalised.
+    prior_mean, prior_std
+        What is known of the slope before the window.
+    nominal_slope
+        0 where there is none.
+    outlier
+        Largest outlier by chance of Gaussian noise, in standard deviations.
+    chunk_peaks
+        As for `scan`.
+    paper
+        Whether to detect as the paper does.
+    """
+
+    speed_unit: float
+    torque_unit: float
+    dead_band: float
+    angle_per_x: float
+    block_hop: int
+    stretch_hop: int
+    start_std: float
+    prior_mean: float
+    prior_std: float
+    nominal_slope: float
+    outlier: float
+    chunk_peaks: int
+    paper: bool
+
+
+class WindowAccumulator:
+    """Gathers the evidence of one window.
+
+    Parameters
+    ----------
+    wheel
+        The wheel: units, nominal slope and noise, dead band.
+    method
+        "joint": several scales, each by the variance of its own contrast. "paper": one scale, contiguous runs.
+    slots
+        Length of the window; the wheel's where None.
+    slope_prior
+        What earlier windows say of the viscous coefficient; the wheel's nominal one where None.
+    false_candidates
+        Candidates wanted by chance in a window without a jump (joint).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from rwa_monitor.wheel.wheel import built_in_wheel
+    >>> rng = np.random.default_rng(1)
+    >>> speed = 200.0 + np.sin(np.arange(4000) / 500.0)
+    >>> torque = 1.6e-3 + 5.333e-6 * speed + 3.9e-5 * rng.standard_normal(4000)
+    >>> torque[2500:] += 8e-4  # half the nominal dry torque
+    >>> window = WindowAccumulator(built_in_wheel(), slots=4000)
+    >>> [event.index for event in window.append(speed, torque, np.ones(4000, dtype=np.bool_))]
+    [2500]
+    >>> window.close().candidates.index.tolist()
+    [2500]
+    """
+
+    def __init__(
+        self,
+        wheel: Wheel,
+        method: Method = "joint",
+        slots: int | None = None,
+        slope_prior: SlopePrior | None = None,
+        false_candidates: float = FALSE_CANDIDATES,
+    ) -> None:
+        self.wheel = wheel
+        self.method: Method = method
+        self.slots = wheel.window.samples if slots is None else slots
+        self.filled = 0
+        self.good = 0
+        self.slope_prior = nominal_slope_prior(wheel) if slope_prior is None else slope_prior
+        self.false_candidates = false_candidates
+        start_std = wheel.noise.friction_std_Nm
+        self._start_std = None if start_std is None else start_std / wheel.torque_unit_Nm
+
+        self._x: FloatArray = np.empty(self.slots)
+        self._z: FloatArray = np.empty(self.slots)
+        self._good: BoolArray = np.empty(self.slots, dtype=np.bool_)
+        used: BoolArray = np.empty(self.slots, dtype=np.bool_)  # memory is not touched before there are samples for it
+        self._sums = RunningSums(self._x, self._z, used)
+        self._structure = StructureSums(self.slots, wheel.speed_unit_rad_s * wheel.sample_period_s)
+        self._done = 0  # slots that detection has seen
+        self._closed = False
+
+        scales: tuple[int, ...] = PAPER_SCALES if method == "paper" else JOINT_SCALES
+        if self.slope_prior is None:
+            # Without any idea of the slope, two neighbouring samples say nothing about a jump.
+            scales = tuple(w for w in scales if w > 1)
+        self._scales: IntArray = np.array(scales, dtype=np.int64)
+        self._peaks = PeakList(self._scales)
+        self._learned = nothing_learned(len(scales), 0.0 if self.slope_prior is None else self.slope_prior.mean)
+        self._state = ScanState(
+            prefix=np.empty((PREFIXES, HISTORY + CHUNK + 1)),
+            histogram=np.empty((self._scales.size, BINS), dtype=np.int64),
+        )
+
+        # Short windows let the blocks of the noise estimate overlap.
+        self._hop = BLOCK if self.slots <= 128 * BLOCK else 4 * BLOCK
+        blocks = max(0, (self.slots - BLOCK - LAGS) // self._hop + 1)
+        self._block_sums: FloatArray = np.empty((blocks, LAGS))
+        self._block_pairs: FloatArray = np.empty((blocks, LAGS))
+        self._arrays = WindowArrays(
+            x=self._x,
+            z=self._z,
+            good=self._good,
+            used=used,
+            sums=self._sums.arrays,
+            running=self._sums.running,
+            structure=self._structure.arrays,
+            block_sums=self._block_sums,
+            block_pairs=self._block_pairs,
+            state=self._state,
+            scales=self._scales,
+            learned=self._learned,
+        )
+        self._settings = self._window_settings()
+        self._window = Window(self._arrays, self._settings, self._peaks.arrays)
+
+    def _window_settings(self) -> WindowSettings:
+        wheel, prior, band = self.wheel, self.slope_prior, self.wheel.window.dead_band_rad_s
+        return WindowSettings(
+            speed_unit=wheel.speed_unit_rad_s,
+            torque_unit=wheel.torque_unit_Nm,
+            dead_band=math.nan if band is None else band / wheel.speed_unit_rad_s,
+            angle_per_x=self._structure.angle_per_x,
+            block_hop=self._hop,
+            stretch_hop=self._structure.hop,
+            start_std=math.nan if self._start_std is None else self._start_std,
+            prior_mean=prior.mean if prior else math.nan,
+            prior_std=prior.std if prior else math.nan,
+            nominal_slope=prior.mean if prior else 0.0,
+            outlier=gaussian_outlier(self.slots),
+            chunk_peaks=self._peaks.chunk_peaks,
+            paper=self.method == "paper",
+        )
+
+    # ---- samples in ------------------------------------------------------------------------------------------------
+
+    def append(self, speed_rad_s: FloatArray, torque_Nm: FloatArray, good: BoolArray) -> list[ConfirmedCandidate]:
+        """Take the next slots and return the jumps that became certain.
+
+        Parameters
+        ----------
+        speed_rad_s, torque_Nm
+            float64 (n,), speed and resisting friction torque of consecutive slots; anything where not good.
+        good
+            bool (n,), slots that hold a good sample; a value that is not finite, or absurd, is not good.
+
+        Raises
+        ------
+        ValueError
+            If the window cannot hold that many slots, or is closed.
+        """
+        count = speed_rad_s.size
+        if self._closed or self.filled + count > self.slots:
+            raise ValueError(f"{count} more slots do not fit into a window with {self.filled} of {self.slots}")
+        return self._gather(speed_rad_s, torque_Nm, good)
+
+    def gathered(self) -> Gathered:
+        """Return the samples so far."""
+        good = self._good[: self.filled]
+        x, z = (np.where(good, values[: self.filled], np.nan) for values in (self._x, self._z))
+        return Gathered(x, z, self._structure.turns(self.filled))
+
+    def resume(self, gathered: Gathered) -> None:
+        """Take the samples that another accumulator had gathered, instead of `append`; what they confirm was told.
+
+        Raises
+        ------
+        ValueError
+            If samples were taken before, or the window cannot hold so many.
+        """
+        count = gathered.x.size
+        if self.filled or count > self.slots or gathered.z.size != count:
+            raise ValueError(f"{count} slots do not fit into a window with {self.filled} of {self.slots}")
+        good = np.isfinite(gathered.x) & np.isfinite(gathered.z)
+        self._x[:count] = np.where(good, gathered.x, 0.0)
+        self._z[:count] = np.where(good, gathered.z, 0.0)
+        self._good[:count] = good
+        self.good = int(good.sum())
+        self._structure.resume(gathered.turns, good)
+        self.filled = count
+        self._gather()
+
+    def close(self) -> Evidence:
+        """End the window, full or not, and return its evidence.
+
+        Raises
+        ------
+        ValueError
+            If the window is closed already.
+        """
+        if self._closed:
+            raise ValueError("the window is closed already")
+        self._gather(last=True)
+        self._closed = True
+        blocks = max(0, min((self._done - BLOCK - LAGS) // self._hop + 1, self._block_sums.shape[0]))
+        start_variance = math.nan if self._start_std is None else self._start_std**2
+        levels, counts, variances, quantiles = learn_noise(
+            self._block_sums[:blocks],
+            self._block_pairs[:blocks],
+            self._state.histogram,
+            self._scales,
+            start_variance,
+        )
+        noise = estimate_noise(levels, counts, self._scales, variances, self._sums.count, self._start_std)
+        threshold = self._threshold()
+        evidence = self._evidence(noise, self._peaks.above(threshold, variances), threshold)
+        if self.method == "paper":
+            return evidence  # the paper's runs as they are
+        candidates = choose(evidence, self._scales, variances, self._tails(variances, quantiles), self.slope_prior)
+        return replace(evidence, candidates=candidates)
+
+    def _evidence(self, noise: NoiseEstimate, candidates: Candidates, threshold: float) -> Evidence:
+        """Return the evidence of the slots seen so far."""
+        return Evidence(
+            slots=self._done,
+            good=self.good,
+            used=self._sums.count,
+            candidates=candidates,
+            sums=self._sums,
+            noise=noise,
+            threshold=threshold,
+            structure=self._structure.close(),
+        )
+
+    # ---- detection -------------------------------------------------------------------------------------------------
+
+    def _gather(
+        self,
+        speed_rad_s: FloatArray = _NO_VALUES,
+        torque_Nm: FloatArray = _NO_VALUES,
+        good: BoolArray = _NO_SLOTS,
+        *,
+        last: bool = False,
+    ) -> list[ConfirmedCandidate]:
+        """Take new slots and detect in all that are there; return the jumps that became certain."""
+        events: list[ConfirmedCandidate] = []
+        while True:
+            count, self._done, told, why = gather(
+                self._window, speed_rad_s, torque_Nm, good, self.filled, self._done, last
+            )
+            self.good += count
+            self.filled += speed_rad_s.size
+            self._sums.slots = self._done
+            if told:
+                events += self._announced(told)
+            if why == ALL_DONE:
+                return events
+            if why == NO_ROOM:
+                self._peaks.make_room(self._learned.bars[VARIANCE])
+                self._window = Window(self._arrays, self._settings, self._peaks.arrays)
+            else:
+                numbers = self._learned.numbers
+                counted, median, far = numbers[COUNTED:OUTLIER].tolist()
+                tails = self._tails(self._learned.bars[VARIANCE], (counted, median, far))
+                numbers[OUTLIER] = tails.largest_outlier
+            speed_rad_s, torque_Nm, good = _NO_VALUES, _NO_VALUES, _NO_SLOTS
+
+    def _tails(self, variances: FloatArray, quantiles: tuple[float, float, float]) -> Tails:
+        variance = float(variances[0])
+        if self.method == "paper" or not math.isfinite(variance):
+            return Tails(math.inf, 0.0)  # the paper takes the noise as Gaussian
+        return estimate_tails(quantiles, variance, self.slots)
+
+    def _announced(self, told: int) -> list[ConfirmedCandidate]:
+        """Return the peaks that were told of, as events."""
+        index, (jump, std, normalised) = self._peaks.arrays.told[:told], self._peaks.arrays.told_values[:, :told]
+        chance = PEAK_TESTS_PER_SLOT * self.slots * special.chdtrc(1, normalised)
+        columns = (index, jump, std, np.maximum(1.0 - chance, 0.0))
+        return [ConfirmedCandidate(*row) for row in zip(*(column.tolist() for column in columns), strict=True)]
+
+    # ---- at the close ----------------------------------------------------------------------------------------------
+
+    def _threshold(self) -> float:
+        if self.method == "paper":
+            return CONFIRMED_STATISTIC
+        return max(threshold_for(self.false_candidates, TESTS_PER_SLOT * self._sums.count), KEPT_STATISTIC)

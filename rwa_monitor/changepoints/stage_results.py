@@ -1,0 +1,298 @@
+"""What the four stages hand to each other: plain, immutable results, in the order in which they arise.
+
+Inside the diagnosis everything is normalised (errata 1, 2): with s = sign(ω), the pair
+
+    x = |ω| / nominal speed,        z = s · friction torque / nominal dry torque
+
+follows z = level + f_v · x + noise in both directions of rotation. Samples in the dead band or without a good value
+are *unused*: they hold a slot but enter no sum. Slots are counted within the window; a changepoint's index is the
+first slot of the new level.
+"""
+
+from __future__ import annotations
+
+import itertools
+from dataclasses import dataclass
+from typing import Final, Literal, NamedTuple
+
+import numpy as np
+
+from rwa_monitor.changepoints.running_sums import RunningSums
+from rwa_monitor.changepoints.structure import Structure
+from rwa_monitor.kernels import assignment
+from rwa_monitor.samples import FloatArray, IntArray
+
+Method = Literal["joint", "paper"]
+REJECTED: Final = assignment.REJECTED  # in Assignment.system: a candidate that is no changepoint
+UNATTRIBUTED: Final = assignment.UNATTRIBUTED  # in Assignment.system: a changepoint that no switching system explains
+
+
+@dataclass(frozen=True, slots=True)
+class NoiseEstimate:
+    """The noise of z, in normalised units.
+
+    Attributes
+    ----------
+    std
+        Standard deviation of a single sample.
+    autocovariance
+        float64 (L,), at lags 0 … L-1; entry 0 is std².
+    long_run_factor
+        Variance of a long mean, times its length, over std²; 1 for white noise, (1+φ)/(1-φ) for AR(1).
+    """
+
+    std: float
+    autocovariance: FloatArray
+    long_run_factor: float
+
+
+@dataclass(frozen=True, slots=True)
+class Candidates:
+    """Stage 1: where the level may have jumped; arrays (m,), sorted by index, one entry per index.
+
+    Attributes
+    ----------
+    index
+        First slot of the new level.
+    scale
+        Half-width w of the wGLR that found it [slots].
+    statistic
+        The wGLR divided by the variance of its own contrast: χ² with one degree of freedom where nothing jumps.
+    jump
+        The contrast: level after less level before, normalised.
+    """
+
+    index: IntArray
+    scale: IntArray
+    statistic: FloatArray
+    jump: FloatArray
+
+    def __len__(self) -> int:
+        """Count the candidates."""
+        return int(self.index.size)
+
+
+@dataclass(frozen=True, slots=True)
+class Evidence:
+    """All that later stages see of a window: candidates, sums and noise, never the samples.
+
+    Attributes
+    ----------
+    slots
+        Length of the window [slots].
+    good
+        Slots that hold a good sample.
+    used
+        Good slots outside the dead band.
+    candidates, sums, noise
+        See their classes.
+    threshold
+        The statistic from which a candidate was accepted.
+    structure
+        What the running sums do not know of the window.
+    """
+
+    slots: int
+    good: int
+    used: int
+    candidates: Candidates
+    sums: RunningSums
+    noise: NoiseEstimate
+    threshold: float
+    structure: Structure
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """Stage 2: friction of the intervals between m changepoints, by least squares.
+
+    Attributes
+    ----------
+    index
+        int64 (m,), the changepoints used.
+    level, level_std
+        float64 (m + 1,), dry friction of each interval and its standard deviation, normalised.
+    viscous, viscous_std
+        Shared viscous coefficient, normalised.
+    rejection_cost
+        float64 (m,), change of -SSE/2σ² when one changepoint is removed and its intervals merged (≤ 0).
+    rmse, excess_rmse
+        Root mean square residual, and the same less the noise's standard deviation, normalised.
+    """
+
+    index: IntArray
+    level: FloatArray
+    level_std: FloatArray
+    viscous: float
+    viscous_std: float
+    rejection_cost: FloatArray
+    rmse: float
+    excess_rmse: float
+
+
+@dataclass(frozen=True, slots=True)
+class Story:
+    """Who jumped when: all that the friction model needs of an assignment.
+
+    Attributes
+    ----------
+    configurations, starts
+        For each system: int64 (sojourns,), configuration and first slot of each sojourn; the first starts at 0.
+    unattributed
+        int64, slots of the jumps that no system made.
+    """
+
+    configurations: tuple[IntArray, ...]
+    starts: tuple[IntArray, ...]
+    unattributed: IntArray
+
+    def flat(self) -> FlatStory:
+        """Return the same, all systems in one array."""
+        none = np.zeros(0, dtype=np.int64)  # a wheel may have no system
+        return FlatStory(
+            np.concatenate((none, *self.configurations)),
+            np.concatenate((none, *self.starts)),
+            np.array([configurations.size for configurations in self.configurations], dtype=np.int64),
+            self.unattributed,
+        )
+
+
+class FlatStory(NamedTuple):
+    """A story as kernels take it.
+
+    Attributes
+    ----------
+    configurations, starts
+        int64 (all sojourns,), of all systems one after the other.
+    sojourns
+        int64 (systems,), how many of these each has.
+    unattributed
+        As in `Story`.
+    """
+
+    configurations: IntArray
+    starts: IntArray
+    sojourns: IntArray
+    unattributed: IntArray
+
+    def split(self, values: IntArray) -> tuple[IntArray, ...]:
+        """Return values (all sojourns,) system by system."""
+        ends = itertools.accumulate(self.sojourns.tolist(), initial=0)
+        return tuple(values[begin:end] for begin, end in itertools.pairwise(ends))
+
+    def story(self) -> Story:
+        """Return the story."""
+        return Story(self.split(self.configurations), self.split(self.starts), self.unattributed)
+
+
+@dataclass(frozen=True, slots=True)
+class Rival:
+    """A story that the samples do not rule out beside the one that is told.
+
+    Attributes
+    ----------
+    story
+        Who jumped when.
+    index
+        int64, slots of all its jumps, without repeats.
+    log_laws
+        Log-probability of the story by durations, transitions and rare events, together with all stories in which the
+        systems go through the same configurations.
+    log_score
+        Its log-likelihood under broad friction laws, on the scale of `Assignment.log_score`.
+    """
+
+    story: Story
+    index: IntArray
+    log_laws: float
+    log_score: float
+
+
+@dataclass(frozen=True, slots=True)
+class Assignment:
+    """Stage 3: which switching system made which jump.
+
+    Attributes
+    ----------
+    index, system, direction
+        int64 (j,): slot, index of the switching system (or REJECTED, UNATTRIBUTED) and +1/-1 for up and down in
+        configuration (0 when rejected). Two systems that jump at once are two entries with one index.
+    jump, jump_std
+        float64 (j,), size of each jump, normalised.
+    confidence
+        float64 (j,), probability of this attribution among the alternatives kept, 0 … 1.
+    configurations
+        For each system: int64 (sojourns,), the configurations visited, in order.
+    starts
+        For each system: int64 (sojourns,), the slot at which each sojourn begins; 0 for the first.
+    log_score
+        Log-likelihood of the best path, up to a constant.
+    states, pruned
+        Work done: states expanded, and whether the state budget cut the search.
+    rivals
+        Stories that the samples do not rule out, the one that is told first.
+    """
+
+    index: IntArray
+    system: IntArray
+    direction: IntArray
+    jump: FloatArray
+    jump_std: FloatArray
+    confidence: FloatArray
+    configurations: tuple[IntArray, ...]
+    starts: tuple[IntArray, ...]
+    log_score: float
+    states: int
+    pruned: bool
+    rivals: tuple[Rival, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """What the samples say of friction if one story is true, friction laws left aside; normalised.
+
+    Attributes
+    ----------
+    story
+        Who jumped when.
+    log_weight
+        Log-probability of story and samples, base and friction of the sojourns integrated out over flat priors.
+    base_dry, base_dry_std, fss_friction, fss_friction_std
+        As in `Components`. Where a system never rests, one split of many between it and the base.
+    """
+
+    story: Story
+    log_weight: float
+    base_dry: float
+    base_dry_std: float
+    fss_friction: tuple[FloatArray, ...]
+    fss_friction_std: tuple[FloatArray, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Components:
+    """Friction split into its parts, normalised.
+
+    Attributes
+    ----------
+    base_dry, base_dry_std
+        Dry friction with all switching systems at rest (q = 0).
+    viscous, viscous_std
+        Viscous coefficient.
+    fss_friction, fss_friction_std
+        For each system: float64 (sojourns,), friction of each sojourn (0 in configuration 0).
+    base_ambiguous
+        True where a system never visits q = 0 in the window, so that base and system are told apart by friction
+        laws or earlier windows only (errata 10).
+    readings
+        The same by all stories that the samples do not rule out, where there is more than one.
+    """
+
+    base_dry: float
+    base_dry_std: float
+    viscous: float
+    viscous_std: float
+    fss_friction: tuple[FloatArray, ...]
+    fss_friction_std: tuple[FloatArray, ...]
+    base_ambiguous: bool
+    readings: tuple[Reading, ...] = ()

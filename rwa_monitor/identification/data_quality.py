@@ -1,0 +1,185 @@
+"""What casts doubt on a wheel learned from recordings: too little data, friction that drifts, jumps that are left."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from itertools import combinations
+from typing import Final
+
+import numpy as np
+
+from rwa_monitor.discrepancy.base_fit import Fit, fit
+from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN
+from rwa_monitor.discrepancy.problem import Problem
+from rwa_monitor.errors import InputError
+from rwa_monitor.samples import FloatArray, IntArray
+from rwa_monitor.switching.jump_attribution import MOST_CONFUSED, TIERS, Parted, confused_share
+from rwa_monitor.wheel.wheel import SwitchingSystem
+from rwa_monitor.words import counted
+
+# A nominal value is good for something while its standard deviation is about half of what the built-in model's bands of
+# healthy wheels reach to either side: 6 % for base dry friction, 4 % for viscous friction.
+LARGEST_ERROR: Final = 0.025
+DRIFT_VISIBLE_AT: Final = 6.0  # standard deviations of a drift below which nothing is made of it
+# Of the base dry friction, over the recordings: a third of that band. Drift that is large also makes jumps, which take
+# most of it away from what is seen between jumps.
+LARGEST_DRIFT: Final = 0.02
+# Of the base dry friction, the standard deviation of what temperature adds, below which it is let be.
+SMALLEST_SWING: Final = 0.005
+MOST_SYSTEMS: Final = max(len(counts) for tier in TIERS for counts in tier)
+MOST_ODD: Final = 0.1  # of the stays, that fit no system: more are no accident
+SURE_BY: Final = 3.0  # log-likelihood by which one description must beat the next: odds of 20
+MOST_TIMES: Final = 10.0  # as many recordings, where two descriptions hardly differ
+
+
+def friction_errors(problem: Problem) -> tuple[float, float]:
+    """Return the standard deviations of base dry [N m] and of viscous friction [N m s/rad] that noise leaves."""
+    variance, mean = problem.noise.long_run_variance, float(problem.speed.mean())
+    inner = problem.speed - mean
+    viscous_std = float(np.sqrt(variance / max(float(inner @ inner), 1e-300)))
+    return float(np.hypot(np.sqrt(variance / problem.size), mean * viscous_std)), viscous_std
+
+
+def check_enough(problem: Problem, base: float, viscous: float, names: str, cause: str | None) -> None:
+    """Refuse records that leave the nominal friction too uncertain to tell a healthy wheel from a failing one.
+
+    More data would not help where there is another `cause`.
+    """
+    errors = dict(
+        zip(("base dry", "viscous"), np.array(friction_errors(problem)) / (base, max(viscous, 1e-300)), strict=True)
+    )
+    worst = max(errors, key=lambda name: errors[name])
+    if errors[worst] > LARGEST_ERROR:
+        if cause is not None:
+            raise InputError(names, f"{worst} friction is uncertain by {100.0 * errors[worst]:.2g} %: {cause}")
+        raise InputError(
+            names,
+            f"too little data to learn a wheel: {problem.size} samples in motion leave {worst} friction uncertain by"
+            f" {100.0 * errors[worst]:.2g} % ({100.0 * LARGEST_ERROR:.2g} % at most); give about"
+            f" {int(np.ceil((errors[worst] / LARGEST_ERROR) ** 2))} times as many, or a wider range of speeds",
+        )
+
+
+def with_temperature(problem: Problem, fitted: Fit, base: float) -> list[str]:
+    """Say whether viscous friction follows the bearing's temperature, where that was recorded: nothing if not.
+
+    What it changes from one moment to the next makes jumps that are no system's.
+    """
+    recorded = [record.channels.bearing_temperature_degC for record in problem.records]
+    known = [temperature for temperature in recorded if temperature is not None]
+    if len(known) < len(recorded):
+        return []
+    temperature = problem.gather(known)
+    temperature = np.nan_to_num(temperature - np.nanmean(temperature))
+    follows = fit(problem, (problem.speed * temperature)[:, None])
+    viscous, slope = follows.coefficients.tolist()
+    # Lubricants get thinner when they get warmer.
+    falls = -slope * float(np.std(problem.speed * temperature))
+    if fitted.criterion - follows.criterion < ACCEPT_GAIN or falls < SMALLEST_SWING * base:
+        return []
+    share = 100.0 * slope / max(viscous, 1e-300)
+    note = (
+        f"viscous friction follows the bearing's temperature ({share:+.2g} % a kelvin), which makes jumps that are no"
+        " switching system's: name the effect with `rwa-monitor discrepancy`, and learn once more from the wheel file"
+        " that it writes (`identify --wheel extended_wheel.toml`)"
+    )
+    return [note]
+
+
+def drift_in_words(problem: Problem, jumps: IntArray, residual: FloatArray, base: float) -> list[str]:
+    """Say whether friction drifts between jumps, where a healthy wheel's stays: nothing if not.
+
+    The common slope in time of what levels and viscous friction leave, each interval taken by itself.
+    """
+    cuts = np.unique(np.concatenate([problem.starts, jumps])).astype(np.int64)
+    interval = np.repeat(np.arange(cuts.size - 1), np.diff(cuts))
+    count = np.maximum(np.diff(cuts), 1)
+    time = problem.slot.astype(np.float64)
+    time -= (np.bincount(interval, time) / count)[interval]
+    spread = float(time @ time)
+    if not spread > 0.0:
+        return []
+    per_slot = float(time @ residual) / spread
+    over_all = per_slot * sum(record.used.size for record in problem.records)
+    certain = abs(per_slot) > DRIFT_VISIBLE_AT * float(np.sqrt(problem.noise.long_run_variance / spread))
+    if not certain or abs(over_all) < LARGEST_DRIFT * base:
+        return []
+    note = (
+        f"friction drifts within these recordings (between jumps by {1e3 * over_all:+.2g} mN m in all,"
+        f" {100.0 * over_all / base:+.2g} % of base dry friction): is the wheel healthy? A wheel file learned from a"
+        " failing wheel calls the failure nominal"
+    )
+    return [note]
+
+
+def unnamed_jumps(problem: Problem, jumps: IntArray, systems: Sequence[SwitchingSystem]) -> list[str]:
+    """Say what base dry friction may hold where no system is learned."""
+    inside = np.setdiff1d(jumps, problem.starts).size
+    if systems:
+        return []
+    if not inside:
+        return ["no jumps are seen: if the wheel has switching systems, what friction they add is in base dry friction"]
+    note = (
+        f"{inside} jumps are left without a switching system: base dry friction is learned from the lowest level and"
+        " not judged in windows that hold such jumps"
+    )
+    return [note]
+
+
+def check_told_apart(parted: Parted, base: float, hours: float) -> None:
+    """Refuse systems that the jumps do not tell apart, and say whether more of them would.
+
+    Parameters
+    ----------
+    parted
+        The systems found.
+    base
+        Friction with all at rest [N m].
+    hours
+        Of recordings.
+
+    Raises
+    ------
+    InputError
+        If many stays fit no system, if another number of systems fits nearly as well, or if two systems of two
+        configurations have jumps of the same size that last alike.
+    """
+    if parted.odd > MOST_ODD:
+        raise InputError(
+            "identify",
+            f"{100.0 * parted.odd:.0f} % of the stays between jumps fit no sum of up to {MOST_SYSTEMS} switching"
+            " systems: is an effect missing, or does the wheel have more of them? Look at it with `discrepancy`, or"
+            " write the systems into the wheel file",
+        )
+    counts = parted.chains.counts
+    for i, j in combinations(range(len(counts)), 2):
+        if (
+            counts[i] == counts[j] == 2
+            and (share := confused_share(parted.chains, parted.visits, i, j)) > MOST_CONFUSED
+        ):
+            sizes = " and ".join(f"{parted.chains.size[k, 1] / base:.2g}" for k in (i, j))
+            raise InputError(
+                "identify",
+                "two switching systems are seen, of two configurations each, but which jump is of which cannot be told:"
+                f" their jumps are of nearly the same size ({sizes} of base dry friction) and last alike, so that"
+                f" {100.0 * share:.0f} % of the visits may be of the other. More recordings would not help: write the"
+                " systems with their duration laws into the wheel file ([[fss]])",
+            )
+    for rival, worse in parted.rivals:
+        # A system more that is not worth its parameters is no rival.
+        if worse < SURE_BY and Counter(counts) - Counter(rival):
+            times = int(np.ceil(SURE_BY / max(worse, SURE_BY / MOST_TIMES)))
+            raise InputError(
+                "identify",
+                f"the jumps may be of {_in_words(counts)}, or nearly as well of {_in_words(rival)}"
+                f" (log-likelihoods differ by {worse:.1f} of the {SURE_BY:.0f} needed): give about {times} times as"
+                f" many recordings, {times * hours:.2g} h in all, or write the systems into the wheel file ([[fss]])",
+            )
+
+
+def _in_words(counts: tuple[int, ...]) -> str:
+    """Say how many systems of how many configurations."""
+    return " and ".join(
+        f"{counted(counts.count(count), 'system')} of {count} configurations" for count in sorted(set(counts))
+    )

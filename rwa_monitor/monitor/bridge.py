@@ -1,0 +1,196 @@
+"""The bridge from space packets to the bus: UDP datagrams in, samples of wheels out; and their sender, for tests.
+
+Bounded in all it keeps: a datagram is at most 64 kB, a wheel's samples wait for a batch or for `HOLD_S`, wheels are
+those of the map. What comes faster than it is read, the system drops: the packets' sequence count shows it.
+"""
+
+from __future__ import annotations
+
+import socket
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import asdict, dataclass
+from threading import Event
+from typing import Any, Final
+
+from rwa_monitor.errors import InputError, RwaMonitorError
+from rwa_monitor.monitor.publisher import SamplesSink
+from rwa_monitor.samples import Samples
+from rwa_monitor.telemetry.ccsds_example import packets_of
+from rwa_monitor.telemetry.ccsds_packets import PacketDecoder, SampleColumns, packet_notes, split_packets
+from rwa_monitor.words import counted
+
+MAX_DATAGRAM_BYTES: Final = 65_535  # what UDP's length field can say
+RECEIVE_BUFFER_BYTES: Final = 4 * 2**20  # asked for; the system may give less
+HOLD_S: Final = 1.0  # how long a sample waits for others at most
+WAIT_S: Final = 0.1  # for a datagram, before it is looked at what waits
+NEWS_S: Final = 10.0  # between two lines on what was left out
+
+
+@dataclass(frozen=True, slots=True)
+class UdpAddress:
+    """Where datagrams come in, or go to."""
+
+    host: str
+    port: int
+
+    @classmethod
+    def parse(cls, text: str, option: str) -> UdpAddress:
+        """Read [HOST:]PORT; the host is 127.0.0.1 unless told, and an IPv6 address stands in brackets."""
+        host, _, port = text.rpartition(":")
+        if not port.isascii() or not port.isdecimal() or not 0 < int(port) < 2**16:
+            raise InputError(option, f"{text!r} is no [HOST:]PORT such as 127.0.0.1:5005")
+        return cls(host.removeprefix("[").removesuffix("]") or "127.0.0.1", int(port))
+
+    def open(self) -> tuple[socket.socket, Any]:
+        """Return an unbound socket and the address as it takes it; raises RwaMonitorError if there is no such host."""
+        try:
+            family, kind, protocol, _, address = socket.getaddrinfo(self.host, self.port, type=socket.SOCK_DGRAM)[0]
+        except OSError as error:
+            raise RwaMonitorError(f"{self.host}: there is no such address: {error.strerror or error}") from error
+        return socket.socket(family, kind, protocol), address
+
+
+@contextmanager
+def listening(address: UdpAddress) -> Iterator[socket.socket]:
+    """Give a socket that receives what is sent to an address; raises RwaMonitorError if that cannot be had."""
+    receiver, place = address.open()
+    with receiver:
+        receiver.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, RECEIVE_BUFFER_BYTES)
+        receiver.settimeout(WAIT_S)
+        try:
+            receiver.bind(place)
+        except OSError as error:
+            where = f"{address.host} port {address.port}"
+            raise RwaMonitorError(f"{where} cannot be listened on: {error.strerror or error}") from error
+        yield receiver
+
+
+class Bridge:
+    """Turns datagrams into batches of samples and hands them on.
+
+    Parameters
+    ----------
+    decoder
+        Reads the packets.
+    sinks
+        Where each wheel's samples go, by key.
+    batch_samples
+        Samples of one message at most.
+
+    Attributes
+    ----------
+    datagrams, samples
+        How many came in, how many went out.
+    """
+
+    def __init__(self, decoder: PacketDecoder, sinks: Mapping[str, SamplesSink], batch_samples: int) -> None:
+        self.datagrams = 0
+        self.samples = 0
+        self._decoder = decoder
+        self._sinks = sinks
+        self._batch_samples = batch_samples
+        self._waiting = [SampleColumns(wheel) for wheel in decoder.wheels]
+        self._since_s: list[float | None] = [None] * len(decoder.wheels)  # the time at which the oldest sample came
+
+    def take(self, datagram: bytes, now_s: float) -> None:
+        """Take a datagram of one packet or several, one after the other."""
+        self.datagrams += 1
+        stop = 0
+        for packet in split_packets(datagram):
+            stop += len(packet)
+            self._take_packet(packet, now_s)
+        if stop < len(datagram) or not datagram:
+            self._take_packet(datagram[stop:], now_s)  # no whole packet: the decoder counts it as such
+
+    def _take_packet(self, packet: bytes, now_s: float) -> None:
+        for sample in self._decoder.take(packet):
+            columns = self._waiting[sample.wheel]
+            if self._since_s[sample.wheel] is None:
+                self._since_s[sample.wheel] = now_s
+            columns.append(sample)
+            if len(columns) >= self._batch_samples:
+                self._send(sample.wheel)
+
+    def tick(self, now_s: float) -> None:
+        """Send what has waited long enough."""
+        for number, since_s in enumerate(self._since_s):
+            if since_s is not None and now_s - since_s >= HOLD_S:
+                self._send(number)
+
+    def close(self) -> None:
+        """Send all that waits."""
+        for number, columns in enumerate(self._waiting):
+            if len(columns):
+                self._send(number)
+
+    def _send(self, number: int) -> None:
+        wheel, samples = self._decoder.wheels[number], self._waiting[number].samples()
+        self._waiting[number], self._since_s[number] = SampleColumns(wheel), None
+        self._sinks[wheel.key].put(samples)
+        self.samples += len(samples)
+
+    def counts(self) -> dict[str, Any]:
+        """Return what became of everything so far, as JSON has it."""
+        counts = asdict(self._decoder.counts)
+        counts["unknown_apids"] = sorted(counts["unknown_apids"])
+        return {"datagrams": self.datagrams, **counts, "samples": self.samples}
+
+    def news(self) -> list[str]:
+        """Say what was left out and what is missing so far."""
+        counts = self._decoder.counts
+        bad = [f"{counted(counts.bad, 'packet')} cannot be read, the first: {counts.first_bad}"] if counts.bad else []
+        return [*bad, *packet_notes(counts)]
+
+
+def run_bridge(
+    bridge: Bridge,
+    receiver: socket.socket,
+    stop: Event,
+    say: Callable[[str], None],
+    look: Callable[[float], None] = lambda _: None,
+) -> None:
+    """Hand on what a socket receives until told to stop; what is left out is said, each line once.
+
+    `look` is called with the time of a clock that only goes forward [s], many times a second.
+    """
+    said: set[str] = set()
+
+    def tell() -> None:
+        for line in bridge.news():
+            if line not in said:
+                say(line)
+                said.add(line)
+
+    next_news_s = 0.0
+    while not stop.is_set():
+        with suppress(TimeoutError):
+            bridge.take(receiver.recv(MAX_DATAGRAM_BYTES), time.monotonic())
+        now_s = time.monotonic()
+        bridge.tick(now_s)
+        look(now_s)
+        if now_s >= next_news_s:
+            next_news_s = now_s + NEWS_S
+            tell()
+    bridge.close()
+    tell()
+
+
+class PacketSender:
+    """Sends one wheel's samples as the packets of the example, a datagram each."""
+
+    def __init__(self, address: UdpAddress, apid: int) -> None:
+        self._socket, self._address = address.open()
+        self._apid = apid
+        self._count = 0
+
+    def put(self, samples: Samples) -> None:
+        """Send samples; the sequence count goes on."""
+        for packet in packets_of(samples, self._apid, self._count):
+            self._socket.sendto(packet, self._address)
+        self._count += len(samples)
+
+    def close(self) -> None:
+        """Send no more."""
+        self._socket.close()

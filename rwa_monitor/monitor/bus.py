@@ -1,0 +1,407 @@
+"""The Zenoh bus with secure defaults: nothing listens and nothing is searched for unless told.
+
+Callbacks run in threads beside Zenoh's and only append to a bounded inbox; one thread of ours takes from it. When the
+inbox is full, a callback waits for room, so that reliable publishers slow down to our pace and nothing is lost. If
+there is none for `PATIENCE_S`, because the monitor stands still, the message is dropped and counted: a longer wait
+would close the connection, and lose more than one message without a word. What was dropped is asked for again when
+there is time. Memory stays bounded in any case.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections import deque
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from pathlib import Path
+from threading import Condition, Event
+from types import TracebackType
+from typing import Any, Final, Literal, Self
+
+import zenoh
+from zenoh import ext
+
+from rwa_monitor.errors import InputError, RwaMonitorError
+from rwa_monitor.messages import MAX_MESSAGE_BYTES, Message
+from rwa_monitor.monitor.ingest.backfill import MAX_SOURCES, Arrival, Backfill, arrival_of, ask_publisher
+from rwa_monitor.telemetry.files import read_text
+
+INBOX_MESSAGES: Final = 65_536
+INBOX_BYTES: Final = 128 * 2**20  # some 8,700 messages of 256 samples: 77 hours of one wheel at 8 Hz
+PATIENCE_S: Final = 2.0  # for room in the inbox; publishers give up a connection that is stuck for 5 s
+MAX_QUERIES: Final = 1_000  # questions that wait for an answer; more are left to time out
+# Of each publisher, at a start. It must be said: without a number the first live message ends Zenoh's wait for the
+# history, and all of the history is thrown away as older (seen in 1 of 8 starts while messages flow, Zenoh 1.10).
+MAX_HISTORY: Final = 1_000_000
+OUTPUT_HISTORY: Final = 100  # diagnoses, changepoints and so on of each wheel that a late subscriber gets
+OUTPUT_HEARTBEAT_S: Final = 1.0  # diagnoses go on telling their last number, what is less important tells it once
+MAX_CONFIG_BYTES: Final = 1_000_000
+ALL_SAMPLES: Final = "rwa/*/*/samples"  # spacecraft, wheel
+MAX_CONFIG_DEPTH: Final = 64  # Zenoh's own has 8 levels; its parser overflows the stack at some ten thousand
+
+# What Zenoh does unless told, and what we do instead. What a configuration file says otherwise than Zenoh's own default
+# counts; shared memory and plug-ins stay off in any case.
+_SECURE: Final[tuple[tuple[str, Any], ...]] = (
+    ("listen/endpoints", []),
+    ("scouting/multicast/enabled", False),
+    ("scouting/gossip/enabled", False),
+    # Whoever was away for a moment is back within a second, not within four: a publisher's history has an end.
+    ("connect/retry", {"period_init_ms": 200, "period_max_ms": 1_000, "period_increase_factor": 2.0}),
+    ("transport/link/rx/max_message_size", 2 * MAX_MESSAGE_BYTES),
+    # A subscriber that is stuck may hold us up for one second [µs], not for five.
+    ("transport/link/tx/queue/congestion_control/block/wait_before_close", 1_000_000),
+)
+_FIXED: Final[tuple[tuple[str, Any], ...]] = (
+    # A killed publisher leaves its segment behind, and a read-only /dev/shm makes `open` fail.
+    ("transport/shared_memory/enabled", False),
+    # Code from files that a configuration names.
+    ("plugins_loading/enabled", False),
+)
+_JSON5_STRING_OR_COMMENT: Final = re.compile(r"""//[^\n]*|/\*.*?\*/|"(?:\\.|[^"\\])*"|'(?:\\.|[^'\\])*'""", re.DOTALL)
+# Protocol and address; those of an internet protocol name a port. Zenoh takes ?metadata and #config behind them.
+_ENDPOINT: Final = re.compile(r"(?:tcp|udp|tls|quic|ws)/\S+:\d{1,5}(?:[?#]\S*)?|(?!tcp|udp|tls|quic|ws)[a-z0-9_-]+/\S+")
+
+
+@dataclass(frozen=True, slots=True)
+class BusOptions:
+    """The Zenoh options of the command line, as its users know them.
+
+    Attributes
+    ----------
+    mode
+        -m: peer, client or router. Unless told, what only connects is a client where somebody answers: peers behind a
+        router do not hear each other. Where nobody answers yet it is a peer, which waits for whoever comes.
+    connect, listen
+        -e, -l: endpoints such as "tcp/127.0.0.1:7447". Neither: embedded, the process talks to itself without a socket.
+    config
+        -c: a Zenoh configuration file; the other options change what it says.
+    no_multicast_scouting
+        Accepted because every Zenoh tool has it; scouting is off anyway unless the file turns it on.
+    """
+
+    mode: Literal["peer", "client", "router"] | None = None
+    connect: tuple[str, ...] = ()
+    listen: tuple[str, ...] = ()
+    config: Path | None = None
+    no_multicast_scouting: bool = False
+
+
+def session_config(options: BusOptions) -> zenoh.Config:
+    """Return the Zenoh configuration of the options; raises InputError naming the option that is wrong."""
+    config, default = zenoh.Config(), zenoh.Config()
+    if options.config is not None:
+        if _depth(read_text(options.config, MAX_CONFIG_BYTES)) > MAX_CONFIG_DEPTH:
+            reason = f"is no Zenoh configuration: it is nested deeper than {MAX_CONFIG_DEPTH} levels"
+            raise InputError(str(options.config), reason)
+        try:
+            config = zenoh.Config.from_file(options.config)
+        except zenoh.ZError as error:
+            raise InputError(str(options.config), f"is no Zenoh configuration: {error}") from error
+    for key, value in _SECURE:
+        if config.get_json(key) == default.get_json(key):
+            config.insert_json5(key, json.dumps(value))
+    for key, value in _FIXED:
+        config.insert_json5(key, json.dumps(value))
+    if options.no_multicast_scouting:
+        config.insert_json5("scouting/multicast/enabled", "false")
+    settings: dict[str, tuple[str, Any]] = {
+        "--mode": ("mode", options.mode or ("peer" if config.get_json("mode") == "null" else None)),
+        "--connect": ("connect/endpoints", list(options.connect) or None),
+        "--listen": ("listen/endpoints", list(options.listen) or None),
+    }
+    for option, (key, value) in settings.items():
+        if value is None:
+            continue
+        for endpoint in value if isinstance(value, list) else ():
+            if not _ENDPOINT.fullmatch(endpoint):
+                raise InputError(
+                    option, f"{endpoint!r} is no endpoint: write tcp/HOST:PORT, such as tcp/127.0.0.1:7447"
+                )
+        try:
+            config.insert_json5(key, json.dumps(value))
+        except zenoh.ZError as error:
+            raise InputError(option, f"{value} is not understood: {_plain(error)}") from error
+    return config
+
+
+def _plain(error: zenoh.ZError) -> str:
+    """Return what Zenoh says without the places of its sources."""
+    return re.sub(r" at /\S+\.rs:\d+\.?", "", str(error))
+
+
+def _depth(json5: str) -> int:
+    """Return how deep a JSON5 text is nested; what stands in strings and comments does not count."""
+    deepest = depth = 0
+    for bracket in re.findall(r"[\[\]{}]", _JSON5_STRING_OR_COMMENT.sub("", json5)):
+        depth += 1 if bracket in "[{" else -1
+        deepest = max(deepest, depth)
+    return deepest
+
+
+def endpoints(options: BusOptions) -> tuple[str, ...]:
+    """Return what a session with these options connects to; raises InputError as `session_config`."""
+    wanted = json.loads(session_config(options).get_json("connect/endpoints"))
+    if isinstance(wanted, dict):  # by mode
+        wanted = [endpoint for of_mode in wanted.values() for endpoint in of_mode or ()]
+    return tuple(str(endpoint) for endpoint in wanted or ())
+
+
+def open_session(options: BusOptions) -> zenoh.Session:
+    """Open a Zenoh session; use it with `with`, an open one keeps the process from ending.
+
+    Raises
+    ------
+    InputError
+        If an option or the configuration file is wrong.
+    RwaMonitorError
+        If the bus cannot be reached, or an address is taken.
+    """
+    config = session_config(options)
+    if options.mode == "client" and not options.connect and options.config is None:
+        raise InputError("--mode", "a client needs to know where to connect (-e tcp/HOST:PORT)")
+    zenoh.init_log_from_env_or("error")
+    if _only_connects(options):
+        as_client = session_config(replace(options, mode="client"))
+        with suppress(zenoh.ZError):  # nobody answers: as a peer it can wait
+            return zenoh.open(as_client)
+    try:
+        return zenoh.open(config)
+    except zenoh.ZError as error:
+        where = ", ".join((*options.connect, *options.listen)) or str(options.config or "embedded")
+        raise RwaMonitorError(f"the bus cannot be opened ({where}): {_plain(error)}") from error
+
+
+def _only_connects(options: BusOptions) -> bool:
+    """Tell whether nobody said which role a session has that connects and does not listen."""
+    return options.mode is None and options.config is None and bool(options.connect) and not options.listen
+
+
+# ---- in --------------------------------------------------------------------------------------------------------------
+
+
+class Inbox:
+    """A bounded queue from Zenoh's threads to ours.
+
+    Parameters
+    ----------
+    max_messages, max_bytes
+        What it holds at most.
+    patience_s
+        How long to wait for room, before a message is dropped and counted [s].
+
+    Attributes
+    ----------
+    dropped
+        Messages dropped so far.
+    wake
+        Set when something has arrived.
+    """
+
+    def __init__(
+        self, max_messages: int = INBOX_MESSAGES, max_bytes: int = INBOX_BYTES, patience_s: float = PATIENCE_S
+    ) -> None:
+        self.max_messages = max_messages
+        self.max_bytes = max_bytes
+        self.patience_s = patience_s
+        self.dropped = 0
+        self.wake = Event()
+        self._messages: deque[Arrival] = deque()
+        self._lost: dict[str, Arrival] = {}  # of each publisher the last message that was dropped, without its content
+        self._bytes = 0
+        self._room = Condition()  # held for a few operations only
+        self._patient = True
+
+    def __len__(self) -> int:
+        """Count the messages that wait."""
+        return len(self._messages)
+
+    def put(self, key: str, payload: bytes, source: str = "", number: int = 0) -> None:
+        """Append a message; when full, wait for room, or drop and count it after a while."""
+        message = Arrival(key, payload, source, number)
+        with self._room:
+            # A reader that stands still costs the wait once, not once for each message.
+            if not self._fits(message) and not (
+                self._patient and self._room.wait_for(lambda: self._fits(message), self.patience_s)
+            ):
+                self._patient = False
+                self.dropped += 1
+                if source and (source in self._lost or len(self._lost) < MAX_SOURCES):
+                    self._lost[source] = message._replace(payload=b"")
+            else:
+                self._messages.append(message)
+                self._bytes += len(message.payload)
+        self.wake.set()
+
+    def take(self) -> Arrival | None:
+        """Return the oldest message, or None when there is none."""
+        with self._room:
+            if not self._messages:
+                return None
+            message = self._messages.popleft()
+            self._bytes -= len(message.payload)
+            self._patient = True
+            self._room.notify_all()
+            return message
+
+    def take_lost(self) -> list[Arrival]:
+        """Return the last message of each publisher that was dropped since the last call, without its content."""
+        with self._room:
+            lost, self._lost = list(self._lost.values()), {}
+            return lost
+
+    def close(self) -> None:
+        """Let nobody wait any more."""
+        with self._room:
+            self.patience_s = 0.0
+            self._room.notify_all()
+
+    def _fits(self, message: Arrival) -> bool:
+        return len(self._messages) < self.max_messages and self._bytes + len(message.payload) <= self.max_bytes
+
+
+# ---- the monitor's end of the bus ------------------------------------------------------------------------------------
+
+
+def check_wheels(key_expression: str) -> None:
+    """Raise InputError unless samples of some wheel have keys that this key expression matches."""
+    try:
+        matches = zenoh.KeyExpr(key_expression).intersects(zenoh.KeyExpr(ALL_SAMPLES))
+    except zenoh.ZError as error:
+        raise InputError("--wheels", f"{key_expression!r} is no key expression: {error}") from error
+    if not matches:
+        raise InputError("--wheels", f"{key_expression!r} takes no samples: they come on {ALL_SAMPLES}")
+
+
+class MonitorBus:
+    """What the monitor does on a session: takes samples, publishes messages, answers questions about health.
+
+    Parameters
+    ----------
+    session
+        An open session; it is left open at the end.
+    inbox
+        Where samples go.
+
+    Attributes
+    ----------
+    queries
+        Questions on rwa/**/health that wait for `answer`.
+    """
+
+    def __init__(self, session: zenoh.Session, inbox: Inbox) -> None:
+        self.session = session
+        self.inbox = inbox
+        self._backfill = Backfill(ask_publisher(session, inbox.wake), inbox.max_bytes)
+        self.queries: deque[zenoh.Query] = deque(maxlen=MAX_QUERIES)
+        self._open = True  # callbacks go on after undeclare(): they look here
+        self._declared: list[Any] = []
+        self._publishers: dict[str, Any] = {}
+        self._told: dict[str, Any] = {}  # when each wheel's health was published
+
+    def __enter__(self) -> Self:
+        """Enter; nothing is declared yet."""
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Undeclare everything."""
+        self.close()
+
+    def subscribe(self, key_expression: str) -> None:
+        """Take samples from now on, and what their publishers still hold of before; raises as `check_wheels`."""
+        check_wheels(key_expression)
+        subscriber = ext.declare_advanced_subscriber(
+            self.session,
+            key_expression,
+            self._on_sample,
+            history=ext.HistoryConfig(detect_late_publishers=True, max_samples=MAX_HISTORY),
+            recovery=ext.RecoveryConfig(periodic_queries=None, heartbeat=True),
+        )
+        self._declared.append(subscriber)
+
+    def take(self) -> Arrival | None:
+        """Return the next message, None when there is none yet."""
+        message = self._backfill.take(self.inbox.take)
+        if message is None:  # what was dropped is asked for when there is time for it
+            for dropped in self.inbox.take_lost():
+                self._backfill.miss(dropped)
+        return message
+
+    def ask_again(self, message: Arrival) -> bool:
+        """Ask for a message once more that could not be read; False where that is no use: see `Backfill.ask_again`."""
+        return self._backfill.ask_again(message)
+
+    @property
+    def missed(self) -> dict[str, int]:
+        """Messages that publishers no longer had when they were asked for them again, by key."""
+        return self._backfill.missed
+
+    def waiting(self) -> int:
+        """Count the messages that wait."""
+        return len(self.inbox) + len(self._backfill)
+
+    def offer_health(self) -> None:
+        """Answer questions on rwa/**/health, and show that the monitor is alive by a liveliness token."""
+        queryable: Any = self.session.declare_queryable("rwa/**/health", self._on_query)
+        token = self.session.liveliness().declare_token(f"rwa/@monitor/{self.session.zid()}/alive")
+        self._declared += [queryable, token]
+
+    def publish(self, key: str, message: type[Message], payload: bytes) -> None:
+        """Publish a message; all but `status` reliably and with a history for late subscribers."""
+        if key not in self._publishers:
+            if message.kind == "status":
+                self._publishers[key] = self.session.declare_publisher(key, encoding=message.encoding())
+            else:
+                self._publishers[key] = ext.declare_advanced_publisher(
+                    self.session,
+                    key,
+                    encoding=message.encoding(),
+                    congestion_control=zenoh.CongestionControl.BLOCK,
+                    cache=ext.CacheConfig(max_samples=1 if message.kind == "health" else OUTPUT_HISTORY),
+                    sample_miss_detection=ext.MissDetectionConfig(
+                        heartbeat=OUTPUT_HEARTBEAT_S if message.kind == "diagnosis" else None,
+                        sporadic_heartbeat=None if message.kind == "diagnosis" else OUTPUT_HEARTBEAT_S,
+                    ),
+                    publisher_detection=True,
+                )
+        if message.kind == "health":
+            # A dashboard tells the same wheel's health when an alarm changes: the asker shall get the later of both.
+            self._told[key] = self.session.new_timestamp()
+            self._publishers[key].put(payload, timestamp=self._told[key])
+        else:
+            self._publishers[key].put(payload)
+
+    def answer(self, encoding: str, latest: Callable[[], dict[str, bytes]]) -> None:
+        """Answer the questions that wait with the latest message of each key that they ask for."""
+        while self.queries:
+            query = self.queries.popleft()
+            for key, payload in latest().items():
+                if query.key_expr.intersects(zenoh.KeyExpr(key)):
+                    query.reply(key, payload, encoding=encoding, timestamp=self._told.get(key))
+            query.drop()  # type: ignore[no-untyped-call]
+
+    def close(self) -> None:
+        """Undeclare everything; what still arrives is ignored."""
+        self._open = False
+        self.inbox.close()
+        for entity in [*reversed(self._declared), *self._publishers.values()]:
+            with suppress(zenoh.ZError):  # the session may have been closed under us
+                entity.undeclare()
+        self._declared.clear()
+        self._publishers.clear()
+        self.queries.clear()
+
+    # Called in threads beside Zenoh's: append, and nothing else.
+
+    def _on_sample(self, sample: zenoh.Sample) -> None:
+        if self._open and sample.kind == zenoh.SampleKind.PUT:
+            arrival = arrival_of(sample)
+            self.inbox.put(arrival.key, arrival.payload, arrival.source, arrival.number)
+
+    def _on_query(self, query: zenoh.Query) -> None:
+        if self._open:
+            self.queries.append(query)
+            self.inbox.wake.set()

@@ -1,0 +1,288 @@
+"""A checkpoint: everything a wheel's monitor core knows, as JSON, so that another one can go on from there.
+
+Every recording begins with one checkpoint for each wheel: a recording alone is enough to replay it, and after a crash
+the last one is enough to go on. Floats are written in full; a core that was resumed gives the same bits. The samples of
+open windows, nearly all of a checkpoint, are written as they lie in memory, in base64: their digits would take four
+times the work.
+"""
+
+from __future__ import annotations
+
+from base64 import b64decode, b64encode
+from typing import Annotated, Final, Literal, Self
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, PlainSerializer, PlainValidator, ValidationError
+
+from rwa_monitor.changepoints.evidence import Gathered
+from rwa_monitor.errors import InputError
+from rwa_monitor.messages import ClockNs, Count, SamplesMessage, Slot, samples_json
+from rwa_monitor.monitor.ingest.sequencer import Batch
+from rwa_monitor.monitor.ingest.slot_assignment import Rows
+from rwa_monitor.samples import BoolArray, FloatArray
+from rwa_monitor.switching.carried_state import CarriedState
+from rwa_monitor.telemetry.friction import Source
+from rwa_monitor.telemetry.ring_buffer import RingBuffer
+from rwa_monitor.telemetry.sensor_validation import MEMORY, Channel, Screen
+
+CHECKPOINT_VERSION: Final = 2
+OLDEST_VERSION: Final = 1  # wrote the samples of open windows as lists of numbers
+MAX_CHECKPOINT_BYTES: Final = 256 * 2**20  # 8 overlapping windows of 80,000 slots are some 30 MB
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class HeldBatch(_Part):
+    """A message that waits for others."""
+
+    number: Slot | None
+    message: SamplesMessage
+
+    @classmethod
+    def of(cls, batch: Batch) -> Self:
+        """Keep a message of the sequencer."""
+        payload = samples_json(batch.samples, batch.publisher, batch.number or 0)
+        return cls(number=batch.number, message=SamplesMessage.parse(payload, "checkpoint"))
+
+    def batch(self) -> Batch:
+        """Return the message of the sequencer."""
+        return Batch(self.message.publisher, self.number, self.message.samples())
+
+
+class SequencerState(_Part):
+    """State of `sequencer.Sequencer`."""
+
+    current: str | None
+    expected: Slot | None
+    held: list[HeldBatch]
+    skipped: list[Slot]
+    challenge: list[HeldBatch]
+    challenge_doubtful: bool = False
+    largest: Slot = 0
+    replaced: list[str] = Field(default_factory=list)
+    latest_ns: int | None = None
+
+
+class GridState(_Part):
+    """Where the slot grid stands; `origin_ns` is None before the first sample of an epoch."""
+
+    origin_ns: ClockNs | None
+    frontier: Slot
+    last_ns: ClockNs | None
+
+
+class SlotsState(_Part):
+    """The slots [begin, end) of the ring buffer that are still needed, and the values of the last of them.
+
+    Null in `values` stands for NaN. Files of older releases, whose windows did
+    not keep their own samples, hold the values of all slots.
+    """
+
+    begin: Slot
+    end: Slot
+    filled: list[Count]  # slots that a sample came for, as lengths of runs: missing, filled, missing, …
+    values: dict[str, list[float | None]]
+
+    @classmethod
+    def of(cls, ring: RingBuffer, begin: int, values_begin: int) -> Self:
+        """Keep the slots from `begin` on, and the values from `values_begin` on."""
+        begin, values_begin = max(begin, ring.begin), max(values_begin, ring.values_begin)
+        slots = np.arange(begin, ring.end, dtype=np.int64)
+        values = {name: _with_null(ring.read(name, values_begin, ring.end)) for name in ring.channels}
+        return cls(begin=begin, end=ring.end, filled=_run_lengths(ring.is_filled(slots)), values=values)
+
+    @property
+    def consistent(self) -> bool:
+        """Whether the numbers fit each other."""
+        lengths = {len(values) for values in self.values.values()}
+        return sum(self.filled) == self.end - self.begin and len(lengths) == 1 and max(lengths) <= sum(self.filled)
+
+    @property
+    def values_begin(self) -> int:
+        """First slot whose values are there."""
+        return self.end - max(len(values) for values in self.values.values())
+
+    def read(self, name: str, start: int, stop: int) -> FloatArray:
+        """Return the values of the slots [start, stop), NaN where empty."""
+        return _with_nan(self.values[name][start - self.values_begin : stop - self.values_begin])
+
+    def restore(self, ring: RingBuffer) -> None:
+        """Put the slots into a ring buffer."""
+        filled = np.repeat(np.arange(len(self.filled)) % 2 == 1, self.filled)
+        ring.restore(self.begin, filled, {name: _with_nan(values) for name, values in self.values.items()})
+
+
+class WaitingSample(_Part):
+    """A sample that the next one judges: its time and its values, null for NaN."""
+
+    time_ns: ClockNs
+    values: dict[str, float | None]
+
+    @classmethod
+    def of(cls, rows: Rows) -> Self:
+        """Keep the one sample of `rows`."""
+        values = {name: _with_null(array)[0] for name, array in rows.values.items()}
+        return cls(time_ns=int(rows.time_ns[0]), values=values)
+
+    def rows(self) -> Rows:
+        """Return the sample as it was."""
+        values = {name: _with_nan([value]) for name, value in self.values.items()}
+        return Rows(np.array([self.time_ns], dtype=np.int64), values)
+
+
+class ChannelState(_Part):
+    """State of a `sensor_validation.Channel`; null for NaN."""
+
+    recent: list[float | None]
+    last: float | None
+    step: float
+    bend: float
+    restless: float
+    repeated: float
+    restless_before: float
+    rough: float
+    steps: float
+
+    @classmethod
+    def of(cls, channel: Channel) -> Self:
+        """Keep what is remembered of a channel."""
+        memory: dict[str, float | None] = dict(zip(MEMORY, channel.memory.tolist(), strict=True))
+        last = _with_null(channel.memory)[MEMORY.index("last")]
+        return cls(**{**memory, "recent": _with_null(channel.recent), "last": last})
+
+    def channel(self) -> Channel:
+        """Return the channel as it was."""
+        return Channel.of(_with_nan(self.recent), _with_nan([getattr(self, name) for name in MEMORY]))
+
+
+class ScreenState(_Part):
+    """State of `sensor_validation.Screen`."""
+
+    done: Slot
+    speed: ChannelState
+    torque: ChannelState
+
+    @classmethod
+    def of(cls, screen: Screen) -> Self:
+        """Keep what the screen remembers of the slots so far."""
+        return cls(done=screen.done, speed=ChannelState.of(screen.speed), torque=ChannelState.of(screen.torque))
+
+    def restore(self, screen: Screen) -> None:
+        """Let a screen of the same wheel go on from here."""
+        screen.done, screen.speed, screen.torque = self.done, self.speed.channel(), self.torque.channel()
+
+
+class EffectsState(_Part):
+    """What the wheel's effects, and the friction before them, remember of the slots so far."""
+
+    friction: ChannelState | None = None
+    angle_rad: float
+    last_speed_rad_s: float
+    memories: list[list[float] | None]
+
+
+def _floats(value: object) -> FloatArray:
+    """Return an array, the base64 of one in little-endian float64, or a list with null for NaN, as an array."""
+    if isinstance(value, str):
+        array = np.frombuffer(b64decode(value, validate=True), dtype="<f8").astype(np.float64)
+    else:
+        try:
+            array = np.asarray(value, dtype=np.float64)
+        except (TypeError, OverflowError) as error:
+            raise ValueError("must be a list of numbers") from error
+    if array.ndim != 1 or np.isinf(array).any():
+        raise ValueError("must be a list of finite numbers")
+    return array
+
+
+def _base64(array: FloatArray) -> str:
+    return b64encode(array.astype("<f8", copy=False).tobytes()).decode("ascii")
+
+
+Floats = Annotated[FloatArray, PlainValidator(_floats), PlainSerializer(_base64, return_type=str)]
+
+
+class GatheredState(_Part):
+    """The samples that an open window has gathered; NaN where not good."""
+
+    model_config = ConfigDict(arbitrary_types_allowed=True)
+
+    x: Floats
+    z: Floats
+    turns: list[int]
+
+    @classmethod
+    def of(cls, gathered: Gathered) -> Self:
+        """Keep what a window's accumulator has gathered."""
+        return cls(x=gathered.x, z=gathered.z, turns=gathered.turns.tolist())
+
+    def gathered(self) -> Gathered:
+        """Return what the accumulator goes on with."""
+        return Gathered(self.x, self.z, np.array(self.turns, dtype=np.int64))
+
+
+class WindowsState(_Part):
+    """Where the windows stand: first slots of the open ones, of the next one, and what has been worked off.
+
+    `gathered` holds the samples of the open windows; None in files of older releases, whose slots hold them.
+    """
+
+    done: Slot
+    next_start: Slot
+    last_end: Slot
+    open: list[Slot]
+    gathered: list[GatheredState] | None = None
+
+
+class Checkpoint(_Part):
+    """Everything a `core.WheelCore` knows besides its wheel, its model and its method."""
+
+    version: Annotated[int, Field(ge=OLDEST_VERSION, le=CHECKPOINT_VERSION)] = CHECKPOINT_VERSION
+    source: Source | Literal[""]
+    said_missing: bool
+    counts: dict[str, Count]
+    carried: CarriedState
+    sequencer: SequencerState
+    waiting: WaitingSample | None = None
+    epoch_origin_ns: ClockNs
+    grid: GridState
+    slots: SlotsState
+    screen: ScreenState | None = None
+    effects: EffectsState
+    windows: WindowsState
+
+    def to_json(self) -> bytes:
+        """Write the checkpoint; the same state always gives the same bytes."""
+        return self.model_dump_json().encode()  # every number is finite; json.dumps takes thirteen times as long
+
+    @classmethod
+    def from_json(cls, data: bytes, source: str) -> Self:
+        """Read a checkpoint; raises InputError naming the place where it is damaged."""
+        if len(data) > MAX_CHECKPOINT_BYTES:
+            raise InputError(source, f"has {len(data)} bytes, more than {MAX_CHECKPOINT_BYTES}")
+        try:
+            return cls.model_validate_json(data)
+        except ValidationError as error:
+            raise InputError.of_validation(source, error) from error
+
+
+def _with_null(values: FloatArray) -> list[float | None]:
+    listed: list[float | None] = values.tolist()
+    for place in np.flatnonzero(np.isnan(values)).tolist():  # few
+        listed[place] = None
+    return listed
+
+
+def _with_nan(values: list[float | None]) -> FloatArray:
+    return np.array(values, dtype=np.float64)
+
+
+def _run_lengths(flags: BoolArray) -> list[int]:
+    """Return the lengths of alternating runs of False and True, beginning with False (perhaps of length 0)."""
+    if flags.size == 0:
+        return []
+    borders = np.flatnonzero(np.diff(flags)) + 1
+    lengths: list[int] = np.diff(np.concatenate(([0], borders, [flags.size]))).tolist()
+    return [0, *lengths] if flags[0] else lengths

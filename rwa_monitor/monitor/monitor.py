@@ -1,0 +1,418 @@
+"""Serves all wheels of a bus, one message at a time: record, diagnose, record, publish.
+
+One thread does everything in this order, so that what is on the disk is always a beginning of what happened.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from functools import partial
+from hashlib import blake2b
+from typing import Final, Protocol
+
+import zenoh
+
+from rwa_monitor.errors import InputError
+from rwa_monitor.messages import Diagnosis, Health, Message, SamplesMessage, Status, key_of, split_key
+from rwa_monitor.messages.samples import is_json, misspelt
+from rwa_monitor.monitor.bus import Inbox
+from rwa_monitor.monitor.core import WheelCore
+from rwa_monitor.monitor.earlier_run import Past
+from rwa_monitor.monitor.events import Event, SensorFault, WindowDiagnosed
+from rwa_monitor.monitor.ingest.backfill import Arrival
+from rwa_monitor.monitor.outputs import Output, health_output, outputs_of, trouble_in
+from rwa_monitor.monitor.recording.recorder import Checkpoints, Recorder
+from rwa_monitor.monitor.run_options import RunOptions
+from rwa_monitor.monitor.searches import Searches
+from rwa_monitor.version import SOFTWARE
+from rwa_monitor.words import counted, time_text
+
+IDLE_WAIT_S: Final = 0.1  # how long to wait for a message before looking at the clock again
+TICK_S: Final = 0.05  # between two looks at what is due while messages flow
+BUSY_MESSAGES: Final = 100  # waiting: a tenth of a second's of a thousand wheels
+STATUS_RECORDED_S: Final = 10.0  # every status is published; one in this time is recorded
+MAX_WHEELS: Final = 4_096  # of one process: 2.7 MB each with windows of 80,000 slots; `--shard` divides more
+MANY_WHEELS: Final = 100  # whose state takes seconds to write
+
+
+@dataclass(slots=True)
+class _Served:
+    """What the monitor keeps of one wheel besides its core; `core` is None while no message could be read."""
+
+    core: WheelCore | None = None
+    messages_rejected: int = 0
+    last_error: str | None = None
+    last_sample_ns: int | None = None
+    publisher: str = ""
+    diagnosis: Output | None = None
+    verdict: tuple[str, ...] = ()  # and what is anomalous, as it was told last
+    health: Output | None = None
+    windows: int = 0
+    diagnosis_s: float | None = None
+    told: set[tuple[str, bool]] = field(default_factory=set)  # sensor faults of this window
+    status_due_s: float = 0.0
+    status_recorded_s: float = float("-inf")
+
+
+@dataclass(frozen=True, slots=True)
+class Clock:
+    """The clocks of the machine: wall time [ns], and one that only goes forward [s]."""
+
+    wall_ns: Callable[[], int] = time.time_ns
+    monotonic_s: Callable[[], float] = time.monotonic
+
+
+class Bus(Protocol):
+    """What the monitor needs of a bus; `bus.MonitorBus` is one."""
+
+    inbox: Inbox
+
+    @property
+    def missed(self) -> dict[str, int]:
+        """Messages that are lost for good, by key."""
+
+    def take(self) -> Arrival | None:
+        """Return the next message, None when there is none yet."""
+
+    def ask_again(self, message: Arrival) -> bool:
+        """Ask once more for a message that could not be read, and hold back what follows; False if that is no use."""
+
+    def waiting(self) -> int:
+        """Count the messages that wait."""
+
+    def publish(self, key: str, message: type[Message], payload: bytes) -> None:
+        """Publish a message."""
+
+    def answer(self, encoding: str, latest: Callable[[], dict[str, bytes]]) -> None:
+        """Answer the questions that wait with the latest messages."""
+
+
+class Monitor:
+    """Serves all wheels of a bus, one message at a time.
+
+    Parameters
+    ----------
+    options
+        Settings.
+    bus
+        Where samples come from and messages go.
+    recorder
+        None to record nothing.
+    say
+        Takes lines of talk.
+    clock
+        For flushing, status and how long things take; never for a diagnosis.
+    """
+
+    def __init__(
+        self,
+        options: RunOptions,
+        bus: Bus,
+        recorder: Recorder | None,
+        say: Callable[[str], None],
+        clock: Clock,
+    ) -> None:
+        self.options = options
+        self.bus = bus
+        self.recorder = recorder
+        self.say = say
+        self.clock = clock
+        self._served: dict[tuple[str, str], _Served] = {}
+        self._setup = options.setup()
+        self.searches = Searches(self._setup.wheels, options.record, say)
+        self._model_sha256 = options.model.sha256() if options.model else ""
+        self._tick_due_s = 0.0
+        self._said: str = ""
+
+    def begin(self, past: Past, on_progress: Callable[[], None] = lambda: None) -> None:
+        """Take over what an earlier run left behind, and begin the recording.
+
+        Parameters
+        ----------
+        past
+            What was left behind.
+        on_progress
+            Called for each wheel whose state is written, for a supervisor that waits.
+        """
+        for key, core in past.cores.items():
+            self._served[key] = _Served(core=core)
+        if self.recorder is not None:
+            inherited = [(output.key, output.schema, output.payload, output.time_ns) for output in past.unrecorded]
+            if len(past.cores) >= MANY_WHEELS:  # some 6 ms each
+                self.say(f"beginning a recording with the state of {len(past.cores)} wheels")
+            self.recorder.begin(self._checkpoints(on_progress), self.clock.monotonic_s(), inherited)
+            self._tell_recorder()
+        health = {}
+        for output in (*past.diagnoses, *past.unrecorded):
+            self._publish(output)
+            if output.message is Diagnosis:
+                health[output.key] = health_output(Diagnosis.parse(output.payload, output.key))
+        for output in health.values():
+            self._publish(output)
+
+    def step(self) -> None:
+        """Process one message, or wait a little for one; do what is due."""
+        self.bus.inbox.wake.clear()
+        message = self.bus.take()
+        if message is None:
+            self.bus.inbox.wake.wait(IDLE_WAIT_S)
+        else:
+            self.receive(message.key, message.payload, partial(self.bus.ask_again, message))
+        self.tick()
+
+    def tick(self) -> None:
+        """Do what is due by the clock: flush and rotate the recording, answer questions, publish status."""
+        now_s = self.clock.monotonic_s()
+        if now_s >= self._tick_due_s:
+            self._tick_due_s = now_s + TICK_S
+            self._tick(now_s)
+
+    def close(self) -> None:
+        """Write the last status of each wheel and the end of the recording."""
+        windows = sum(served.windows for served in self._served.values())
+        self.say(f"stopped: {counted(windows, 'window')} of {counted(len(self._served), 'wheel')} diagnosed")
+        unused = [
+            f"{key[0]}/{key[1]}" for key in self.options.own_wheels if self._is_ours(*key) and not self._heard(key)
+        ]
+        if unused:
+            self.say(f"wheel files that no wheel used: {', '.join(unused)}; are these the names on the bus?")
+        self.searches.close()
+        for key, served in self._served.items():
+            self._status(key, served, record=True)
+        if self.recorder is not None:
+            self.recorder.close(self.clock.monotonic_s())
+
+    def _heard(self, key: tuple[str, str]) -> bool:
+        """Return whether samples of a wheel have come, in this run or before it."""
+        return key in self._served and self._served[key].core is not None
+
+    # ---- in ------------------------------------------------------------------------------------------------------
+
+    def receive(self, key: str, payload: bytes, ask_again: Callable[[], bool] = lambda: False) -> bool:
+        """Process one message from beginning to end: record, diagnose, record, publish.
+
+        Parameters
+        ----------
+        key, payload
+            The message.
+        ask_again
+            Called for one that is no JSON, as if it was damaged on its way: asks for it again, False if that is no use.
+
+        Returns
+        -------
+        bool
+            Whether the message is dealt with; False where it will come again.
+        """
+        try:
+            spacecraft, wheel, _ = split_key(key)
+            if not self._is_ours(spacecraft, wheel):
+                return True
+            message = SamplesMessage.parse(payload, key)
+            samples = message.samples()
+            served = self._serve(spacecraft, wheel)
+            core = served.core
+            if core is None:
+                core = self._setup.new_core(spacecraft, wheel)
+            core.check(samples)
+        except InputError as error:
+            if not is_json(payload) and ask_again():
+                return False
+            self._refuse(key, payload, error)
+            return True
+        if served.core is None and self.options.own_wheels and (spacecraft, wheel) not in self.options.own_wheels:
+            self.say(f"{spacecraft}/{wheel}: has no wheel file of its own; it goes by {core.wheel.name}")
+        served.core = core
+        if self.recorder is not None:
+            self.recorder.input(key, SamplesMessage.schema_name(), payload, message.time_ns[-1])
+        served.publisher = message.publisher
+        self.searches.take_input(spacecraft, wheel, payload)
+        begin_s = self.clock.monotonic_s()
+        events = core.feed(samples, message.publisher, message.batch)
+        served.last_sample_ns = core.last_sample_ns
+        if any(isinstance(event, WindowDiagnosed) for event in events):
+            served.diagnosis_s = self.clock.monotonic_s() - begin_s
+        self._handle(served, spacecraft, wheel, events)
+        return True
+
+    def _handle(self, served: _Served, spacecraft: str, wheel: str, events: Iterable[Event]) -> None:
+        """Record what the core says, bring a diagnosis to the disk, then publish."""
+        events = list(events)
+        for event in events:
+            trouble = trouble_in(event)
+            if trouble is None:
+                continue
+            served.last_error = trouble
+            if isinstance(event, SensorFault):  # a broken sensor may give thousands in a window
+                if (event.channel, event.hangs) in served.told:
+                    continue
+                served.told.add((event.channel, event.hangs))
+            self.say(f"{spacecraft}/{wheel}: {trouble}")
+        outputs = outputs_of(events, spacecraft, wheel)
+        closed = any(isinstance(event, WindowDiagnosed) for event in events)
+        if self.recorder is not None:
+            for output in outputs:
+                self.recorder.output(output.key, output.schema, output.payload, output.time_ns)
+            if closed:
+                self.recorder.sync(self.clock.monotonic_s())
+        for output in outputs:
+            self._publish(output)
+        if closed:
+            served.told.clear()
+            served.windows += sum(isinstance(event, WindowDiagnosed) for event in events)
+            self._status((spacecraft, wheel), served, record=True)
+        for event in events:
+            if isinstance(event, WindowDiagnosed):
+                self._tell_verdict(served, spacecraft, wheel, event)
+            if isinstance(event, WindowDiagnosed) and not event.partial:
+                self.searches.take_diagnosis(spacecraft, wheel, adequate=event.diagnosis.model_adequate)
+
+    def _tell_verdict(self, served: _Served, spacecraft: str, wheel: str, event: WindowDiagnosed) -> None:
+        """Say what a window amounts to where that is news; a line for each window of a fleet would hide it."""
+        diagnosis = event.diagnosis
+        verdict = (diagnosis.verdict, *(anomaly.name for anomaly in diagnosis.anomalies if anomaly.active))
+        if verdict != served.verdict and self.options.tell_verdicts:
+            until = time_text(event.end_ns)
+            self.say(f"{spacecraft}/{wheel}: window to {until}: {diagnosis.verdict}: {diagnosis.reason}")
+        served.verdict = verdict
+
+    def _refuse(self, key: str, payload: bytes, error: InputError) -> None:
+        """Count and record a message that cannot be used; it changes nothing else."""
+        if self.recorder is not None:
+            self.recorder.refused(key, payload)
+        try:
+            spacecraft, wheel, _ = split_key(key)
+            served = self._serve(spacecraft, wheel)
+        except InputError:
+            self._say_once(f"a message was refused: {error}")
+            return
+        served.messages_rejected += 1
+        text = ": ".join(part for part in (error.place, error.reason) if part)
+        if meant := misspelt(payload):
+            text = f"{text}; {meant}"
+        if served.last_error != text:
+            self.say(f"{spacecraft}/{wheel}: a message was refused: {text}")
+        served.last_error = text
+
+    def _is_ours(self, spacecraft: str, wheel: str) -> bool:
+        share, of = self.options.shard
+        # The same in every process and release; a checksum would do but for names that differ by a digit.
+        digest = blake2b(f"{spacecraft}/{wheel}".encode(), digest_size=8).digest()
+        return int.from_bytes(digest, "big") % of == share - 1
+
+    def _serve(self, spacecraft: str, wheel: str) -> _Served:
+        if (spacecraft, wheel) not in self._served:
+            if len(self._served) >= MAX_WHEELS:
+                raise InputError(f"{spacecraft}/{wheel}", f"is one wheel more than the {MAX_WHEELS} of a process")
+            self._served[spacecraft, wheel] = _Served()
+        return self._served[spacecraft, wheel]
+
+    # ---- out -----------------------------------------------------------------------------------------------------
+
+    def _publish(self, output: Output) -> None:
+        if output.message is None:
+            return
+        spacecraft, wheel, _ = split_key(output.key)
+        served = self._served.get((spacecraft, wheel))
+        if served is not None and output.message is Diagnosis:
+            served.diagnosis = output
+        if served is not None and output.message is Health:
+            served.health = output
+        try:
+            self.bus.publish(output.key, output.message, output.payload)
+        except zenoh.ZError as error:
+            self._say_once(f"cannot publish: {error}")
+
+    def _tick(self, now_s: float) -> None:
+        if self.recorder is not None:
+            self.recorder.tend(now_s, self._checkpoints, busy=self.bus.waiting() > BUSY_MESSAGES)
+            self._tell_recorder()
+        for found in self.searches.poll():
+            if self.recorder is not None:
+                self.recorder.output(found.key, found.schema, found.payload, found.time_ns)
+            self._publish(found)
+        self.bus.answer(Health.encoding(), self._latest_health)
+        for key, served in self._served.items():
+            if now_s >= served.status_due_s:
+                served.status_due_s = now_s + self.options.status_period_s
+                record = now_s - served.status_recorded_s >= STATUS_RECORDED_S
+                if record:
+                    served.status_recorded_s = now_s
+                self._status(key, served, record=record)
+
+    def _latest_health(self) -> dict[str, bytes]:
+        return {
+            served.health.key: served.health.payload for served in self._served.values() if served.health is not None
+        }
+
+    def _status(self, key: tuple[str, str], served: _Served, *, record: bool) -> None:
+        """Publish how a wheel's monitor is doing."""
+        spacecraft, wheel = key
+        core = served.core
+        recording = self.recorder.path if self.recorder else None
+        last_error = served.last_error
+        if self.recorder is not None and self.recorder.error:
+            last_error = self.recorder.error
+        elif self.bus.inbox.dropped and last_error is None:
+            dropped = counted(self.bus.inbox.dropped, "message")
+            last_error = f"dropped {dropped}: they come faster than they can be diagnosed"
+        counts = core.counts if core else None
+        # Publishers that number their messages show a gap in any case; of others only the bus knows what it lost.
+        missed_by_bus = self.bus.missed.get(key_of(SamplesMessage, spacecraft, wheel), 0)
+        if missed_by_bus and last_error is None:
+            last_error = f"the bus lost {counted(missed_by_bus, 'message')}, which their publisher no longer has"
+        status = Status(
+            spacecraft=spacecraft,
+            wheel=wheel,
+            samples_received=counts.received if counts else 0,
+            samples_used=counts.used if counts else 0,
+            samples_masked=counts.masked if counts else 0,
+            samples_late=counts.late if counts else 0,
+            samples_duplicate=counts.duplicate if counts else 0,
+            samples_rejected=counts.rejected if counts else 0,
+            samples_queued=counts.queued if counts else 0,
+            slots_missed=counts.slots_missed if counts else 0,
+            messages_rejected=served.messages_rejected,
+            messages_dropped=self.bus.inbox.dropped,
+            messages_missed=max(counts.messages_missed if counts else 0, missed_by_bus),
+            queue_depth=self.bus.waiting(),
+            window_fill=core.window_fill if core else 0.0,
+            last_error=last_error,
+            recording=recording.name if recording else None,
+            software=SOFTWARE,
+            model_sha256=self._model_sha256,
+            publisher=served.publisher,
+            windows=served.windows,
+            last_sample_ns=served.last_sample_ns,
+            diagnosis_s=served.diagnosis_s,
+            now_wall_ns=self.clock.wall_ns(),
+        )
+        topic = key_of(Status, spacecraft, wheel)
+        payload = status.to_json()
+        if record and self.recorder is not None:
+            self.recorder.output(topic, Status.schema_name(), payload, None)
+        self._publish(Output(topic, Status, Status.schema_name(), payload, 0))
+
+    def _checkpoints(self, on_progress: Callable[[], None] = lambda: None) -> Checkpoints:
+        """Return what makes the checkpoint of each wheel, as it then stands."""
+
+        def write(core: WheelCore) -> bytes:
+            on_progress()
+            return core.checkpoint().to_json()
+
+        return {
+            f"{spacecraft}/{wheel}": partial(write, served.core)
+            for (spacecraft, wheel), served in self._served.items()
+            if served.core is not None
+        }
+
+    def _tell_recorder(self) -> None:
+        if self.recorder is not None and self.recorder.error:
+            self._say_once(self.recorder.error)
+
+    def _say_once(self, text: str) -> None:
+        """Say something, but not the same thing twice in a row."""
+        if text != self._said:
+            self.say(text)
+        self._said = text

@@ -1,0 +1,466 @@
+"""Reads recordings: MCAP files in which every byte that is believed has passed its checksum.
+
+The mcap package's own readers check no CRC unless told to, skip those of attachments always, and give nothing of a file
+that was cut. This reader walks over the records itself (one byte opcode, eight bytes length, content), keeps what is
+whole, and says what is not.
+
+A file may be made to do harm: a few bytes that unpack to gigabytes, a million beginnings of chunks that are none. What
+it says of its sizes is compared with limits before anything is copied or unpacked, and so is the work on all of it; a
+file that exceeds a limit is refused.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import struct
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from io import SEEK_END, BytesIO
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+import zstandard
+from mcap.data_stream import ReadDataStream
+from mcap.opcode import Opcode
+from mcap.records import Attachment, Channel, Chunk, Schema
+from mcap.records import Message as McapMessage
+from mcap.writer import MCAP0_MAGIC
+
+from rwa_monitor.errors import InputError
+from rwa_monitor.monitor.recording.file_bytes import Content, FileBytes
+from rwa_monitor.telemetry.files import display_name, read_bytes, unreadable
+from rwa_monitor.words import counted
+
+MAX_CHUNK_BYTES: Final = 64 * 2**20  # uncompressed; ours have some 64 kB, or one message of at most 8 MB
+MAX_RECORD_BYTES: Final = 256 * 2**20  # an attached checkpoint of 8 open windows of 80,000 slots is some 30 MB
+MAX_FILE_BYTES: Final = 2**30  # ours are rotated at 32 MiB, or at twice what they begin with
+# Of a monitor's own: they hold a checkpoint of each wheel, 1.7 MB where a window of 80,000 slots is nearly full,
+# and 4,096 wheels are the most.
+MAX_FLEET_FILE_BYTES: Final = 24 * 2**30
+MAX_WORK_BYTES: Final = 3 * 2**30  # to be copied and unpacked, of all records of a file and of what only looks like one
+MAX_WORK_SHARE: Final = 3  # or so many for each byte of a larger file
+# Where nothing is kept of what is unpacked; telemetry that hardly changes is packed to a twentieth.
+MAX_PASSING_WORK_SHARE: Final = 64
+MAX_RECORDS: Final = 10_000_000  # of a file
+MAX_JSON_BYTES: Final = 16 * 2**20  # of an attachment that is parsed here
+_HEAD_BYTES: Final = 9  # opcode and length
+_FOOTER_BYTES: Final = _HEAD_BYTES + 8 + 8 + 4
+_COMPRESSION_OFFSET: Final = _HEAD_BYTES + 8 + 8 + 8 + 4  # of the compression's name in a chunk record
+_CHUNK_HEAD: Final = struct.Struct("<BQQQQI")  # opcode, length, first and last time, size and checksum when unpacked
+_ATTACHMENT_NAME: Final = 8 + 8  # where the name of an attachment begins, with its length, after two times
+_RECORD_HEAD: Final = struct.Struct("<BQ")  # opcode and length
+_MESSAGE_HEAD: Final = struct.Struct("<HIQQ")  # channel, sequence, log and publish time
+_MESSAGE_BYTES: Final = _MESSAGE_HEAD.size
+_MESSAGE: Final = int(Opcode.MESSAGE)  # comparing an enumeration costs as much as reading the record
+_ZSTD_NAME: Final = b"\x04\x00\x00\x00zstd"
+CHANNELS_ATTACHMENT: Final = "channels.json"
+SETTINGS_ATTACHMENT: Final = "settings.json"
+CHECKPOINT_PREFIX: Final = "checkpoint/"  # of the attachments' names
+# Of which wheels a recording holds the state ("checkpoints" in its settings): of some while the wheels are brought over
+# from the recording before, which holds the state of the others.
+ALL_CHECKPOINTS: Final = "all"
+SOME_CHECKPOINTS: Final = "some"
+
+
+@dataclass(frozen=True, slots=True)
+class RecordedMessage:
+    """One message of a recording; `sequence` counts those of its topic, so that a gap shows."""
+
+    topic: str
+    schema: str
+    log_time: int
+    publish_time: int
+    data: bytes
+    sequence: int = field(default=0, compare=False)
+
+
+class Attached(NamedTuple):
+    """An attachment of a recording."""
+
+    name: str
+    data: bytes
+
+
+@dataclass(slots=True)
+class Recording:
+    """The content of one recording.
+
+    Attributes
+    ----------
+    path
+        The file.
+    finished
+        Whether it was closed in order; a recording without an end can still be whole up to its last flush.
+    problems
+        One line for each part that could not be read.
+    attachments
+        Content by name, the last one where a name occurs twice.
+    messages
+        All messages that passed their checksum, in file order.
+    """
+
+    path: Path
+    finished: bool = False
+    problems: list[str] = field(default_factory=list)
+    attachments: dict[str, bytes] = field(default_factory=dict)
+    messages: list[RecordedMessage] = field(default_factory=list)
+
+    def settings(self) -> dict[str, Any]:
+        """Return the settings attached by the recorder; raises InputError where there are none."""
+        return self.json_attachment(SETTINGS_ATTACHMENT)
+
+    def json_attachment(self, name: str) -> dict[str, Any]:
+        """Return a JSON attachment; raises InputError where it is missing or no JSON object."""
+        if name not in self.attachments:
+            raise InputError(
+                str(self.path), "is missing: this is no recording of rwa-monitor run", f"attachment {name}"
+            )
+        if len(self.attachments[name]) > MAX_JSON_BYTES:
+            raise InputError(str(self.path), f"is larger than {MAX_JSON_BYTES} bytes", f"attachment {name}")
+        try:
+            content = json.loads(self.attachments[name])
+        except (ValueError, RecursionError) as error:
+            raise InputError(str(self.path), f"is no JSON: {error}", f"attachment {name}") from error
+        if not isinstance(content, dict):
+            raise InputError(str(self.path), "is no JSON object", f"attachment {name}")
+        return content
+
+
+def read_recording(path: Path, limit: int = MAX_FILE_BYTES) -> Recording:
+    """Read a recording, as much of it as is whole.
+
+    Parameters
+    ----------
+    path
+        The file.
+    limit
+        Size from which it is refused [bytes].
+
+    Raises
+    ------
+    InputError
+        If the file cannot be opened, does not begin as an MCAP file, or exceeds a limit.
+    """
+    data = read_bytes(path, limit)
+    recording = Recording(path)
+    for part in _Walk(recording, data, MAX_WORK_SHARE).parts():
+        if isinstance(part, RecordedMessage):
+            recording.messages.append(part)
+        else:
+            recording.attachments[part.name] = part.data
+    return recording
+
+
+class PassingRecording:
+    """A recording whose content is passed on piece by piece and not kept, so that a large one takes little memory.
+
+    Parameters
+    ----------
+    path
+        The file.
+
+    Attributes
+    ----------
+    recording
+        Its `problems` and `finished` are true at the end; what it keeps is for whoever reads.
+    share
+        Of the file that has been gone through, 0 … 1.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.recording = Recording(path)
+        self.share = 0.0
+
+    def parts(self) -> Iterator[Attached | RecordedMessage]:
+        """Pass on attachments and messages in the order of the file.
+
+        Raises
+        ------
+        InputError
+            As `read_recording`; the limit is `MAX_FLEET_FILE_BYTES`.
+        """
+        path = self.recording.path
+        try:
+            with path.open("rb", buffering=0) as file:
+                size = os.fstat(file.fileno()).st_size
+                if size > MAX_FLEET_FILE_BYTES:
+                    reason = f"is larger than the limit of {MAX_FLEET_FILE_BYTES:,} bytes"
+                    raise InputError(display_name(path), reason)
+                walk = _Walk(self.recording, FileBytes(file, size), MAX_PASSING_WORK_SHARE)
+                for part in walk.parts():
+                    self.share = walk.position / size
+                    yield part
+        except OSError as error:
+            raise unreadable(path, error) from error
+
+
+class _Walk:
+    """Goes over the records of a file and passes on what is whole."""
+
+    def __init__(self, recording: Recording, data: Content, work_share: int) -> None:
+        if data[: len(MCAP0_MAGIC)] != MCAP0_MAGIC:
+            raise InputError(str(recording.path), "is no MCAP file")
+        self.recording = recording
+        self.data = data
+        self.position = len(MCAP0_MAGIC)
+        self.most_work_bytes = max(MAX_WORK_BYTES, work_share * len(data))
+        self.found: list[Attached | RecordedMessage] = []  # in the record at hand
+        self.schemas: dict[int, str] = {}
+        self.channels: dict[int, tuple[str, str]] = {}  # topic and schema
+        self.lost_messages = 0
+        self.work_bytes = 0
+        self.records = 0
+
+    def parts(self) -> Iterator[Attached | RecordedMessage]:
+        """Go from the beginning to the end, or to what cannot be passed."""
+        while self.position < len(self.data) and not self.recording.finished:
+            position, stop = self.position, self._record_end(self.position)
+            if stop is None or not self._record(position, stop):
+                stop = self._next_chunk(position + 1)
+                self.recording.problems.append(f"bytes {position} to {stop} of {len(self.data)} cannot be read")
+            found, self.found = self.found, []
+            self.position = stop
+            yield from found
+        if self.lost_messages:
+            self.recording.problems.append(
+                f"{counted(self.lost_messages, 'message')} of channels whose description cannot be read"
+            )
+
+    def _record_end(self, position: int) -> int | None:
+        """Return where the record at `position` ends, None where no record can be."""
+        if position + _HEAD_BYTES > len(self.data):
+            return None
+        length = int.from_bytes(self.data[position + 1 : position + _HEAD_BYTES], "little")
+        stop = position + _HEAD_BYTES + length
+        return stop if length <= MAX_RECORD_BYTES and stop <= len(self.data) else None
+
+    def _record(self, position: int, stop: int) -> bool:
+        """Take in one record; False where it is damaged."""
+        opcode = self.data[position]
+        self._begin_work(stop - position)
+        content = self.data[position + _HEAD_BYTES : stop]
+        if opcode == Opcode.CHUNK:
+            return self._chunk(content)
+        if opcode == Opcode.ATTACHMENT:
+            return self._attachment(content)
+        if opcode == Opcode.DATA_END:
+            self.recording.finished = self._summary_is_whole(stop)
+            return self.recording.finished
+        return _is_ignored(opcode, content)
+
+    def _chunk(self, content: bytes) -> bool:
+        try:
+            chunk = Chunk.read(ReadDataStream(BytesIO(content)))
+            records = self._unpack(chunk)
+        except InputError:
+            raise
+        # The parsers raise whatever a damaged byte leads them to.
+        except Exception:  # noqa: BLE001
+            return False
+        for record in records:
+            if isinstance(record, Schema):
+                self.schemas[record.id] = record.name
+            elif isinstance(record, Channel):
+                self.channels[record.id] = (record.topic, self.schemas.get(record.schema_id, ""))
+            else:
+                self._message(record)
+        return True
+
+    def _unpack(self, chunk: Chunk) -> list[Schema | Channel | McapMessage]:
+        """Return the records of a chunk; raises InputError if the file exceeds a limit, others if it is damaged."""
+        if not _believable(chunk):
+            raise ValueError("a size or checksum that is none")
+        self._begin_work(chunk.uncompressed_size)
+        data = zstandard.decompress(chunk.data, chunk.uncompressed_size) if chunk.compression else chunk.data
+        if zlib.crc32(data) != chunk.uncompressed_crc:
+            raise ValueError("another checksum")
+        records: list[Schema | Channel | McapMessage] = []
+        position, stop = 0, len(data)
+        while position < stop:
+            self.records += 1
+            if self.records > MAX_RECORDS:
+                raise InputError(display_name(self.recording.path), f"has more than {MAX_RECORDS:,} records")
+            opcode, length = _RECORD_HEAD.unpack_from(data, position)
+            start, position = position + _HEAD_BYTES, position + _HEAD_BYTES + length
+            if position > stop:
+                raise ValueError("a record that reaches beyond its chunk")
+            if opcode == _MESSAGE:
+                if length < _MESSAGE_BYTES:
+                    raise ValueError("a message without its head")
+                channel, sequence, log_time, publish_time = _MESSAGE_HEAD.unpack_from(data, start)
+                payload = data[start + _MESSAGE_BYTES : position]
+                records.append(McapMessage(channel, log_time, payload, publish_time, sequence))
+            elif opcode == Opcode.SCHEMA:
+                records.append(Schema.read(ReadDataStream(BytesIO(data[start:position]))))
+            elif opcode == Opcode.CHANNEL:
+                records.append(Channel.read(ReadDataStream(BytesIO(data[start:position]))))
+        return records
+
+    def _begin_work(self, size: int) -> None:
+        """Add to the work done on the file; raises InputError where it is too much."""
+        self.work_bytes += size
+        if self.work_bytes > self.most_work_bytes:
+            reason = f"asks for more than {self.most_work_bytes:,} bytes to be copied and unpacked"
+            raise InputError(display_name(self.recording.path), reason)
+
+    def _message(self, record: McapMessage) -> None:
+        if record.channel_id not in self.channels:
+            self.lost_messages += 1
+            return
+        topic, schema = self.channels[record.channel_id]
+        self.found.append(
+            RecordedMessage(topic, schema, record.log_time, record.publish_time, record.data, record.sequence)
+        )
+
+    def _attachment(self, content: bytes) -> bool:
+        attachment = _believed_attachment(content)
+        if attachment is None:
+            return False
+        try:
+            if attachment.name == CHANNELS_ATTACHMENT:
+                if len(attachment.data) > MAX_JSON_BYTES:
+                    return False
+                for key, (topic, schema) in json.loads(attachment.data).items():
+                    self.channels.setdefault(int(key), (str(topic), str(schema)))
+        except Exception:  # noqa: BLE001 - as above
+            return False
+        self.found.append(Attached(attachment.name, attachment.data))
+        return True
+
+    def _summary_is_whole(self, start: int) -> bool:
+        """Check what follows the data: it only repeats it, but a damaged one may not be the end at all."""
+        end = len(self.data) - len(MCAP0_MAGIC)
+        footer = end - _FOOTER_BYTES
+        if footer < start or self.data[footer] != Opcode.FOOTER or self.data[end:] != MCAP0_MAGIC:
+            return False
+        return zlib.crc32(self.data[start : end - 4]) == int.from_bytes(self.data[end - 4 : end], "little")
+
+    def _next_chunk(self, position: int) -> int:
+        """Return where the next whole chunk begins, the file's end where there is none."""
+        while (found := self.data.find(_ZSTD_NAME, position + _COMPRESSION_OFFSET)) >= 0:
+            start = found - _COMPRESSION_OFFSET
+            stop = self._record_end(start)
+            if stop is not None and self._is_chunk(start, stop):
+                return start
+            position = start + 1
+        return len(self.data)
+
+    def _is_chunk(self, start: int, stop: int) -> bool:
+        """Tell whether a whole chunk lies between two positions; looks at its head before it copies anything."""
+        opcode, _, _, _, size, _ = _CHUNK_HEAD.unpack(self.data[start : start + _CHUNK_HEAD.size])
+        data = start + _COMPRESSION_OFFSET + len(_ZSTD_NAME) + 8
+        length = int.from_bytes(self.data[data - 8 : data], "little")
+        if opcode != Opcode.CHUNK or size > MAX_CHUNK_BYTES or data + length != stop:
+            return False
+        self._begin_work(stop - start)
+        try:
+            return bool(self._unpack(Chunk.read(ReadDataStream(BytesIO(self.data[start + _HEAD_BYTES : stop])))))
+        except InputError:
+            raise
+        except Exception:  # noqa: BLE001 - as above
+            return False
+
+
+def _is_ignored(opcode: int, content: bytes) -> bool:
+    """Tell whether this is a record from which nothing is taken, as it has no checksum of its own.
+
+    Its lengths must agree: a chunk whose opcode has a flipped bit must not pass for one, and be lost without a word.
+    """
+    if opcode == Opcode.HEADER:  # two texts, each after its length
+        profile = int.from_bytes(content[:4], "little")
+        library = int.from_bytes(content[4 + profile : 8 + profile], "little")
+        return len(content) == 8 + profile + library
+    if opcode == Opcode.MESSAGE_INDEX:  # a channel, then an array after its length
+        return len(content) == 6 + int.from_bytes(content[2:6], "little")
+    return False
+
+
+def _believed_attachment(content: bytes) -> Attachment | None:
+    """Return the attachment in a record, None where it is damaged."""
+    if len(content) < 4 or zlib.crc32(content[:-4]) != int.from_bytes(content[-4:], "little"):
+        return None
+    try:
+        attachment: Attachment = Attachment.read(ReadDataStream(BytesIO(content)))
+    except Exception:  # noqa: BLE001 - the parsers raise whatever a damaged byte leads them to
+        return None
+    return attachment
+
+
+def _believable(chunk: Chunk) -> bool:
+    """Tell whether a chunk has a checksum, and a size that may be unpacked."""
+    if chunk.uncompressed_crc == 0 or chunk.uncompressed_size > MAX_CHUNK_BYTES:
+        return False
+    if chunk.compression == "zstd":
+        return bool(zstandard.get_frame_parameters(chunk.data).content_size == chunk.uncompressed_size)
+    return chunk.compression == ""
+
+
+def time_span(path: Path) -> tuple[int, int] | None:
+    """Return the first and the last time [ns, the wheels' clocks] in a recording, None where it tells none.
+
+    From the heads of its chunks alone, which no checksum guards: to show, and for nothing else. What a recording holds
+    before the first sample bears no time (0) and does not count.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read.
+    """
+    first_ns: int | None = None
+    last_ns = 0
+    try:
+        with path.open("rb") as file:
+            size = file.seek(0, SEEK_END)
+            position = len(MCAP0_MAGIC)
+            for _ in range(MAX_RECORDS):
+                file.seek(position)
+                head = file.read(_CHUNK_HEAD.size)
+                if len(head) < _CHUNK_HEAD.size:
+                    break
+                opcode, length, start_ns, end_ns, *_ = _CHUNK_HEAD.unpack(head)
+                position += _HEAD_BYTES + length
+                if opcode == Opcode.DATA_END or position > size:
+                    break
+                if opcode == Opcode.CHUNK and end_ns:
+                    first_ns = first_ns or start_ns or end_ns
+                    last_ns = max(last_ns, end_ns)
+    except OSError as error:
+        raise unreadable(path, error) from error
+    return None if first_ns is None else (first_ns, last_ns)
+
+
+def last_settings(path: Path) -> dict[str, Any]:
+    """Return the settings that a recording was given last, empty where it tells none; all else is passed over unread.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read.
+    """
+    recording = Recording(path)
+    named = len(SETTINGS_ATTACHMENT).to_bytes(4, "little") + SETTINGS_ATTACHMENT.encode()
+    try:
+        with path.open("rb") as file:
+            size = file.seek(0, SEEK_END)
+            position = len(MCAP0_MAGIC)
+            for _ in range(MAX_RECORDS):
+                file.seek(position)
+                head = file.read(_HEAD_BYTES)
+                if len(head) < _HEAD_BYTES:
+                    break
+                opcode, length = _RECORD_HEAD.unpack(head)
+                position += _HEAD_BYTES + length
+                if opcode == Opcode.DATA_END or position > size:
+                    break
+                if opcode != Opcode.ATTACHMENT or length > MAX_JSON_BYTES:
+                    continue
+                begin = file.read(_ATTACHMENT_NAME + len(named))
+                if begin[_ATTACHMENT_NAME:] == named:
+                    content = begin + file.read(length - len(begin))
+                    if attachment := _believed_attachment(content):
+                        recording.attachments[SETTINGS_ATTACHMENT] = attachment.data
+    except OSError as error:
+        raise unreadable(path, error) from error
+    return recording.settings() if recording.attachments else {}

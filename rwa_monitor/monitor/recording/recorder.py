@@ -1,0 +1,465 @@
+"""Writes recordings: MCAP files from which every decision of the monitor can be replayed.
+
+A recording carries the wheel, the model, all settings, the name and hash of its predecessor, and a checkpoint of every
+wheel at its beginning, as attachments. Its messages are, in this order: inputs as they came, before they are processed
+(those that were refused on the topic {key}/refused), then what the monitor said of them.
+
+Log times are the wheels' own clock, so that two runs on the same inputs write the same messages: the time of the latest
+sample of the message, or that of the message before where this would go back (several wheels, a clock that stepped).
+The publish time is the wall clock of the machine that records. Chunks are small, and what is in them is brought to the
+disk at least every second and at each closed window.
+
+When a recording is full the next one is begun, and the state of one wheel after the other is brought over while all go
+on: until a wheel's checkpoint stands in the new file, its messages go on into the one before. So the new file holds,
+of each wheel, a checkpoint before its first message, and is replayed by itself; only for as long as it says that it has
+the checkpoints of some wheels ("checkpoints" in settings.json), a monitor that is started needs the one before, too.
+Before a checkpoint is written, all that its state was made of is brought to the disk. When all wheels are there the
+file before is ended, and its hash is attached to the new one with the settings once more.
+
+A disk that fails degrades the recording, never the diagnosis: the error is kept for `status`, and a new file is begun
+when the disk works again. It starts with checkpoints, so what is missing between the files is known.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import shutil
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, Final, Self
+
+from rwa_monitor.errors import InputError
+from rwa_monitor.messages import MAX_MESSAGE_BYTES, dump_json
+from rwa_monitor.monitor.recording.chain import RECORDING_SUFFIX, file_sha256
+from rwa_monitor.monitor.recording.reader import (
+    ALL_CHECKPOINTS,
+    CHECKPOINT_PREFIX,
+    SETTINGS_ATTACHMENT,
+    SOME_CHECKPOINTS,
+)
+from rwa_monitor.monitor.recording.writer import PART_SUFFIX, RecordedOutput, RecordingWriter, Sink
+from rwa_monitor.telemetry.files import make_folder
+from rwa_monitor.version import SOFTWARE
+
+RECORDING_VERSION: Final = 1
+MAX_FILE_BYTES: Final = 32 * 2**20  # then the next file is begun; rebuilding from one takes some seconds
+MAX_FILE_AGE_S: Final = 24 * 3600.0
+MIN_FREE_BYTES: Final = 64 * 2**20  # left on the disk for others
+SCHEMAS_BYTES: Final = 32 * 2**10  # in every file
+MOVED_BYTES: Final = 2**20  # of checkpoints at a time, or one: a full window of 80,000 slots has 1.7 MB, and takes 6 ms
+BUSY_MOVE_S: Final = 0.5  # between two such times while inputs wait
+FLUSH_PERIOD_S: Final = 1.0
+RETRY_PERIOD_S: Final = 1.0  # after the disk failed; twice as long after each failure that follows
+MAX_RETRY_PERIOD_S: Final = 32.0
+MAX_REFUSED_TOPICS: Final = 1_000  # refused messages on more keys than that go on one topic
+REFUSED: Final = "refused"
+REFUSED_SCHEMA: Final = "rwa.Refused"
+LOCK_NAME: Final = ".rwa-monitor.lock"
+
+# Of each wheel, "<spacecraft>/<wheel>" and what makes its checkpoint. They are made one by one when they are written:
+# those of fifty wheels have 85 MB when their windows are nearly full.
+Checkpoints = Mapping[str, Callable[[], bytes]]
+
+
+@dataclass(frozen=True, slots=True)
+class Predecessor:
+    """The recording before this one; `sha256` is None while that one is still being written.
+
+    `rest` is the one before it where it holds the state of some wheels only, and that one the state of the others.
+    """
+
+    name: str
+    sha256: str | None
+    rest: Predecessor | None = None
+
+    def names(self) -> set[str]:
+        """Return the names of all files without which the state would be lost."""
+        return {self.name} | (self.rest.names() if self.rest else set())
+
+    def to_settings(self) -> dict[str, Any]:
+        """Return what a recording says of it."""
+        told: dict[str, Any] = {"name": self.name, "sha256": self.sha256}
+        return told if self.rest is None else told | {"rest": self.rest.to_settings()}
+
+
+class Recorder:
+    """Keeps the recordings of a folder: rotates, looks after the disk, never raises once it has begun.
+
+    Parameters
+    ----------
+    folder
+        Made if it does not exist.
+    wheel_toml, model_json, settings
+        Attached to every file; `settings` gets the version, the software and the predecessor added.
+    own_wheels
+        Further attachments by name: the constants of single wheels.
+    predecessor
+        The last recording in the folder, None in an empty one.
+    wall_ns
+        The wall clock [ns].
+    max_file_bytes
+        Then the next file is begun.
+    max_total_bytes
+        Of all recordings in the folder; the oldest are deleted to keep it. None keeps all.
+
+    Attributes
+    ----------
+    error
+        Why nothing is being recorded, "" when all is well.
+
+    Raises
+    ------
+    InputError
+        If the folder cannot be made, or another monitor records in it.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        *,
+        wheel_toml: str,
+        model_json: str,
+        settings: dict[str, Any],
+        predecessor: Predecessor | None,
+        wall_ns: Callable[[], int],
+        max_file_bytes: int = MAX_FILE_BYTES,
+        max_total_bytes: int | None = None,
+        own_wheels: Mapping[str, bytes] = MappingProxyType({}),
+    ) -> None:
+        self.folder = folder
+        self.error = ""
+        self._attachments = {"wheel.toml": wheel_toml.encode(), **own_wheels, "model.json": model_json.encode()}
+        self._settings = settings
+        self._predecessor = predecessor
+        self._wall_ns = wall_ns
+        self._max_file_bytes = max_file_bytes
+        self._max_total_bytes = max_total_bytes
+        self._writer: RecordingWriter | None = None
+        self._ending: RecordingWriter | None = None  # the file before, for as long as wheels are left in it
+        self._left: dict[str, Callable[[], bytes]] = {}  # these wheels, and what makes their checkpoints
+        self._moved_s = 0.0
+        self._room = 0  # bytes for which there is room in the new file
+        self._begun_s = 0.0
+        self._synced_s = 0.0
+        self._retry_s = float("-inf")
+        self._retry_period_s = RETRY_PERIOD_S
+        self._refused_topics: set[str] = set()
+
+    @property
+    def path(self) -> Path | None:
+        """The file that is being written."""
+        return None if self._writer is None else self._writer.path
+
+    def begin(self, checkpoints: Checkpoints, now_s: float, inherited: Sequence[RecordedOutput] = ()) -> None:
+        """Begin a new file, with the state of all wheels before anything else.
+
+        Parameters
+        ----------
+        checkpoints
+            Of all wheels.
+        now_s
+            A clock that only goes forward [s].
+        inherited
+            Outputs for inputs of its predecessor, which did not get to the disk there.
+        """
+        try:
+            for part in self.folder.glob(f"*{RECORDING_SUFFIX}{PART_SUFFIX}"):
+                part.unlink()  # of a run that was killed while it began a file
+            self._room = 0
+            self._writer = self._new_file(self._predecessor, ALL_CHECKPOINTS, checkpoints, inherited)
+        except OSError as error:
+            self._fail(error, now_s)
+            return
+        self.error = ""
+        self._retry_period_s = RETRY_PERIOD_S
+        self._begun_s = self._synced_s = now_s
+        self._predecessor = None
+
+    def _new_file(
+        self,
+        predecessor: Predecessor | None,
+        which: str,
+        checkpoints: Checkpoints,
+        inherited: Sequence[RecordedOutput] = (),
+    ) -> RecordingWriter:
+        number = 1 if predecessor is None else _number_of(predecessor.name) + 1
+        path = self.folder / f"rwa-{number:06d}{RECORDING_SUFFIX}"
+        while path.exists():
+            number += 1
+            path = self.folder / f"rwa-{number:06d}{RECORDING_SUFFIX}"
+
+        def attachments() -> Iterator[tuple[str, bytes]]:
+            yield from self._attachments.items()
+            yield SETTINGS_ATTACHMENT, self._settings_of(predecessor, which, inherited)
+            for name, make in checkpoints.items():
+                yield _attachment_of(name), make()
+
+        return RecordingWriter(path, self._with_room_for(attachments()), self._wall_ns, inherited)
+
+    def _settings_of(
+        self, predecessor: Predecessor | None, which: str, inherited: Sequence[RecordedOutput] = ()
+    ) -> bytes:
+        """Return what a recording says of itself."""
+        return dump_json(
+            {
+                **self._settings,
+                "recording_version": RECORDING_VERSION,
+                "software": SOFTWARE,
+                "predecessor": None if predecessor is None else predecessor.to_settings(),
+                "checkpoints": which,
+                "inherited": dict(Counter(topic for topic, _, _, _ in inherited)),
+            }
+        )
+
+    def input(self, key: str, schema: str, payload: bytes, time_ns: int) -> None:
+        """Record a message that is about to be processed."""
+        self._write(key, schema, payload, time_ns)
+
+    def refused(self, key: str, payload: bytes) -> None:
+        """Record a message that was refused, as it came (the first 8 MiB of it)."""
+        if key not in self._refused_topics and len(self._refused_topics) >= MAX_REFUSED_TOPICS:
+            key = "rwa"
+        self._refused_topics.add(key)
+        self._write(f"{key}/{REFUSED}", REFUSED_SCHEMA, payload[:MAX_MESSAGE_BYTES], None)
+
+    def output(self, key: str, schema: str, payload: bytes, time_ns: int | None) -> None:
+        """Record what the monitor says."""
+        self._write(key, schema, payload, time_ns)
+
+    def sync(self, now_s: float) -> None:
+        """Bring everything to the disk now."""
+        if self._writer is None:
+            return
+        try:
+            if self._ending is not None:
+                self._ending.sync()
+            self._writer.sync()
+            self._check_free(0)
+            self._synced_s = now_s
+        except OSError as error:
+            self._fail(error, now_s)
+
+    def tend(self, now_s: float, checkpoints: Callable[[], Checkpoints], *, busy: bool = False) -> None:
+        """Do what is due: flush, rotate, try again after a failure. Call it often, between two inputs.
+
+        Parameters
+        ----------
+        now_s
+            A clock that only goes forward [s].
+        checkpoints
+            Returns what makes those of all wheels.
+        busy
+            Inputs wait: what may wait longer is done every `BUSY_MOVE_S` only.
+        """
+        if self._writer is None:
+            if now_s >= self._retry_s:
+                self.begin(checkpoints(), now_s)
+            return
+        # Checkpoints of many wheels may be larger than a file should be; then they are at most half of it.
+        written, begin = self._writer.size, self._writer.size_at_begin
+        full = written > max(self._max_file_bytes, 2 * begin) or now_s - self._begun_s > MAX_FILE_AGE_S
+        if now_s - self._synced_s >= FLUSH_PERIOD_S:
+            self.sync(now_s)
+        if self._ending is not None:
+            if not busy or now_s - self._moved_s >= BUSY_MOVE_S:
+                self._move(now_s)
+        elif full and not self.error:
+            self._rotate(checkpoints(), now_s)
+
+    # ---- from one file to the next -------------------------------------------------------------------------------
+
+    def _rotate(self, checkpoints: Checkpoints, now_s: float) -> None:
+        """Begin the next file, into which the wheels are brought one after the other."""
+        ending = self._writer
+        assert ending is not None
+        try:
+            self._room = 0
+            self._need(ending.size_at_begin)
+            self._writer = self._new_file(Predecessor(ending.path.name, None), SOME_CHECKPOINTS, {})
+        except OSError as error:
+            self.close(now_s)  # it is whole, whatever becomes of the next one
+            self._fail(error, now_s)
+            return
+        self._ending, self._left = ending, dict(reversed(list(checkpoints.items())))
+        self._begun_s = now_s
+        self._move(now_s)
+
+    def _move(self, now_s: float) -> None:
+        """Bring some more wheels into the new file, and end the one before when none is left there."""
+        assert self._ending is not None
+        assert self._writer is not None
+        self._moved_s = now_s
+        try:
+            # A state must not come to the disk before all that it was made of, nor what was said of it be lost.
+            self._ending.sync()
+            moved = 0
+            while self._left and moved < min(MOVED_BYTES, self._max_file_bytes):
+                name, make = self._left.popitem()
+                data = make()
+                moved += len(data)
+                self._need(self._writer.size + len(data), len(data), self._writer.size)
+                self._writer.attach(_attachment_of(name), data)
+            if not self._left:
+                self._writer.sync()
+                self._end(ALL_CHECKPOINTS)
+                self._writer.sync()
+                self._writer.size_at_begin = self._writer.size
+        except OSError as error:
+            self._fail(error, now_s)
+
+    def _end(self, which: str) -> Predecessor | None:
+        """Close the file before, and let the new one say what it was; return that, None where there is none."""
+        if self._ending is None or self._writer is None:
+            return None
+        self._ending.close()
+        ended = Predecessor(self._ending.path.name, self._ending.sha256)
+        self._writer.attach(SETTINGS_ATTACHMENT, self._settings_of(ended, which))
+        self._ending = None
+        return ended
+
+    def close(self, now_s: float) -> None:
+        """Write the end of the file; where wheels are left in the one before, the two go together."""
+        if self._writer is None:
+            return
+        writer = self._writer
+        try:
+            ended = self._end(SOME_CHECKPOINTS)
+            writer.close()
+        except OSError as error:
+            self._fail(error, now_s)
+            return
+        self._writer = None
+        self._left = {}
+        self._predecessor = Predecessor(writer.path.name, writer.sha256, ended)
+
+    def abandon(self) -> None:
+        """Close the file as it is, without its end, as a crash would leave it."""
+        if self._writer is None:
+            return
+        rest: Predecessor | None = None
+        if self._ending is not None:
+            self._ending.abandon()
+            rest = predecessor_of(self._ending.path)
+        self._writer.abandon()
+        self._predecessor = predecessor_of(self._writer.path, rest)
+        self._writer, self._ending, self._left = None, None, {}
+
+    def _write(self, topic: str, schema: str, payload: bytes, time_ns: int | None) -> None:
+        writer = self._writer
+        if self._left and _wheel_of(topic) in self._left:
+            writer = self._ending
+        if writer is None:
+            return
+        try:
+            writer.write(topic, schema, payload, time_ns)
+        except OSError as error:
+            self._fail(error, self._synced_s)
+
+    # ---- the disk ------------------------------------------------------------------------------------------------
+
+    def _with_room_for(self, attachments: Iterable[tuple[str, bytes]]) -> Iterator[tuple[str, bytes]]:
+        """Pass on what a new file begins with, and see to it that there is room for such a file."""
+        size = 0
+        for name, data in attachments:
+            size += len(data)
+            self._need(size, len(data))
+            yield name, data
+
+    def _need(self, begin: int, more: int = 0, written: int = 0) -> None:
+        """See to it that there is room for a file that begins with some bytes, of which some are written already."""
+        needed = max(self._max_file_bytes, 2 * (begin + SCHEMAS_BYTES)) + Sink.GATHERED_BYTES
+        if needed > self._room:
+            self._make_room(needed - written)
+            self._room = needed
+        self._check_free(more)
+
+    def _check_free(self, needed: int) -> None:
+        free = shutil.disk_usage(self.folder).free
+        if free < MIN_FREE_BYTES + needed:
+            raise OSError(f"only {free} bytes are free, {MIN_FREE_BYTES + needed} are kept for others")
+
+    def _make_room(self, needed: int) -> None:
+        """Delete the oldest recordings where those to come would make the folder larger than it may be."""
+        if self._max_total_bytes is None:
+            return
+        recordings = sorted(self.folder.glob(f"rwa-*{RECORDING_SUFFIX}"))
+        sizes = [path.stat().st_size for path in recordings]
+        # The last one stays in any case, and so does what it goes on from: what comes goes on from them.
+        kept = {recordings[-1].name} if recordings else set()
+        kept |= self._predecessor.names() if self._predecessor else set()
+        kept |= {self._ending.path.name} if self._ending else set()
+        total = sum(sizes)
+        for path, size in zip(recordings, sizes, strict=True):
+            if total + needed <= self._max_total_bytes:
+                return
+            if path.name not in kept:
+                path.unlink()
+                total -= size
+
+    def _fail(self, error: OSError, now_s: float) -> None:
+        self.error = f"nothing is recorded: {error.strerror or error}"
+        self._retry_s = now_s + self._retry_period_s
+        self._retry_period_s = min(2.0 * self._retry_period_s, MAX_RETRY_PERIOD_S)
+        self.abandon()
+
+
+def last_recording(folder: Path) -> Path | None:
+    """Return the last recording of a folder, None where there is none."""
+    if not folder.is_dir():
+        return None
+    return max((path for path in folder.iterdir() if path.suffix == RECORDING_SUFFIX), default=None)
+
+
+def predecessor_of(path: Path, rest: Predecessor | None = None) -> Predecessor:
+    """Return name and hash of a recording; an empty hash where it cannot be read."""
+    try:
+        return Predecessor(path.name, file_sha256(path), rest)
+    except OSError:
+        return Predecessor(path.name, "", rest)
+
+
+def _attachment_of(name: str) -> str:
+    return f"{CHECKPOINT_PREFIX}{name}.json"
+
+
+def _wheel_of(topic: str) -> str:
+    """Return the "<spacecraft>/<wheel>" of a topic."""
+    return "/".join(topic.split("/")[1:3])
+
+
+def _number_of(name: str) -> int:
+    digits = "".join(character for character in Path(name).stem if character.isdigit())
+    return int(digits or "0")
+
+
+class FolderLock:
+    """Keeps two monitors from recording in one folder; held until closed, or until the process ends.
+
+    Raises
+    ------
+    InputError
+        If the folder cannot be made or written, or another monitor holds it.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        make_folder(folder, "--record")
+        try:
+            self._file = (folder / LOCK_NAME).open("ab")
+        except OSError as error:
+            raise InputError(str(folder), f"cannot be written: {error.strerror}", "--record") from error
+        try:
+            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            self._file.close()
+            raise InputError(str(folder), "another monitor records in it", "--record") from error
+
+    def __enter__(self) -> Self:
+        """Enter; the folder is locked already."""
+        return self
+
+    def __exit__(self, *_error: object) -> None:
+        """Let go of the folder."""
+        self._file.close()

@@ -1,0 +1,199 @@
+"""Writes one recording: an MCAP file whose attachments stand among its messages, in the order in which they came."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterable
+from contextlib import suppress
+from hashlib import sha256
+from pathlib import Path
+from typing import IO, Final, cast
+
+from mcap.writer import CompressionType, Writer
+
+from rwa_monitor.messages import MESSAGES, dump_json
+from rwa_monitor.monitor.recording.reader import CHANNELS_ATTACHMENT
+from rwa_monitor.version import SOFTWARE
+
+PROFILE: Final = "rwa-monitor"
+CHUNK_BYTES: Final = 64 * 2**10
+FEW_CHANNELS: Final = 64  # so many are listed whole each time that one is new
+PART_SUFFIX: Final = ".part"  # of a recording whose beginning is not on the disk yet
+
+RecordedOutput = tuple[str, str, bytes, int | None]  # topic, schema, payload and time
+
+
+class Sink:
+    """The file under an MCAP writer: gathers what is written and passes it on in one piece when flushed.
+
+    A process that is killed then leaves whole records behind, and the hash of the file is known when it is closed.
+    """
+
+    GATHERED_BYTES: Final = 2**20
+
+    def __init__(self, path: Path) -> None:
+        self.file = path.open("xb", buffering=0)
+        self.digest = sha256()
+        self.size = 0
+        self._gathered = bytearray()
+
+    def write(self, data: bytes) -> int:
+        self._gathered += data
+        self.size += len(data)
+        if len(self._gathered) > self.GATHERED_BYTES:
+            self.flush()
+        return len(data)
+
+    def tell(self) -> int:
+        return self.size
+
+    def flush(self) -> None:
+        written = 0
+        data, self._gathered = bytes(self._gathered), bytearray()
+        while written < len(data):
+            written += self.file.write(data[written:])
+        self.digest.update(data)
+
+    def sync(self) -> None:
+        self.flush()
+        os.fdatasync(self.file.fileno())
+
+    def close(self) -> None:
+        self.file.close()
+
+
+class RecordingWriter:
+    """Writes one recording.
+
+    Parameters
+    ----------
+    path
+        A new file. It has this name once what it begins with is on the disk: a recording of that name is always usable.
+    attachments
+        Names and content, written at the beginning, each before the next is asked for.
+    wall_ns
+        The wall clock [ns], for publish times.
+    inherited
+        Messages that the file begins with: topic, schema, payload and time, as for `write`.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be written; so do all methods.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        attachments: Iterable[tuple[str, bytes]],
+        wall_ns: Callable[[], int],
+        inherited: Iterable[RecordedOutput] = (),
+    ) -> None:
+        self.path = path
+        self.wall_ns = wall_ns
+        self._log_time = 0
+        self._channels: dict[str, int] = {}
+        self._described: dict[str, tuple[str, str]] = {}
+        self._described_whole = 0  # how many there were when all of them were written down last
+        self._sequence: dict[int, int] = {}
+        part = path.with_name(path.name + PART_SUFFIX)
+        self._sink = Sink(part)
+        try:
+            self._begin(attachments)
+            for topic, schema, payload, time_ns in inherited:
+                self.write(topic, schema, payload, time_ns)
+            self.sync()
+            part.rename(path)
+            _sync_folder(path.parent)
+        except OSError:
+            self.abandon()
+            part.unlink(missing_ok=True)
+            raise
+        self.size_at_begin = self.size
+
+    def _begin(self, attachments: Iterable[tuple[str, bytes]]) -> None:
+        self._writer = Writer(cast(IO[bytes], self._sink), chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)
+        self._writer.start(profile=PROFILE, library=SOFTWARE)
+        self._schemas = {
+            message.schema_name(): self._writer.register_schema(
+                message.schema_name(), "jsonschema", dump_json(message.json_schema())
+            )
+            for message in MESSAGES
+        }
+        for name, data in attachments:
+            self.attach(name, data)
+
+    @property
+    def size(self) -> int:
+        """Bytes written so far."""
+        return self._sink.size
+
+    @property
+    def sha256(self) -> str:
+        """Hash of what is in the file; final once it is closed."""
+        return self._sink.digest.hexdigest()
+
+    def register(self, topics: Iterable[tuple[str, str]]) -> None:
+        """Register topics with the names of their schemas, and write the list down apart from the chunks."""
+        new = [(topic, schema) for topic, schema in topics if topic not in self._channels]
+        for topic, schema in new:
+            if schema not in self._schemas:  # of what is recorded only, without a published schema
+                self._schemas[schema] = self._writer.register_schema(schema, "", b"")
+            channel = self._writer.register_channel(topic, "json", self._schemas[schema])
+            self._channels[topic] = channel
+            self._described[str(channel)] = (topic, schema)
+        if new:
+            self._describe([str(self._channels[topic]) for topic, _ in new])
+
+    def _describe(self, new: list[str]) -> None:
+        """Write down which channel is what: all of them, so that one list that is whole tells all.
+
+        Of a fleet only what is new, but for when their number has doubled: else the lists would fill the file.
+        """
+        count = len(self._described)
+        whole = count <= FEW_CHANNELS or count >= 2 * self._described_whole
+        if whole:
+            self._described_whole = count
+        told = self._described if whole else {channel: self._described[channel] for channel in new}
+        self.attach(CHANNELS_ATTACHMENT, dump_json(told))
+
+    def write(self, topic: str, schema: str, payload: bytes, time_ns: int | None) -> None:
+        """Add a message; `time_ns` is its time on the wheel's clock, None where it has none."""
+        self.register([(topic, schema)])
+        self._log_time = max(self._log_time, time_ns or 0)
+        channel = self._channels[topic]
+        sequence = self._sequence.get(channel, 0)
+        self._sequence[channel] = (sequence + 1) % 2**32
+        self._writer.add_message(channel, self._log_time, payload, self.wall_ns(), sequence)
+
+    def attach(self, name: str, data: bytes) -> None:
+        """Add an attachment; of several with one name the last one counts."""
+        media_type = "application/toml" if name.endswith(".toml") else "application/json"
+        self._writer.add_attachment(0, self._log_time, name, media_type, data)
+
+    def sync(self) -> None:
+        """Bring everything to the disk."""
+        self._writer.flush()  # type: ignore[no-untyped-call]
+        self._sink.sync()
+
+    def close(self) -> None:
+        """Write the file's end and close it."""
+        try:
+            self._writer.finish()  # type: ignore[no-untyped-call]
+            self._sink.sync()
+        finally:
+            self._sink.close()
+
+    def abandon(self) -> None:
+        """Close the file as it is, without its end."""
+        with suppress(OSError):
+            self._sink.close()
+
+
+def _sync_folder(folder: Path) -> None:
+    """Bring the names in a folder to the disk: a file whose name is lost when the power goes is lost itself."""
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)

@@ -1,0 +1,331 @@
+"""Replays recordings: the same core on the recorded inputs must give the recorded diagnoses."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from threading import Event
+from typing import Any, Final
+
+import zenoh
+
+from rwa_monitor.errors import InputError
+from rwa_monitor.messages import Diagnosis, Discrepancy, SamplesMessage, key_of
+from rwa_monitor.monitor import state_recovery
+from rwa_monitor.monitor.compare import Comparable, Comparison, compare
+from rwa_monitor.monitor.publisher import LINGER_S, ReliablePublisher
+from rwa_monitor.monitor.recording.chain import file_sha256, recordings_of
+from rwa_monitor.monitor.recording.reader import (
+    SOME_CHECKPOINTS,
+    Attached,
+    PassingRecording,
+    RecordedMessage,
+    Recording,
+)
+from rwa_monitor.monitor.searches import jobs_of, search_message
+from rwa_monitor.monitor.wheel_set import WheelSet
+from rwa_monitor.samples import NANOSECONDS_PER_SECOND
+from rwa_monitor.words import counted, time_text
+
+MAX_LISTED: Final = 20  # fields in the short report
+
+
+@dataclass(frozen=True, slots=True)
+class Report:
+    """What a replay found.
+
+    Attributes
+    ----------
+    files
+        Recordings read, in chain order.
+    compared
+        Messages compared, by type name ("rwa.Diagnosis", "rwa.Changepoints").
+    differences
+        One line per difference beyond the tolerance; empty when all agree.
+    fields
+        Differences counted by field.
+    bytes_equal
+        True where every compared message has equal bytes.
+    unreadable
+        What could not be read of the files, in words; empty when whole.
+    notes
+        What a reader should know, such as "holds no whole window".
+    messages
+        The replayed outputs (topic, JSON bytes), in order.
+    """
+
+    files: tuple[Path, ...]
+    compared: dict[str, int]
+    differences: tuple[str, ...]
+    fields: dict[str, int]
+    bytes_equal: bool
+    unreadable: tuple[str, ...]
+    notes: tuple[str, ...]
+    messages: tuple[tuple[str, bytes], ...]
+
+    @property
+    def equal(self) -> bool:
+        """True when nothing differs beyond 1e-9 relative, and there was something to compare."""
+        return not self.differences and sum(self.compared.values()) > 0
+
+    def short(self) -> str:
+        """Return the short report: a few lines, differences counted per field."""
+        lines = [self._summary()]
+        listed = sorted(self.fields.items(), key=lambda item: (-item[1], item[0]))
+        lines += [f"  {count} × {name}" for name, count in listed[:MAX_LISTED]]
+        if len(listed) > MAX_LISTED:
+            lines.append(f"  and {len(listed) - MAX_LISTED} more fields")
+        return "\n".join(lines)
+
+    def long(self) -> str:
+        """Return the long report: every difference."""
+        return "\n".join((self._summary(), *(f"  {line}" for line in self.differences)))
+
+    def _summary(self) -> str:
+        what = ", ".join(f"{count} {name}" for name, count in sorted(self.compared.items())) or "nothing"
+        files = counted(len(self.files), "file")
+        if not self.compared:
+            result = "nothing could be compared"
+        elif self.differences:
+            result = counted(len(self.differences), "difference")
+        else:
+            result = "equal, byte for byte" if self.bytes_equal else "equal to 1e-9 relative, bytes differ"
+        return f"{files}: {what} compared: {result}"
+
+
+def replay(
+    recordings: Path | Sequence[Path], on_message: Callable[[int], None] | None = None, from_ns: int | None = None
+) -> Report:
+    """Re-run the core on a recording (a file, a folder as a chain, or several files) and compare with what it holds.
+
+    Exit codes on the command line: with --verify 1 unless `report.equal`; with --exact also unless
+    `report.bytes_equal`; 3 where `report.unreadable` says something and the rest agrees.
+
+    Parameters
+    ----------
+    recordings
+        A file, a folder whose recordings form a chain, or several files in order.
+    on_message
+        Called with the number of messages gone through in the running file, for progress.
+    from_ns
+        Messages of the report that are older, on the wheel's clock [ns], are left out of it; all are compared.
+
+    Raises
+    ------
+    InputError
+        If a path is no recording, or its attachments cannot be used.
+    """
+    chain = _Chain(from_ns)
+    for path in recordings_of(recordings):
+        chain.add(PassingRecording(path), on_message)
+    return chain.report()
+
+
+@dataclass(slots=True)
+class _Chain:
+    """Runs recordings one after the other and gathers what they say, from a time on."""
+
+    from_ns: int | None = None
+    files: list[Path] = field(default_factory=list)
+    comparison: Comparison = field(default_factory=Comparison)
+    unreadable: list[str] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+    broken: list[str] = field(default_factory=list)
+    messages: list[tuple[str, bytes]] = field(default_factory=list)
+    spans_ns: list[dict[str, tuple[int, int]]] = field(default_factory=list)  # of the samples in each file, by topic
+    owed: list[Comparable] = field(default_factory=list)  # outputs that the file before was cut too early to hold
+
+    def add(self, passing: PassingRecording, on_message: Callable[[int], None] | None) -> None:
+        """Run one recording and compare."""
+        gone_through = 0
+
+        def count(part: Attached | RecordedMessage) -> None:
+            nonlocal gone_through
+            gone_through += isinstance(part, RecordedMessage)
+            if on_message is not None:
+                on_message(gone_through)
+
+        rebuilt = state_recovery.run_passing(passing, Event(), count)
+        recording = passing.recording
+        settings, setup = recording.settings(), state_recovery.Setup.of(recording)
+        self._check_link(recording, settings)
+        self.unreadable += [f"{recording.path}: {problem}" for problem in recording.problems]
+        self.messages += [
+            (output.key, output.payload)
+            for output in rebuilt.outputs
+            if output.message is not None and (self.from_ns is None or output.time_ns >= self.from_ns)
+        ]
+
+        inherited, own = _split(recording, state_recovery.inherited_counts(settings))
+        replayed: list[Comparable] = [(output.key, output.schema, output.payload) for output in rebuilt.outputs]
+        if settings.get("checkpoints") == SOME_CHECKPOINTS:  # it was begun while the file before was being written
+            self._note(recording, "holds the wheels that had come over from the file before it when the monitor ended")
+        elif self.files and inherited:
+            self.comparison.add_all(compare(inherited, self.owed))
+            self.owed = []
+        elif self.owed:
+            self._note(recording, f"begins after {len(self.owed)} outputs that were lost with the file before it")
+            self.owed = []
+        if not recording.finished:
+            self._note(recording, "was not closed in order")
+            replayed, lost = replayed[: len(own)], replayed[len(own) :]
+            self.owed += lost
+        self.comparison.add_all(compare(own, replayed))
+
+        self.spans_ns.append(rebuilt.spans_ns)
+        self._search_again(recording, setup.wheels)
+        if not any(schema == Diagnosis.schema_name() for _, schema, _ in (*own, *inherited)):
+            self._note(recording, f"holds no closed window ({counted(rebuilt.inputs, 'message')} of samples)")
+        self.files.append(recording.path)
+
+    def _search_again(self, recording: Recording, wheels: WheelSet) -> None:
+        """Repeat the discrepancy searches whose reports are recorded, and compare by content."""
+        reports = [m for m in recording.messages if m.schema == Discrepancy.schema_name()]
+        parsed = [Discrepancy.parse(message.data, message.topic) for message in reports]
+        jobs = jobs_of(parsed, self._inputs_of(parsed, recording.path), wheels)
+        for message, job in zip(reports, jobs, strict=True):
+            again = search_message(job)
+            entry = (message.topic, message.schema)
+            self.comparison.add_all(compare([(*entry, message.data)], [(*entry, again.to_json())]))
+
+    def _inputs_of(self, reports: Sequence[Discrepancy], path: Path) -> Iterator[tuple[str, bytes]]:
+        """Return topic and payload of samples from the files so far that hold some of what reports are about."""
+        for file, spans_ns in zip((*self.files, path), self.spans_ns, strict=True):
+            for report in reports:
+                span = spans_ns.get(key_of(SamplesMessage, report.spacecraft, report.wheel))
+                if span is not None and span[0] <= report.end_ns and span[1] >= report.start_ns:
+                    yield from ((topic, payload) for _, topic, payload in _inputs(file, None))
+                    break
+
+    def report(self) -> Report:
+        """Return what was found."""
+        differences = [*self.broken, *(str(difference) for difference in self.comparison.differences)]
+        fields = Counter(difference.field for difference in self.comparison.differences)
+        if self.broken:
+            fields["chain"] += len(self.broken)
+        return Report(
+            files=tuple(self.files),
+            compared=dict(self.comparison.compared),
+            differences=tuple(differences),
+            fields=dict(fields),
+            bytes_equal=self.comparison.bytes_equal and not self.broken,
+            unreadable=tuple(self.unreadable),
+            notes=tuple(self.notes),
+            messages=tuple(self.messages),
+        )
+
+    def _check_link(self, recording: Recording, settings: dict[str, Any]) -> None:
+        """Check that a recording names what it goes on from, and that this is as it was then."""
+        told = settings.get("predecessor")
+        if not isinstance(told, dict):
+            if self.files:
+                self._note(recording, f"names no predecessor, {self.files[-1].name} comes before it")
+            return
+        before = list(self.files)
+        if not before:
+            self._note(recording, f"goes on from {told.get('name', '')}, which is not replayed")
+        while isinstance(told, dict) and before:
+            path, name = before.pop(), str(told.get("name", ""))
+            if path.name != name:
+                self.broken.append(f"{recording.path}: goes on from {name}, but {path.name} comes before it")
+            elif told.get("sha256", "") is None:
+                self._note(recording, f"was begun while {name} was written, and does not say its hash")
+            elif told.get("sha256") != file_sha256(path):
+                self.broken.append(f"{path}: is not the file that {recording.path.name} goes on from")
+            told = told.get("rest")
+
+    def _note(self, recording: Recording, text: str) -> None:
+        self.notes.append(f"{recording.path}: {text}")
+
+
+def _split(recording: Recording, inherited: dict[str, int]) -> tuple[list[Comparable], list[Comparable]]:
+    """Return the compared messages of a recording: those for inputs of its predecessor, and its own."""
+    left = dict(inherited)
+    first: list[Comparable] = []
+    own: list[Comparable] = []
+    for message in recording.messages:
+        if message.schema not in state_recovery.COMPARED_SCHEMAS:
+            continue
+        entry = (message.topic, message.schema, message.data)
+        if left.get(message.topic, 0) > 0:
+            left[message.topic] -= 1
+            first.append(entry)
+        else:
+            own.append(entry)
+    return first, own
+
+
+# ---- onto the bus ----------------------------------------------------------------------------------------------------
+
+
+def replay_to_bus(
+    recordings: Path | Sequence[Path],
+    session: zenoh.Session,
+    *,
+    speed: float = 1.0,
+    from_ns: int | None = None,
+    stop: Event | None = None,
+) -> int:
+    """Publish a recording's inputs on the bus again, as they came, in the pace of their time.
+
+    Parameters
+    ----------
+    recordings
+        As for `replay`.
+    session
+        An open Zenoh session.
+    speed
+        Times faster than real time; `math.inf` for as fast as the bus takes it.
+    from_ns
+        Messages that end earlier, on the wheel's clock [ns], are left out.
+    stop
+        Ends it early when set.
+
+    Returns
+    -------
+    int
+        Messages published.
+
+    Raises
+    ------
+    InputError
+        If a path is no recording, or nothing in them is of `from_ns` or later.
+    """
+    stop = Event() if stop is None else stop
+    publishers: dict[str, ReliablePublisher] = {}
+    sent = 0
+    first_ns: int | None = None
+    begin_s = time.monotonic()
+    try:
+        for time_ns, topic, payload in _inputs(recordings, from_ns):
+            first_ns = time_ns if first_ns is None else first_ns
+            due_s = begin_s + (time_ns - first_ns) / NANOSECONDS_PER_SECOND / speed
+            if stop.wait(0.0 if math.isinf(speed) else max(0.0, due_s - time.monotonic())):
+                break
+            if topic not in publishers:
+                publishers[topic] = ReliablePublisher(session, topic)
+            publishers[topic].put(payload)
+            sent += 1
+        stop.wait(LINGER_S)
+    finally:
+        for publisher in publishers.values():
+            publisher.close()
+    return sent
+
+
+def _inputs(recordings: Path | Sequence[Path], from_ns: int | None) -> Iterator[tuple[int, str, bytes]]:
+    last_ns: int | None = None
+    found = False
+    for path in recordings_of(recordings):
+        for part in PassingRecording(path).parts():
+            if isinstance(part, RecordedMessage) and part.schema == SamplesMessage.schema_name():
+                last_ns = part.log_time if last_ns is None else max(last_ns, part.log_time)
+                if from_ns is None or part.log_time >= from_ns:
+                    found = True
+                    yield part.log_time, part.topic, part.data
+    if from_ns is not None and last_ns is not None and not found:
+        raise InputError(time_text(from_ns), f"the recordings hold nothing so late: they end at {time_text(last_ns)}")

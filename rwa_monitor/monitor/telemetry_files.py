@@ -1,0 +1,114 @@
+"""Telemetry from files of every format: which reader a file needs, and recordings of the bus."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Final
+
+from rwa_monitor.diagnosis.model import Model
+from rwa_monitor.errors import InputError
+from rwa_monitor.messages import SamplesMessage, split_key
+from rwa_monitor.monitor.recording.reader import Recording, read_recording
+from rwa_monitor.monitor.wheel_set import COMMON, WheelSet
+from rwa_monitor.telemetry.ccsds_packets import read_packets
+from rwa_monitor.telemetry.columns import unknown_columns
+from rwa_monitor.telemetry.files import display_name
+from rwa_monitor.telemetry.friction import FRICTION_CHANNELS
+from rwa_monitor.telemetry.reader import Decoding, Reader, SampleBatch, TelemetryFile, WheelTelemetry
+from rwa_monitor.telemetry.ros2_bag import read_bag
+from rwa_monitor.telemetry.table import FileFormat, file_format, read_table
+from rwa_monitor.words import counted
+
+NO_DECODING: Final = Decoding()
+
+
+def read_telemetry(path: Path, decoding: Decoding = NO_DECODING) -> TelemetryFile:
+    """Read a file of telemetry whole.
+
+    Parameters
+    ----------
+    path
+        A file of any format in `READERS`, told by its first bytes, else by its suffix.
+    decoding
+        What it takes to understand space packets and ROS 2 bags.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be used, or holds no samples.
+    """
+    kind = file_format(path)
+    if kind == "csv" and decoding.xtce is not None and path.suffix.lower() != ".csv":
+        kind = "packets"  # neither says what it is, but somebody said what packets look like
+    return READERS[kind](path, decoding)
+
+
+def _read_table(path: Path, decoding: Decoding) -> TelemetryFile:
+    """Read a sample table, CSV or Parquet: its columns say what they are."""
+    source = display_name(path)
+    table = read_table(path, decoding.pulses_per_turn)
+    ignored = f"columns ignored: {unknown_columns(table.ignored_columns)}" if table.ignored_columns else ""
+    if not decoding.motor_off and all(getattr(table.samples, name) is None for name in FRICTION_CHANNELS):
+        reason = (
+            f"friction cannot be derived: the table has none of {', '.join(FRICTION_CHANNELS)}; of a wheel that runs"
+            " down with its motor off, --motor-off or motor_off = true in the wheel file's [friction] will do"
+        )
+        raise InputError(source, f"{reason}; {ignored}" if ignored else reason)
+    notes = [*table.notes, *([f"{source}: {ignored}"] if ignored else [])]
+    return TelemetryFile([WheelTelemetry(source, "", None, [SampleBatch(table.samples)])], notes=notes)
+
+
+def _read_mcap(path: Path, decoding: Decoding) -> TelemetryFile:
+    """Read a recording: the samples, and the wheel and model that it carries if it is one of ours."""
+    del decoding
+    source = display_name(path)
+    recording = read_recording(path)
+    model = recording.attachments.get("model.json")
+    wheels = WheelSet.of_attachments(recording.attachments, source) if COMMON in recording.attachments else None
+    telemetry, notes = _recorded(recording, source, wheels)
+    return TelemetryFile(
+        telemetry,
+        Model.from_json(model, f"{source}: model.json") if model else None,
+        [f"{source}: {problem}" for problem in recording.problems],
+        notes,
+    )
+
+
+READERS: Final[Mapping[FileFormat, Reader]] = {
+    "csv": _read_table,
+    "parquet": _read_table,
+    "mcap": _read_mcap,
+    "packets": read_packets,
+    "ros2": read_bag,
+}
+
+
+def _recorded(recording: Recording, source: str, constants: WheelSet | None) -> tuple[list[WheelTelemetry], list[str]]:
+    """Return the samples of a recording, wheel by wheel, and a note on messages refused: the bus refused them too."""
+    wheels: dict[str, list[SampleBatch]] = {}
+    refused: list[InputError] = []
+    for message in recording.messages:
+        if message.schema != SamplesMessage.schema_name():
+            continue
+        batches = wheels.setdefault(message.topic, [])
+        try:
+            parsed = SamplesMessage.parse(message.data, message.topic)
+        except InputError as error:
+            refused.append(error)
+            continue
+        batches.append(SampleBatch(parsed.samples(), parsed.publisher, parsed.batch))
+    notes = [f"{source}: {counted(len(refused), 'message')} refused, the first: {refused[0]}"] if refused else []
+    found = [_of_topic(source, topic, batches, constants) for topic, batches in sorted(wheels.items()) if batches]
+    if not found:
+        raise InputError(source, f"holds no messages {SamplesMessage.schema_name()}")
+    return found, notes
+
+
+def _of_topic(source: str, topic: str, batches: list[SampleBatch], constants: WheelSet | None) -> WheelTelemetry:
+    """Name the wheel as its topic does, and give it the constants that the recording has for it."""
+    try:
+        spacecraft, wheel, _ = split_key(topic)
+    except InputError as error:
+        raise InputError(source, error.reason, f"topic {topic}") from error
+    return WheelTelemetry(source, spacecraft, wheel, batches, constants.of(spacecraft, wheel) if constants else None)

@@ -1,0 +1,79 @@
+"""The constants of a fleet: one wheel file for all wheels, and those of wheels that have one of their own.
+
+In a recording they are attachments, `wheel.toml` and `wheels/{spacecraft}/{wheel}.toml`, so that a replay needs nothing
+else.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Final
+
+from rwa_monitor.errors import InputError
+from rwa_monitor.messages import KEY_PREFIX, SamplesMessage, split_key
+from rwa_monitor.wheel.wheel import Wheel
+
+WheelKey = tuple[str, str]  # spacecraft and wheel
+COMMON: Final = "wheel.toml"
+OWN_PREFIX: Final = "wheels/"
+SUFFIX: Final = ".toml"
+
+
+@dataclass(frozen=True, slots=True)
+class WheelSet:
+    """The constants of all wheels of a fleet.
+
+    Attributes
+    ----------
+    common
+        Of every wheel that has none of its own.
+    own
+        Of single wheels, by spacecraft and wheel.
+    """
+
+    common: Wheel
+    own: Mapping[WheelKey, Wheel] = field(default_factory=dict)
+
+    def of(self, spacecraft: str, wheel: str) -> Wheel:
+        """Return the constants of a wheel."""
+        return self.own.get((spacecraft, wheel), self.common)
+
+    def own_attachments(self) -> dict[str, bytes]:
+        """Return the constants of single wheels as attachments of a recording, by name."""
+        return {
+            f"{OWN_PREFIX}{spacecraft}/{name}{SUFFIX}": wheel.to_toml().encode()
+            for (spacecraft, name), wheel in sorted(self.own.items())
+        }
+
+    @classmethod
+    def of_attachments(cls, attachments: Mapping[str, bytes], source: str) -> WheelSet:
+        """Read a set from the attachments of a recording.
+
+        Raises
+        ------
+        InputError
+            If it has no `wheel.toml`, or one of them cannot be used; `source` names the recording.
+        """
+        if COMMON not in attachments:
+            raise InputError(source, "is missing: this is no recording of rwa-monitor run", COMMON)
+        wheels = {
+            name: Wheel.from_toml(_text(data, name, source), f"{source}: {name}")
+            for name, data in attachments.items()
+            if name == COMMON or name.startswith(OWN_PREFIX)
+        }
+        common = wheels.pop(COMMON)
+        return cls(common, {key_of_name(name.removeprefix(OWN_PREFIX)): wheel for name, wheel in wheels.items()})
+
+
+def key_of_name(name: str) -> WheelKey:
+    """Return the wheel that a file `{spacecraft}/{wheel}.toml` is of; raises InputError where it names none."""
+    spacecraft, wheel, _ = split_key(f"{KEY_PREFIX}/{name.removesuffix(SUFFIX)}/{SamplesMessage.kind}")
+    return spacecraft, wheel
+
+
+def _text(data: bytes, name: str, source: str) -> str:
+    try:
+        return data.decode()
+    except UnicodeDecodeError as error:
+        raise InputError(source, "is no UTF-8 text", name) from error

@@ -1,0 +1,287 @@
+"""Stage 3 as the paper prints it, mended only where it cannot run (errata 7-11, column "`--method paper`").
+
+Dynamic programming over (configuration, time since the last jump) of all systems, with hard duration supports, an
+optimistic beginning (the time before the window is chosen as it suits the first jump best), and an end of the window
+that is not scored. A candidate is rejected at the fall of log-likelihood of merging its two intervals plus the log
+probability of a false positive (sign and logarithm mended, errata 7). Friction values by Algorithm 1, which assumes
+that every system rests at least once in the window.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import product
+from typing import Final
+
+import numpy as np
+from scipy import special
+
+from rwa_monitor.changepoints.estimation import default_exclusion, estimate, jump_std
+from rwa_monitor.changepoints.stage_results import REJECTED, UNATTRIBUTED, Assignment, Components, Estimate, Evidence
+from rwa_monitor.samples import FloatArray, IntArray
+from rwa_monitor.wheel.durations import DurationLaw
+from rwa_monitor.wheel.wheel import SwitchingSystem, Wheel
+
+STATE_CAP: Final = 2000  # states kept per candidate: the paper's number "may increase exponentially"
+OPTIMISTIC_GRID: Final = 257  # times before the window that are tried for the first sojourn
+LOG_IMPOSSIBLE: Final = -50.0  # of a duration outside its hard support, where there is no other way
+NOT_YET: Final = -1  # in place of a candidate: the system has not jumped in the window
+
+
+@dataclass(frozen=True, slots=True)
+class _Tables:
+    """Log-probabilities of one system, by configuration and candidate; `since` NOT_YET is the last row.
+
+    Attributes
+    ----------
+    ends
+        (Q, m + 1, m): the sojourn begun at one candidate ends at the other.
+    lasts
+        (Q, m + 1, m): it lasts at least to the other.
+    turn
+        (Q, 2): the transition goes down, up.
+    """
+
+    ends: FloatArray
+    lasts: FloatArray
+    turn: FloatArray
+
+
+# A state: configuration of each system, and the candidate of its last jump. It stands for the paper's (q, τ).
+_State = tuple[tuple[int, ...], tuple[int, ...]]
+_Choices = tuple[int, ...]
+
+
+def assign_as_paper(
+    evidence: Evidence, wheel: Wheel, *, limit: int = STATE_CAP, hard: bool = False
+) -> tuple[Assignment, Estimate]:
+    """Assign candidates to switching systems by the paper's dynamic programme.
+
+    Parameters
+    ----------
+    evidence
+        Candidates, range sums and noise of the window.
+    wheel
+        Its wheel.
+    limit
+        States kept per candidate.
+    hard
+        Whether to keep to the hard duration laws as printed, also where no sequence of jumps is possible under them.
+
+    Returns
+    -------
+    tuple[Assignment, Estimate]
+        Where no sequence of jumps is possible under the hard duration laws, impossible durations are allowed at a
+        price, unless `hard`; where none is possible even so, all candidates are unattributed.
+    """
+    candidates = evidence.candidates
+    exclude = default_exclusion(candidates.scale)
+    intervals = estimate(evidence, candidates.index, exclude)
+    directions = np.where(np.diff(intervals.level) >= 0, 1, -1)
+    log_false = float(np.log(max(special.chdtrc(1, evidence.threshold), 1e-300)))
+    rejection = intervals.rejection_cost + log_false
+    choices, start, score, states, pruned = most_likely_jumps(
+        wheel.fss, candidates.index, directions, rejection, limit=limit, hard=hard
+    )
+    system = np.array(choices, dtype=np.int64) if choices is not None else np.full(len(candidates), UNATTRIBUTED)
+    accepted = system != REJECTED
+    levels = estimate(evidence, candidates.index[accepted], exclude[accepted])
+    jump, std = candidates.jump.copy(), jump_std(evidence, intervals, exclude)
+    jump[accepted] = np.diff(levels.level)
+    std[accepted] = jump_std(evidence, levels, exclude[accepted])
+    direction = np.where(accepted, directions, 0).astype(np.int64)
+    configurations, starts = _sojourns(start, system, direction, candidates.index)
+    assignment = Assignment(
+        index=candidates.index,
+        system=system.astype(np.int64),
+        direction=direction,
+        jump=jump,
+        jump_std=std,
+        confidence=np.ones(len(candidates)),  # the paper gives none
+        configurations=configurations,
+        starts=starts,
+        log_score=score,
+        states=states,
+        pruned=pruned,
+    )
+    return assignment, levels
+
+
+def most_likely_jumps(
+    systems: Sequence[SwitchingSystem],
+    index: IntArray,
+    directions: IntArray,
+    rejection: FloatArray,
+    *,
+    limit: int = STATE_CAP,
+    hard: bool = False,
+) -> tuple[_Choices | None, tuple[int, ...], float, int, bool]:
+    """Find the most likely sequence of jumps.
+
+    Parameters
+    ----------
+    systems
+        The switching systems.
+    index, directions
+        int64 (m,), the candidates' slots, and +1 or -1 for a level that rises or falls there.
+    rejection
+        float64 (m,), what it costs to take a candidate for none.
+    limit
+        States kept per candidate.
+    hard
+        Whether to forbid impossible durations also where there is no other way.
+
+    Returns
+    -------
+    tuple
+        The system that jumped at each candidate, or REJECTED (None where no sequence is possible); the configurations
+        at the begin; the score; the states expanded; whether the limit cut any.
+    """
+    tables = [_tables(system, index) for system in systems]
+    choices, start, score, states, pruned = _programme(tables, directions, rejection, limit)
+    if choices is None and not hard:
+        # A jump that was missed makes every sequence impossible under hard laws; then the impossible gets a price.
+        choices, start, score, more, pruned = _programme([_softened(t) for t in tables], directions, rejection, limit)
+        states += more
+    return choices, start, score, states, pruned
+
+
+def _softened(tables: _Tables) -> _Tables:
+    """Return a system's tables with impossible durations at a price; impossible transitions stay impossible."""
+    return _Tables(np.maximum(tables.ends, LOG_IMPOSSIBLE), np.maximum(tables.lasts, LOG_IMPOSSIBLE), tables.turn)
+
+
+def _programme(
+    tables: list[_Tables], directions: IntArray, rejection: FloatArray, limit: int
+) -> tuple[_Choices | None, tuple[int, ...], float, int, bool]:
+    """Run the dynamic programme; return the choice per candidate, the start, the score, states expanded, cut or not."""
+    best: dict[_State, tuple[float, _Choices, tuple[int, ...]]] = {
+        (q, (NOT_YET,) * len(tables)): (0.0, (), q) for q in product(*(range(len(t.turn)) for t in tables))
+    }
+    expanded, pruned = 0, False
+    for k, direction in enumerate(directions):
+        found: dict[_State, tuple[float, _Choices, tuple[int, ...]]] = {}
+        for state, (score, choices, start) in best.items():
+            expanded += 1
+            for choice, following, gain in _options(tables, state, k, int(direction), float(rejection[k])):
+                if following not in found or found[following][0] < score + gain:
+                    found[following] = (score + gain, (*choices, choice), start)
+        alive = [(entry[0] + _survival(tables, state, k), state) for state, entry in found.items()]
+        alive = sorted((one for one in alive if one[0] > -np.inf), reverse=True)
+        pruned = pruned or len(alive) > limit
+        best = {state: found[state] for _, state in alive[:limit]}
+    last = len(directions) - 1
+    complete = [(entry[0] + _survival(tables, state, last), state) for state, entry in best.items()]
+    if not complete:
+        return None, tuple(0 for _ in tables), -np.inf, expanded, pruned
+    score, state = max(complete)
+    return best[state][1], best[state][2], score, expanded, pruned
+
+
+def _options(
+    tables: list[_Tables], state: _State, k: int, direction: int, rejection: float
+) -> list[tuple[int, _State, float]]:
+    """List what can happen at candidate k: (choice, following state, score of it)."""
+    configuration, since = state
+    options = [(REJECTED, state, rejection)]
+    for s, table in enumerate(tables):
+        q = configuration[s]
+        gain = table.ends[q, since[s], k] + table.turn[q, (direction + 1) // 2]
+        if gain > -np.inf:
+            after = (*configuration[:s], q + direction, *configuration[s + 1 :])
+            options.append((s, (after, (*since[:s], k, *since[s + 1 :])), float(gain)))
+    return options
+
+
+def _survival(tables: list[_Tables], state: _State, k: int) -> float:
+    """Return the log-probability that no sojourn of the state has ended by candidate k."""
+    if k < 0:
+        return 0.0
+    return float(sum(table.lasts[q, since, k] for table, q, since in zip(tables, *state, strict=True) if since != k))
+
+
+def _tables(system: SwitchingSystem, index: IntArray) -> _Tables:
+    """Tabulate one system's laws between candidates."""
+    count = index.size
+    ends = np.full((system.configurations, count + 1, count), -np.inf)
+    lasts = np.full((system.configurations, count + 1, count), -np.inf)
+    turn = np.empty((system.configurations, 2))
+    between = index[None, :] - index[:, None]
+    with np.errstate(divide="ignore"):
+        for q, law in enumerate(system.durations):
+            up = system.probability_up(q)
+            turn[q] = np.log([1.0 - up, up])
+            ends[q, :count] = np.where(between > 0, law.log_pmf(between), -np.inf)
+            lasts[q, :count] = np.where(between > 0, law.log_survival(between), -np.inf)
+            ends[q, NOT_YET], lasts[q, NOT_YET] = _optimistic(law, index)
+    return _Tables(ends, lasts, turn)
+
+
+def _optimistic(law: DurationLaw, elapsed: IntArray) -> tuple[FloatArray, FloatArray]:
+    """Return log max over τ₀ of P(τ = τ₀ + e | τ ≥ τ₀), and of P(τ ≥ τ₀ + e | τ ≥ τ₀), for each elapsed e."""
+    before = _grid(law)
+    total = before[:, None] + elapsed[None, :].astype(np.float64)
+    alive = law.survival(before)[:, None]
+    # The latest possible jump is often the best beginning: then τ₀ = longest - e, different for every e.
+    longest = np.full(elapsed.size, np.floor(law.longest()))
+    latest = np.maximum(longest - elapsed, 0.0)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ends = np.nanmax(np.where(alive > 0, law.pmf(total) / alive, 0.0), axis=0, initial=0.0)
+        at_latest = law.pmf(latest + elapsed) / law.survival(latest)
+        lasts = np.nanmax(np.where(alive > 0, law.survival(total) / alive, 0.0), axis=0, initial=0.0)
+        return np.log(np.fmax(ends, at_latest)), np.log(lasts)
+
+
+@lru_cache(maxsize=256)
+def _grid(law: DurationLaw) -> FloatArray:
+    """Return the times before the window that are tried."""
+    return np.unique(np.rint(np.linspace(0.0, law.longest(), OPTIMISTIC_GRID)))
+
+
+def _sojourns(
+    start: tuple[int, ...], system: IntArray, direction: IntArray, index: IntArray
+) -> tuple[tuple[IntArray, ...], tuple[IntArray, ...]]:
+    """Return configurations and first slots of each system's sojourns."""
+    configurations, starts = [], []
+    for s, q in enumerate(start):
+        mine = system == s
+        configurations.append(np.concatenate([[q], q + np.cumsum(direction[mine])]).astype(np.int64))
+        starts.append(np.concatenate([[0], index[mine]]).astype(np.int64))
+    return tuple(configurations), tuple(starts)
+
+
+def split_as_paper(assignment: Assignment, levels: Estimate, evidence: Evidence, wheel: Wheel) -> Components:
+    """Split friction by Algorithm 1: each system starts at 0, jumps add up, its minimum is taken to be 0.
+
+    Parameters
+    ----------
+    assignment, levels
+        Result of `assign_as_paper`.
+    evidence, wheel
+        The window and its wheel.
+    """
+    del evidence  # the levels hold all that Algorithm 1 reads
+    base, base_variance = float(levels.level[0]), float(levels.level_std[0]) ** 2
+    friction, friction_std = [], []
+    for s in range(len(wheel.fss)):
+        mine = assignment.system == s
+        values = np.concatenate([[0.0], np.cumsum(assignment.jump[mine])])
+        variance = assignment.jump_std[mine] ** 2
+        lowest = int(np.argmin(values))
+        base += float(values[lowest])
+        base_variance += float(variance[:lowest].sum())
+        friction.append(values - values[lowest])
+        # Each value is known as well as the jumps between it and the lowest: at one speed, that may be not at all.
+        before, after = np.cumsum(variance[:lowest][::-1])[::-1], np.cumsum(variance[lowest:])
+        friction_std.append(np.sqrt(np.concatenate([before, [0.0], after])))
+    return Components(
+        base_dry=base,
+        base_dry_std=float(np.sqrt(base_variance)),
+        viscous=levels.viscous,
+        viscous_std=levels.viscous_std,
+        fss_friction=tuple(friction),
+        fss_friction_std=tuple(friction_std),
+        base_ambiguous=False,  # the paper takes every system's minimum for 0 and sees no ambiguity
+    )

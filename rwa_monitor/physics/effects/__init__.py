@@ -1,1 +1,0 @@
-"""The catalogue of effects, one file each; `catalogue.py` collects them."""

@@ -1,0 +1,305 @@
+"""The wheel's motion as an attitude control system makes it: speed and its exact derivative.
+
+A wheel stores the momentum that disturbances put into the spacecraft, so its speed swings with the orbit; slews add
+accelerate–hold–brake moves; the control loop adds a small band-limited activity. Every part is an analytic function of
+time and brings its own derivative, so that torque and speed are consistent to rounding. All speeds are in units of the
+wheel's nominal speed until the end, all randomness comes from the generator passed in.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Annotated, Final, Literal, get_args
+
+import numpy as np
+from pydantic import Field
+
+from rwa_monitor.errors import InputError
+from rwa_monitor.samples import SECONDS_PER_HOUR, FloatArray
+from rwa_monitor.wheel.strict import Strict
+from rwa_monitor.wheel.wheel import Wheel
+
+ProfileKind = Literal["orbit", "one_direction", "crossings", "rich", "constant", "from_rest"]
+
+ORBIT_S: Final = 5400.0  # s, period of a low orbit (about 400 km)
+SLEW_S: Final = (60.0, 240.0)  # s, one move of a slew: an agile spacecraft turns in minutes
+ACTIVITY_PERIOD_S: Final = (20.0, 200.0)  # s, band of the attitude loop's activity: bandwidth 0.005–0.05 Hz
+ACTIVITY_TONES: Final = 8  # enough lines that the activity does not repeat within a record
+# With S(u) the integral of the acceleration, rounding the first and last fifth of a move keeps the jerk finite, as a
+# slew profile does.
+ROUNDED: Final = 0.2  # share of a move over which the acceleration rises, and falls
+CURRENT_RESERVE: Final = 0.8  # share of the maximum current that a planned acceleration may take
+SPEED_RESERVE: Final = 0.97  # share of the maximum speed that a profile may reach
+AT_REST: Final = 1.0e-12  # of the nominal speed
+UNLIMITED_ACCELERATION_S: Final = 30.0  # s, from rest to the nominal speed, where no maximum current is known
+
+
+class SpeedProfile(Strict):
+    """What the wheel is made to do.
+
+    Attributes
+    ----------
+    kind
+        "orbit": orbital momentum and slews, zero crossings in both directions. "one_direction": the same, never near
+        zero. "crossings": simple zero crossings. "rich": moves at many rates, a ladder of dwells, crossings slow and
+        fast, accelerating and braking both ways. "constant": one speed. "from_rest": at rest, then up and down.
+    direction
+        1 or -1 for profiles that have a direction ("one_direction", "constant", "from_rest"); 0 draws it.
+    scale
+        Largest speed aimed at, in units of the nominal speed.
+    slews_per_hour
+        Mean number of slews in "orbit" and "one_direction".
+    activity
+        RMS of the control activity, in units of the nominal speed.
+    """
+
+    kind: ProfileKind = "orbit"
+    direction: Literal[-1, 0, 1] = 0
+    scale: Annotated[float, Field(gt=0, le=10)] = 1.0
+    slews_per_hour: Annotated[float, Field(ge=0, le=30)] = 3.0
+    activity: Annotated[float, Field(ge=0, le=0.1)] = 0.001
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """Speed and its derivative on a grid of times.
+
+    Attributes
+    ----------
+    speed_rad_s, acceleration_rad_s2
+        float64 (n,), ω [rad/s] and dω/dt [rad/s²].
+    """
+
+    speed_rad_s: FloatArray
+    acceleration_rad_s2: FloatArray
+
+
+def simulate_motion(profile: SpeedProfile, wheel: Wheel, slots: int, rng: np.random.Generator) -> Motion:
+    """Draw a motion of the wheel.
+
+    Parameters
+    ----------
+    profile
+        What kind of motion.
+    wheel
+        Gives the nominal speed, the sample period and the limits that the motion respects.
+    slots
+        Length of the record [slots].
+    rng
+        Source of all randomness.
+
+    Returns
+    -------
+    Motion
+        Speed and acceleration, within the wheel's limits.
+
+    Raises
+    ------
+    InputError
+        If the wheel has no nominal speed, or its limits leave no room for the nominal speed's profile.
+    """
+    if wheel.nominal is None:
+        raise InputError(f"wheel {wheel.name}", "is missing; a motion needs the nominal speed", "nominal")
+    unit = wheel.nominal.nominal_speed_rad_s
+    time = np.arange(slots, dtype=np.float64) * wheel.sample_period_s
+    plan = _Plan(time, largest_acceleration(wheel) / unit)
+    _PROFILES[profile.kind](plan, profile, rng)
+    limit = wheel.limits.max_speed_rad_s
+    plan.shrink_to(np.inf if limit is None else SPEED_RESERVE * limit / unit)
+    # Moves that add up to nothing leave rounding errors; a wheel at rest has no direction.
+    plan.speed[np.abs(plan.speed) < AT_REST] = 0.0
+    return Motion(plan.speed * unit, plan.acceleration * unit)
+
+
+def wheel_angle(speed_rad_s: FloatArray, period_s: float) -> FloatArray:
+    """Return the angle of the wheel, ∫ω dt by the trapezoidal rule.
+
+    Parameters
+    ----------
+    speed_rad_s
+        ω (n,), finite at every slot.
+    period_s
+        Slot length [s].
+
+    Returns
+    -------
+    angle
+        float64 (n,) [rad], 0 at the first slot.
+    """
+    angle = np.zeros(speed_rad_s.size)
+    np.cumsum(0.5 * period_s * (speed_rad_s[1:] + speed_rad_s[:-1]), out=angle[1:])
+    return angle
+
+
+def largest_acceleration(wheel: Wheel) -> float:
+    """Return the acceleration that a planned move may use [rad/s²]: what the maximum current leaves after friction."""
+    assert wheel.nominal is not None
+    unit = wheel.nominal.nominal_speed_rad_s
+    if wheel.limits.max_current_A is None or wheel.torque_per_ampere_Nm_A is None or wheel.inertia_kg_m2 is None:
+        return unit / UNLIMITED_ACCELERATION_S
+    # Three times the nominal friction at nominal speed covers switching systems and anomalies.
+    friction = 3.0 * (wheel.nominal.dry_torque_Nm + wheel.nominal.viscous_Nm_s_rad * unit)
+    torque = CURRENT_RESERVE * wheel.limits.max_current_A * wheel.torque_per_ampere_Nm_A - friction
+    if torque <= 0:
+        raise InputError(
+            f"wheel {wheel.name}", "cannot overcome three times the nominal friction", "limits.max_current_A"
+        )
+    return min(torque / wheel.inertia_kg_m2, unit / UNLIMITED_ACCELERATION_S)
+
+
+class _Plan:
+    """A motion in the making: parts are added to speed and acceleration, in units of the nominal speed."""
+
+    def __init__(self, time: FloatArray, fastest: float) -> None:
+        self.time = time
+        self.duration = float(time[-1]) if time.size else 0.0
+        self.fastest = fastest  # largest planned acceleration [1/s]
+        self.speed = np.zeros(time.size)
+        self.acceleration = np.zeros(time.size)
+
+    def add_constant(self, speed: float) -> None:
+        self.speed += speed
+
+    def add_tone(self, amplitude: float, period_s: float, phase: float) -> None:
+        """Add amplitude·sin(2πt/period + phase), slowed down where it would ask for too much acceleration."""
+        rate = 2.0 * np.pi / max(period_s, 4.0 * np.pi * abs(amplitude) / self.fastest)
+        angle = rate * self.time + phase
+        self.speed += amplitude * np.sin(angle)
+        self.acceleration += amplitude * rate * np.cos(angle)
+
+    def add_move(self, change: float, start_s: float, duration_s: float) -> None:
+        """Change the speed by `change` from `start_s` on, with a rounded trapezoid of acceleration."""
+        duration = max(duration_s, abs(change) / (self.fastest * (1.0 - ROUNDED)))
+        period = float(self.time[1]) if self.time.size > 1 else 1.0
+        first, last = (int(np.clip(np.ceil(at / period), 0, self.time.size)) for at in (start_s, start_s + duration))
+        share = np.clip((self.time[first:last] - start_s) / duration, 0.0, 1.0)
+        acceleration, progress = _rounded_trapezoid(share)
+        self.speed[first:last] += change * progress
+        self.speed[last:] += change
+        self.acceleration[first:last] += change / duration * acceleration
+
+    def add_activity(self, rms: float, rng: np.random.Generator) -> None:
+        """Add the attitude loop's activity: a few tones of random period and phase."""
+        if rms == 0.0:
+            return
+        amplitude = rms * np.sqrt(2.0 / ACTIVITY_TONES)
+        for _ in range(ACTIVITY_TONES):
+            self.add_tone(amplitude, np.exp(rng.uniform(*np.log(ACTIVITY_PERIOD_S))), rng.uniform(0, 2 * np.pi))
+
+    def shrink_to(self, limit: float) -> None:
+        """Scale the whole motion down where its speed is above `limit`, or its parts together accelerate too fast."""
+        excess = max(
+            1.0,
+            float(np.max(np.abs(self.speed), initial=0.0)) / limit,
+            float(np.max(np.abs(self.acceleration), initial=0.0)) / self.fastest,
+        )
+        self.speed /= excess
+        self.acceleration /= excess
+
+
+def _rounded_trapezoid(share: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return acceleration and progress of a move from 0 to 1 at `share` of its duration (both float64 (n,))."""
+
+    def rising(u: FloatArray) -> tuple[FloatArray, FloatArray]:
+        angle = np.pi * np.minimum(u, ROUNDED) / ROUNDED
+        slope = 0.5 * (1.0 - np.cos(angle))
+        area = 0.5 * (np.minimum(u, ROUNDED) - ROUNDED / np.pi * np.sin(angle)) + np.maximum(u - ROUNDED, 0.0)
+        return slope, area
+
+    slope, area = rising(np.minimum(share, 1.0 - share))
+    total = 1.0 - ROUNDED
+    return slope / total, np.where(share <= 0.5, area, total - area) / total
+
+
+def _orbit(plan: _Plan, profile: SpeedProfile, rng: np.random.Generator) -> None:
+    """Momentum swings through zero every half orbit; harmonics from gravity gradient and drag; slews on top."""
+    swing = profile.scale * rng.uniform(0.55, 0.85)
+    plan.add_constant(swing * rng.uniform(-0.3, 0.3))
+    plan.add_tone(swing, ORBIT_S, rng.uniform(0, 2 * np.pi))
+    for harmonic in (2, 3):
+        plan.add_tone(swing * rng.uniform(0.03, 0.12), ORBIT_S / harmonic, rng.uniform(0, 2 * np.pi))
+    _add_slews(plan, profile, rng, 0.15 * profile.scale)
+    plan.add_activity(profile.activity, rng)
+
+
+def _one_direction(plan: _Plan, profile: SpeedProfile, rng: np.random.Generator) -> None:
+    """As in orbit, but biased so far that the wheel never comes near zero: the usual way to run a wheel."""
+    direction = _direction(profile, rng)
+    swing = profile.scale * rng.uniform(0.15, 0.25)
+    plan.add_tone(swing, ORBIT_S, rng.uniform(0, 2 * np.pi))
+    for harmonic in (2, 3):
+        plan.add_tone(swing * rng.uniform(0.05, 0.15), ORBIT_S / harmonic, rng.uniform(0, 2 * np.pi))
+    _add_slews(plan, profile, rng, 0.1 * profile.scale)
+    plan.add_activity(profile.activity, rng)
+    # The bias puts the slowest moment of this record at a fifth to a third of the scale, whatever was drawn above.
+    slowest = profile.scale * rng.uniform(0.2, 0.33)
+    plan.add_constant(direction * slowest - direction * float(np.min(direction * plan.speed)))
+
+
+def _crossings(plan: _Plan, profile: SpeedProfile, rng: np.random.Generator) -> None:
+    """A plain swing about zero, one to two times in the record: two to five simple crossings."""
+    swing = profile.scale * rng.uniform(0.6, 0.9)
+    plan.add_constant(swing * rng.uniform(-0.2, 0.2))
+    plan.add_tone(swing, max(plan.duration, 1e-9) / rng.uniform(1.2, 2.2), rng.uniform(0, 2 * np.pi))
+    plan.add_activity(profile.activity, rng)
+
+
+def _rich(plan: _Plan, profile: SpeedProfile, rng: np.random.Generator) -> None:
+    """Moves through a ladder of speeds in both directions, some slow and some fast, each followed by a dwell.
+
+    The ladder holds the low speeds where boundary lubrication lives (1–10 % of nominal), so that dwells and slow
+    crossings show what a record in one direction hides.
+    """
+    ladder = np.array([0.01, 0.03, 0.07, 0.15, 0.3, 0.5, 0.75, 1.0])
+    targets = rng.permutation(np.concatenate([ladder, -ladder, [0.6, -0.6, 0.02, -0.02]])) * profile.scale
+    # Shares of the record: moves take 55 % of it, some four times as long as others (two accelerations and more).
+    moves = rng.choice([0.5, 1.0, 2.0], size=targets.size)
+    dwells = rng.uniform(0.5, 1.5, size=targets.size)
+    moves *= 0.55 * plan.duration / moves.sum()
+    dwells *= 0.45 * plan.duration / dwells.sum()
+    speed, at = float(targets[-1]), 0.0
+    plan.add_constant(speed)
+    for target, move, dwell in zip(targets, moves, dwells, strict=True):
+        plan.add_move(float(target) - speed, at, move)
+        speed = float(target)
+        at += move + dwell
+    plan.add_activity(profile.activity, rng)
+
+
+def _constant(plan: _Plan, profile: SpeedProfile, rng: np.random.Generator) -> None:
+    plan.add_constant(_direction(profile, rng) * profile.scale)
+    plan.add_activity(profile.activity, rng)
+
+
+def _from_rest(plan: _Plan, profile: SpeedProfile, rng: np.random.Generator) -> None:
+    """At rest for a twentieth of the record, up, a dwell, down to rest. The loop is open at rest: no activity."""
+    speed = _direction(profile, rng) * profile.scale
+    plan.add_move(speed, 0.05 * plan.duration, plan.duration * rng.uniform(0.25, 0.35))
+    plan.add_move(-speed, 0.6 * plan.duration, plan.duration * rng.uniform(0.25, 0.35))
+
+
+def _add_slews(plan: _Plan, profile: SpeedProfile, rng: np.random.Generator, largest: float) -> None:
+    """Add accelerate–hold–brake moves at random times, in both directions."""
+    for _ in range(rng.poisson(profile.slews_per_hour * plan.duration / SECONDS_PER_HOUR)):
+        change = largest * rng.uniform(0.3, 1.0) * rng.choice([-1.0, 1.0])
+        start = rng.uniform(0.0, plan.duration)
+        move, hold = rng.uniform(*SLEW_S), rng.uniform(*SLEW_S)
+        plan.add_move(change, start, move)
+        plan.add_move(-change, start + move + hold, move)
+
+
+def _direction(profile: SpeedProfile, rng: np.random.Generator) -> float:
+    drawn = float(rng.choice([-1.0, 1.0]))  # drawn always, so that a fixed direction changes nothing else
+    return float(profile.direction) or drawn
+
+
+_PROFILES: Final[dict[ProfileKind, Callable[[_Plan, SpeedProfile, np.random.Generator], None]]] = {
+    "orbit": _orbit,
+    "one_direction": _one_direction,
+    "crossings": _crossings,
+    "rich": _rich,
+    "constant": _constant,
+    "from_rest": _from_rest,
+}
+assert set(_PROFILES) == set(get_args(ProfileKind))

@@ -1,0 +1,413 @@
+"""One simulated record: true motion, true friction, what the sensors say, and the whole truth beside it.
+
+Order of events, as in the wheel: motion → temperature → switching systems → dry and viscous friction → effects →
+noise → motor torque, current and voltage that the motion then needs → sensors → faults. Every channel follows from
+the same friction, so that K_T·I − J·dω/dt gives it back.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+from typing import Any, Final, TypeGuard
+
+import numpy as np
+
+from rwa_monitor.errors import InputError
+from rwa_monitor.samples import BoolArray, FloatArray, Samples
+from rwa_monitor.simulation.motion import ORBIT_S, Motion, simulate_motion, wheel_angle
+from rwa_monitor.simulation.scenario import Anomaly, Scenario
+from rwa_monitor.simulation.sensors import bearing_temperature, measure
+from rwa_monitor.simulation.truth import VISIBLE_INFORMATION, Changepoints, Telemetry, Truth, cut, true_changepoints
+from rwa_monitor.wheel import torque_balance
+from rwa_monitor.wheel.effects.base import Channels, Effect, MeanEffect
+from rwa_monitor.wheel.effects.catalogue import build
+from rwa_monitor.wheel.effects.noise_base import NoiseEffect
+from rwa_monitor.wheel.effects.speed_dead_zone import SpeedDeadZone
+from rwa_monitor.wheel.effects.switching_base import JumpClock, Jumps, SwitchingEffect
+from rwa_monitor.wheel.switching_systems import FrictionFactor, Realisation, simulate_system
+from rwa_monitor.wheel.wheel import Wheel
+
+__all__ = ["VISIBLE_INFORMATION", "Changepoints", "Telemetry", "Truth", "cut", "simulate"]
+
+FALLBACK_DEAD_BAND: Final = 5.0  # speed noises: below, the measured sign of the speed is not the true one
+COUPLING_TOLERANCE: Final = 1.0e-12  # of the largest motor torque: where the loop friction ↔ motor torque has settled
+COUPLING_ROUNDS: Final = 100
+QUANTUM_STD: Final = 12.0**-0.5  # of the rounding error, in steps: uniform over one step
+LONG_RUN_SLOTS: Final = 64  # block from which the long-run noise is taken where a noise effect has shaped it
+
+
+def simulate(scenario: Scenario, wheel: Wheel, rng: np.random.Generator) -> Telemetry:
+    """Simulate one record of a wheel.
+
+    Each part draws from a stream of its own, so that a change in one (another noise, one fault more) leaves the others
+    as they were; the same generator state gives the same bytes.
+
+    Parameters
+    ----------
+    scenario
+        What happens.
+    wheel
+        Whose constants, nominal friction, switching systems and effects apply.
+    rng
+        Source of all randomness.
+
+    Returns
+    -------
+    Telemetry
+        Samples and truth.
+
+    Raises
+    ------
+    InputError
+        If the scenario asks for what the wheel lacks.
+    """
+    scenario.check(wheel)
+    slots = scenario.slots(wheel)
+    streams = _Streams(*rng.spawn(len(fields(_Streams))))
+    motion = simulate_motion(scenario.speed, wheel, slots, streams.motion)
+    parts = _friction_parts(scenario, wheel, motion, streams)
+    noise = _friction_noise(scenario, wheel, parts, streams)
+    torque = parts.friction + noise.values  # y: what an exact sensor would make of speed and current
+    motor = _motor_torque(wheel, torque, motion)
+    samples = _measure(scenario, wheel, motion, parts, torque, motor, streams)
+    samples, faulty, missing = _apply_faults(scenario, wheel, samples, streams.faults)
+    used = _used(scenario, wheel, samples, faulty)
+    end_s = slots * wheel.sample_period_s
+    temperature = _temperature(parts)
+    truth = Truth(
+        speed_rad_s=motion.speed_rad_s,
+        acceleration_rad_s2=motion.acceleration_rad_s2,
+        bearing_temperature_degC=temperature,
+        friction_torque_Nm=parts.friction,
+        noise_Nm=noise.values,
+        motor_torque_Nm=motor,
+        base_dry_Nm=parts.base_dry,
+        viscous_Nm_s_rad=parts.viscous,
+        configuration={name: system.configuration for name, system in parts.systems.items()},
+        fss_friction_Nm={name: wheel.torque_unit_Nm * system.friction for name, system in parts.systems.items()},
+        effect_torque_Nm=parts.effect_torque,
+        used=used,
+        faulty=faulty,
+        changepoints=true_changepoints(list(parts.systems.values()), used, wheel.torque_unit_Nm, noise.long_run_std_Nm),
+        noise_std_Nm=noise.std_Nm,
+        long_run_std_Nm=noise.long_run_std_Nm,
+        labels={name: _anomaly(scenario, name).factor_at(end_s) != 1.0 for name in wheel.anomalies},
+        factors={name: _anomaly(scenario, name).factor_at(end_s) for name in wheel.anomalies},
+    )
+    return Telemetry(samples[~missing], truth)
+
+
+@dataclass(frozen=True, slots=True)
+class _Streams:
+    """One generator for each part of the simulation."""
+
+    motion: np.random.Generator
+    temperature: np.random.Generator
+    systems: np.random.Generator
+    extra_systems: np.random.Generator
+    effects: np.random.Generator
+    noise: np.random.Generator
+    sensors: np.random.Generator
+    faults: np.random.Generator
+
+
+@dataclass(frozen=True, slots=True)
+class _Parts:
+    """The friction and what it is made of; arrays (n,) as in Truth, `channels` as the effects see the wheel."""
+
+    channels: Channels
+    base_dry: FloatArray
+    viscous: FloatArray
+    systems: dict[str, Realisation]
+    effects: tuple[Effect, ...]
+    effect_torque: dict[str, FloatArray]
+    friction: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class _Noise:
+    values: FloatArray
+    std_Nm: float
+    long_run_std_Nm: float
+
+
+_NO_ANOMALY: Final = Anomaly(factor=1.0)
+
+
+def _anomaly(scenario: Scenario, name: str) -> Anomaly:
+    return scenario.anomalies.get(name, _NO_ANOMALY)
+
+
+def _factor(anomaly: Anomaly, time_s: FloatArray) -> FloatArray:
+    """Return an anomaly's factor over time, float64 (n,)."""
+    if anomaly.factor == 1.0 or (anomaly.onset_s == 0.0 and anomaly.growth_s == 0.0):
+        return np.full(time_s.size, anomaly.factor)
+    if anomaly.growth_s == 0.0:
+        return np.where(time_s >= anomaly.onset_s, anomaly.factor, 1.0)
+    return 1.0 + (anomaly.factor - 1.0) * np.clip((time_s - anomaly.onset_s) / anomaly.growth_s, 0.0, 1.0)
+
+
+def _friction_parts(scenario: Scenario, wheel: Wheel, motion: Motion, streams: _Streams) -> _Parts:
+    """Put the friction together: base dry and viscous friction, switching systems, effects."""
+    assert wheel.nominal is not None
+    slots = motion.speed_rad_s.size
+    time = np.arange(slots, dtype=np.float64) * wheel.sample_period_s
+    speed = motion.speed_rad_s
+    direction = np.sign(speed)
+    dry = wheel.nominal.dry_torque_Nm * scenario.base.dry * _factor(_anomaly(scenario, "dry"), time)
+    viscous = wheel.nominal.viscous_Nm_s_rad * scenario.base.viscous * _factor(_anomaly(scenario, "viscous"), time)
+    # Heat of the base friction only: a switching system that runs by temperature must not set the temperature.
+    power = np.abs(speed) * (dry + viscous * np.abs(speed))
+    channels = Channels(
+        time_s=time,
+        speed_rad_s=speed,
+        direction=direction,
+        acceleration_rad_s2=motion.acceleration_rad_s2,
+        angle_rad=wheel_angle(speed, wheel.sample_period_s),
+        motor_torque_Nm=None,
+        bearing_temperature_degC=bearing_temperature(time, power, ORBIT_S, streams.temperature),
+        dry_level_Nm=None,
+        sample_period_s=wheel.sample_period_s,
+        good=np.ones(slots, dtype=np.bool_),
+    )
+    effects = tuple(build(block) for block in (*wheel.effect, *scenario.effect))
+    switching = [effect for effect in effects if isinstance(effect, SwitchingEffect)]
+    systems = _systems(scenario, wheel, channels, switching, streams)
+    level = dry.copy()
+    for realisation in systems.values():
+        level += wheel.nominal.dry_torque_Nm * realisation.friction
+    friction = direction * level + viscous * speed
+
+    effect_torque: dict[str, FloatArray] = {}
+    jumps = _jumps_of(systems, wheel.nominal.dry_torque_Nm)
+    for effect in switching:
+        torque = effect.torque(channels, jumps)
+        if torque.any():
+            effect_torque[effect.name] = torque
+            friction = friction + torque
+    channels = replace(channels, motor_torque_Nm=_motor_torque(wheel, friction, motion), dry_level_Nm=level)
+    coupled = _couple([effect for effect in effects if _adds_torque(effect, scenario)], channels)
+    for torque in coupled.values():
+        friction = friction + torque
+    return _Parts(channels, dry, viscous, systems, effects, {**effect_torque, **coupled}, friction)
+
+
+def _systems(
+    scenario: Scenario, wheel: Wheel, channels: Channels, effects: list[SwitchingEffect], streams: _Streams
+) -> dict[str, Realisation]:
+    """Simulate the wheel's switching systems as the switching effects change them, and what effects add to them."""
+    clock = next((clock for effect in effects if (clock := effect.clock(channels)) is not None), None)
+    slots = len(channels) if clock is None else clock.slots
+    systems: dict[str, Realisation] = {}
+    for system, stream in zip(wheel.fss, streams.systems.spawn(len(wheel.fss)), strict=True):
+        for effect in effects:
+            system = effect.change_system(system)
+        factor = _factor_by_slot(_anomaly(scenario, system.name), clock, wheel.sample_period_s)
+        realisation = simulate_system(system, slots, stream, factor)
+        systems[system.name] = realisation if clock is None else clock.read(realisation)
+    for effect, stream in zip(effects, streams.extra_systems.spawn(len(effects)), strict=True):
+        level = effect.extra_level(channels, stream)
+        jump_index = (np.flatnonzero(np.diff(level)) + 1).astype(np.int64)
+        if level.any():
+            # A level that rests at zero: configuration 1 wherever it does not.
+            configuration = (level != 0.0).astype(np.int64)
+            systems[effect.name] = Realisation(configuration, level / wheel.torque_unit_Nm, jump_index)
+    return systems
+
+
+def _factor_by_slot(anomaly: Anomaly, clock: JumpClock | None, period_s: float) -> FrictionFactor:
+    """Return an anomaly's factor as a function of the slot on the switching systems' clock."""
+    if clock is None:
+        return lambda slot: anomaly.factor_at(slot * period_s)
+    return lambda slot: anomaly.factor_at(clock.slot_in_record(slot) * period_s)
+
+
+def _jumps_of(systems: dict[str, Realisation], torque_unit_Nm: float) -> Jumps:
+    """Return the jumps of the level, those on one slot as one."""
+    index = np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *(s.jump_index for s in systems.values())]))
+    size = np.zeros(index.size)
+    for system in systems.values():
+        size[np.searchsorted(index, system.jump_index)] += torque_unit_Nm * system.jump
+    return Jumps(index, size)
+
+
+def _adds_torque(effect: Effect, scenario: Scenario) -> TypeGuard[MeanEffect]:
+    """Say whether an effect adds a torque.
+
+    A dead zone of the tachometer changes only what is worked out with its speed: a friction that is given, but not the
+    current from which friction is still to be derived.
+    """
+    if isinstance(effect, SpeedDeadZone):
+        return scenario.friction_given
+    return isinstance(effect, MeanEffect)
+
+
+def _temperature(parts: _Parts) -> FloatArray:
+    temperature = parts.channels.bearing_temperature_degC
+    assert temperature is not None
+    return temperature
+
+
+def _motor_torque(wheel: Wheel, friction: FloatArray, motion: Motion) -> FloatArray | None:
+    """Return the motor torque that motion and friction ask for, or None for a wheel without inertia."""
+    if wheel.inertia_kg_m2 is None:
+        return None
+    return torque_balance.motor_torque(friction, motion.acceleration_rad_s2, wheel.inertia_kg_m2)
+
+
+def _couple(effects: list[MeanEffect], channels: Channels) -> dict[str, FloatArray]:
+    """Return the torque of every mean effect, together with the motor torque that they themselves ask for.
+
+    Friction that depends on the motor torque (a load, a wrong torque constant) changes the motor torque in turn. The
+    loop friction → motor torque → friction is a contraction, since no effect hands on more of the motor torque than a
+    part of it; it is repeated until nothing changes. The rate of the motor torque is that of the motion without
+    effects: a delayed current does not delay itself again.
+    """
+    plain = channels.motor_torque_Nm
+    if plain is not None:
+        rate = np.gradient(plain, channels.sample_period_s)
+        channels = replace(channels, motor_torque_rate_Nm_s=rate)
+    coupled = plain is not None and any("motor_torque_Nm" in effect.needs for effect in effects)
+    torques: list[FloatArray] = []
+    for _ in range(COUPLING_ROUNDS if coupled else 1):
+        torques = [effect.torque(channels)[0] for effect in effects]
+        if plain is None or not coupled:
+            break
+        motor = plain + np.sum(torques, axis=0)
+        change = float(np.max(np.abs(motor - channels.motor_torque_Nm)))
+        channels = replace(channels, motor_torque_Nm=motor)
+        if change <= COUPLING_TOLERANCE * float(np.max(np.abs(motor))):
+            break
+    else:
+        raise InputError(
+            "scenario", "its effects feed the motor torque back so strongly that no torque balances", "effect"
+        )
+    named: dict[str, FloatArray] = {}
+    for effect, torque in zip(effects, torques, strict=True):
+        named[effect.name] = named[effect.name] + torque if effect.name in named else torque
+    return named
+
+
+def _friction_noise(scenario: Scenario, wheel: Wheel, parts: _Parts, streams: _Streams) -> _Noise:
+    """Draw the noise of the friction torque.
+
+    Where friction is given, the wheel's noise stands for all that its estimate suffers from. Where it is not, speed and
+    current bring their own noise, and the friction itself has some only if the scenario, or a noise effect, says so.
+    """
+    shaping = [
+        effect
+        for effect in parts.effects
+        if isinstance(effect, NoiseEffect) and (scenario.friction_given or effect not in _tachometers(parts.effects))
+    ]
+    std = scenario.noise.std_Nm
+    if std is None:
+        std = (wheel.noise.friction_std_Nm or 0.0) if scenario.friction_given or shaping else 0.0
+    values = scenario.noise.draw(std, len(parts.channels), streams.noise)
+    long_run = scenario.noise.long_run_std(std)
+    for effect, stream in zip(shaping, streams.effects.spawn(len(shaping)), strict=True):
+        values = effect.apply(values, parts.channels, stream)
+    if shaping:
+        std, long_run = float(np.std(values)), _long_run_std(values)
+    if scenario.friction_given:
+        return _Noise(values, std, long_run)
+    sensors = scenario.sensors.for_wheel(wheel)
+    speed = np.hypot(sensors.speed_noise_rad_s or 0.0, (sensors.speed_quantum_rad_s or 0.0) * QUANTUM_STD)
+    for tachometer in _tachometers(parts.effects):
+        speed = np.std(tachometer.read_speed(parts.channels.speed_rad_s) - parts.channels.speed_rad_s)
+    current = np.hypot(sensors.current_noise_A or 0.0, (sensors.current_quantum_A or 0.0) * QUANTUM_STD)
+    derived = float(torque_balance.derived_noise_autocovariance(wheel, float(speed), float(current))[0])
+    return _Noise(values, float(np.sqrt(std**2 + derived)), float(np.sqrt(long_run**2 + derived)))
+
+
+def _tachometers(effects: tuple[Effect, ...]) -> list[NoiseEffect]:
+    """Return the noise effects that are a tachometer's: they change the speed that is read."""
+    noises = [effect for effect in effects if isinstance(effect, NoiseEffect)]
+    return [effect for effect in noises if type(effect).read_speed is not NoiseEffect.read_speed]
+
+
+def _long_run_std(noise: FloatArray) -> float:
+    """Return the standard deviation of block means times the root of the block's length [N m]."""
+    blocks = noise[: noise.size - noise.size % LONG_RUN_SLOTS].reshape(-1, LONG_RUN_SLOTS)
+    if len(blocks) < 2:
+        return float(np.std(noise))
+    return float(np.sqrt(LONG_RUN_SLOTS) * np.std(np.mean(blocks, axis=1)))
+
+
+def _measure(
+    scenario: Scenario,
+    wheel: Wheel,
+    motion: Motion,
+    parts: _Parts,
+    torque: FloatArray,
+    motor: FloatArray | None,
+    streams: _Streams,
+) -> Samples:
+    """Return what the sensors say, one row for each slot."""
+    sensors = scenario.sensors.for_wheel(wheel)
+    # A stream for each channel: leaving one out changes none of the others.
+    speed_rng, current_rng, voltage_rng, temperature_rng = streams.sensors.spawn(4)
+    slots = motion.speed_rad_s.size
+    temperature = _temperature(parts)
+    speed = measure(motion.speed_rad_s, sensors.speed_noise_rad_s or 0.0, sensors.speed_quantum_rad_s or 0.0, speed_rng)
+    for tachometer in _tachometers(parts.effects):
+        speed = tachometer.read_speed(motion.speed_rad_s)  # its steps replace the usual noise
+    for effect in parts.effects:
+        if isinstance(effect, SpeedDeadZone):
+            speed = effect.read_speed(speed)
+    channels: dict[str, Any] = {
+        "speed_rad_s": speed,
+        "bearing_temperature_degC": measure(temperature, sensors.temperature_noise_K, 0.0, temperature_rng),
+    }
+    if scenario.friction_given:
+        channels["friction_torque_Nm"] = torque
+    if motor is not None and wheel.torque_constant_Nm_A is not None:
+        per_ampere = torque_balance.torque_per_ampere(motor, motion.speed_rad_s, wheel)
+        current = motor / per_ampere
+        measured = measure(current, sensors.current_noise_A or 0.0, sensors.current_quantum_A or 0.0, current_rng)
+        channels["motor_current_A"] = measured
+        channels["motor_torque_Nm"] = per_ampere * measured
+        if wheel.winding_resistance_ohm is not None and wheel.back_emf_constant_V_s_rad is not None:
+            per_speed = wheel.back_emf_constant_V_s_rad * (wheel.gear_ratio or 1.0)
+            voltage = wheel.winding_resistance_ohm * current + per_speed * motion.speed_rad_s
+            channels["motor_voltage_V"] = measure(voltage, sensors.voltage_noise_V, 0.0, voltage_rng)
+    if scenario.channels is None:
+        channels.pop("motor_torque_Nm", None)
+    else:
+        for name in scenario.channels:
+            if name not in channels:
+                raise InputError("scenario", f"{name} is not given, or the wheel lacks constants for it", "channels")
+        channels = {name: channels[name] for name in ("speed_rad_s", *scenario.channels)}
+    time_ns = scenario.start_ns + np.arange(slots, dtype=np.int64) * wheel.period_ns
+    return Samples(time_ns=time_ns, **channels)
+
+
+def _apply_faults(
+    scenario: Scenario, wheel: Wheel, samples: Samples, rng: np.random.Generator
+) -> tuple[Samples, BoolArray, BoolArray]:
+    """Return the samples with all declared faults, which slots are faulty, and which are missing from the table."""
+    faulty = np.zeros(len(samples), dtype=np.bool_)
+    missing = np.zeros(len(samples), dtype=np.bool_)
+    for fault, stream in zip(scenario.fault, rng.spawn(len(scenario.fault)), strict=True):
+        hit = fault.slots_hit(len(samples), wheel.sample_period_s, stream)
+        faulty |= hit
+        if fault.kind == "gap":
+            missing |= hit
+            continue
+        values = getattr(samples, fault.channel)
+        if values is None:
+            raise InputError("scenario", f"the record has no {fault.channel}", "fault.channel")
+        changed: dict[str, Any] = {fault.channel: fault.apply(values, hit, stream)}
+        samples = replace(samples, **changed)
+    return samples, faulty, missing
+
+
+def _used(scenario: Scenario, wheel: Wheel, samples: Samples, faulty: BoolArray) -> BoolArray:
+    """Return bool (n,), the slots from which a diagnosis can learn."""
+    dead_band = wheel.window.dead_band_rad_s
+    if dead_band is None:
+        dead_band = FALLBACK_DEAD_BAND * (scenario.sensors.for_wheel(wheel).speed_noise_rad_s or 0.0)
+    speed = np.where(faulty, np.nan, samples.speed_rad_s)
+    used = ~faulty & (np.abs(speed) > dead_band)
+    if not scenario.friction_given:
+        used &= np.isfinite(torque_balance.differentiate(speed, wheel.friction.derivative, wheel.sample_period_s))
+    return used

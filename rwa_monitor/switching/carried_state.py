@@ -1,0 +1,322 @@
+"""The carried state: what earlier windows of a wheel tell the next one.
+
+A window alone cannot show everything: where a switching system never rests (q = 0), its friction and the base dry
+friction are one number (errata 10). Earlier windows of the same wheel know better. What they tell is kept here, small,
+normalised as in `results`, and written as JSON with 12 significant digits; a diagnosis is a function of its window and
+this state, whose hash it names.
+
+What is carried never moves a nominal range. Those come from the model alone, so a slowly growing anomaly cannot become
+the new normal: the state only follows what the wheel's friction *is*, normal or not.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from functools import cached_property
+from typing import Annotated, Any, Final, Self
+
+import numpy as np
+from pydantic import Field, ValidationError
+
+from rwa_monitor.changepoints.stage_results import Assignment, Components
+from rwa_monitor.errors import InputError
+from rwa_monitor.kernels.order_statistics import sum_up
+from rwa_monitor.samples import FloatArray, IntArray
+from rwa_monitor.wheel.canonical_json import Rounded, canonical_json, content_sha256
+from rwa_monitor.wheel.strict import Strict
+from rwa_monitor.wheel.wheel import Wheel
+
+STATE_VERSION: Final = 1
+MAX_STATE_BYTES: Final = 200_000  # a state of 8 systems with 16 configurations takes some 20 kB
+
+# Friction of a healthy wheel moves by a few per cent with temperature and age (lubricant: months; bearing temperature:
+# an orbit). From one window to the next the random walk below is allowed, as a part of the value itself.
+DRIFT_PER_WINDOW: Final = 0.01
+# From one window to the next a wheel may change for good with this probability (one in fifty windows, six days of
+# windows of 10,000 s; a working assumption): then it is as likely anomalous as any, and a coefficient is anywhere.
+CHANGE_PER_WINDOW: Final = 0.02
+# Wear does not heal: of the changes of an anomalous wheel, this share leaves it anomalous whatever else they do.
+STILL_ANOMALOUS: Final = 0.98
+# What a configuration's friction was is forgotten with this factor per window, so that about the last 20 windows count.
+REMEMBERED: Final = 0.95
+
+Finite = Annotated[Rounded, Field(allow_inf_nan=False)]
+NotNegative = Annotated[Rounded, Field(ge=0, allow_inf_nan=False)]
+Probability = Annotated[Rounded, Field(ge=0, le=1)]
+
+
+class Tracked(Strict):
+    """A value that is followed over windows by a scalar Kalman filter with a random walk.
+
+    Attributes
+    ----------
+    mean, std
+        Current value and its standard deviation, normalised.
+    windows
+        Windows that it was learned from.
+    held
+        Probability that the value is still this one: it may have changed in a window that did not show it.
+    """
+
+    mean: Finite
+    std: NotNegative
+    windows: Annotated[int, Field(ge=1)]
+    held: Probability = 1.0
+
+    def drifted(self) -> Tracked:
+        """Return what is known of the value one window later, before that window is seen."""
+        return Tracked(
+            mean=self.mean,
+            std=math.hypot(self.std, DRIFT_PER_WINDOW * abs(self.mean)),
+            windows=self.windows,
+            held=(1.0 - CHANGE_PER_WINDOW) * self.held,
+        )
+
+    def scaled(self, factor: float) -> Tracked:
+        """Return the value in another unit."""
+        return Tracked(mean=self.mean * factor, std=self.std * abs(factor), windows=self.windows, held=self.held)
+
+    def believed(self, held: float) -> Tracked:
+        """Return the value where it is still this one with another probability."""
+        return Tracked(mean=self.mean, std=self.std, windows=self.windows, held=held)
+
+    def updated(self, value: float, std: float) -> Tracked:
+        """Return the value after a window that measured `value` ± `std`."""
+        before = self.drifted()
+        total = before.std**2 + std**2
+        gain = before.std**2 / total if total > 0 else 1.0
+        return Tracked(
+            mean=before.mean + gain * (value - before.mean),
+            std=math.sqrt(max(1.0 - gain, 0.0)) * before.std,
+            windows=self.windows + 1,
+        )
+
+
+class FrictionMemory(Strict):
+    """Friction that a configuration showed lately, each window's share forgotten by `REMEMBERED` per window.
+
+    Attributes
+    ----------
+    count
+        Effective number of sojourns.
+    mean, std
+        Their mean and standard deviation (0 for a single one), normalised by the nominal dry torque.
+    """
+
+    count: NotNegative
+    mean: Finite
+    std: NotNegative
+
+
+class SystemState(Strict):
+    """What earlier windows tell about one switching system.
+
+    Attributes
+    ----------
+    name
+        The system's name in the wheel file.
+    configuration, age
+        Where the system is at the slot at which the next window begins, and for how many slots at least it has been
+        there; None where that is not known.
+    friction
+        One memory for each configuration, None for those not seen.
+    """
+
+    name: str
+    configuration: Annotated[int, Field(ge=0)] | None = None
+    age: Annotated[int, Field(ge=0)] | None = None
+    friction: tuple[FrictionMemory | None, ...] = ()
+
+
+class CarriedState(Strict):
+    """What earlier windows of a wheel tell the next one; all values normalised.
+
+    Attributes
+    ----------
+    version
+        Of this format.
+    windows
+        Windows diagnosed so far.
+    base_dry, viscous
+        The friction coefficients as they are now, normal or not. Learned only from windows that show them.
+    noise_std
+        Noise of the last window.
+    probability
+        For each anomaly the probability after the last window, the prior of the next one.
+    inadequate
+        Windows in a row in which the friction model did not fit.
+    fss
+        One entry per switching system.
+    """
+
+    version: Annotated[int, Field(ge=STATE_VERSION, le=STATE_VERSION)] = STATE_VERSION
+    windows: Annotated[int, Field(ge=0)] = 0
+    base_dry: Tracked | None = None
+    viscous: Tracked | None = None
+    noise_std: NotNegative | None = None
+    probability: dict[str, Probability] = Field(default_factory=dict)
+    inadequate: Annotated[int, Field(ge=0)] = 0
+    fss: tuple[SystemState, ...] = ()
+
+    @staticmethod
+    def empty() -> CarriedState:
+        """Return the state before any window: always the same one, so that it is hashed once."""
+        return _EMPTY
+
+    def system(self, name: str) -> SystemState | None:
+        """Return what is known of the switching system of that name, or None."""
+        return next((system for system in self.fss if system.name == name), None)
+
+    def to_json(self) -> str:
+        """Write the state as canonical JSON."""
+        return canonical_json(self.model_dump(mode="json"))
+
+    @classmethod
+    def from_json(cls, text: str, source: str) -> Self:
+        """Read a state.
+
+        Raises
+        ------
+        InputError
+            If the text is too large, is no JSON, or a field is missing, unknown or out of range; names the field.
+        """
+        if len(text) > MAX_STATE_BYTES:
+            raise InputError(source, f"is larger than {MAX_STATE_BYTES} bytes; this is not a carried state")
+        try:
+            return cls.model_validate_json(text)
+        except ValidationError as error:
+            raise InputError.of_validation(source, error) from error
+
+    def sha256(self) -> str:
+        """Return the hash of the canonical JSON."""
+        return self._content_sha256
+
+    @cached_property
+    def _content_sha256(self) -> str:
+        return content_sha256(self.model_dump(mode="json"))
+
+    def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
+        """Return a copy, with some fields replaced; without the hash, which pydantic would copy along."""
+        copied = super().model_copy(update=update, deep=deep)
+        copied.__dict__.pop("_content_sha256", None)
+        return copied
+
+
+_EMPTY: Final = CarriedState()
+
+
+def next_state(
+    carried: CarriedState,
+    wheel: Wheel,
+    *,
+    assignment: Assignment,
+    components: Components,
+    tracked: tuple[Tracked | None, Tracked | None],
+    noise_std: float,
+    probability: Mapping[str, float],
+    base_known: bool,
+    adequate: bool,
+) -> CarriedState:
+    """Return the state after a window.
+
+    Parameters
+    ----------
+    carried
+        The state before it.
+    wheel
+        Its wheel.
+    assignment, components
+        Results of stage 3.
+    tracked
+        Base dry and viscous friction after the window.
+    noise_std
+        Noise of the window, normalised.
+    probability
+        Of each anomaly after this window, to be carried on.
+    base_known
+        Whether this window itself shows the base dry friction; otherwise the systems' friction is not learned from it.
+    adequate
+        Whether the friction model fits the window.
+    """
+    return CarriedState(
+        windows=carried.windows + 1,
+        base_dry=tracked[0],
+        viscous=tracked[1],
+        noise_std=noise_std if math.isfinite(noise_std) else carried.noise_std,
+        probability=dict(probability),
+        inadequate=0 if adequate else carried.inadequate + 1,
+        fss=tuple(
+            _next_system(carried, wheel, s, assignment, components, learn=base_known) for s in range(len(wheel.fss))
+        ),
+    )
+
+
+def rate_after_change(probability: float, rate: float) -> float:
+    """Return the probability of an anomaly after a change, that before it and how often it occurs being given."""
+    return rate + STILL_ANOMALOUS * probability * (1.0 - rate)
+
+
+def probability_before(probability: float, rate: float) -> float:
+    """Return the probability of an anomaly before a window, that after the last one and its rate being given.
+
+    Time alone brings it to the rate at most: a hundred windows that show nothing must not add up to an anomaly.
+    """
+    changed = probability + CHANGE_PER_WINDOW * (rate_after_change(probability, rate) - probability)
+    return min(changed, max(probability, rate))
+
+
+def follow(before: Tracked | None, value: float, std: float, *, known: bool) -> Tracked | None:
+    """Follow a value of which nothing was learned; where the window does not show it, only its uncertainty grows."""
+    if not (known and math.isfinite(value) and math.isfinite(std)):
+        return None if before is None else before.drifted()
+    if before is None:
+        return Tracked(mean=value, std=std, windows=1)
+    return before.updated(value, std)
+
+
+def _next_system(
+    carried: CarriedState, wheel: Wheel, s: int, assignment: Assignment, components: Components, *, learn: bool
+) -> SystemState:
+    system = wheel.fss[s]
+    before = carried.system(system.name)
+    configurations, starts = assignment.configurations[s], assignment.starts[s]
+    remembered = before.friction if before and before.friction else (None,) * system.configurations
+    friction = components.fss_friction[s]
+    seen = _add_up(configurations, friction, system.configurations, learn)
+    memories = tuple(_remember(remembered[q], *sums) for q, sums in enumerate(seen))
+    hop = wheel.window.hop_slots
+    if configurations.size == 0 or hop > wheel.window.samples:
+        return SystemState(name=system.name, friction=memories)
+    # The next window begins `hop` slots after this one: where the windows overlap, the system is asked there.
+    current = int(np.searchsorted(starts, hop, side="right")) - 1
+    current = max(current, 0)
+    age = hop - int(starts[current])
+    if current == 0 and before and before.age is not None and before.configuration == int(configurations[0]):
+        age += before.age
+    return SystemState(name=system.name, configuration=int(configurations[current]), age=age, friction=memories)
+
+
+def _add_up(
+    configuration: IntArray, friction: FloatArray, configurations: int, learn: bool
+) -> list[tuple[float, float, float]]:
+    """Return number of sojourns, sums of friction and of its squares, by configuration."""
+    known = np.isfinite(friction) & learn
+    values = [friction[known & (configuration == q)] for q in range(configurations)]
+    return [(own.size, sum_up(own), sum_up(own * own)) for own in values]
+
+
+def _remember(
+    before: FrictionMemory | None, new_count: float, new_total: float, new_squares: float
+) -> FrictionMemory | None:
+    """Forget a share of what was and add the new sojourns; sums of weights, values and squares."""
+    if before is None and new_count == 0.0:
+        return None
+    count = REMEMBERED * before.count if before else 0.0
+    total = count * before.mean if before else 0.0
+    squares = count * (before.std**2 + before.mean**2) if before else 0.0
+    count += new_count
+    total += new_total
+    squares += new_squares
+    mean = total / count
+    return FrictionMemory(count=count, mean=mean, std=math.sqrt(max(squares / count - mean**2, 0.0)))

@@ -1,0 +1,246 @@
+"""Friction split into base, viscous and each sojourn's share, given who jumped when (errata 10).
+
+The same linear Gaussian model that ranks the assignments. Where a system rests in the window, the data alone tell base
+and system apart. Where it never does, learned friction laws and earlier windows decide as far as they can. A system
+that shows fewer configurations than it has may also be one configuration higher or lower throughout, which leaves every
+jump as it is and moves the base by a whole configuration: such stories count by their probability. The values are those
+of the assignment; what the alternatives leave open shows in the standard deviations.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import islice, product
+from typing import Final
+
+import numpy as np
+
+from rwa_monitor.changepoints.stage_results import (
+    REJECTED,
+    UNATTRIBUTED,
+    Assignment,
+    Components,
+    Estimate,
+    Evidence,
+    Reading,
+    Rival,
+    Story,
+)
+from rwa_monitor.samples import FloatArray, IntArray
+from rwa_monitor.switching.carried_state import CarriedState
+from rwa_monitor.switching.duration_likelihoods import Number, log_probability, onsets
+from rwa_monitor.switching.friction_model import Posterior, measure, solve
+from rwa_monitor.switching.friction_priors import Priors, priors_of
+from rwa_monitor.switching.segments import effective_variance, level_scatter, typical_jump
+from rwa_monitor.wheel.wheel import Wheel
+
+MOST_SHIFTS: Final = 16  # stories weighed beside each other
+MOST_READINGS: Final = 8  # stories that are handed on
+LEAST_SCORE: Final = -8.0  # log-likelihood under broad friction laws: the learned ones make up for less than that
+MOST_AGAINST: Final = 30.0  # log-likelihood: beyond, an alternative is certain, and exp stays finite
+CERTAIN: Final = 0.05  # probability up to which a system that never rests is none
+
+
+def split(
+    assignment: Assignment, estimate: Estimate, evidence: Evidence, wheel: Wheel, carried: CarriedState | None = None
+) -> Components:
+    """Split the friction of a window into its parts.
+
+    Parameters
+    ----------
+    assignment, estimate
+        Result of `assignment.assign`.
+    evidence, wheel
+        The window and its wheel.
+    carried
+        What earlier windows told, or None.
+
+    Returns
+    -------
+    Components
+        Normalised. Jumps that no system made are part of the base: it is the mean over the window's samples. Where the
+        wheel names no system at all, they show that there is one; then any share of the level may be its friction.
+    """
+    story = Story(assignment.configurations, assignment.starts, assignment.index[assignment.system == UNATTRIBUTED])
+    jumps = estimate.index
+    borders = _borders(jumps, evidence.slots)
+    segments = evidence.sums.between(borders[:-1], borders[1:])
+    seen = estimate.level[np.isfinite(estimate.level)]
+    level = float(seen.sum()) / seen.size if seen.size else 0.0
+    priors = priors_of(wheel, carried, level, typical_jump(assignment.jump[assignment.system != REJECTED]))
+    variance = effective_variance(evidence.noise)
+
+    views: list[_View] = []
+    stories = _shifts(story, wheel)
+    laws_of = _laws_of(stories, wheel, evidence.slots, carried)
+    for shifted, laws in zip(stories, laws_of, strict=True):
+        posterior = solve(shifted, borders, segments, priors, variance, level_scatter(variance))
+        views.append(_view(shifted, posterior, borders, segments.n, laws))
+    best = views[0]
+    weights = np.exp(np.array([min(view.score - best.score, MOST_AGAINST) for view in views]))
+    weights /= weights.sum()
+    return Components(
+        base_dry=best.base,
+        base_dry_std=float(
+            np.hypot(
+                _spread(weights, [v.base for v in views], [v.base_std for v in views]),
+                best.base if jumps.size and not wheel.fss else 0.0,
+            )
+        ),
+        viscous=best.viscous,
+        viscous_std=best.viscous_std,
+        fss_friction=best.friction,
+        fss_friction_std=tuple(
+            _spread(weights, [v.friction[s] for v in views], [v.friction_std[s] for v in views])
+            for s in range(len(wheel.fss))
+        ),
+        base_ambiguous=float(weights @ np.array([not view.rests for view in views])) > CERTAIN,
+        readings=_readings(
+            _rivals(assignment, jumps, stories, [view.score for view in views], laws_of), evidence, priors
+        ),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _View:
+    """What one story says: its log-likelihood, the parts of friction, and whether all systems rest at some time."""
+
+    score: float
+    base: float
+    base_std: float
+    viscous: float
+    viscous_std: float
+    friction: tuple[FloatArray, ...]
+    friction_std: tuple[FloatArray, ...]
+    rests: bool
+
+
+def _shifts(story: Story, wheel: Wheel) -> list[Story]:
+    """Return the story, and those in which systems are some configurations higher or lower throughout."""
+    options = []
+    for system, configurations in zip(wheel.fss, story.configurations, strict=True):
+        visited = configurations.tolist()
+        low, high = -min(visited), system.configurations - 1 - max(visited)
+        options.append([0, *(shift for shift in range(low, high + 1) if shift)])
+    if all(len(shifts) == 1 for shifts in options):
+        return [story]
+    return [
+        replace(story, configurations=tuple(q + d for q, d in zip(story.configurations, shift, strict=True)))
+        for shift in islice(product(*options), MOST_SHIFTS)
+    ]
+
+
+def _borders(jumps: IntArray, slots: int) -> IntArray:
+    """Return the slots at which segments begin and end, int64 (jumps + 2,)."""
+    return np.concatenate((np.zeros(1, dtype=np.int64), jumps, np.full(1, slots)))
+
+
+def _laws_of(stories: list[Story], wheel: Wheel, slots: int, carried: CarriedState | None) -> list[float]:
+    """Return the log-probability of each story by durations; 0 of a single one, which is weighed against no other."""
+    if len(stories) == 1:
+        return [0.0]
+    told = onsets(wheel.fss, carried)
+    return [
+        sum(
+            log_probability(system, story.configurations[s], story.starts[s], slots, told[s])
+            for s, system in enumerate(wheel.fss)
+        )
+        for story in stories
+    ]
+
+
+def _view(story: Story, posterior: Posterior, borders: IntArray, samples: FloatArray, laws: float) -> _View:
+    """Read the parts of friction from a posterior."""
+    base, base_variance = float(posterior.mean[0]), float(posterior.covariance[0, 0])
+    if story.unattributed.size:
+        weights = np.zeros(posterior.mean.size)
+        weights[0] = 1.0
+        first_free = posterior.mean.size - 1 - story.unattributed.size
+        total = max(float(samples.sum()), 1.0)
+        for j, slot in enumerate(story.unattributed):
+            weights[first_free + j] = float(samples[borders[:-1] >= slot].sum()) / total
+        base, base_variance = float(weights @ posterior.mean), float(weights @ posterior.covariance @ weights)
+    sojourns = [_of_sojourns(at, posterior.mean, posterior.std) for at in posterior.column]
+    return _View(
+        score=laws + posterior.log_evidence,
+        base=base,
+        base_std=math.sqrt(max(base_variance, 0.0)),
+        viscous=float(posterior.mean[-1]),
+        viscous_std=float(posterior.std[-1]),
+        friction=tuple(friction for friction, _ in sojourns),
+        friction_std=tuple(std for _, std in sojourns),
+        rests=all(
+            _rests(configurations, starts, borders, samples)
+            for configurations, starts in zip(story.configurations, story.starts, strict=True)
+        ),
+    )
+
+
+def _rivals(
+    assignment: Assignment, index: IntArray, stories: list[Story], scores: list[float], laws: list[float]
+) -> list[Rival]:
+    """Return the stories worth weighing: those of the assignment, and the one told with systems shifted throughout.
+
+    Parameters
+    ----------
+    assignment, index
+        The assignment and the slots of its jumps.
+    stories, scores, laws
+        The story told and its shifted versions, their log-likelihoods and the duration laws' part of these.
+    """
+    told = assignment.rivals[0] if assignment.rivals else Rival(stories[0], index, laws[0], scores[0])
+    found = {_configurations(rival.story): rival for rival in assignment.rivals}
+    for story, score, law in zip(stories, scores, laws, strict=True):
+        shifted = Rival(story, index, told.log_laws + law - laws[0], told.log_score + score - scores[0])
+        found.setdefault(_configurations(story), shifted)
+    likely = [rival for rival in found.values() if rival.log_score >= told.log_score + LEAST_SCORE]
+    return sorted(likely, key=lambda rival: -rival.log_score)[:MOST_READINGS]
+
+
+def _configurations(story: Story) -> tuple[bytes, ...]:
+    return (*(q.tobytes() for q in story.configurations), story.unattributed.tobytes())
+
+
+def _readings(rivals: list[Rival], evidence: Evidence, priors: Priors) -> tuple[Reading, ...]:
+    """Return what the samples say if each of the stories is true; nothing where there is only one.
+
+    A configuration 0 with friction of its own is never told from the base, and the stories do not compare.
+    """
+    if len(rivals) < 2 or not all(of_system[0].fixed_at_zero for of_system in priors.laws):
+        return ()
+    variance = effective_variance(evidence.noise)
+    readings = []
+    for rival in rivals:
+        borders = _borders(rival.index, evidence.slots)
+        segments = evidence.sums.between(borders[:-1], borders[1:])
+        posterior = measure(rival.story, borders, segments, priors, variance, level_scatter(variance))
+        view = _view(rival.story, posterior, borders, segments.n, rival.log_laws)
+        readings.append(Reading(rival.story, view.score, view.base, view.base_std, view.friction, view.friction_std))
+    return tuple(readings)
+
+
+def _spread(weights: FloatArray, values: Sequence[Number], stds: Sequence[Number]) -> FloatArray:
+    """Return the root mean square distance from the first view's values to all that may be; one entry a view."""
+    if weights.size == 1:
+        return np.asarray(stds[0])
+    squares = np.array(stds) ** 2 + (np.array(values) - values[0]) ** 2
+    # Not weights @ squares: with BLAS the order of the sum, and whether it is fused, depends on the processor.
+    return np.asarray(np.sqrt((squares.T * weights).sum(axis=-1)))
+
+
+def _of_sojourns(column: IntArray, mean: FloatArray, std: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return a system's friction in each sojourn and its standard deviation, see `Posterior`; 0 where it is by law."""
+    return np.where(column >= 0, mean[column], 0.0), np.where(column >= 0, std[column], 0.0)
+
+
+def _rests(configurations: IntArray, starts: IntArray, borders: IntArray, samples: FloatArray) -> bool:
+    """Whether the system is in configuration 0 in any segment that holds samples."""
+    sojourn = 0
+    for stop, count in zip(borders[1:].tolist(), samples.tolist(), strict=True):
+        while sojourn + 1 < starts.size and starts[sojourn + 1] < stop:
+            sojourn += 1
+        if configurations[sojourn] == 0 and count > 0.0:
+            return True
+    return False

@@ -1,0 +1,268 @@
+"""Log-probabilities of sojourns between candidates, tabulated once per window so that the search only looks them up.
+
+Every duration law is *soft*: mixed with a small share of a broad one, so that no hard support makes a window
+infeasible (an undetected short sojourn, a law that is a little wrong). The broad law is a Lomax law of the same mean,
+
+    P(τ ≥ e) = (1 + (e - 1) / m)^-2,
+
+heavy enough for a sojourn that swallowed an undetected excursion and flat enough for one that is much too short.
+
+The ends of the window are censored (errata 9). With S(e) = P(τ ≥ e), μ the mean duration, π the stationary law of the
+jumping chain and N the length of the window, all of the soft laws:
+
+- first sojourn, in q, ended by a jump after e slots:   π_q S_q(e) / Σ_j π_j μ_j
+- last sojourn, in q, begun e slots before the end:     S_q(e)
+- a system that does not jump in the window:            π_q Σ_{r ≥ N} S_q(r) / Σ_j π_j μ_j
+
+Where earlier windows tell in which configuration a system entered the window, the first sojourn is a mixture of what
+they tell and of the above.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from scipy import special
+
+from rwa_monitor.kernels.laws import SOFT_SHARE, add_up, tabulate
+from rwa_monitor.samples import FloatArray, IntArray
+from rwa_monitor.switching.carried_state import CarriedState
+from rwa_monitor.wheel.durations import DurationLaw
+from rwa_monitor.wheel.switching_systems import jumping_chain_law
+from rwa_monitor.wheel.wheel import SwitchingSystem
+
+Number = float | FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class Onset:
+    """What is known of a system's first sojourn: its configuration, and the slots it lasted before the window."""
+
+    configuration: int
+    age: int
+
+
+@dataclass(frozen=True, slots=True)
+class LawTables:
+    """Log-probabilities over nodes: node 0 is the window's begin, nodes 1 … m are the candidates.
+
+    Axes: S systems, Q configurations (padded with -inf to the largest system), nodes where a sojourn begins (0: before
+    the window) and where it ends.
+
+    Attributes
+    ----------
+    jump
+        (S, Q, m + 1, m + 1): the sojourn lasts from one node to exactly the other.
+    stay
+        (S, Q, m + 1): the sojourn lasts at least from the node to the window's end.
+    turn
+        (S, Q, 2): a transition goes down or up.
+    missed
+        (S, Q, 2, m + 1, m + 1): the sojourn ends by a jump (down or up) without a candidate, and the one after it ends
+        at the later node; with the prior of a missed jump.
+    """
+
+    jump: FloatArray
+    stay: FloatArray
+    turn: FloatArray
+    missed: FloatArray
+
+
+@dataclass(frozen=True, slots=True)
+class SoftLaw:
+    """A duration law with its share of the broad law."""
+
+    law: DurationLaw
+    mean: float
+
+    def pmf(self, slots: FloatArray) -> FloatArray:
+        """Return P(τ = slots) for slots ≥ 1."""
+        return np.asarray(_soft_pmf(self.law.survival(slots), self.law.survival(slots + 1.0), slots, self.mean))
+
+    def survival(self, slots: FloatArray) -> FloatArray:
+        """Return P(τ ≥ slots) for slots ≥ 1."""
+        return np.asarray(_soft_survival(self.law.survival(slots), slots, self.mean))
+
+    def survival_sum(self, start: int) -> float:
+        """Return Σ_{r ≥ start} P(τ ≥ r) [slots]; the mean for start = 1."""
+        broad = self.mean**2 * float(special.zeta(2.0, self.mean + start - 1))  # Σ_r m² / (m + r - 1)²
+        return (1 - SOFT_SHARE) * _survival_sum(self.law, start) + SOFT_SHARE * broad
+
+
+def broad_survival(slots: Number, mean: Number) -> Number:
+    """Return P(τ ≥ slots) of the broad law; numbers or arrays."""
+    share = mean / (mean + slots - 1.0)
+    return share * share
+
+
+def _soft_survival(survival: Number, slots: Number, mean: float) -> Number:
+    """Mix a law's P(τ ≥ slots) with that of the broad law."""
+    return (1.0 - SOFT_SHARE) * survival + SOFT_SHARE * broad_survival(slots, mean)
+
+
+def _soft_pmf(survival: Number, following: Number, slots: Number, mean: float) -> Number:
+    """Mix a law's P(τ = slots), from P(τ ≥ slots) and P(τ ≥ slots + 1), likewise."""
+    broad = broad_survival(slots, mean) - broad_survival(slots + 1.0, mean)
+    return (1.0 - SOFT_SHARE) * (survival - following) + SOFT_SHARE * broad
+
+
+@lru_cache(maxsize=4096)
+def _survival_sum(law: DurationLaw, start: int) -> float:
+    return law.survival_sum(start)
+
+
+def soften(law: DurationLaw) -> SoftLaw:
+    """Return the law mixed with its broad companion."""
+    return SoftLaw(law, _survival_sum(law, 1))
+
+
+def onsets(systems: tuple[SwitchingSystem, ...], carried: CarriedState | None) -> tuple[Onset | None, ...]:
+    """Return for each system what earlier windows tell of its first sojourn."""
+    found: list[Onset | None] = []
+    for system in systems:
+        known = carried.system(system.name) if carried else None
+        if known is None or known.configuration is None or known.configuration >= system.configurations:
+            found.append(None)
+        else:
+            found.append(Onset(known.configuration, known.age or 0))
+    return tuple(found)
+
+
+def law_tables(
+    systems: tuple[SwitchingSystem, ...], index: IntArray, slots: int, first: tuple[Onset | None, ...]
+) -> LawTables:
+    """Tabulate the laws of all systems between the candidates of a window.
+
+    Parameters
+    ----------
+    systems
+        The wheel's switching systems.
+    index
+        int64 (m,), the candidates' slots, strictly increasing, each in [1, slots).
+    slots
+        Length of the window [slots].
+    first
+        What is known of each system's first sojourn, or None.
+    """
+    nodes = index.size + 1
+    width = max((system.configurations for system in systems), default=1)
+    shape = (len(systems), width)
+    tables = LawTables(
+        jump=np.full((*shape, nodes, nodes), -np.inf),
+        stay=np.full((*shape, nodes), -np.inf),
+        turn=np.full((*shape, 2), -np.inf),
+        missed=np.full((*shape, 2, nodes, nodes), -np.inf),
+    )
+    at = index.astype(np.float64)
+    durations = _durations(at, slots)
+    for s, system in enumerate(systems):
+        _fill(tables, s, system, at, durations, slots, first[s])
+    return tables
+
+
+class Chain(NamedTuple):
+    """What of a system's laws depends on the window's length at most, as kernels take it; Q configurations.
+
+    Attributes
+    ----------
+    means
+        float64 (Q,), mean durations of the soft laws [slots].
+    entered
+        float64 (Q,), how often a sojourn in q begins, per slot: π_q / Σ_j π_j μ_j.
+    never
+        float64 (Q,), probability that the first sojourn is in q and outlasts the window.
+    turn
+        float64 (Q, 2), log-probabilities of a transition down and up.
+    """
+
+    means: FloatArray
+    entered: FloatArray
+    never: FloatArray
+    turn: FloatArray
+
+
+@lru_cache(maxsize=256)
+def _laws_of(system: SwitchingSystem, slots: int) -> tuple[tuple[SoftLaw, ...], Chain]:
+    """Return a system's soft laws, and what else of them does not depend on what happened in a window of `slots`."""
+    soft = tuple(soften(law) for law in system.durations)
+    pi = jumping_chain_law(system)
+    cycle = sum(float(p) * law.survival_sum(1) for p, law in zip(pi, soft, strict=True))
+    up = np.array([system.probability_up(q) for q in range(system.configurations)])
+    with np.errstate(divide="ignore"):
+        turn = np.log(np.stack([1.0 - up, up], axis=1))
+    never = pi / cycle * np.array([law.survival_sum(slots) for law in soft])
+    return soft, Chain(np.array([law.mean for law in soft]), pi / cycle, never, turn)
+
+
+def _survivals(laws: tuple[SoftLaw, ...], slots: FloatArray) -> FloatArray:
+    """Return P(τ ≥ slots) of the laws, not softened: float64 (Q, points)."""
+    survivals = np.empty((len(laws), slots.size))
+    for q, law in enumerate(laws):
+        survivals[q] = law.law.survival(slots)
+    return survivals
+
+
+class Told(NamedTuple):
+    """What an earlier window tells of a first sojourn: its configuration (-1: nothing), and how long it goes on.
+
+    `ends`, float64 (points,): probability that it ends after so many slots; `lasts`: that it outlasts the window.
+    """
+
+    configuration: int
+    ends: FloatArray
+    lasts: float
+
+
+def _told_by(first: Onset | None, laws: tuple[SoftLaw, ...], after: FloatArray, slots: int) -> Told:
+    """Return what is known of a first sojourn that would end `after` slots of the window."""
+    if first is None:
+        return Told(-1, after, 0.0)
+    law = laws[first.configuration]
+    alive, gone = law.survival(np.array([first.age + 1.0, float(first.age + slots)]))
+    return Told(first.configuration, law.pmf(first.age + after) / alive, float(gone / alive))
+
+
+def _fill(
+    tables: LawTables,
+    s: int,
+    system: SwitchingSystem,
+    at: FloatArray,
+    durations: FloatArray,
+    slots: int,
+    first: Onset | None,
+) -> None:
+    """Fill the tables of one system; `durations` as from `_durations`."""
+    laws, chain = _laws_of(system, slots)
+    tables.turn[s, : len(laws)] = chain.turn
+    told = _told_by(first, laws, at, slots)
+    tabulate(at, slots, _survivals(laws, durations), chain, told, tables.jump[s], tables.stay[s], tables.missed[s])
+
+
+def _durations(at: FloatArray, slots: int) -> FloatArray:
+    """Return the durations at which `tabulate` takes survival, in its order: float64 (points,)."""
+    first, last = np.triu_indices(at.size, 1)
+    between = at[last] - at[first]
+    return np.concatenate((between, between + 1.0, at, slots - at))
+
+
+def log_probability(
+    system: SwitchingSystem, configurations: IntArray, starts: IntArray, slots: int, first: Onset | None
+) -> float:
+    """Return the log-probability of all that one system did in a window.
+
+    Parameters
+    ----------
+    system, first
+        Its laws, and what is known of its first sojourn.
+    configurations, starts
+        int64 (sojourns,), see `stage_results.Assignment`.
+    slots
+        Length of the window.
+    """
+    (laws, chain), at = _laws_of(system, slots), starts[1:].astype(np.float64)
+    between = at[1:] - at[:-1]
+    survivals = _survivals(laws, np.concatenate((between, between + 1.0, at[:1], slots - at[-1:])))
+    return add_up(configurations, at, slots, survivals, chain, _told_by(first, laws, at[:1], slots))

@@ -1,0 +1,430 @@
+"""Jumps of recordings parted between switching systems, without knowing how many there are.
+
+Two systems are told apart by the sizes of their jumps, by how long they last, and by what a system is: it steps between
+adjacent configurations, and what it adds on its way up it takes away on its way down. All three are in the likelihood
+of `chain_decoding`. For each number of systems and of their configurations, decoding and estimates of sizes and
+durations alternate until they agree (segmental k-means: Rabiner, Wilpon, Juang, AT&T Technical Journal 65 (1986) 21),
+from several starts; the description that is worth its parameters wins (Schwarz, Annals of Statistics 6 (1978) 461).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import combinations, pairwise
+from typing import Final
+
+import numpy as np
+from scipy import special
+
+from rwa_monitor.samples import FloatArray, IntArray
+from rwa_monitor.switching.chain_decoding import Chains, Path, Stays, decode
+
+# Configurations of the systems, simple ones first: more is looked at as long as it is worth more.
+TIERS: Final = (
+    ((2,), (3,), (2, 2)),
+    ((4,), (2, 3), (2, 2, 2)),
+    ((5,), (2, 4), (3, 3), (2, 2, 3)),
+)
+PER_SYSTEM: Final = 2.0  # log odds a priori against a system more: steps of the same size are sooner one chain's
+# Of the base, by which levels miss the sum of what is in them, noise apart: visits too short to be seen, a slope of the
+# drag that is known to so much.
+LEVEL_ERROR: Final = 0.002
+BASE_SPREAD: Final = 0.02  # of the base, from one recording to another, before it is known
+ENOUGH_JUMPS: Final = 1500  # to tell how many systems there are; more only sharpen what they are like
+FIRST_PASSES: Final = 2  # after which the worse starts are given up
+LAST_PASSES: Final = 12
+FIRST_BEAM: Final = 12  # paths followed
+LAST_BEAM: Final = 64
+KEPT_STARTS: Final = 2
+CONVERGED: Final = 0.01  # of the log-likelihood
+# What is known before any sojourn is seen, as if so many had been: a law neither as sharp as a clock nor broader than a
+# decade, sizes that differ by some per cent.
+PRIOR_SOJOURNS: Final = 2.0
+PRIOR_SIGMA: Final = 0.7
+PRIOR_SIZES: Final = 0.5
+PRIOR_SPREAD: Final = 0.05
+SIGMAS: Final = (0.05, 2.0)
+CUT_BY: Final = 0.3  # logarithm by which a sojourn that was cut outlasts what was seen of it
+VISIT_JUMPS: Final = 8  # jumps after a jump up among which the one that undoes it is looked for
+CLOSED_WITHIN: Final = 3.5  # standard deviations by which the way back may miss the entry
+START_SPREAD: Final = 0.3  # of a size, at the start
+START_SIGMA: Final = 1.2
+START_STEPS: Final = (0.3, 0.5, 0.7)  # quantiles of the jumps' sizes that may be the step of a longer chain
+
+# Of the visits, that may be another system's. Halves of one Gaussian lot, parted at its middle and taken for two, have
+# 0.09; one visit in twenty shifts the median of a law by less than the sampling error of a hundred.
+MOST_CONFUSED: Final = 0.05
+
+
+@dataclass(frozen=True, slots=True)
+class Visit:
+    """A sojourn of one system in one record.
+
+    Attributes
+    ----------
+    configuration
+        q.
+    slots
+        Of it in the record.
+    began, ended
+        In the record, or not.
+    friction, std
+        Above the base, and its standard deviation [N m]; 0 in the lowest configuration.
+    record
+        Its record.
+    begin
+        The slot in which it begins.
+    """
+
+    configuration: int
+    slots: int
+    began: bool
+    ended: bool
+    friction: float
+    std: float
+    record: int
+    begin: int
+
+
+@dataclass(frozen=True, slots=True)
+class Parted:
+    """Jumps parted between systems.
+
+    Attributes
+    ----------
+    chains
+        What the systems are like.
+    visits
+        By system, in the order of time.
+    base
+        By record, friction with all at rest [N m], and the slots in which all was.
+    rivals
+        Other descriptions, best first: configurations of the systems, and by how much their criterion is worse.
+    criterion
+        Log-likelihood less half log n for each parameter: higher is better.
+    odd
+        Share of the stays whose level no system explains.
+    """
+
+    chains: Chains
+    visits: tuple[tuple[Visit, ...], ...]
+    base: tuple[tuple[float, int], ...]
+    rivals: tuple[tuple[tuple[int, ...], float], ...]
+    criterion: float
+    odd: float
+
+
+def part(records: Sequence[Stays], base: float) -> Parted:
+    """Part the jumps of a wheel's records.
+
+    Parameters
+    ----------
+    records
+        With a jump in one of them, at least.
+    base
+        Friction of the lowest stays [N m].
+    """
+    records = [Stays(one.level, np.hypot(one.std, LEVEL_ERROR * abs(base)), one.at) for one in records]
+    known = _described(_first_of(records, ENOUGH_JUMPS), base)
+    order = sorted(known, key=lambda counts: -known[counts][0])
+    while True:
+        criterion, chains, _ = known[order[0]]
+        _, chains, paths = _alternate(records, chains, LAST_PASSES, LAST_BEAM)
+        visits, bases = _visits(records, chains, paths)
+        if not _is_halved(chains, visits):
+            break
+        del order[0]
+    odd = float(np.mean(np.concatenate([path.outlier for path in paths])))
+    rivals = tuple((counts, float(criterion - known[counts][0])) for counts in order[1:])
+    return Parted(chains, visits, bases, rivals, float(criterion), odd)
+
+
+def _first_of(records: Sequence[Stays], jumps: int) -> list[Stays]:
+    """Return the first records, the last of them cut, with so many jumps, or all that there are."""
+    first: list[Stays] = []
+    for one in records:
+        stays = min(one.level.size, jumps + 1)
+        first.append(Stays(one.level[:stays], one.std[:stays], one.at[: stays + 1]))
+        jumps -= stays - 1
+        if jumps <= 0:
+            break
+    return first
+
+
+def _described(records: Sequence[Stays], base: float) -> dict[tuple[int, ...], tuple[float, Chains, list[Path]]]:
+    """Describe the records by each number of systems and configurations, simple ones first while more is worth more.
+
+    Returns the criterion, the systems and the paths by the numbers of configurations.
+    """
+    jumps = sum(one.level.size - 1 for one in records)
+    known: dict[tuple[int, ...], tuple[float, Chains, list[Path]]] = {}
+    for tier in TIERS:
+        before = max((value[0] for value in known.values()), default=-np.inf)
+        for counts in tier:
+            worth, chains, paths = _best_of(records, counts, base)
+            price = 0.5 * _parameters(counts) * np.log(jumps + 1) + (len(counts) - 1) * PER_SYSTEM
+            known[counts] = worth - price, chains, paths
+        if max(value[0] for value in known.values()) <= before:
+            break
+    return known
+
+
+def _parameters(counts: tuple[int, ...]) -> int:
+    """Count what is estimated: size and spread above the lowest, two of each law, ways up in between."""
+    return sum(2 * (count - 1) + 2 * count + (count - 2) for count in counts)
+
+
+def _best_of(records: Sequence[Stays], counts: tuple[int, ...], base: float) -> tuple[float, Chains, list[Path]]:
+    """Return the best of the starts."""
+    tried = [_alternate(records, start, FIRST_PASSES, FIRST_BEAM) for start in _starts(records, counts, base)]
+    tried.sort(key=lambda one: -one[0])
+    finished = [_alternate(records, chains, LAST_PASSES, LAST_BEAM) for _, chains, _ in tried[:KEPT_STARTS]]
+    return max(finished, key=lambda one: one[0])
+
+
+def _alternate(records: Sequence[Stays], chains: Chains, passes: int, beam: int) -> tuple[float, Chains, list[Path]]:
+    """Alternate paths and estimates; return the best log-likelihood with what gave it."""
+    best: tuple[float, Chains, list[Path]] | None = None
+    for _ in range(passes):
+        paths = [decode(one, chains, beam) for one in records]
+        worth = sum(path.log_likelihood for path in paths)
+        done = best is not None and worth < best[0] + CONVERGED
+        if best is None or worth > best[0]:
+            best = worth, chains, paths
+        if done:
+            break
+        visits, bases = _visits(records, chains, paths)
+        chains = _estimated(chains, visits, bases)
+    assert best is not None
+    return best
+
+
+def confused_share(chains: Chains, visits: Sequence[Sequence[Visit]], i: int, j: int) -> float:
+    """Return the share of the visits of two systems of two configurations that may be the other's.
+
+    The mean probability, by size and duration, that a visit belongs to the other of the two.
+    """
+    doubt = []
+    for own in (i, j):
+        for visit in visits[own]:
+            if visit.configuration == 1:
+                worth = []
+                for k in (i, j):
+                    width = float(np.hypot(chains.spread[k, 1], visit.std))
+                    size = (visit.friction - chains.size[k, 1]) / width
+                    slots = (np.log(visit.slots) - chains.mu[k, 1]) / chains.sigma[k, 1]
+                    count = sum(1 for other in visits[k] if other.configuration == 1)
+                    worth.append(np.log(count / (width * chains.sigma[k, 1])) - 0.5 * (size**2 + slots**2))
+                doubt.append(1.0 - float(special.softmax(worth)[(i, j).index(own)]))
+    return float(np.mean(doubt))
+
+
+def _is_halved(chains: Chains, visits: Sequence[Sequence[Visit]]) -> bool:
+    """Say whether two of the systems are one whose visits are parted: alike, and never away from rest together.
+
+    Choosing for each visit the half that it fits better makes a description with a system more look better than it is,
+    and the more so the more visits there are.
+    """
+    for i, j in combinations(range(len(chains.counts)), 2):
+        if chains.counts[i] == chains.counts[j] == 2 and confused_share(chains, visits, i, j) > MOST_CONFUSED:
+            away = sorted(
+                (visit.record, visit.begin, visit.begin + visit.slots)
+                for visit in (*visits[i], *visits[j])
+                if visit.configuration
+            )
+            if not any(a[0] == b[0] and b[1] < a[2] for a, b in pairwise(away)):
+                return True
+    return False
+
+
+# ---- starts ----------------------------------------------------------------------------------------------------------
+
+
+def _starts(records: Sequence[Stays], counts: tuple[int, ...], base: float) -> Iterator[Chains]:
+    """Yield what systems may be like.
+
+    Those of two configurations from visits that close, grouped by size, by duration, or at the widest gaps between
+    sizes; longer ones from the sizes of all jumps.
+    """
+    pairs = np.array([pair for one in records for pair in _closed(one)], dtype=np.float64).reshape(-1, 2)
+    slots = sum(int(one.at[-1] - one.at[0]) for one in records)
+    jumps = np.concatenate([np.abs(np.diff(one.level)) for one in records])
+    if pairs.shape[0] < 2:
+        pairs = np.array([[size, slots / (jumps.size + 1)] for size in np.quantile(jumps, (0.3, 0.7))])
+    two = sum(count == 2 for count in counts)
+    seen = set()
+    for groups in _grouped(pairs, two):
+        for steps in START_STEPS if two < len(counts) else (0.5,):
+            chains = _start(counts, groups, float(np.quantile(jumps, steps)), slots / (jumps.size + 1), slots, base)
+            key = (chains.size.tobytes(), chains.mu.tobytes())
+            if key not in seen:
+                seen.add(key)
+                yield chains
+
+
+def _closed(one: Stays) -> Iterator[tuple[float, float]]:
+    """Yield size [N m] and slots of jumps up and of those that undo them, the nearest in time."""
+    size, std = np.diff(one.level), np.hypot(one.std[1:], one.std[:-1])
+    free = np.ones(size.size, dtype=bool)
+    for up in np.flatnonzero(size > 0).tolist():
+        after = np.arange(up + 1, min(up + 1 + VISIT_JUMPS, size.size))
+        undone = after[free[after] & (np.abs(size[after] + size[up]) < CLOSED_WITHIN * np.hypot(std[after], std[up]))]
+        if undone.size:
+            free[undone[0]] = False
+            yield float(size[up]), float(one.at[undone[0] + 1] - one.at[up + 1])
+
+
+def _grouped(pairs: FloatArray, groups: int) -> Iterator[list[FloatArray]]:
+    """Yield ways to part visits (n, 2) into groups."""
+    if groups == 0:
+        yield []
+        return
+    if groups == 1 or pairs.shape[0] < groups:
+        for quantile in (0.5, 0.2, 0.8) if groups == 1 else (0.5,):
+            centre = np.quantile(np.log(pairs[:, 1]), quantile)
+            near = pairs[np.argsort(np.abs(np.log(pairs[:, 1]) - centre))[: max(pairs.shape[0] // 2, 1)]]
+            yield [near] * groups
+        yield [pairs] * groups
+        return
+    for column in (0, 1):
+        ordered = pairs[np.argsort(pairs[:, column], kind="stable")]
+        yield np.array_split(ordered, groups)
+        gaps = np.diff(np.log(ordered[:, column]))
+        inner = gaps[1:-1] if gaps.size >= groups + 1 else gaps
+        cuts = np.sort(np.argsort(-inner, kind="stable")[: groups - 1]) + (2 if inner.size < gaps.size else 1)
+        yield np.split(ordered, cuts)
+
+
+def _start(
+    counts: tuple[int, ...], groups: list[FloatArray], step: float, mean_slots: float, slots: float, base: float
+) -> Chains:
+    """Return systems as they may be: two configurations by their groups of visits, longer chains by their step."""
+    shape = len(counts), max(counts)
+    size, mu, up = np.zeros(shape), np.zeros(shape), np.zeros(shape)
+    left = list(groups)
+    for i, count in enumerate(counts):
+        up[i, :count] = [1.0, *[0.5] * (count - 2), 0.0]
+        if count == 2:
+            group = left.pop(0)
+            size[i, 1] = np.median(group[:, 0])
+            mu[i, 1] = np.median(np.log(group[:, 1]))
+            mu[i, 0] = np.log(max(slots / (group.shape[0] + 1) - np.exp(mu[i, 1]), mean_slots))
+        else:
+            size[i, :count] = step * np.arange(count)
+            mu[i, :count] = np.log(mean_slots * len(counts))
+    return Chains(counts, size, START_SPREAD * size, mu, np.full(shape, START_SIGMA), up, base, BASE_SPREAD * abs(base))
+
+
+# ---- estimates -------------------------------------------------------------------------------------------------------
+
+
+def _visits(
+    records: Sequence[Stays], chains: Chains, paths: Sequence[Path]
+) -> tuple[tuple[tuple[Visit, ...], ...], tuple[tuple[float, int], ...]]:
+    """Return the visits of each system, and each record's base with the slots in which all systems are at rest."""
+    of_all: list[list[Visit]] = [[] for _ in chains.counts]
+    bases = []
+    for number, (one, path) in enumerate(zip(records, paths, strict=True)):
+        spans = [_spans(path.configurations[:, i]) for i in range(len(chains.counts))]
+        friction, std, base = _frictions(one, chains, path, spans)
+        for i, of_one in enumerate(spans):
+            for k, (begin, end) in enumerate(of_one):
+                q = int(path.configurations[begin, i])
+                of_all[i].append(
+                    Visit(
+                        q,
+                        int(one.at[end] - one.at[begin]),
+                        begin > 0,
+                        end < one.level.size,
+                        friction[i][k] if q else 0.0,
+                        std[i][k] if q else 0.0,
+                        number,
+                        int(one.at[begin]),
+                    )
+                )
+        at_rest = (path.configurations == 0).all(axis=1)
+        bases.append((base, int(np.diff(one.at)[at_rest].sum())))
+    return tuple(tuple(of_one) for of_one in of_all), tuple(bases)
+
+
+def _spans(configuration: IntArray) -> list[tuple[int, int]]:
+    """Return the stays, first and beyond the last, of each sojourn."""
+    cuts = [0, *(np.flatnonzero(np.diff(configuration)) + 1).tolist(), configuration.size]
+    return list(pairwise(cuts))
+
+
+def _frictions(
+    one: Stays, chains: Chains, path: Path, spans: Sequence[Sequence[tuple[int, int]]]
+) -> tuple[list[list[float]], list[list[float]], float]:
+    """Return friction and standard deviation of each sojourn, and the base [N m], by least squares given the path."""
+    columns, prior, width, place = [np.ones(one.level.size)], [chains.base], [chains.base_std], {}
+    for i, of_one in enumerate(spans):
+        for k, (begin, end) in enumerate(of_one):
+            q = int(path.configurations[begin, i])
+            if q:
+                column = np.zeros(one.level.size)
+                column[begin:end] = 1.0
+                place[i, k] = len(columns)
+                columns.append(column)
+                prior.append(chains.size[i, q])
+                # A visit's size is its own: what others are like decides only where it is hardly seen.
+                width.append(max(3.0 * chains.spread[i, q], PRIOR_SPREAD * chains.size[i, q]))
+    used = ~path.outlier
+    design = np.column_stack(columns)[used] / one.std[used, None]
+    gram = design.T @ design + np.diag(np.array(width) ** -2.0)
+    target = design.T @ (one.level[used] / one.std[used]) + np.array(prior) / np.array(width) ** 2
+    inverse = np.linalg.inv(gram)
+    solution, error = inverse @ target, np.sqrt(inverse.diagonal())
+    friction, std = ([[0.0] * len(of_one) for of_one in spans] for _ in range(2))
+    for (i, k), at in place.items():
+        friction[i][k], std[i][k] = float(solution[at]), float(error[at])
+    return friction, std, float(solution[0])
+
+
+def _estimated(chains: Chains, visits: Sequence[Sequence[Visit]], bases: Sequence[tuple[float, int]]) -> Chains:
+    """Return what the systems are like by their visits."""
+    size, spread = np.zeros_like(chains.size), np.zeros_like(chains.size)
+    mu, sigma, up = chains.mu.copy(), chains.sigma.copy(), chains.up.copy()
+    for i, (count, of_one) in enumerate(zip(chains.counts, visits, strict=True)):
+        for q in range(count):
+            seen = [visit for visit in of_one if visit.configuration == q]
+            mu[i, q], sigma[i, q] = _law(seen, chains.mu[i, q])
+            if q:
+                size[i, q], spread[i, q] = _size(seen, chains.size[i, q])
+        for q in range(1, count - 1):
+            ways = [b.configuration > q for a, b in pairwise(of_one) if a.configuration == q and a.record == b.record]
+            up[i, q] = (sum(ways) + 1.0) / (len(ways) + 2.0)
+    level = np.array([base for base, _ in bases])
+    weight = np.array([slots + 1.0 for _, slots in bases])
+    base = float(np.average(level, weights=weight))
+    base_std = float(np.sqrt((np.sum((level - base) ** 2) + (BASE_SPREAD * base) ** 2) / (level.size + 1)))
+    return Chains(chains.counts, size, spread, mu, sigma, up, base, base_std)
+
+
+def _law(seen: Sequence[Visit], before: float) -> tuple[float, float]:
+    """Return location and width of the log of the slots; sojourns that were cut last somewhat longer than was seen."""
+    logs = np.array(
+        [
+            np.log(visit.slots) if visit.began and visit.ended else max(np.log(visit.slots) + CUT_BY, before)
+            for visit in seen
+        ]
+    )
+    whole = np.array([visit.began and visit.ended for visit in seen], dtype=bool)
+    if not whole.any():
+        return (float(np.mean(logs)) if logs.size else before), START_SIGMA
+    middle = float(np.mean(logs))
+    squares = float(np.sum((logs - middle) ** 2)) + PRIOR_SOJOURNS * PRIOR_SIGMA**2
+    return middle, float(np.clip(np.sqrt(squares / (logs.size + PRIOR_SOJOURNS)), *SIGMAS))
+
+
+def _size(seen: Sequence[Visit], before: float) -> tuple[float, float]:
+    """Return mean and spread of the friction of visits [N m], what each is uncertain by left out of the spread."""
+    if not seen:
+        return before, START_SPREAD * before
+    friction, std = np.array([visit.friction for visit in seen]), np.array([visit.std for visit in seen])
+    weight = 1.0 / (std**2 + (PRIOR_SPREAD * before) ** 2)
+    mean = max(float(np.average(friction, weights=weight)), 1e-3 * before)
+    excess = float(np.sum(weight * ((friction - mean) ** 2 - std**2)) / np.sum(weight)) * len(seen)
+    variance = (max(excess, 0.0) + PRIOR_SIZES * (PRIOR_SPREAD * mean) ** 2) / (len(seen) + PRIOR_SIZES)
+    return mean, float(np.sqrt(variance))

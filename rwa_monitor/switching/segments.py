@@ -1,0 +1,143 @@
+"""Levels between candidates: their likelihood, the slope they share, and where exactly a level changes.
+
+Everything here comes from range sums; no sample is read again.
+"""
+
+from __future__ import annotations
+
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from rwa_monitor.changepoints.noise import mean_variance_factor
+from rwa_monitor.changepoints.running_sums import RunningSums, SumArrays
+from rwa_monitor.changepoints.stage_results import Candidates, NoiseEstimate
+from rwa_monitor.kernels.segments import LEVEL_SCATTER, jumps_of, pair_moments, refine_nodes, shared_slope
+from rwa_monitor.samples import BoolArray, FloatArray, IntArray
+
+MIN_REACH: Final = 4  # a position is refined by at least this many slots [slots]
+MAX_REACH: Final = 32  # and at most by this many [slots]
+WEAK_STATISTIC: Final = 9.0  # below three standard deviations the contrast's sign is open
+
+
+class Level(NamedTuple):
+    """The window at given positions of the candidates: all that scores need.
+
+    Attributes
+    ----------
+    at
+        int64 (m,), the positions [slots].
+    pairs
+        Moments between all pairs of nodes, see `kernels.segments.pair_moments`.
+    slope, information
+        The slope that the segments between accepted candidates share, and its information.
+    spread
+        Width of the prior of a level.
+    jump, jump_variance
+        See `kernels.segments.jumps_of`.
+    """
+
+    at: IntArray
+    pairs: FloatArray
+    slope: float
+    information: float
+    spread: float
+    jump: FloatArray
+    jump_variance: FloatArray
+
+
+def effective_variance(noise: NoiseEstimate) -> float:
+    """Return the variance by which squared errors are scaled: that of a mean of n samples, times n, at its largest n.
+
+    White noise gives σ²; AR(1) its long-run variance; noise from differencing, whose long means are much quieter than
+    its short ones, the variance of the short ones, so that no short run of noise passes for a level.
+    """
+    longest = 2 * noise.autocovariance.size
+    factor = mean_variance_factor(noise, np.arange(1.0, longest + 1.0)) if noise.autocovariance[0] > 0 else np.ones(1)
+    return float(noise.std**2 * max(1.0, noise.long_run_factor, float(factor.max())))
+
+
+def measure_level(
+    index: IntArray, nodes: IntArray, sums: SumArrays, slots: int, variance: float, prior_mean: float, prior_std: float
+) -> Level:
+    """Measure slope, levels and jumps.
+
+    Parameters
+    ----------
+    index
+        int64 (m,), positions of all candidates.
+    nodes
+        Those accepted, see `nodes_of`.
+    sums, slots
+        The window's running sums, and its length.
+    variance, prior_mean, prior_std
+        Of the noise; mean and standard deviation of the slope's Gaussian prior.
+    """
+    pairs = pair_moments(np.concatenate(([0], index, [slots])), sums)
+    slope, information = shared_slope(pairs, nodes, variance, prior_mean, prior_std)
+    levels = levels_of(pairs, nodes, slope)
+    seen = levels[np.isfinite(levels)]
+    spread = max(float(np.ptp(seen)) if seen.size else 0.0, 10.0 * float(np.sqrt(variance)))
+    return Level(index, pairs, slope, information, spread, *jumps_of(pairs, nodes, slope, information, variance))
+
+
+def nodes_of(accepted: IntArray, count: int) -> IntArray:
+    """Return the nodes of the segments between the accepted of `count` candidates: these, and both ends of the window.
+
+    int64 (accepted + 2,); candidate j is node j + 1.
+    """
+    return np.concatenate(([0], accepted + 1, [count + 1]))
+
+
+def levels_of(pairs: FloatArray, nodes: IntArray, slope: float) -> FloatArray:
+    """Return the level of each segment between consecutive `nodes`, the slope given; NaN where no sample is used."""
+    n, x, z = pairs[:3, nodes[:-1], nodes[1:]]
+    return np.where(n > 0.0, (z - slope * x) / np.maximum(n, 1.0), np.nan)
+
+
+def level_scatter(variance: float) -> float:
+    """Return the variance of levels about what the friction model says, which no number of samples averages out."""
+    return LEVEL_SCATTER**2 * variance
+
+
+def refine(sums: RunningSums, index: IntArray, reach: IntArray, slope: float, variance: float) -> IntArray:
+    """Move each changepoint to the slot near it that splits its two neighbouring intervals best.
+
+    Parameters
+    ----------
+    sums
+        Running sums of the window.
+    index
+        int64 (m,), positions, strictly increasing.
+    reach
+        int64 (m,), how far each may move; never beyond half way to a neighbour, so that none meet.
+    slope, variance
+        Shared slope and variance of the noise.
+    """
+    return refine_nodes(np.concatenate(([0], index, [sums.slots])), reach, slope, variance, sums.arrays)
+
+
+def typical_jump(jump: FloatArray) -> float:
+    """Return the median size of jumps, those that are finite; 0 without any."""
+    sizes = np.abs(jump[np.isfinite(jump)])
+    return float(np.median(sizes)) if sizes.size > 0 else 0.0
+
+
+def reach_of(candidates: Candidates) -> IntArray:
+    """Return how far each candidate's position may be off [slots]: half the window that found it."""
+    return np.minimum(np.maximum(candidates.scale // 2, MIN_REACH), MAX_REACH)
+
+
+def possible_signs(candidates: Candidates, pairs: FloatArray, nodes: IntArray, slope: float) -> BoolArray:
+    """Return whether the level may fall, may rise at each candidate, bool (m, 2).
+
+    The contrast that found a candidate and the levels between accepted candidates, of which `nodes` tell, usually
+    agree; where they do not, or the contrast is weak, both directions stay open.
+    """
+    levels = levels_of(pairs, nodes, slope)
+    # Without samples a segment has the level of the one before it.
+    seen = np.maximum.accumulate(np.where(np.isfinite(levels), np.arange(levels.size), 0))
+    step = np.zeros(len(candidates))
+    step[nodes[1:-1] - 1] = np.diff(levels[seen])
+    weak = (candidates.statistic < WEAK_STATISTIC) | ~np.isfinite(candidates.jump)
+    return np.stack([(d * candidates.jump > 0.0) | (d * step > 0.0) | weak for d in (-1.0, 1.0)], axis=1)

@@ -1,0 +1,373 @@
+"""CCSDS space packets (133.0-B-2): what an XTCE definition says is in them, as samples; from a file or one by one.
+
+A packet is six bytes of header, which count its length, and a content that an XTCE definition (CCSDS 660.1-G)
+describes: parameters, their bits, calibrators and units. A telemetry map says which of them are which channels of which
+wheel.
+
+A packet that cannot be believed is counted and left out: another version, another length than its header says, a
+content that the definition does not describe. Nothing in a packet shows a flipped bit; the frames below it do.
+"""
+
+from __future__ import annotations
+
+import warnings
+from array import array
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from fractions import Fraction
+from pathlib import Path
+from typing import Any, Final
+
+import numpy as np
+
+from rwa_monitor.errors import InputError
+from rwa_monitor.samples import Samples
+from rwa_monitor.telemetry.ccsds_definition import definition_of, parser_errors
+from rwa_monitor.telemetry.columns import MAX_ROWS
+from rwa_monitor.telemetry.files import display_name, first_line, read_bytes
+from rwa_monitor.telemetry.reader import (
+    Decoding,
+    SampleBatch,
+    TelemetryFile,
+    WheelTelemetry,
+    check_time,
+    disorder,
+)
+from rwa_monitor.telemetry.telemetry_map import PacketWheel, conversion, packet_wheels, time_conversion
+from rwa_monitor.words import counted
+
+MAX_PACKET_FILE_BYTES: Final = 1_000_000_000
+HEADER_BYTES: Final = 6
+IDLE_APID: Final = 2_047
+UNSEGMENTED: Final = 0b11
+SEQUENCE_MODULUS: Final = 2**14
+
+
+@dataclass(slots=True)
+class PacketCounts:
+    """What became of packets: packets = decoded + bad + unknown + idle + other.
+
+    Attributes
+    ----------
+    packets
+        All that came.
+    decoded
+        Gave a sample to one wheel or more.
+    bad
+        Cannot be believed, or cannot be read as the definition says.
+    unknown
+        Of an application process (APID) that the map does not name, or telecommands.
+    idle
+        Fill, APID 2047.
+    other
+        Of a known APID, but of another kind: without the parameters that the map names.
+    gaps, missing
+        Where the sequence count does not go on by one, and how many packets lie in between where it goes forward.
+    unknown_apids
+        Their numbers.
+    first_bad
+        What was wrong with the first bad one.
+    """
+
+    packets: int = 0
+    decoded: int = 0
+    bad: int = 0
+    unknown: int = 0
+    idle: int = 0
+    other: int = 0
+    gaps: int = 0
+    missing: int = 0
+    unknown_apids: set[int] = field(default_factory=set)
+    first_bad: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class PacketSample:
+    """One sample of one wheel: its place in `PacketDecoder.wheels`, its time and a value for each of its channels."""
+
+    wheel: int
+    time_ns: int
+    values: tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class _Channel:
+    """A channel and how to get it: calibrated value × factor + offset, NaN where `valid` is 0."""
+
+    name: str
+    parameter: str
+    factor: float
+    offset: float
+    valid: str | None
+
+
+@dataclass(frozen=True, slots=True)
+class _Wheel:
+    time: tuple[tuple[str, Fraction], ...]  # parameter and the nanoseconds of its unit
+    channels: tuple[_Channel, ...]
+
+
+class PacketDecoder:
+    """Turns packets into samples, one by one, and counts what it cannot use.
+
+    Parameters
+    ----------
+    decoding
+        XTCE definition and telemetry map.
+    source
+        What the packets come from, for messages.
+
+    Attributes
+    ----------
+    wheels
+        Those of the map, in its order.
+    counts
+        What became of the packets so far.
+
+    Raises
+    ------
+    InputError
+        If map or definition is missing or wrong, or they do not fit: a parameter that does not exist, is no number, or
+        has a unit of another quantity.
+    """
+
+    def __init__(self, decoding: Decoding, source: str) -> None:
+        if decoding.map is None or decoding.xtce is None:
+            raise InputError(
+                source, "holds space packets: --xtce says what is in them, and --map what of it is which channel"
+            )
+        self._definition = definition_of(decoding.xtce)
+        self.wheels = packet_wheels(decoding.map)
+        self.counts = PacketCounts()
+        self._by_apid: dict[int, list[tuple[int, _Wheel]]] = {}
+        self._last_count: dict[int, int] = {}
+        for number, wheel in enumerate(self.wheels):
+            found = _resolved(wheel, self._definition, decoding)
+            self._by_apid.setdefault(wheel.apid, []).append((number, found))
+
+    def take(self, packet: bytes) -> list[PacketSample]:
+        """Return the samples of one packet; none where it is counted as something else."""
+        counts = self.counts
+        counts.packets += 1
+        reason = _no_packet(packet)
+        if reason is not None:
+            return self._bad(reason)
+        apid = int.from_bytes(packet[:2], "big") & 0x7FF
+        telecommand = packet[0] & 0x10
+        if apid == IDLE_APID:
+            counts.idle += 1
+            return []
+        if telecommand or apid not in self._by_apid:
+            counts.unknown += 1
+            counts.unknown_apids.add(apid)
+            return []
+        self._follow(apid, int.from_bytes(packet[2:4], "big") % SEQUENCE_MODULUS)
+        if packet[2] >> 6 != UNSEGMENTED:
+            return self._bad(f"APID {apid}: a segment of a packet, which are not put together here")
+        try:
+            parameters = self._parsed(packet)
+            samples = [
+                sample for number, wheel in self._by_apid[apid] if (sample := _sample(parameters, number, wheel))
+            ]
+        except parser_errors() as error:
+            return self._bad(f"APID {apid}: {first_line(error)}")
+        if samples:
+            counts.decoded += 1
+        else:
+            counts.other += 1
+        return samples
+
+    def _parsed(self, packet: bytes) -> Mapping[str, Any]:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", UserWarning)  # a length other than the definition's is no packet of it
+            parsed: Mapping[str, Any] = self._definition.parse_bytes(packet)
+        return parsed
+
+    def _bad(self, reason: str) -> list[PacketSample]:
+        self.counts.bad += 1
+        if self.counts.first_bad is None:
+            self.counts.first_bad = f"packet {self.counts.packets}: {reason}"
+        return []
+
+    def _follow(self, apid: int, count: int) -> None:
+        """Compare a packet's sequence count with that of the one before."""
+        last = self._last_count.get(apid)
+        self._last_count[apid] = count
+        if last is None:
+            return
+        step = (count - last) % SEQUENCE_MODULUS
+        if step != 1:
+            self.counts.gaps += 1
+            # Half the circle: further is a packet that comes late, again, or from a counter that began anew.
+            self.counts.missing += step - 1 if 1 < step <= SEQUENCE_MODULUS // 2 else 0
+
+
+# ---- one packet ------------------------------------------------------------------------------------------------------
+
+
+def _no_packet(packet: bytes) -> str | None:
+    """Return why bytes are no space packet; None where they are one."""
+    if len(packet) <= HEADER_BYTES:
+        return f"{len(packet)} bytes; a packet has seven or more"
+    if packet[0] >> 5:
+        return f"version {packet[0] >> 5} of the packet protocol; there is only 0"
+    stated = HEADER_BYTES + int.from_bytes(packet[4:6], "big") + 1
+    if stated != len(packet):
+        return f"{len(packet)} bytes, and its header says {stated}"
+    return None
+
+
+def _sample(parameters: Mapping[str, Any], number: int, wheel: _Wheel) -> PacketSample | None:
+    """Return a wheel's sample; None where the packet has other parameters. Raises ValueError where one is no number."""
+    wanted = (*(name for name, _ in wheel.time), *(channel.parameter for channel in wheel.channels))
+    if any(name not in parameters for name in wanted):
+        return None
+    time_ns = round(sum((Fraction(parameters[name]) * unit for name, unit in wheel.time), Fraction()))
+    check_time(time_ns)
+    return PacketSample(number, time_ns, tuple(_value(parameters, channel) for channel in wheel.channels))
+
+
+def _value(parameters: Mapping[str, Any], channel: _Channel) -> float:
+    if channel.valid is not None and not parameters[channel.valid]:
+        return float("nan")
+    return float(parameters[channel.parameter]) * channel.factor + channel.offset
+
+
+# ---- the map against the definition ----------------------------------------------------------------------------------
+
+
+def _resolved(wheel: PacketWheel, definition: Any, decoding: Decoding) -> _Wheel:
+    """Find the parameters of a wheel in the definition, with factors for their units."""
+    assert decoding.map is not None
+    assert decoding.xtce is not None
+    source, xtce = decoding.map.source, decoding.xtce.source
+
+    def type_of(name: str, allowed: tuple[str, ...], place: str) -> Any:
+        if name not in definition.parameters:
+            raise InputError(source, f"there is no parameter {name} in {xtce}", place)
+        kind = definition.parameters[name].parameter_type
+        if type(kind).__name__ not in allowed:
+            raise InputError(source, f"{name} is a {type(kind).__name__} in {xtce}; {allowed[0]} is wanted", place)
+        return kind
+
+    where = f"{wheel.spacecraft}/{wheel.wheel}"
+    time: list[tuple[str, Fraction]] = []
+    for name in wheel.time:
+        place = f"{where}: time: {name}"
+        time.append((name, time_conversion(_unit(type_of(name, _NUMBERS, place)), source, place)))
+    channels: list[_Channel] = []
+    for channel, spec in wheel.channels.items():
+        place = f"{where}: {channel}: {spec.parameter}"
+        unit = _unit(type_of(spec.parameter, _NUMBERS, place))
+        factor, offset = conversion(channel, spec.unit or unit, source, place)
+        if spec.valid is not None:
+            type_of(spec.valid, _FLAGS, place)
+        channels.append(_Channel(channel, spec.parameter, factor, offset, spec.valid))
+    return _Wheel(tuple(time), tuple(channels))
+
+
+_TIMES: Final = ("AbsoluteTimeParameterType", "RelativeTimeParameterType")
+_NUMBERS: Final = ("IntegerParameterType", "FloatParameterType", *_TIMES)
+_FLAGS: Final = ("BooleanParameterType", "IntegerParameterType")
+
+
+def _unit(kind: Any) -> str | None:
+    """Return the unit that the definition gives; none where it is in parts, of which the parser loses the powers."""
+    return kind.unit if isinstance(kind.unit, str) else None
+
+
+# ---- a file ----------------------------------------------------------------------------------------------------------
+
+
+def read_packets(path: Path, decoding: Decoding) -> TelemetryFile:
+    """Read a file of space packets, one after the other, as a ground station or an EGSE keeps them.
+
+    Raises
+    ------
+    InputError
+        If map or definition cannot be used, or no packet gives a sample.
+    """
+    source = display_name(path)
+    decoder = PacketDecoder(decoding, source)
+    data = read_bytes(path, MAX_PACKET_FILE_BYTES)
+    columns = [SampleColumns(wheel) for wheel in decoder.wheels]
+    stop = 0
+    for packet in split_packets(data):
+        stop += len(packet)
+        for sample in decoder.take(packet):
+            columns[sample.wheel].append(sample)
+        if decoder.counts.packets > MAX_ROWS:
+            raise InputError(source, f"has more than {MAX_ROWS:,} packets: split it, and use --carry")
+    problems = _problems(decoder.counts)
+    if stop < len(data):
+        problems.append(f"bytes {stop} to {len(data)} of {len(data)} are no whole packet")
+    telemetry = [
+        WheelTelemetry(source, wheel.spacecraft, wheel.wheel, [SampleBatch(entry.samples())])
+        for wheel, entry in zip(decoder.wheels, columns, strict=True)
+        if len(entry)
+    ]
+    unordered = [note for entry in telemetry for note in disorder(entry.batches[0].samples, str(entry.wheel))]
+    if not telemetry:
+        apids = ", ".join(str(apid) for apid in sorted({wheel.apid for wheel in decoder.wheels})[:8])
+        because = f" ({problems[0]})" if problems else ""
+        raise InputError(source, f"holds no packet that the map can use, of APID {apids}{because}")
+    return TelemetryFile(
+        telemetry,
+        problems=[f"{source}: {problem}" for problem in problems],
+        notes=[f"{source}: {note}" for note in (*packet_notes(decoder.counts), *unordered)],
+    )
+
+
+def split_packets(data: bytes) -> Iterator[bytes]:
+    """Yield packet after packet, as their headers count; ends where none can begin or the last is cut."""
+    position = 0
+    while len(data) - position > HEADER_BYTES and not data[position] >> 5:
+        length = HEADER_BYTES + int.from_bytes(data[position + 4 : position + 6], "big") + 1
+        if position + length > len(data):
+            return
+        yield data[position : position + length]
+        position += length
+
+
+class SampleColumns:
+    """Gathers the samples of one wheel of a map."""
+
+    def __init__(self, wheel: PacketWheel) -> None:
+        self._times = array("q")
+        self._values = {str(name): array("d") for name in wheel.channels}
+
+    def __len__(self) -> int:
+        """Count the samples."""
+        return len(self._times)
+
+    def append(self, sample: PacketSample) -> None:
+        """Add a sample of this wheel."""
+        self._times.append(sample.time_ns)
+        for column, value in zip(self._values.values(), sample.values, strict=True):
+            column.append(value)
+
+    def samples(self) -> Samples:
+        """Return all of them, in the order in which they came."""
+        channels = {name: np.array(column) for name, column in self._values.items()}
+        return Samples(time_ns=np.array(self._times), **channels)
+
+
+def _problems(counts: PacketCounts) -> list[str]:
+    if not counts.bad:
+        return []
+    return [f"{counts.bad} of {counts.packets} packets cannot be read, the first: {counts.first_bad}"]
+
+
+def packet_notes(counts: PacketCounts) -> list[str]:
+    """Say what was left out of packets, and what is missing between them, a sentence each."""
+    notes: list[str] = []
+    if counts.unknown:
+        apids = ", ".join(str(apid) for apid in sorted(counts.unknown_apids)[:8])
+        more = ", …" if len(counts.unknown_apids) > 8 else ""
+        notes.append(f"{counted(counts.unknown, 'packet')} of APIDs that the map does not name ({apids}{more})")
+    if counts.other:
+        notes.append(f"{counted(counts.other, 'packet')} of a known APID without the parameters of the map")
+    if counts.gaps:
+        missing = counted(counts.missing, "packet")
+        notes.append(f"the sequence count breaks {counted(counts.gaps, 'time')}; missing: {missing}")
+    return notes

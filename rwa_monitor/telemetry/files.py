@@ -1,0 +1,154 @@
+"""Reading and writing whole files: with a size limit that holds before anything is parsed, and never half-written."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from hashlib import sha256
+from pathlib import Path
+from typing import Final
+
+from rwa_monitor.errors import InputError, RwaMonitorError
+from rwa_monitor.telemetry.foreign import encoding_hint
+
+SHA256_SUFFIX: Final = ".sha256"  # of a file as `sha256sum` writes it: the hash, then a name
+MAX_SHA256_BYTES: Final = 10_000
+PIECE_BYTES: Final = 2**20  # of what does not say its size
+
+
+def display_name(path: Path) -> str:
+    """Return a file's name for messages and messages' fields: as given, valid UTF-8 also where the name is not."""
+    return os.fsencode(path).decode("utf-8", "replace")
+
+
+def read_bytes(path: Path, limit: int) -> bytes:
+    """Return a file's content.
+
+    Parameters
+    ----------
+    path
+        The file.
+    limit
+        Size from which the file is refused [bytes]; no more than that is ever read.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read or is larger than `limit`.
+    """
+    try:
+        with path.open("rb") as file:
+            size = os.fstat(file.fileno()).st_size
+            # What says its size is refused by it; what does not (a pipe, a device) is read up to the limit, in pieces:
+            # Python takes memory for all that it is asked to read before it reads.
+            pieces = [file.read(size)] if size <= limit else []
+            left = limit + 1 - (size if size > limit else len(pieces[0]))
+            while left > 0 and (piece := file.read(min(left, PIECE_BYTES))):
+                pieces.append(piece)
+                left -= len(piece)
+    except OSError as error:
+        raise unreadable(path, error) from error
+    if left <= 0:
+        raise InputError(display_name(path), f"is larger than the limit of {limit:,} bytes")
+    return b"".join(pieces)
+
+
+def read_text(path: Path, limit: int) -> str:
+    """Return the content of a UTF-8 file (a byte order mark is dropped); raises InputError as `read_bytes` does."""
+    return decode_utf8(read_bytes(path, limit), path)
+
+
+def read_checked_text(path: Path, limit: int) -> str:
+    """Return the content of a UTF-8 file whose hash is checked where `<file>.sha256` lies beside it.
+
+    Raises
+    ------
+    InputError
+        As `read_text`; if the file beside it cannot be read, or its first word is not the hash of the content.
+    """
+    content = read_bytes(path, limit)
+    beside = path.with_name(path.name + SHA256_SUFFIX)
+    if beside.exists():
+        stated = read_bytes(beside, MAX_SHA256_BYTES).split(maxsplit=1)
+        if not stated or stated[0].decode("ascii", "replace").lower() != sha256(content).hexdigest():
+            raise InputError(display_name(path), f"is not the file whose hash stands in {display_name(beside)}")
+    return decode_utf8(content, path)
+
+
+def decode_utf8(content: bytes, path: Path) -> str:
+    """Return the text of UTF-8 bytes.
+
+    Raises
+    ------
+    InputError
+        If the bytes are not UTF-8; names the row of the first that is not.
+    """
+    try:
+        return content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        if content[:2] in (b"\xff\xfe", b"\xfe\xff"):
+            raise InputError(display_name(path), f"is UTF-16 text; {encoding_hint(content)}") from error
+        row = content.count(b"\n", 0, error.start) + 1
+        reason = f"is no UTF-8 text (byte 0x{content[error.start]:02x} at offset {error.start})"
+        raise InputError(display_name(path), f"{reason}; {encoding_hint(content)}", f"row {row}") from error
+
+
+def first_line(error: Exception) -> str:
+    """Return the first line of what an error of a library says, its name where it says nothing."""
+    return next(iter(str(error).splitlines()), type(error).__name__)
+
+
+def unreadable(path: Path, error: OSError) -> InputError:
+    """Return the error to raise for a file that the system refuses to read; of a folder, with what lies in it."""
+    if isinstance(error, IsADirectoryError):
+        inside = [name for pattern in ("*.mcap", "*.csv", "*.parquet") for name in sorted(path.glob(pattern))]
+        files = f": {display_name(inside[0])} …" if inside else ""
+        return InputError(display_name(path), f"is a folder; give the files in it{files}")
+    return InputError(display_name(path), f"cannot be read: {error.strerror or error}")
+
+
+def make_folder(folder: Path, place: str = "") -> None:
+    """Make a folder where it is missing; raises InputError, with the option `place`, where that cannot be."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except FileExistsError as error:
+        raise InputError(display_name(folder), "is a file; a folder is needed here", place) from error
+    except OSError as error:
+        raise InputError(display_name(folder), f"cannot be made: {error.strerror or error}", place) from error
+
+
+@contextmanager
+def atomic_write(path: Path) -> Iterator[Path]:
+    """Give a temporary file in the same folder to write to, which takes the name `path` when all went well.
+
+    A reader sees the old file or the whole new one, never a part; after an exception nothing is left behind.
+
+    Raises
+    ------
+    InputError
+        If the folder does not exist or may not be written to: a wrong option, seen before any work is lost.
+    RwaMonitorError
+        If writing fails later, for instance because the disk is full.
+    """
+    # One name a process: what a killed one left is overwritten by the next with its id, and ignored otherwise.
+    part = path.with_name(f".{path.name}.{os.getpid()}.part")
+    if path.is_dir():
+        raise InputError(display_name(path), "is a folder, not a file to write to")
+    try:
+        part.touch()
+    except OSError as error:
+        raise InputError(display_name(path), f"cannot be written: {error.strerror or error}") from error
+    try:
+        yield part
+        part.replace(path)
+    except OSError as error:
+        raise RwaMonitorError(f"{display_name(path)}: writing failed: {error.strerror or error}") from error
+    finally:
+        part.unlink(missing_ok=True)
+
+
+def write_text(path: Path, text: str) -> None:
+    """Write a UTF-8 file at once; raises as `atomic_write` does."""
+    with atomic_write(path) as part:
+        part.write_text(text, encoding="utf-8", newline="\n")

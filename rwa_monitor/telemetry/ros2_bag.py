@@ -1,0 +1,429 @@
+"""ROS 2 bags in MCAP: messages of any type (CDR by ros2msg), of which a telemetry map names topics and fields.
+
+The wheel's samples come when its speed does. What another topic says is taken over for `hold_s` at most, then NaN.
+Messages carry no units: they are SI, as ROS demands (REP 103), unless the map says another.
+
+A bag is read record by record, and what it says of its sizes is compared with limits before anything is unpacked. Only
+the topics of the map are decoded, by `mcap_ros2`; what could make that work without end is refused before.
+"""
+
+from __future__ import annotations
+
+import os
+import struct
+import zlib
+from array import array
+from collections.abc import Callable
+from contextlib import redirect_stderr
+from dataclasses import dataclass, replace
+from io import BytesIO, StringIO
+from pathlib import Path
+from typing import IO, Any, Final
+
+import numpy as np
+import zstandard
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
+from mcap.opcode import Opcode
+from mcap.records import Channel, Chunk, McapRecord, Message, Schema
+from mcap.writer import MCAP0_MAGIC
+
+from rwa_monitor.errors import InputError, RwaMonitorError
+from rwa_monitor.hints import did_you_mean
+from rwa_monitor.samples import NANOSECONDS_PER_SECOND, FloatArray, IntArray, Samples
+from rwa_monitor.telemetry.columns import MAX_ROWS
+from rwa_monitor.telemetry.files import display_name, first_line, unreadable
+from rwa_monitor.telemetry.reader import Decoding, SampleBatch, TelemetryFile, WheelTelemetry, check_time, disorder
+from rwa_monitor.telemetry.ros2_types import checked_definition
+from rwa_monitor.telemetry.telemetry_map import SI_UNITS, TopicChannel, TopicWheel, conversion, topic_wheels
+from rwa_monitor.words import counted
+
+MAX_RECORD_BYTES: Final = 64 * 2**20
+MAX_SKIPPED_BYTES: Final = 2**40  # of an attachment that is passed over
+MAX_CHUNK_BYTES: Final = 64 * 2**20  # unpacked; rosbag2 writes chunks of less than one
+MAX_WORK_BYTES: Final = 16 * 2**30  # to be unpacked of a file; a bag with pictures is large
+MAX_SCHEMAS_BYTES: Final = 64 * 2**20  # of all that are kept; a bag of hundreds of types has some
+MAX_RECORDS: Final = 100_000_000  # of a bag; 28 hours of a thousand messages a second
+MAX_CHANNELS: Final = 1_000  # of the topics of the map
+MAX_NAME: Final = 200  # characters of another topic's name that are kept, to be told
+MAX_MESSAGE_BYTES: Final = 2**18  # of a topic of the map; the state of a thousand joints has some 50 kB
+MAX_JOINTS_TOLD: Final = 8  # of a topic, where the map names another
+
+# What the decoder raises where a message is not as its schema says; it checks little itself.
+_DECODER_ERRORS: Final = (
+    ArithmeticError,
+    AttributeError,
+    LookupError,
+    NameError,
+    RuntimeError,  # a type that holds itself: a recursion without end
+    TypeError,
+    ValueError,
+    struct.error,
+)
+_MCAP_ERRORS: Final = (ArithmeticError, McapError, RuntimeError, ValueError, struct.error, zstandard.ZstdError)
+_HEAD: Final = struct.Struct("<BQ")  # opcode and length of a record
+_MESSAGE: Final = int(Opcode.MESSAGE)  # comparing an enumeration costs as much as reading the record
+_WANTED: Final = frozenset({Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE, Opcode.CHUNK})
+_CHANNEL_OF: Final = struct.Struct("<H")  # of a message
+_MESSAGE_BYTES: Final = 2 + 4 + 8 + 8  # of a message without its content
+
+
+def read_bag(path: Path, decoding: Decoding) -> TelemetryFile:
+    """Read the topics of a map from a ROS 2 bag (one .mcap file of it).
+
+    Raises
+    ------
+    InputError
+        If the map cannot be used, a topic of it is not in the bag or holds something else, or there are no samples.
+    """
+    source = display_name(path)
+    if decoding.map is None:
+        raise InputError(source, "is a ROS 2 bag: --map says which topics are which channels")
+    wheels = [_Wheel(wheel, decoding.map.source) for wheel in topic_wheels(decoding.map)]
+    bag = _Bag(source, wheels)
+    try:
+        with path.open("rb") as file:
+            bag.read(file)
+    except OSError as error:
+        raise unreadable(path, error) from error
+    bag.check_topics()
+    telemetry = [
+        WheelTelemetry(source, entry.wheel.spacecraft, entry.wheel.wheel, [SampleBatch(entry.samples())])
+        for entry in wheels
+        if len(entry)
+    ]
+    absent = list(dict.fromkeys(words for entry in wheels for words in entry.absent_joints()))
+    if not telemetry:
+        why = [*bag.problems(), *absent]
+        because = f" ({why[0]})" if why else ""
+        raise InputError(source, f"holds no sample of a wheel of the map{because}")
+    unordered = [note for entry in telemetry for note in disorder(entry.batches[0].samples, str(entry.wheel))]
+    return TelemetryFile(
+        telemetry,
+        problems=[f"{source}: {problem}" for problem in bag.problems()],
+        notes=[f"{source}: {note}" for note in (*absent, *unordered)],
+    )
+
+
+# ---- the wheels of the map -------------------------------------------------------------------------------------------
+
+
+class _Series:
+    """The values of one channel at the times of its messages [ns], in the unit of its name."""
+
+    def __init__(self, channel: str, spec: TopicChannel, place: str, source: str) -> None:
+        self.spec = spec
+        self.times = array("q")
+        self.values = array("d")
+        self._others: dict[str, None] = {}  # joints that messages without this one hold, an ordered set
+        self._factor, self._offset = conversion(channel, spec.unit or SI_UNITS[channel], source, place)
+
+    def take(self, message: Any, logged: Message) -> None:
+        """Take a message's value, NaN where it has none; leave one out that does not hold this joint."""
+        at: int | None = None
+        if self.spec.joint is not None:
+            names = list(_field(message, "name"))
+            if self.spec.joint not in names:
+                if len(self._others) < MAX_JOINTS_TOLD:
+                    self._others.update(dict.fromkeys(map(str, names[:MAX_JOINTS_TOLD])))
+                return
+            at = names.index(self.spec.joint)
+        value = _field(message, self.spec.field)
+        if at is not None:
+            value = value[at] if at < len(value) else float("nan")  # an array left empty was not measured
+        if not isinstance(value, (int, float)):
+            raise TypeError(f"{self.spec.field} is no number")
+        time_ns = self._time_of(message, logged)
+        check_time(time_ns)
+        self.times.append(time_ns)
+        self.values.append(float(value) * self._factor + self._offset)
+
+    def absent_joint(self) -> str:
+        """Say which joints there are instead, where no message holds this one; "" otherwise."""
+        if self.times or not self._others:
+            return ""
+        hint = did_you_mean(str(self.spec.joint), self._others)
+        return f"{self.spec.topic} has no joint {self.spec.joint}; there are {', '.join(self._others)}{hint}"
+
+    def _time_of(self, message: Any, logged: Message) -> int:
+        if self.spec.time == "log":
+            return int(logged.log_time)
+        if self.spec.time == "publish":
+            return int(logged.publish_time)
+        if not hasattr(message, "header"):
+            raise ValueError('it has no header: say time = "log" or "publish" in the map')
+        stamp = _field(message, "header.stamp")
+        return int(stamp.sec) * NANOSECONDS_PER_SECOND + int(stamp.nanosec)
+
+
+class _Wheel:
+    """A wheel of the map, and what the bag says of it."""
+
+    def __init__(self, wheel: TopicWheel, source: str) -> None:
+        self.wheel = wheel
+        self.series = {
+            str(channel): _Series(channel, spec, f"{wheel.spacecraft}/{wheel.wheel}: {channel}: {spec.topic}", source)
+            for channel, spec in wheel.channels.items()
+        }
+
+    def __len__(self) -> int:
+        """Count the samples."""
+        return len(self.series["speed_rad_s"].times)
+
+    def absent_joints(self) -> list[str]:
+        """Say, once for each topic, which joints of the map the bag does not have."""
+        return list(dict.fromkeys(words for series in self.series.values() if (words := series.absent_joint())))
+
+    def samples(self) -> Samples:
+        """Return what is known of each channel when the speed is."""
+        times = np.array(self.series["speed_rad_s"].times, dtype=np.int64)
+        channels = {name: self._at(series, times) for name, series in self.series.items()}
+        return Samples(time_ns=times, **channels)
+
+    def _at(self, series: _Series, times: IntArray) -> FloatArray:
+        """Return the last value of a series at some times, NaN where it is older than the map allows."""
+        stamps, values = np.array(series.times, dtype=np.int64), np.array(series.values)
+        if np.array_equal(stamps, times):  # of the same messages
+            return values
+        hold_s = self.wheel.hold_s
+        order = np.argsort(stamps, kind="stable")
+        stamps, values = stamps[order], values[order]
+        last = np.searchsorted(stamps, times, side="right") - 1
+        known = last >= 0
+        # Without `hold_s` all is of one topic, and what is not of the same message is not known.
+        reach_ns = 0 if hold_s is None else round(hold_s * NANOSECONDS_PER_SECOND)
+        known[known] &= times[known] - stamps[last[known]] <= reach_ns
+        found = np.full(times.size, np.nan)
+        found[known] = values[last[known]]
+        return found
+
+
+def _field(message: Any, path: str) -> Any:
+    for name in path.split("."):
+        message = getattr(message, name)
+    return message
+
+
+# ---- the bag ---------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class _Topic:
+    """A channel of the bag that the map names."""
+
+    name: str
+    decode: Callable[[bytes], Any]
+    series: list[_Series]
+
+
+class _Bag:
+    """Goes over the records of a bag and hands the messages of the map's topics to their series."""
+
+    def __init__(self, source: str, wheels: list[_Wheel]) -> None:
+        try:
+            from mcap_ros2.decoder import DecoderFactory
+        except ImportError as error:
+            raise RwaMonitorError(f"{error.name} is missing: pip install 'rwa-monitor[ros2]'") from error
+        self._source = source
+        self._factory = DecoderFactory()
+        self._series: dict[str, list[_Series]] = {}
+        for wheel in wheels:
+            for series in wheel.series.values():
+                self._series.setdefault(series.spec.topic, []).append(series)
+        self._schemas: dict[int, Schema] = {}
+        self._topics: dict[int, _Topic | None] = {}  # None: a topic that the map does not name
+        self._names: set[str] = set()
+        self._others: set[int] = set()  # channels that the map does not name
+        self._described = 0
+        self._schemas_bytes = 0
+        self._records_seen = 0
+        self._rows = 0
+        self._work_bytes = 0
+        self._lost: list[str] = []
+        self._undescribed = 0
+        self._refused = 0
+        self._first_refused = ""
+
+    def problems(self) -> list[str]:
+        """Say what could not be read."""
+        found = list(self._lost)
+        if self._undescribed:
+            found.append(f"{counted(self._undescribed, 'message')} of topics whose description cannot be read")
+        if self._refused:
+            found.append(f"{counted(self._refused, 'message')} cannot be used, the first: {self._first_refused}")
+        return found
+
+    def check_topics(self) -> None:
+        """Raise InputError where the map names a topic that the bag does not have."""
+        for name in self._series:
+            if name not in self._names:
+                there = ", ".join(sorted(self._names)[:8]) or "no topics at all"
+                because = "".join(f"; {problem}" for problem in self.problems()[:1])
+                raise InputError(self._source, f"there is no topic {name}; there are {there}{because}")
+
+    def read(self, file: IO[bytes]) -> None:
+        """Read all that is whole."""
+        position = file.seek(len(MCAP0_MAGIC))
+        while len(head := file.read(_HEAD.size)) == _HEAD.size:
+            opcode, length = _HEAD.unpack(head)
+            if opcode == Opcode.DATA_END:  # what follows repeats what came
+                return
+            if opcode not in _WANTED:
+                position = file.seek(length, os.SEEK_CUR) if length < MAX_SKIPPED_BYTES else -1
+                continue
+            content = file.read(length) if length <= MAX_RECORD_BYTES else b""
+            if len(content) < length:
+                break
+            try:
+                records = self._records(opcode, content)
+            except _MCAP_ERRORS as error:
+                self._lost.append(f"the record at byte {position} cannot be read: {first_line(error)}")
+                records = []
+            for record in records:
+                self._take(record)
+            position = file.tell()
+        self._lost.append(f"what follows byte {position} cannot be read: the bag was not closed, or is damaged")
+
+    def _records(self, opcode: int, content: bytes) -> list[McapRecord]:
+        """Return what a record holds, of a chunk all that is in it."""
+        # In a stream of its own, no length in a record reaches beyond it.
+        stream = ReadDataStream(BytesIO(content))
+        if opcode == Opcode.SCHEMA:
+            return [Schema.read(stream)]
+        if opcode == Opcode.CHANNEL:
+            return [Channel.read(stream)]
+        if opcode == Opcode.MESSAGE:
+            return [Message.read(stream, len(content))]
+        chunk = Chunk.read(stream)
+        self._work_bytes += chunk.uncompressed_size
+        if self._work_bytes > MAX_WORK_BYTES:
+            raise InputError(self._source, f"asks for more than {MAX_WORK_BYTES:,} bytes to be unpacked")
+        data = _unpacked(chunk)
+        if chunk.uncompressed_crc and zlib.crc32(data) != chunk.uncompressed_crc:
+            raise ValueError("it has another checksum than it says")
+        return self._contents(data)
+
+    def _contents(self, data: bytes) -> list[McapRecord]:
+        """Return what a chunk holds; messages of topics that the map does not name are passed over unread."""
+        records: list[McapRecord] = []
+        others, known = set(self._others), set(self._topics)
+        position, stop, undescribed = 0, len(data), 0
+        while position < stop:
+            self._count_record()
+            opcode, length = _HEAD.unpack_from(data, position)
+            start, position = position + _HEAD.size, position + _HEAD.size + length
+            if position > stop:
+                raise ValueError("a record in it reaches beyond its end")
+            if opcode == _MESSAGE:
+                if length < _MESSAGE_BYTES:
+                    raise ValueError("a message in it has no head")
+                channel_id = _CHANNEL_OF.unpack_from(data, start)[0]
+                if channel_id not in known:
+                    undescribed += 1
+                elif channel_id not in others:
+                    records.append(Message.read(ReadDataStream(BytesIO(data[start:position])), length))
+            elif opcode == Opcode.SCHEMA:
+                records.append(Schema.read(ReadDataStream(BytesIO(data[start:position]))))
+            elif opcode == Opcode.CHANNEL:
+                channel = Channel.read(ReadDataStream(BytesIO(data[start:position])))
+                records.append(channel)
+                if channel.id not in known and channel.topic not in self._series:
+                    others.add(channel.id)
+                known.add(channel.id)
+        self._undescribed += undescribed
+        return records
+
+    def _count_record(self) -> None:
+        self._records_seen += 1
+        if self._records_seen > MAX_RECORDS:
+            raise InputError(self._source, f"has more than {MAX_RECORDS:,} records")
+
+    def _take(self, record: McapRecord) -> None:
+        if isinstance(record, Schema):
+            self._keep_schema(record)
+        elif isinstance(record, Channel):
+            if record.id not in self._topics:
+                wanted = record.topic in self._series
+                self._names.add(record.topic if wanted else record.topic[:MAX_NAME])
+                self._topics[record.id] = self._topic(record) if wanted else None
+                if not wanted:
+                    self._others.add(record.id)
+        elif isinstance(record, Message):
+            if record.channel_id not in self._topics:
+                self._undescribed += 1
+            elif (topic := self._topics[record.channel_id]) is not None:
+                self._decode(topic, record)
+
+    def _keep_schema(self, schema: Schema) -> None:
+        before = self._schemas.get(schema.id)
+        for sign, known in ((1, schema), (-1, before)):
+            if known is not None:
+                self._schemas_bytes += sign * (len(known.data) + len(known.name) + len(known.encoding))
+        if self._schemas_bytes > MAX_SCHEMAS_BYTES:
+            raise InputError(self._source, f"has schemas of more than {MAX_SCHEMAS_BYTES:,} bytes")
+        self._schemas[schema.id] = schema
+
+    def _topic(self, channel: Channel) -> _Topic:
+        """Return how to decode a topic; raises InputError where it cannot be."""
+        schema = self._schemas.get(channel.schema_id)
+        place = f"topic {channel.topic}"
+        if schema is None or (channel.message_encoding, schema.encoding) != ("cdr", "ros2msg"):
+            how = f"{channel.message_encoding} by {schema.encoding if schema else 'nothing'}"
+            raise InputError(self._source, f"holds {how}; cdr by ros2msg is wanted", place)
+        self._described += 1
+        if self._described > MAX_CHANNELS:
+            raise InputError(self._source, f"has more than {MAX_CHANNELS:,} channels of the map's topics", place)
+        definition = checked_definition(schema.name, schema.data, self._source, place)
+        try:
+            with redirect_stderr(StringIO()):  # the parser tells there what it also raises
+                decode = self._factory.decoder_for("cdr", replace(schema, data=definition))
+                assert decode is not None
+        except _schema_errors() as error:
+            raise InputError(self._source, f"{schema.name} is no message type: {first_line(error)}", place) from error
+        return _Topic(channel.topic, decode, self._series[channel.topic])
+
+    def _decode(self, topic: _Topic, record: Message) -> None:
+        try:
+            if len(record.data) > MAX_MESSAGE_BYTES:
+                raise ValueError(f"it has {len(record.data):,} bytes; the limit is {MAX_MESSAGE_BYTES:,}")
+            message = topic.decode(record.data)
+            for series in topic.series:
+                series.take(message, record)
+        except _DECODER_ERRORS as error:
+            self._refused += 1
+            self._first_refused = self._first_refused or f"topic {topic.name}: {first_line(error)}"
+        self._rows += 1
+        if self._rows > MAX_ROWS:
+            raise InputError(self._source, f"has more than {MAX_ROWS:,} messages of the map's topics")
+
+
+def _schema_errors() -> tuple[type[Exception], ...]:
+    """Return what is raised where a schema is none."""
+    from mcap_ros2._vendor.rosidl_adapter import parser
+
+    of_parser: tuple[type[Exception], ...] = (parser.InvalidSpecification, parser.InvalidValue)
+    return (*_DECODER_ERRORS, McapError, *of_parser)
+
+
+def _unpacked(chunk: Chunk) -> bytes:
+    """Return the content of a chunk; raises ValueError where it is more than the chunk says, before it is unpacked."""
+    size = chunk.uncompressed_size
+    if size > MAX_CHUNK_BYTES:
+        raise ValueError(f"it unpacks to {size:,} bytes; the limit is {MAX_CHUNK_BYTES:,}")
+    if chunk.compression == "":
+        data = chunk.data
+    elif chunk.compression == "zstd":
+        # The decompressor believes the frame, not its caller.
+        stated = zstandard.get_frame_parameters(chunk.data).content_size
+        if stated not in (size, zstandard.CONTENTSIZE_UNKNOWN):
+            raise ValueError(f"its frame says {stated:,} bytes, it itself {size:,}")
+        data = zstandard.decompress(chunk.data, size)
+    elif chunk.compression == "lz4":
+        from lz4.frame import LZ4FrameDecompressor
+
+        data = LZ4FrameDecompressor().decompress(chunk.data, max_length=size + 1)
+    else:
+        raise ValueError(f"its compression {chunk.compression[:20]!r} is not known")
+    if len(data) != size:
+        raise ValueError(f"it unpacks to another size than the {size:,} bytes it says")
+    return bytes(data)

@@ -1,0 +1,251 @@
+"""Telemetry maps: which parameter of a packet, or field of a topic, is which channel of which wheel, and in what unit.
+
+```toml
+[[wheel]]                                   # space packets
+spacecraft = "sat-1"
+wheel = "wheel_1"
+apid = 417
+time = ["TIME_COARSE", "TIME_FINE"]         # summed, each in its own unit
+[wheel.channels]
+speed_rad_s = "WHEEL_SPEED"
+motor_current_A = { parameter = "MOTOR_CURRENT", unit = "mA", valid = "MOTOR_CURRENT_VALID" }
+```
+
+```toml
+[[wheel]]                                   # topics of a ROS 2 bag
+spacecraft = "sat-1"
+wheel = "wheel_1"
+hold_s = 0.2                                # how old a value of another topic than that of the speed may be
+[wheel.channels]
+speed_rad_s = { topic = "/joint_states", field = "velocity", joint = "wheel_1" }
+motor_current_A = { topic = "/wheel_1/current", field = "data", time = "log" }
+```
+
+Units are checked: what is not known to measure a channel's quantity is refused, what is known is converted.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from fractions import Fraction
+from math import pi
+from typing import Annotated, Any, Final, Literal, TypeVar
+
+from pydantic import BeforeValidator, Field, ValidationError, model_validator
+
+from rwa_monitor.errors import InputError
+from rwa_monitor.messages import SamplesMessage, key_of, split_key
+from rwa_monitor.telemetry.reader import MAX_MAP_BYTES, TextFile
+from rwa_monitor.wheel.strict import Strict
+from rwa_monitor.wheel.toml import parse_toml
+
+MAX_WHEELS: Final = 4_096
+MAX_APID: Final = 2_046  # 11 bits; 2,047 are idle packets (CCSDS 133.0-B-2, 4.1.3.3.4.4)
+
+Name = Annotated[str, Field(min_length=1, max_length=500)]
+ChannelName = Literal[
+    "speed_rad_s",
+    "friction_torque_Nm",
+    "motor_current_A",
+    "motor_torque_Nm",
+    "motor_voltage_V",
+    "bearing_temperature_degC",
+]
+
+# Unit → (factor, offset) to the unit of the channel's name; written without spaces, dots and stars (`_plain`).
+_TORQUE: Final = {"Nm": (1.0, 0.0), "mNm": (1e-3, 0.0), "uNm": (1e-6, 0.0)}
+UNITS: Final[dict[str, dict[str, tuple[float, float]]]] = {
+    "speed_rad_s": {
+        "rad/s": (1.0, 0.0),
+        "rads-1": (1.0, 0.0),
+        "deg/s": (pi / 180, 0.0),
+        "rpm": (2 * pi / 60, 0.0),
+        "RPM": (2 * pi / 60, 0.0),
+        "1/min": (2 * pi / 60, 0.0),
+        "Hz": (2 * pi, 0.0),
+    },
+    "friction_torque_Nm": _TORQUE,
+    "motor_torque_Nm": _TORQUE,
+    "motor_current_A": {"A": (1.0, 0.0), "mA": (1e-3, 0.0)},
+    "motor_voltage_V": {"V": (1.0, 0.0), "mV": (1e-3, 0.0)},
+    "bearing_temperature_degC": {
+        "degC": (1.0, 0.0),
+        "C": (1.0, 0.0),
+        "Celsius": (1.0, 0.0),
+        "K": (1.0, -273.15),
+        "Kelvin": (1.0, -273.15),
+    },
+}
+# What the values of a channel are in where nobody says so: the unit of its name.
+SI_UNITS: Final = {name: next(iter(units)) for name, units in UNITS.items()}
+# Unit of time → nanoseconds; the words are those of XTCE's Encoding.
+TIME_UNITS: Final[dict[str, Fraction]] = {
+    unit: Fraction(size)
+    for units, size in (
+        (("d", "days"), 86_400 * 10**9),
+        (("s", "sec", "seconds"), 10**9),
+        (("ms", "milliseconds"), 10**6),
+        (("us", "microseconds"), 10**3),
+        (("ns", "nanoseconds"), 1),
+        (("ps", "picoSeconds"), Fraction(1, 1000)),
+    )
+    for unit in units
+}
+
+
+class PacketChannel(Strict):
+    """A channel as a parameter of a packet.
+
+    Attributes
+    ----------
+    parameter
+        Its name in the XTCE definition.
+    unit
+        Of its calibrated value; None for what the definition says.
+    valid
+        Name of a parameter that is 0 where the value was not measured.
+    """
+
+    parameter: Name
+    unit: Name | None = None
+    valid: Name | None = None
+
+
+class TopicChannel(Strict):
+    """A channel as a field of the messages on a topic.
+
+    Attributes
+    ----------
+    topic
+        Its name.
+    field
+        Path of the field: "data", "twist.angular.z".
+    joint
+        Where the field is an array: the entry that stands where `name` holds this, as in sensor_msgs/JointState.
+    unit
+        Of the value; the unit in the channel's name unless told, as ROS uses SI units (REP 103).
+    time
+        What the sample's time is: the stamp in the message's header, or when the message was logged or published.
+    """
+
+    topic: Name
+    field: Annotated[str, Field(max_length=500, pattern=r"^[a-z][A-Za-z0-9_]*(\.[a-z][A-Za-z0-9_]*)*$")]
+    joint: Name | None = None
+    unit: Name | None = None
+    time: Literal["header", "log", "publish"] = "header"
+
+
+class _WheelMap(Strict):
+    spacecraft: Name
+    wheel: Name
+    channels: Mapping[ChannelName, PacketChannel | TopicChannel]
+
+    @property
+    def key(self) -> str:
+        """The key of the samples on the bus."""
+        return key_of(SamplesMessage, self.spacecraft, self.wheel)
+
+    @model_validator(mode="after")
+    def _plain_names(self) -> _WheelMap:
+        try:
+            split_key(self.key)
+        except InputError as error:
+            raise ValueError(f"{error.source} {error.reason}") from error
+        return self
+
+    @model_validator(mode="after")
+    def _with_speed(self) -> _WheelMap:
+        if "speed_rad_s" not in self.channels:
+            raise ValueError("channels.speed_rad_s is missing")
+        return self
+
+
+def _in_full(channel: Any) -> Any:
+    """Take a parameter's name for a channel that says no more."""
+    return {"parameter": channel} if isinstance(channel, str) else channel
+
+
+class PacketWheel(_WheelMap):
+    """A wheel in space packets."""
+
+    apid: Annotated[int, Field(ge=0, le=MAX_APID)]
+    time: Annotated[list[Name], Field(min_length=1, max_length=8)]
+    channels: Mapping[ChannelName, Annotated[PacketChannel, BeforeValidator(_in_full)]]
+
+
+class TopicWheel(_WheelMap):
+    """A wheel in the topics of a ROS 2 bag."""
+
+    hold_s: Annotated[float, Field(gt=0, le=3600)] | None = None
+    channels: Mapping[ChannelName, TopicChannel]
+
+    @model_validator(mode="after")
+    def _hold_where_needed(self) -> TopicWheel:
+        if self.hold_s is None and len({channel.topic for channel in self.channels.values()}) > 1:
+            raise ValueError("more than one topic: hold_s must say how old a value beside a speed may be")
+        return self
+
+
+OneWheel = TypeVar("OneWheel", bound=_WheelMap)
+
+
+def packet_wheels(file: TextFile) -> list[PacketWheel]:
+    """Return the wheels of a map of space packets; raises InputError naming the key that is wrong."""
+    return _wheels(file, PacketWheel)
+
+
+def topic_wheels(file: TextFile) -> list[TopicWheel]:
+    """Return the wheels of a map of topics; raises InputError naming the key that is wrong."""
+    return _wheels(file, TopicWheel)
+
+
+def _wheels(file: TextFile, kind: type[OneWheel]) -> list[OneWheel]:
+    tables = parse_toml(file.text, file.source, MAX_MAP_BYTES, "a telemetry map")
+    blocks = tables.pop("wheel", None)
+    if tables:
+        raise InputError(file.source, "is not known in a telemetry map; it has [[wheel]] blocks", next(iter(tables)))
+    if not isinstance(blocks, list) or not 0 < len(blocks) <= MAX_WHEELS:
+        raise InputError(file.source, f"a telemetry map has 1 to {MAX_WHEELS:,} blocks [[wheel]]", "wheel")
+    wheels: list[OneWheel] = []
+    for number, block in enumerate(blocks, start=1):
+        try:
+            wheel = kind.model_validate(block, strict=False)
+        except ValidationError as error:
+            raise InputError.of_validation(file.source, error, f"wheel {number}", f"wheel {number}: ", kind) from error
+        wheels.append(wheel)
+    keys = [wheel.key for wheel in wheels]
+    for key in keys:
+        if keys.count(key) > 1:
+            raise InputError(file.source, "is there twice", key)
+    return wheels
+
+
+def conversion(channel: str, unit: str | None, source: str, place: str) -> tuple[float, float]:
+    """Return (factor, offset) that bring a value of this unit to the unit in the channel's name.
+
+    Raises
+    ------
+    InputError
+        If there is no unit, or none of this channel's quantity.
+    """
+    known = UNITS[channel]
+    found = known.get(_plain(unit)) if unit is not None else None
+    if found is None:
+        what = "has no unit" if unit is None else f"is in {unit!r}, which is no unit of {channel}"
+        raise InputError(source, f"{what}; known are {', '.join(known)}", place)
+    return found
+
+
+def time_conversion(unit: str | None, source: str, place: str) -> Fraction:
+    """Return the nanoseconds of one unit of time; raises InputError where it is none."""
+    found = TIME_UNITS.get(unit.strip()) if unit is not None else None
+    if found is None:
+        what = "has no unit" if unit is None else f"is in {unit!r}, which is no unit of time"
+        raise InputError(source, f"{what}; known are {', '.join(TIME_UNITS)}", place)
+    return found
+
+
+def _plain(unit: str) -> str:
+    """Return a unit without what people write between its parts."""
+    return re.sub(r"[\s·*._]", "", unit).replace("µ", "u").replace("μ", "u").replace("°", "deg")

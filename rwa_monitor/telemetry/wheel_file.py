@@ -1,0 +1,64 @@
+"""Wheel files: wheel.toml in and out, with its size limited before it is parsed."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from rwa_monitor.errors import InputError
+from rwa_monitor.messages import KEY_PREFIX, SamplesMessage, split_key
+from rwa_monitor.telemetry.files import display_name, read_checked_text, write_text
+from rwa_monitor.wheel.effects.catalogue import build
+from rwa_monitor.wheel.wheel import MAX_WHEEL_FILE_BYTES, Wheel, built_in_wheel
+
+
+def read_wheel(path: Path | None) -> Wheel:
+    """Read a wheel.toml; without a path, return the built-in wheel.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be used; names the file, the key and the reason.
+    """
+    if path is None:
+        return built_in_wheel()
+    source = display_name(path)
+    wheel = Wheel.from_toml(read_checked_text(path, MAX_WHEEL_FILE_BYTES), source)
+    for block in wheel.effect:
+        try:
+            build(block)
+        except InputError as error:
+            raise InputError(f"{source}: effect {block.name}", error.reason, error.place) from error
+    return wheel
+
+
+def read_wheel_folder(folder: Path) -> dict[tuple[str, str], Wheel]:
+    """Read the wheel files of single wheels, `{spacecraft}/{wheel}.toml` in a folder.
+
+    Returns
+    -------
+    dict
+        Wheels by spacecraft and name, sorted. Other files are left alone.
+
+    Raises
+    ------
+    InputError
+        If there is no such file, one cannot be used, or the bus has no such names.
+    """
+    files = sorted(folder.glob("*/*.toml"))
+    if not files:
+        raise InputError(display_name(folder), "holds no SPACECRAFT/WHEEL.toml")
+    found = {}
+    for file in files:
+        try:
+            spacecraft, wheel, _ = split_key(f"{KEY_PREFIX}/{file.parent.name}/{file.stem}/{SamplesMessage.kind}")
+        except InputError as error:
+            raise InputError(
+                display_name(file), "is named after no wheel: names are letters, digits and _.@+~-"
+            ) from error
+        found[spacecraft, wheel] = read_wheel(file)
+    return found
+
+
+def write_wheel(wheel: Wheel, path: Path) -> None:
+    """Write a wheel.toml that `read_wheel` gives back."""
+    write_text(path, wheel.to_toml())

@@ -1,0 +1,225 @@
+"""Cage instability: in a band of speeds the cage whirls, in bursts, and drags and shakes at once."""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+
+from rwa_monitor.samples import BoolArray, FloatArray
+from rwa_monitor.wheel.effects.base import Channels, Parameter
+from rwa_monitor.wheel.effects.bursts import PARAMETERS, find_bursts
+from rwa_monitor.wheel.effects.likelihood import LikelihoodFit
+from rwa_monitor.wheel.effects.noise_base import NoiseEffect, usable_residuals
+
+BAND_CENTRES: Final = 48  # tried over the speed range
+BAND_SHARES: Final = (0.02, 0.04, 0.08, 0.16)  # half widths tried, as shares of the speed range
+FEWEST_IN_BAND: Final = 50  # samples, for a mean and a variance
+EACH_RAISED_BY: Final = 12.5  # log-likelihood that mean and variance must each gain: half the search's threshold of 25
+REFINEMENTS: Final = 6  # halvings of the scan's grid around the best band
+FEWEST_BURSTS: Final = 5  # fewer are chance, or what was seen once
+BESIDE_BURST: Final = 32  # slots to each side with which a burst's drag is compared
+FEWEST_BESIDE: Final = 4  # slots in a burst and beside it, for a mean
+DRAG_BY_CHANCE: Final = 0.2  # probability; that there are bursts is sure by then
+MEDIAN_TO_STD: Final = 1.4826  # standard deviation of a Gaussian over its median absolute deviation
+EFFICIENCY_OF_MEDIAN: Final = 1.2533  # standard deviation of a median over that of a mean, √(π/2)
+
+
+class CageInstability(NoiseEffect):
+    """Bursts of extra drag and extra noise while the speed is in a band."""
+
+    name = "cage_instability"
+    title = "Cage instability"
+    formula = (
+        r"\tau = g(t)\, m \operatorname{sign}(\omega), \quad \sigma = \sigma_0 \left(1 + g(t)\, b\right), \qquad "
+        r"g(t) \in \{0, 1\} \text{ where } \left||\omega| - \omega_c\right| < w, \text{ else } 0"
+    )
+    description = (
+        "The ball cage leaves its smooth path and whirls: friction and noise rise together, come in bursts, and do "
+        "so only in a band of speeds (and of lubricant states)."
+    )
+    signature = "Mean and variance of the residual rise together in a band of speeds."
+    confused_with = ("speed_dependent_noise", "extra_switching_system", "heavy_tailed_noise")
+    separate_by = "Dwells below, in and above the band, in both directions."
+    source = (
+        "E. A. Boesiger, M. H. Warner, Spin Bearing Retainer Design Optimization, Aerospace Mechanisms Symposium "
+        "1991 (torque, temperature and noise rise, at certain speeds and conditions); P. K. Gupta, Advanced "
+        "Dynamics of Rolling Elements, Springer 1984. Sizes are a working assumption."
+    )
+    parameters = (
+        Parameter("strength_Nm", "N m", 0.0, np.inf, 2.0e-4),
+        Parameter("noise_strength", "-", 0.0, 100.0, 2.0),
+        Parameter("band_speed_rad_s", "rad/s", 0.0, 2000.0, 100.0),
+        Parameter("band_half_width_rad_s", "rad/s", 1e-3, 500.0, 15.0),
+        Parameter("burst_s", "s", 1e-3, 1e5, 30.0, default=30.0),
+        Parameter("quiet_s", "s", 0.0, 1e5, 30.0, default=30.0),
+    )
+
+    def apply(self, noise_Nm: FloatArray, channels: Channels, rng: np.random.Generator) -> FloatArray:
+        values = self.values
+        inside = np.abs(np.abs(channels.speed_rad_s) - values["band_speed_rad_s"]) < values["band_half_width_rad_s"]
+        burst = inside & _bursts(noise_Nm.size, channels.sample_period_s, values["burst_s"], values["quiet_s"], rng)
+        drag = np.where(burst, values["strength_Nm"] * channels.direction, 0.0)
+        return drag + noise_Nm * np.where(burst, 1.0 + values["noise_strength"], 1.0)
+
+    @classmethod
+    def fit(cls, residual_Nm: FloatArray, channels: Channels, good: BoolArray) -> LikelihoodFit:
+        """Fit bursts in a band or, where the residual shows none, a band that shakes without a pause."""
+        in_bursts, _ = cls.fit_bursts(residual_Nm, channels, good)
+        return in_bursts if in_bursts.penalised_gain > 0.0 else cls.fit_band(residual_Nm, channels, good)
+
+    @classmethod
+    def fit_bursts(
+        cls, residual_Nm: FloatArray, channels: Channels, good: BoolArray
+    ) -> tuple[LikelihoodFit, BoolArray]:
+        """Fit bursts of noise in a band of speeds, with drag in them, and return which slots are in a burst.
+
+        Levels may be left in the residual. The gain is that of the noise alone, over any law of speed.
+        """
+        usable = usable_residuals(residual_Nm, channels, good) & (channels.direction != 0)
+        count = int(usable.sum())
+        found = find_bursts(residual_Nm, np.abs(channels.speed_rad_s), usable)
+        none = cls.nothing_found(count), np.zeros(residual_Nm.size, dtype=np.bool_)
+        if found is None:
+            return none
+        drag = _drag_of_bursts(residual_Nm * channels.direction, usable, found.on)
+        if drag.size < FEWEST_BURSTS:
+            return none
+        from scipy import stats
+
+        if stats.wilcoxon(drag, alternative="greater").pvalue > DRAG_BY_CHANCE:
+            return none  # noise alone is no cage
+        middle = max(float(np.median(drag)), 0.0)
+        spread = MEDIAN_TO_STD * float(np.median(np.abs(drag - middle)))
+        std = EFFICIENCY_OF_MEDIAN * spread / float(np.sqrt(drag.size))
+        period, bursts = channels.sample_period_s, drag.size
+        shaking = max(int(np.count_nonzero(found.on)), 1)
+        values = {
+            "strength_Nm": middle,
+            "noise_strength": found.ratio - 1.0,
+            "band_speed_rad_s": found.centre,
+            "band_half_width_rad_s": found.half_width,
+            "burst_s": found.burst_slots * period,
+            "quiet_s": found.quiet_slots * period,
+        }
+        std_of = {
+            "strength_Nm": std,
+            "noise_strength": found.ratio / float(np.sqrt(2.0 * shaking)),
+            "band_speed_rad_s": float("nan"),
+            "band_half_width_rad_s": float("nan"),
+            "burst_s": values["burst_s"] / float(np.sqrt(bursts)),
+            "quiet_s": values["quiet_s"] / float(np.sqrt(bursts)),
+        }
+        return LikelihoodFit(values, std_of, found.log_likelihood_gain, PARAMETERS, count), found.on
+
+    @classmethod
+    def fit_band(cls, residual_Nm: FloatArray, channels: Channels, good: BoolArray) -> LikelihoodFit:
+        """Scan bands of |ω| for another mean (along the motion) and another variance inside than outside.
+
+        What is fitted is the average over bursts and pauses in the band, so drag and noise are those of the average.
+        """
+        usable = usable_residuals(residual_Nm, channels, good) & (channels.direction != 0)
+        count = int(usable.sum())
+        speed = np.abs(channels.speed_rad_s[usable])
+        if count < 4 * FEWEST_IN_BAND or speed.max() == speed.min() or not residual_Nm[usable].any():
+            return cls.nothing_found(count)
+        order = np.argsort(speed, kind="stable")
+        drag = (residual_Nm * channels.direction)[usable][order]
+        sums = np.concatenate([[0.0], np.cumsum(drag)]), np.concatenate([[0.0], np.cumsum(drag**2)])
+        speed = speed[order]
+        span = float(speed[-1] - speed[0])
+        step = span / (BAND_CENTRES - 1)
+        bands = [
+            (float(at), share * span) for at in np.linspace(speed[0], speed[-1], BAND_CENTRES) for share in BAND_SHARES
+        ]
+        best = cls.nothing_found(count)
+        for _ in range(REFINEMENTS + 1):
+            for centre, half_width in bands:
+                edges = np.searchsorted(speed, [centre - half_width, centre + half_width])
+                found = _compare(sums, int(edges[0]), int(edges[1]), count)
+                if found is not None and found[0] > best.log_likelihood_gain:
+                    best = _band_fit(found, centre, half_width, int(edges[1] - edges[0]), count)
+            at, width = best.values["band_speed_rad_s"], best.values["band_half_width_rad_s"]
+            step *= 0.5
+            bands = [(at + i * step, max(width + j * step, step)) for i in (-1, 0, 1) for j in (-1, 0, 1)]
+        return best
+
+
+def _drag_of_bursts(along: FloatArray, usable: BoolArray, on: BoolArray) -> FloatArray:
+    """Return the drag of each burst [N m]: its mean less that of the quiet slots beside it, whatever the level."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], on.astype(np.int8), [0]])))
+    drag = []
+    for begin, end in zip(edges[::2], edges[1::2], strict=True):
+        near = slice(max(begin - BESIDE_BURST, 0), end + BESIDE_BURST)
+        beside = along[near][usable[near] & ~on[near]]
+        within = along[begin:end][usable[begin:end]]
+        if min(beside.size, within.size) >= FEWEST_BESIDE:
+            drag.append(float(within.mean() - beside.mean()))
+    return np.array(drag)
+
+
+def _bursts(slots: int, period_s: float, burst_s: float, quiet_s: float, rng: np.random.Generator) -> BoolArray:
+    """Return a random telegraph with exponential bursts and pauses of the given means; always on without pauses."""
+    if quiet_s == 0.0:
+        return np.ones(slots, dtype=np.bool_)
+    on = np.zeros(slots, dtype=np.bool_)
+    active = rng.random() < burst_s / (burst_s + quiet_s)
+    begin_s = 0.0
+    while begin_s < slots * period_s:
+        end_s = begin_s + rng.exponential(burst_s if active else quiet_s)
+        on[int(np.ceil(begin_s / period_s)) : int(np.ceil(end_s / period_s))] = active
+        begin_s, active = end_s, not active
+    return on
+
+
+def _compare(
+    sums: tuple[FloatArray, FloatArray], start: int, stop: int, count: int
+) -> tuple[float, float, float, float] | None:
+    """Return gain, mean drag inside, and standard deviations inside and outside of a band; None where it is no burst.
+
+    No burst: too few samples, or mean or variance not raised beyond doubt. What raises one of the two alone is another
+    effect.
+    """
+    inside = stop - start
+    outside = count - inside
+    if inside < FEWEST_IN_BAND or outside < FEWEST_IN_BAND:
+        return None
+    mean = float(sums[0][stop] - sums[0][start]) / inside
+    square_in = float(sums[1][stop] - sums[1][start]) / inside
+    square_out = float(sums[1][-1] - (sums[1][stop] - sums[1][start])) / outside
+    square_all = float(sums[1][-1]) / count
+    variance_in = square_in - mean**2
+    if mean <= 0.0 or variance_in <= square_out or square_out <= 0.0:
+        return None
+    by_variance = 0.5 * (count * np.log(square_all) - inside * np.log(square_in) - outside * np.log(square_out))
+    by_mean = 0.5 * inside * np.log(square_in / variance_in)
+    if min(by_variance, by_mean) < EACH_RAISED_BY:
+        return None
+    return float(by_variance + by_mean), mean, float(np.sqrt(variance_in)), float(np.sqrt(square_out))
+
+
+def _band_fit(
+    found: tuple[float, float, float, float], centre: float, half_width: float, inside: int, count: int
+) -> LikelihoodFit:
+    gain, mean, std_in, std_out = found
+    ratio = std_in / std_out
+    values = CageInstability.typical(burst_s=30.0, quiet_s=0.0).values
+    unknown = float("nan")
+    return LikelihoodFit(
+        values={
+            **values,
+            "strength_Nm": mean,
+            "noise_strength": ratio - 1.0,
+            "band_speed_rad_s": centre,
+            "band_half_width_rad_s": half_width,
+        },
+        std={
+            **dict.fromkeys(values, unknown),
+            "strength_Nm": std_in / float(np.sqrt(inside)),
+            "noise_strength": ratio / float(np.sqrt(2.0 * inside)),
+        },
+        log_likelihood_gain=gain,
+        parameters=4,
+        samples=count,
+        undetermined=frozenset({"burst_s", "quiet_s"}),
+    )

@@ -1,0 +1,55 @@
+"""Coloured noise: the noise of neighbouring samples is related."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rwa_monitor.kernels.effects import autoregress
+from rwa_monitor.samples import BoolArray, FloatArray
+from rwa_monitor.wheel.effects.base import Channels, Parameter
+from rwa_monitor.wheel.effects.likelihood import LikelihoodFit
+from rwa_monitor.wheel.effects.noise_base import NoiseEffect, usable_residuals
+
+
+class ColouredNoise(NoiseEffect):
+    """First-order autoregressive noise of unchanged variance."""
+
+    name = "coloured_noise"
+    title = "Coloured noise"
+    formula = r"n_k = \varphi\, n_{k-1} + \sqrt{1 - \varphi^2}\, e_k"
+    description = (
+        "Filters in the drive electronics, slow disturbances and the estimation of friction itself relate "
+        "neighbouring samples. Means over short stretches then scatter more than white noise would let them, which "
+        "looks like jumps."
+    )
+    signature = "An autocorrelation of the residual that decays geometrically with the lag."
+    confused_with = ("tachometer_quantisation", "heavy_tailed_noise")
+    separate_by = "The autocorrelation over several lags, on a stretch of constant speed."
+    source = (
+        "G. E. P. Box, G. M. Jenkins, Time Series Analysis: Forecasting and Control, 1970 (AR(1)). The range 0.3 to "
+        "0.95 is a working assumption."
+    )
+    parameters = (Parameter("ar_coefficient", "-", 0.0, 0.99, 0.5),)
+
+    def apply(self, noise_Nm: FloatArray, channels: Channels, rng: np.random.Generator) -> FloatArray:
+        del channels, rng
+        return autoregress(noise_Nm, self.values["ar_coefficient"])
+
+    @classmethod
+    def fit(cls, residual_Nm: FloatArray, channels: Channels, good: BoolArray) -> LikelihoodFit:
+        """Fit φ by the conditional likelihood of each sample given its neighbour, where both are good."""
+        usable = usable_residuals(residual_Nm, channels, good)
+        pairs = usable[1:] & usable[:-1]
+        count = int(pairs.sum())
+        if count < 3:
+            return cls.nothing_found(count)
+        before, after = residual_Nm[:-1][pairs], residual_Nm[1:][pairs]
+        energy = float(np.sqrt(np.sum(before**2) * np.sum(after**2)))
+        phi = float(np.clip(np.sum(before * after) / energy, 0.0, 0.99)) if energy > 0 else 0.0
+        return LikelihoodFit(
+            values={"ar_coefficient": phi},
+            std={"ar_coefficient": float(np.sqrt((1 - phi**2) / count))},
+            log_likelihood_gain=float(-0.5 * count * np.log1p(-(phi**2))),
+            parameters=1,
+            samples=count,
+        )

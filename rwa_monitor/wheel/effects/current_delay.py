@@ -1,0 +1,52 @@
+"""Current delay: current and speed are not sampled at the same time."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import ClassVar
+
+import numpy as np
+
+from rwa_monitor.kernels.effects import backward_difference
+from rwa_monitor.samples import FloatArray
+from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Parameter
+from rwa_monitor.wheel.effects.columns import known_or_nan, stack
+
+
+class CurrentDelay(MeanEffect):
+    """A misalignment in time between current and speed."""
+
+    name = "current_delay"
+    title = "Current and speed misaligned in time"
+    formula = r"\tau = d\, K_T\, \dot I, \qquad I_{\mathrm{measured}}(t) = I(t + d)"
+    description = (
+        "Current and speed are sampled, filtered or stamped at different times: the motor torque that enters the "
+        "balance is that of d seconds later (d > 0) or earlier (d < 0), to first order in d."
+    )
+    signature = "A torque that follows the derivative of the current: spikes at the ends of slews."
+    confused_with = ("presliding", "inertia_error")
+    separate_by = "Cross-correlation of current and dω/dt around slews; reversals at two accelerations."
+    source = (
+        "Taylor expansion of the torque balance; delays of up to a second or two between telemetry channels are a "
+        "working assumption."
+    )
+    needs = frozenset({"motor_torque_Nm"})
+    parameters: ClassVar[tuple[Parameter, ...]] = (Parameter("strength_s", "s", -5.0, 5.0, 0.25, linear=True),)
+
+    @classmethod
+    def columns(
+        cls, channels: Channels, shape: Mapping[str, float], memory: Memory = None
+    ) -> tuple[FloatArray, Memory]:
+        """Return d(K_T I)/dt.
+
+        In the search `motor_torque_rate_Nm_s` must be given, from neighbours that leave out every sample entering
+        the friction of the slot. Without it a backward difference of K_T I is taken, which shares the slot's own
+        noise: good for simulation and for removing a known effect, not for finding one.
+        """
+        del shape
+        if channels.motor_torque_rate_Nm_s is not None:
+            return stack(channels.motor_torque_rate_Nm_s), None
+        state = np.array([np.nan, 0.0]) if memory is None else memory.copy()
+        motor_torque = known_or_nan(channels.motor_torque_Nm, channels)
+        usable = channels.good & np.isfinite(motor_torque)
+        return stack(backward_difference(motor_torque, usable, channels.sample_period_s, state)), state

@@ -1,0 +1,399 @@
+"""Formulas of a small grammar: a law for what no effect of the catalogue explains.
+
+A structure is a carrier times a function of one variable, such as "dry*tanh(speed)", a·tanh(|ω|/ω0)·sign ω. Every
+function takes a dimensionless argument, a constant's unit follows from the variable, and that of the strength from the
+carrier. No structure has more than three constants. Structures are classes like the effects of the catalogue, but none
+of it: a wheel file names them as the effect "formula" with the key `law`, which is looked up and never evaluated.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, ClassVar, Final, cast
+
+import numpy as np
+
+from rwa_monitor.errors import InputError
+from rwa_monitor.hints import did_you_mean
+from rwa_monitor.samples import FloatArray
+from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Parameter
+from rwa_monitor.wheel.effects.columns import known_or_nan
+from rwa_monitor.wheel.effects.resolution import narrowed
+from rwa_monitor.wheel.effects.torque_ripple import (
+    LOWEST_ORDER,
+    MANY_TURNS,
+    MAX_HARMONIC,
+    angle_range_turns,
+    angle_turned,
+)
+
+BLOCK: Final = "formula"  # the name of the effect in a wheel file
+ORIGIN_degC: Final = 20.0  # where exponential and linear laws of the temperature are one or zero: a convention
+RESOLVED_STEPS: Final = 3.0  # of a variable from slot to slot: a narrower feature falls between samples
+FINEST_SHARE: Final = 0.02  # of the largest value: a scale below is a step at zero
+INSIDE_SHARE: Final = 0.05  # of the range: a centre nearer to its ends has no samples beyond
+WIDEST_SHARE: Final = 0.5  # of the range: a wider bump or step is a curve without a centre
+SLEW_QUANTILE: Final = 0.99  # of |dω/dt|: what single samples reach is noise
+
+
+@dataclass(frozen=True, slots=True)
+class Function:
+    """A function of one variable.
+
+    Attributes
+    ----------
+    text
+        With {x}, the variable, {one}, its unit, and the constants by role.
+    roles
+        Of its constants, in the order of `value`.
+    value
+        Its value, float64 (n,) or (strengths, n), from the variable and the constants.
+    strengths
+        Endings of the strengths' names, a column each.
+    """
+
+    text: str
+    roles: tuple[str, ...]
+    value: Callable[..., FloatArray]
+    strengths: tuple[str, ...] = ("",)
+
+
+@dataclass(frozen=True, slots=True)
+class Variable:
+    """A quantity that a formula is a function of.
+
+    Attributes
+    ----------
+    symbol, unit, words
+        For the text of a formula.
+    functions
+        Names of those that are tried on it.
+    constants
+        Symbol and parameter by role.
+    values
+        The quantity, float64 (n,), and the memory, from channels, shape and memory.
+    origin
+        What is subtracted where a function has no centre of its own.
+    own
+        Roles of the constants that `values` itself needs.
+    needs
+        Optional channel.
+    """
+
+    symbol: str
+    unit: str
+    words: str
+    functions: tuple[str, ...]
+    constants: Mapping[str, tuple[str, Parameter]]
+    values: Callable[[Channels, Mapping[str, float], Memory], tuple[FloatArray, Memory]]
+    origin: float = 0.0
+    own: tuple[str, ...] = ()
+    needs: frozenset[str] = frozenset()
+
+
+@dataclass(frozen=True, slots=True)
+class Carrier:
+    """A factor that gives the direction: its text, the unit of the strength and its ending, and its values."""
+
+    text: str
+    unit: str
+    ending: str
+    values: Callable[[Channels], FloatArray]
+
+
+def _speed(channels: Channels, shape: Mapping[str, float], memory: Memory) -> tuple[FloatArray, Memory]:
+    del shape, memory
+    return np.abs(channels.speed_rad_s), None
+
+
+def _temperature(channels: Channels, shape: Mapping[str, float], memory: Memory) -> tuple[FloatArray, Memory]:
+    del shape, memory
+    return known_or_nan(channels.bearing_temperature_degC, channels), None
+
+
+def _time(channels: Channels, shape: Mapping[str, float], memory: Memory) -> tuple[FloatArray, Memory]:
+    del shape, memory
+    return channels.time_s, None
+
+
+def _since_slew(channels: Channels, shape: Mapping[str, float], memory: Memory) -> tuple[FloatArray, Memory]:
+    """Return the time since |dω/dt| was above α0 [s], infinite before; the memory is that of the last slot in slots."""
+    slot = np.arange(len(channels), dtype=np.float64)
+    slews = np.abs(channels.acceleration_rad_s2) > shape["slew_rad_s2"]
+    before = -np.inf if memory is None else -1.0 - memory[0]
+    since = slot - np.maximum.accumulate(np.where(slews, slot, before))
+    return since * channels.sample_period_s, since[-1:].copy() if since.size else memory
+
+
+def _angle(channels: Channels, shape: Mapping[str, float], memory: Memory) -> tuple[FloatArray, Memory]:
+    """Return the wheel's angle [rad], as `torque_ripple` takes it."""
+    del shape
+    return angle_turned(channels, memory)
+
+
+FUNCTIONS: Final = {
+    "linear": Function("a·{x}/{one}", (), lambda x: x),
+    "power": Function("a·({x}/{one})^{exponent}", ("exponent",), np.power),
+    "tanh": Function("a·tanh({x}/{scale})", ("scale",), lambda x, scale: np.tanh(x / scale)),
+    "decay": Function("a·exp(-{x}/{scale})", ("scale",), lambda x, scale: np.exp(-x / scale)),
+    "growth": Function("a·exp({x}/{scale})", ("scale",), lambda x, scale: np.exp(x / scale)),
+    "lorentz": Function("a/(1+({x}/{scale})^2)", ("scale",), lambda x, scale: 1.0 / (1.0 + (x / scale) ** 2)),
+    "log": Function("a·ln(1+{x}/{scale})", ("scale",), lambda x, scale: np.log1p(x / scale)),
+    "hinge": Function("a·max({x}-{centre},0)/{one}", ("centre",), lambda x, centre: np.maximum(x - centre, 0.0)),
+    "bump": Function(
+        "a·exp(-(({x}-{centre})/{width})^2)",
+        ("centre", "width"),
+        lambda x, centre, width: np.exp(-(((x - centre) / width) ** 2)),
+    ),
+    "step": Function(
+        "a/(1+exp(-({x}-{centre})/{width}))",
+        ("centre", "width"),
+        lambda x, centre, width: 0.5 * (1.0 + np.tanh(0.5 * (x - centre) / width)),
+    ),
+    "wave": Function(
+        "(a·cos({order}·{x})+b·sin({order}·{x}))",
+        ("order",),
+        lambda x, order: np.stack([np.cos(order * x), np.sin(order * x)]),
+        ("_cos", "_sin"),
+    ),
+}
+
+VARIABLES: Final = {
+    "speed": Variable(
+        "|ω|",
+        "rad/s",
+        "|speed|",
+        ("power", "tanh", "decay", "lorentz", "log", "hinge", "bump", "step"),
+        {
+            "scale": ("ω0", Parameter("speed_scale_rad_s", "rad/s", 1e-6, 1e6, 50.0)),
+            "centre": ("ω0", Parameter("speed_centre_rad_s", "rad/s", 1e-6, 1e6, 50.0)),
+            "width": ("w", Parameter("speed_width_rad_s", "rad/s", 1e-6, 1e6, 10.0)),
+            "exponent": ("p", Parameter("exponent", "-", 0.1, 4.0, 0.5)),
+        },
+        _speed,
+    ),
+    "temperature": Variable(
+        "T",
+        "K",
+        "temperature",
+        ("linear", "decay", "growth", "hinge", "bump", "step"),
+        {
+            "scale": ("w", Parameter("temperature_scale_K", "K", 1.0, 1e4, 10.0)),
+            "centre": ("T0", Parameter("temperature_centre_degC", "°C", -273.15, 1e3, 25.0)),
+            "width": ("w", Parameter("temperature_width_K", "K", 1e-3, 1e3, 3.0)),
+        },
+        _temperature,
+        ORIGIN_degC,
+        needs=frozenset({"bearing_temperature_degC"}),
+    ),
+    "time": Variable(
+        "t",
+        "s",
+        "time",
+        ("decay", "log"),
+        {"scale": ("τ", Parameter("time_scale_s", "s", 1e-6, 1e9, 100.0))},
+        _time,
+    ),
+    "slew": Variable(
+        "t_slew",
+        "s",
+        "time since a slew",
+        ("decay",),
+        {
+            "slew": ("α0", Parameter("slew_rad_s2", "rad/s²", 1e-9, 1e9, 1.0)),
+            "scale": ("τ", Parameter("time_scale_s", "s", 1e-6, 1e9, 20.0)),
+        },
+        _since_slew,
+        own=("slew",),
+    ),
+    "angle": Variable(
+        "θ",
+        "rad",
+        "angle",
+        ("wave",),
+        {
+            "order": (
+                "k",
+                Parameter(
+                    "order",
+                    "-",
+                    LOWEST_ORDER,
+                    float(MAX_HARMONIC),
+                    6.0,
+                    choices=tuple(float(k) for k in range(1, MAX_HARMONIC + 1)),
+                    between=True,
+                ),
+            )
+        },
+        _angle,
+    ),
+}
+
+CARRIERS: Final = {
+    "dry": Carrier("·sign ω", "N m", "_Nm", lambda channels: channels.direction),
+    "viscous": Carrier("·ω", "N m s/rad", "_Nm_s_rad", lambda channels: channels.speed_rad_s),
+    "even": Carrier("", "N m", "_Nm", lambda channels: np.ones(len(channels))),
+}
+TWICE: Final = ("viscous*power(speed)",)  # dry*power(speed) with another exponent
+
+
+class Formula(MeanEffect):
+    """A carrier times a function of one variable; `FORMULAS` holds a class for each structure."""
+
+    law: ClassVar[str]  # the structure's id: carrier*function(variable)
+    text: ClassVar[str]  # the formula as a person writes it, in plain characters
+    symbols: ClassVar[Mapping[str, str]]  # in the text, by the parameter's name
+    carrier: ClassVar[str]
+    function: ClassVar[str]
+    variable: ClassVar[str]
+    description = (
+        "Where a free curve stays unexplained and no effect of the catalogue explains it, the structures of a small "
+        "grammar are fitted beside everything else, as the effects are: a carrier (dry: sign ω, viscous: ω, even: no "
+        "direction) times a function of one variable. A formula that is found describes the records that it was "
+        "fitted to, over the range that they cover. It has no physics in it and names no cause."
+    )
+    separate_by = "A cause is found by other means; other records over the same range show whether the formula holds."
+    source = (
+        "No law of physics: a fixed grammar. The choice among its structures is priced by a uniform prior over them; "
+        "priors over formulas: R. Guimerà et al., A Bayesian machine scientist to aid in the solution of challenging "
+        "scientific problems, Science Advances 6, 2020."
+    )
+
+    @classmethod
+    def columns(
+        cls, channels: Channels, shape: Mapping[str, float], memory: Memory = None
+    ) -> tuple[FloatArray, Memory]:
+        """Return carrier × function, a column for each strength."""
+        variable, function = VARIABLES[cls.variable], FUNCTIONS[cls.function]
+        x, memory = variable.values(channels, shape, memory)
+        if "centre" not in function.roles:
+            x = x - variable.origin
+        value = function.value(x, *(shape[variable.constants[role][1].name] for role in function.roles))
+        columns = np.atleast_2d(value).T * CARRIERS[cls.carrier].values(channels)[:, None]
+        return np.ascontiguousarray(columns), memory
+
+    @classmethod
+    def shape_bounds(cls, channels: Channels) -> dict[str, tuple[float, float]]:
+        """Scales up to the largest value, centres inside the range, widths up to half of it, none below the samples."""
+        ranges = _ranges(cls.variable, channels)
+        return {
+            parameter.name: narrowed(
+                (parameter.low, parameter.high), *ranges.get(role, (parameter.low, parameter.high))
+            )
+            for role, (_, parameter) in _constants(cls.function, cls.variable).items()
+        }
+
+    @classmethod
+    def reach_between(cls, channels: Channels) -> dict[str, float]:
+        """Half an order over the range of the angle in turns, as for `torque_ripple`."""
+        turns = angle_range_turns(channels) if cls.variable == "angle" else 0.0
+        return {"order": 0.5 / turns} if 0.0 < turns < MANY_TURNS else {}
+
+
+def _constants(function: str, variable: str) -> dict[str, tuple[str, Parameter]]:
+    """Return symbol and parameter of the constants of a function of a variable, by role."""
+    over = VARIABLES[variable]
+    return {role: over.constants[role] for role in (*over.own, *FUNCTIONS[function].roles)}
+
+
+def _known(values: FloatArray, channels: Channels) -> FloatArray:
+    known = values[channels.good & np.isfinite(values)]
+    return known if known.size else np.zeros(1)
+
+
+def _ranges(name: str, channels: Channels) -> dict[str, tuple[float, float]]:
+    """Return the range of each role of a variable's constants that a record can show, in the variable's unit."""
+    variable = VARIABLES[name]
+    values = _known((_time if name == "slew" else variable.values)(channels, {}, None)[0], channels)
+    low, high, size = float(values.min()), float(values.max()), float(np.max(np.abs(values - variable.origin)))
+    steps = np.abs(np.diff(values))
+    steps = steps[steps > 0]
+    step = RESOLVED_STEPS * float(np.median(steps)) if steps.size else 0.0
+    margin = INSIDE_SHARE * (high - low)
+    slew = float(np.quantile(_known(np.abs(channels.acceleration_rad_s2), channels), SLEW_QUANTILE))
+    return {
+        "scale": (max(step, FINEST_SHARE * size), size),
+        "centre": (low + margin, high - margin),
+        "width": (max(step, FINEST_SHARE * (high - low)), WIDEST_SHARE * (high - low)),
+        "slew": (2 * INSIDE_SHARE * slew, (1.0 - 2 * INSIDE_SHARE) * slew),
+    }
+
+
+def _structure(carrier: str, function: str, variable: str) -> type[Formula]:
+    """Make the class of a structure."""
+    law, of, over, factor = (
+        f"{carrier}*{function}({variable})",
+        FUNCTIONS[function],
+        VARIABLES[variable],
+        CARRIERS[carrier],
+    )
+    strengths = tuple(
+        Parameter(f"strength{end}{factor.ending}", factor.unit, -np.inf, np.inf, 0.0 if i else 1e-5, linear=True)
+        for i, end in enumerate(of.strengths)
+    )
+    constants = _constants(function, variable).values()
+    shifted = over.origin and "centre" not in of.roles
+    text = of.text.format(
+        x=f"({over.symbol}-{over.origin:g} °C)" if shifted else over.symbol,
+        one=f"(1 {over.unit})",
+        **{role: symbol for role, (symbol, _) in over.constants.items()},
+    )
+    body: dict[str, Any] = {
+        "__module__": __name__,
+        "__qualname__": f"{Formula.__name__}.{law}",
+        "__doc__": f"{text}{factor.text}.",
+        "name": f"{BLOCK} {law}",
+        "title": f"Formula {law}",
+        "law": law,
+        "text": text + factor.text,
+        "formula": rf"\tau = {_latex(text + factor.text)}",
+        "symbols": {
+            **{parameter.name: "ab"[i] for i, parameter in enumerate(strengths)},
+            **{parameter.name: symbol for symbol, parameter in constants},
+        },
+        "signature": f"A {'torque' if carrier == 'even' else 'drag'} that depends on {over.words}.",
+        "carrier": carrier,
+        "function": function,
+        "variable": variable,
+        "needs": over.needs,
+        "parity": "none" if variable == "angle" else "even" if carrier == "even" else "odd",
+        "parameters": (*strengths, *(parameter for _, parameter in constants)),
+    }
+    structure = cast("type[Formula]", type(law, (Formula,), body))
+    setattr(Formula, law, structure)  # where pickle finds it: a class of the module would join the catalogue
+    return structure
+
+
+def _latex(text: str) -> str:
+    """Return a formula's text as LaTeX."""
+    text = re.sub(r"([ωTα])0", r"\1_0", text.replace("t_slew", "t_{slew}").replace("·", r"\, "))
+    text = re.sub(r"[a-z]{2,}", r"\\operatorname{\g<0>}", text).replace(" °C", r"\,^\circ\mathrm{C}")
+    for letter, name in {"ω": "omega", "τ": "tau", "θ": "theta", "α": "alpha"}.items():
+        text = text.replace(letter, rf"\{name} ")
+    return text
+
+
+_LAWS = [(c, f, v) for v, variable in VARIABLES.items() for f in variable.functions for c in CARRIERS]
+FORMULAS: Final = {
+    structure.law: structure for structure in (_structure(*law) for law in _LAWS) if structure.law not in TWICE
+}
+Formula.choice_deviance = 2.0 * float(np.log(len(FORMULAS)))
+
+_BY_TEXT: Final = {"".join(key.split()): one for one in FORMULAS.values() for key in (one.law, one.text)}
+
+
+def parse(law: str) -> type[Formula]:
+    """Return the structure with an id or a text; spaces do not count.
+
+    Raises
+    ------
+    InputError
+        If the grammar has no such structure.
+    """
+    structure = _BY_TEXT.get("".join(law.split()))
+    if structure is None:
+        hint = did_you_mean(law, FORMULAS) or f"; one is {next(iter(FORMULAS))!r}"
+        raise InputError(f"effect {BLOCK}", f"{law!r} is no law of the grammar{hint}", "law")
+    return structure

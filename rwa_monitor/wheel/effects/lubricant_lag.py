@@ -1,0 +1,56 @@
+"""Lubricant lag: the drag relaxes after each change of speed."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from rwa_monitor.kernels.effects import first_order_lag
+from rwa_monitor.samples import FloatArray
+from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Parameter
+from rwa_monitor.wheel.effects.columns import stack
+from rwa_monitor.wheel.effects.resolution import duration, narrowed
+
+
+class LubricantLag(MeanEffect):
+    """Drag that depends on how long ago the speed changed."""
+
+    name = "lubricant_lag"
+    title = "Lubricant lag"
+    formula = r"\tau = b\, (\omega - \omega_f), \qquad T_f\, \dot\omega_f = \omega - \omega_f"
+    description = (
+        "After a change of speed the lubricant needs time to redistribute and to reach its new temperature: the "
+        "drag overshoots (b > 0) or trails (b < 0) and relaxes with a time constant. At constant speed it vanishes."
+    )
+    signature = "An exponential relaxation after each slew, in proportion to the change of speed."
+    confused_with = ("viscosity_temperature", "inertia_error", "run_in_drift")
+    separate_by = "Speed steps after dwells of different length."
+    source = (
+        "That lubricant distribution governs the drag of wheels in flight: the paper, section III, and its reference "
+        "of 2015, taken to be A. Y. Lee, E. K. Wang, In-flight performance of Cassini reaction wheel bearing drag in "
+        "1997–2013, Journal of Spacecraft and Rockets 52(2), 2015. The first-order form and its range, 10 s to 30 "
+        "min, are working assumptions; what relaxes within a second is the drive's or a filter's, not a lubricant's."
+    )
+    parameters = (
+        Parameter("strength_Nm_s_rad", "N m s/rad", -np.inf, np.inf, 1.0e-6, linear=True),
+        Parameter("time_constant_s", "s", 1.0, 1.0e4, 120.0),
+    )
+
+    @classmethod
+    def columns(
+        cls, channels: Channels, shape: Mapping[str, float], memory: Memory = None
+    ) -> tuple[FloatArray, Memory]:
+        state = np.full(2, np.nan) if memory is None else memory.copy()
+        usable = channels.good & np.isfinite(channels.speed_rad_s)
+        lagged = first_order_lag(
+            channels.speed_rad_s, usable, channels.sample_period_s, shape["time_constant_s"], state
+        )
+        return stack(channels.speed_rad_s - lagged), state
+
+    @classmethod
+    def shape_bounds(cls, channels: Channels) -> dict[str, tuple[float, float]]:
+        """From ten slots (shorter: like dω/dt) to the length of the record (longer: like ω and a drift)."""
+        bounds = super().shape_bounds(channels)
+        low, high = 10.0 * channels.sample_period_s, duration(channels)
+        return {**bounds, "time_constant_s": narrowed(bounds["time_constant_s"], low, high)}

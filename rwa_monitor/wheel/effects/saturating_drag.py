@@ -1,0 +1,61 @@
+"""Saturating drag: grows with the speed at first, and levels off."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import ClassVar, Final
+
+import numpy as np
+
+from rwa_monitor.samples import FloatArray
+from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Parameter
+from rwa_monitor.wheel.effects.columns import stack
+from rwa_monitor.wheel.effects.resolution import narrowed, speed_step, used_speed
+
+RARER: Final = 100.0  # odds of a power law, which bearings of machines are known to follow, against this one
+
+
+class SaturatingDrag(MeanEffect):
+    """Drag in proportion to the speed well below a certain speed, and constant well above it."""
+
+    name = "saturating_drag"
+    title = "Saturating drag"
+    formula = r"\tau = c\, \frac{\omega / \omega_s}{1 + |\omega| / \omega_s}"
+    description = (
+        "A lubricant that shears faster thins: Cross's law lets the viscosity fall as 1/(1 + shear rate / critical "
+        "rate), and the drag of a film of constant thickness then levels off at the strength c, half of which it has "
+        "at ω_s. Greases and polymer-thickened oils do so; so does the friction of motor and gear benches at some tens "
+        "of rad/s, where the viscous friction is a slope only near zero. What is left of a slope is the base law's. "
+        "The name says concave drag with an end, not which lubricant: a power of the speed (`sublinear_viscous`) has "
+        "no end."
+    )
+    signature = "A residual that is concave in |ω|: a slope near zero, a plateau above."
+    confused_with = ("sublinear_viscous", "stribeck", "presliding")
+    separate_by = "Dwells over the whole speed range, some well above the bend: a plateau, or a power that goes on."
+    source = (
+        "M. M. Cross, Rheology of non-Newtonian fluids: a new flow equation for pseudoplastic systems, Journal of "
+        "Colloid Science 20, 1965 (exponent 1); S. Andersson, A. Söderberg, S. Björklund, Friction models for sliding "
+        "dry, boundary and mixed lubricated contacts, Tribology International 40, 2007. That a whole bearing follows "
+        "the law of one film is an assumption."
+    )
+    choice_deviance: ClassVar[float] = 2.0 * float(np.log(RARER))
+    parameters = (
+        Parameter("strength_Nm", "N m", 0.0, np.inf, 1.0e-4, linear=True),
+        Parameter("saturation_speed_rad_s", "rad/s", 1e-3, 1000.0, 20.0),
+    )
+
+    @classmethod
+    def columns(
+        cls, channels: Channels, shape: Mapping[str, float], memory: Memory = None
+    ) -> tuple[FloatArray, Memory]:
+        """Return the drag at unit strength."""
+        del memory
+        ratio = channels.speed_rad_s / shape["saturation_speed_rad_s"]
+        return stack(ratio / (1.0 + np.abs(ratio))), None
+
+    @classmethod
+    def shape_bounds(cls, channels: Channels) -> dict[str, tuple[float, float]]:
+        """From a few speed steps, below which it is dry friction, to the largest speed, above which it is a slope."""
+        bounds, top = super().shape_bounds(channels), float(used_speed(channels).max())
+        low = max(3.0 * speed_step(channels), 1e-3 * top)
+        return {**bounds, "saturation_speed_rad_s": narrowed(bounds["saturation_speed_rad_s"], low, top)}

@@ -1,0 +1,173 @@
+"""Speed-dependent noise: the noise grows with the speed, or in a band of speeds."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+
+from rwa_monitor.samples import BoolArray, FloatArray
+from rwa_monitor.wheel.effects.base import Channels, Parameter
+from rwa_monitor.wheel.effects.likelihood import LikelihoodFit, curvature_std
+from rwa_monitor.wheel.effects.noise_base import NoiseEffect, usable_residuals
+
+BINS: Final = 200  # of |ω|: the likelihood needs only count and mean square in each
+
+
+class SpeedDependentNoise(NoiseEffect):
+    """Noise whose standard deviation depends on the speed."""
+
+    name = "speed_dependent_noise"
+    title = "Noise that depends on the speed"
+    formula = (
+        r"\sigma(\omega) = \sigma_0 \left(1 + c |\omega|\right) \left(1 + b\, e^{-\left(|\omega| - \omega_b\right)^2 "
+        r"/ 2 w^2}\right)"
+    )
+    description = (
+        "Imbalance, bearing geometry and structural resonances shake the wheel and its sensors: the noise grows with "
+        "the speed, or in a band where a harmonic meets a resonance. Forces on the mounting grow with ω² (Masterson); "
+        "what is modelled here is another quantity, the spread of a sampled torque residual, made of sensor noise, "
+        "tachometer jitter (a share of the speed) and aliased ripple. A line in |ω| is the simplest growth over a "
+        "constant floor; where the spread grows with ω², c is the slope of the line that fits best and depends on the "
+        "range of speeds in the record."
+    )
+    signature = "The variance of the residual follows |ω|, its mean does not."
+    confused_with = ("torque_ripple", "cage_instability", "heavy_tailed_noise")
+    separate_by = "Dwells at several speeds, sampled fast enough to see ripple as ripple."
+    source = (
+        "R. A. Masterson, D. W. Miller, R. L. Grogan, Development and validation of reaction wheel disturbance "
+        "models: empirical model, Journal of Sound and Vibration 249(3), 2002 (harmonic disturbances with amplitudes "
+        "∝ ω², and resonances). That the spread grows linearly, and its size in telemetry, are working assumptions."
+    )
+    parameters = (
+        Parameter("strength_s_rad", "s/rad", 0.0, np.inf, 3.0e-3, default=0.0),
+        Parameter("band_strength", "-", 0.0, 100.0, 0.0, default=0.0),
+        Parameter("band_speed_rad_s", "rad/s", 0.0, 2000.0, 100.0, default=100.0),
+        Parameter("band_width_rad_s", "rad/s", 1e-3, 500.0, 10.0, default=10.0),
+    )
+
+    def apply(self, noise_Nm: FloatArray, channels: Channels, rng: np.random.Generator) -> FloatArray:
+        del rng
+        return noise_Nm * spread_factor(np.abs(channels.speed_rad_s), self.values)
+
+    @classmethod
+    def fit(
+        cls, residual_Nm: FloatArray, channels: Channels, good: BoolArray, told_twice: float = 1.0
+    ) -> LikelihoodFit:
+        """Fit growth alone and a band alone; return the one that is better by BIC.
+
+        Parameters
+        ----------
+        residual_Nm, channels, good
+            As for every noise effect.
+        told_twice
+            How many squares of the residual tell as much as one that is independent, 1 for white noise. The gain of a
+            band counts that much less: it is looked for in a hundred places, and noise that clusters makes one. Growth
+            is one number over the whole range, which the acceptance threshold guards well enough.
+        """
+        usable = usable_residuals(residual_Nm, channels, good)
+        count = int(usable.sum())
+        speed = np.abs(channels.speed_rad_s[usable])
+        if count < 10 or speed.max() == speed.min() or not residual_Nm[usable].any():
+            return cls.nothing_found(count)
+        binned = _Binned(speed, residual_Nm[usable])
+        band = _fit_band(binned)
+        band = replace(band, log_likelihood_gain=band.log_likelihood_gain / told_twice)
+        return max(_fit_growth(binned), band, key=lambda fit: fit.penalised_gain)
+
+
+def spread_factor(speed_rad_s: FloatArray, values: Mapping[str, float]) -> FloatArray:
+    """Return σ(ω)/σ₀ for |ω|, float64 (n,)."""
+    offset = (speed_rad_s - values["band_speed_rad_s"]) / values["band_width_rad_s"]
+    band = 1.0 + values["band_strength"] * np.exp(-0.5 * offset**2)
+    return (1.0 + values["strength_s_rad"] * speed_rad_s) * band
+
+
+class _Binned:
+    """Count and mean square of a residual in bins of |ω|, and the gain of a variance law over white noise."""
+
+    def __init__(self, speed_rad_s: FloatArray, residual: FloatArray) -> None:
+        edges = np.linspace(speed_rad_s.min(), speed_rad_s.max(), BINS + 1)
+        at = np.clip(np.searchsorted(edges, speed_rad_s, side="right") - 1, 0, BINS - 1)
+        count = np.bincount(at, minlength=BINS).astype(np.float64)
+        filled = count > 0
+        self.speed = (np.bincount(at, speed_rad_s, BINS)[filled]) / count[filled]
+        self.mean_square = np.bincount(at, (residual / residual.std()) ** 2, BINS)[filled] / count[filled]
+        self.count = count[filled]
+        self.samples = int(count.sum())
+        self.low, self.high = float(edges[0]), float(edges[-1])
+
+    def gain(self, values: Mapping[str, float]) -> float:
+        """Return the gain of log-likelihood with the best σ₀."""
+        factor2 = spread_factor(self.speed, values) ** 2
+        white = float(np.sum(self.count * self.mean_square)) / self.samples
+        scaled = float(np.sum(self.count * self.mean_square / factor2)) / self.samples
+        return float(0.5 * self.samples * (np.log(white) - np.log(scaled)) - 0.5 * np.sum(self.count * np.log(factor2)))
+
+
+def _values(growth: float, strength: float, speed: float, width: float) -> dict[str, float]:
+    return {
+        "strength_s_rad": growth,
+        "band_strength": strength,
+        "band_speed_rad_s": speed,
+        "band_width_rad_s": width,
+    }
+
+
+_UNKNOWN: Final = float("nan")
+# The noise grows with the speed or it is raised in a band: a fit of one says nothing of the other.
+OF_GROWTH: Final = frozenset({"strength_s_rad"})
+OF_BAND: Final = frozenset({"band_strength", "band_speed_rad_s", "band_width_rad_s"})
+
+
+def _fit_growth(binned: _Binned) -> LikelihoodFit:
+    """Fit σ₀ (1 + c|ω|): c from a thousandth of, to a thousand times, one over the largest speed."""
+
+    def gain(log_growth: float) -> float:
+        return binned.gain(_values(float(np.exp(log_growth)), 0.0, 0.0, 1.0))
+
+    scale = 1.0 / binned.high
+    bounds = (float(np.log(1e-3 * scale)), float(np.log(1e3 * scale)))
+    from scipy import optimize
+
+    found = optimize.minimize_scalar(lambda x: -gain(x), bounds=bounds, method="bounded")
+    growth = float(np.exp(found.x))
+    std = _values(growth * curvature_std(gain, float(found.x), 0.02), _UNKNOWN, _UNKNOWN, _UNKNOWN)
+    return LikelihoodFit(
+        _values(growth, 0.0, 100.0, 10.0), std, max(-float(found.fun), 0.0), 1, binned.samples, OF_BAND
+    )
+
+
+def _fit_band(binned: _Binned) -> LikelihoodFit:
+    """Fit a band: a coarse scan over its speed and width, then a local search."""
+    span = binned.high - binned.low
+
+    def loss(x: FloatArray) -> float:
+        # In logarithms of strength and width, so that both stay positive; wider than the range is no band.
+        return -binned.gain(_values(0.0, float(np.exp(x[0])), binned.low + span * x[1], span * float(np.exp(x[2]))))
+
+    starts = [np.array([0.0, at, np.log(width)]) for at in np.linspace(0.02, 0.98, 33) for width in (0.02, 0.06, 0.15)]
+    start = min(starts, key=loss)
+    bounds = [(-5.0, 3.0), (0.0, 1.0), (float(np.log(0.005)), float(np.log(0.3)))]
+    from scipy import optimize
+
+    found = optimize.minimize(loss, start, bounds=bounds, method="L-BFGS-B")
+    best = found.x if found.fun < loss(start) else start
+    strength, width = float(np.exp(best[0])), span * float(np.exp(best[2]))
+    std = [curvature_std(lambda v, i=i: -loss(_with(best, i, v)), float(best[i]), 0.01) for i in range(3)]  # type: ignore[misc]
+    return LikelihoodFit(
+        _values(0.0, strength, binned.low + span * float(best[1]), width),
+        _values(_UNKNOWN, strength * std[0], span * std[1], width * std[2]),
+        max(-loss(best), 0.0),
+        3,
+        binned.samples,
+        OF_GROWTH,
+    )
+
+
+def _with(values: FloatArray, at: int, value: float) -> FloatArray:
+    changed = values.copy()
+    changed[at] = value
+    return changed

@@ -1,0 +1,119 @@
+"""Speed-triggered jumps: jumps come more often at high speed, or when the bearing is warm."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Final
+
+import numpy as np
+
+from rwa_monitor.errors import InputError
+from rwa_monitor.samples import FloatArray
+from rwa_monitor.wheel.effects.base import Channels, Parameter
+from rwa_monitor.wheel.effects.likelihood import LikelihoodFit, curvature_std
+from rwa_monitor.wheel.effects.switching_base import JumpClock, SwitchingEffect, SwitchingEvidence
+
+FEWEST_JUMPS: Final = 5
+BINS: Final = 200  # of the covariate
+STEEPEST: Final = 20.0  # of the log rate over the range of the speed: beyond, all jumps are at one speed
+
+
+class SpeedTriggeredJumps(SwitchingEffect):
+    """A rate of jumps that follows speed or temperature, its mean over the record unchanged."""
+
+    name = "speed_triggered_jumps"
+    title = "Jumps triggered by speed or temperature"
+    formula = r"\lambda(t) \propto e^{c |\omega| + k T}"
+    description = (
+        "Centrifugal force and heat move the lubricant: the switching systems run on a clock that goes faster at "
+        "high speed or temperature. Over a record the clock's mean rate is one."
+    )
+    signature = "Jumps gather at certain speeds or temperatures instead of following time alone."
+    confused_with = ("wrong_duration_law", "viscous_jump")
+    separate_by = "Long dwells at two speeds: count the jumps in each."
+    source = (
+        "D. R. Cox, P. A. W. Lewis, The Statistical Analysis of Series of Events, 1966 (log-linear rate). That "
+        "jumps of wheels follow speed is a working assumption."
+    )
+    parameters = (
+        Parameter("strength_s_rad", "s/rad", -1.0, 1.0, 1.0e-2, default=0.0),
+        Parameter("strength_1_K", "1/K", -5.0, 5.0, 0.0, default=0.0),
+    )
+
+    def clock(self, channels: Channels) -> JumpClock:
+        rate = self.values["strength_s_rad"] * np.abs(channels.speed_rad_s)
+        if self.values["strength_1_K"] != 0.0:
+            if channels.bearing_temperature_degC is None:
+                raise InputError(f"effect {self.name}", "needs the bearing temperature", "strength_1_K")
+            rate = rate + self.values["strength_1_K"] * channels.bearing_temperature_degC
+        rate = np.exp(rate - rate.max())
+        return JumpClock.from_rate(rate / rate.mean())
+
+    @classmethod
+    def fit(cls, evidence: SwitchingEvidence) -> LikelihoodFit:
+        """Fit a log-linear rate in speed, and one in temperature where it was measured; return the better one."""
+        channels = evidence.channels
+        best = cls._fit_one(evidence, np.abs(channels.speed_rad_s), "strength_s_rad")
+        if channels.bearing_temperature_degC is not None:
+            warm = cls._fit_one(evidence, channels.bearing_temperature_degC, "strength_1_K")
+            best = max(best, warm, key=lambda fit: fit.log_likelihood_gain)
+        return best
+
+    @classmethod
+    def _fit_one(cls, evidence: SwitchingEvidence, covariate: FloatArray, name: str) -> LikelihoodFit:
+        """Fit λ ∝ exp(c·x), with the sojourns where jumps were attributed, else with the places of all jumps."""
+        known = evidence.good & np.isfinite(covariate)
+        everywhere = covariate[known]
+        if len(evidence.jumps) < FEWEST_JUMPS or everywhere.size < 2 or everywhere.max() == everywhere.min():
+            return cls.nothing_found(len(evidence.jumps))
+        low, span = float(everywhere.min()), float(everywhere.max() - everywhere.min())
+        # From 0 to 1 over its range; where it is not known, the jumps' clock goes at its mean rate.
+        x = np.where(known, (covariate - low) / span, float((everywhere.mean() - low) / span))
+        gain = _sojourn_gain(evidence, x) if evidence.sojourns else _place_gain(evidence, x)
+
+        grid = np.linspace(-STEEPEST, STEEPEST, 4 * int(STEEPEST) + 1)
+        coarse = float(max(grid, key=lambda c: gain(float(c))))
+        step = float(grid[1] - grid[0])
+        fine = np.linspace(coarse - step, coarse + step, 41)
+        c = float(max(fine, key=lambda c: gain(float(c))))
+        parameter = next(parameter for parameter in cls.parameters if parameter.name == name)
+        values = dict.fromkeys((p.name for p in cls.parameters), 0.0)
+        std = dict.fromkeys(values, float("nan"))
+        values[name] = float(np.clip(c / span, parameter.low, parameter.high))
+        std[name] = curvature_std(_place_gain(evidence, x), c, 0.05) / span
+        return LikelihoodFit(values, std, max(gain(c), 0.0), 1, len(evidence.jumps))
+
+
+def _place_gain(evidence: SwitchingEvidence, x: FloatArray) -> Callable[[float], float]:
+    """Return the gain of c by the places of the jumps alone: Σ_j c·x_j - m·log mean exp(c·x), a Poisson process."""
+    # The value just before a jump is what triggers it. The mean over slots is one over narrow bins.
+    at_jumps = x[np.maximum(evidence.jumps.index - 1, 0)]
+    count, edges = np.histogram(x, bins=BINS, range=(0.0, 1.0))
+    middle = 0.5 * (edges[1:] + edges[:-1])
+
+    def gain(c: float) -> float:
+        rate = np.exp(c * middle - abs(c))
+        return c * float(at_jumps.sum()) - at_jumps.size * (abs(c) + float(np.log(np.sum(count * rate) / x.size)))
+
+    return gain
+
+
+def _sojourn_gain(evidence: SwitchingEvidence, x: FloatArray) -> Callable[[float], float]:
+    """Return the gain of c by the sojourns: on the clock of rate ∝ exp(c·x) they must follow the known laws."""
+
+    def log_likelihood(c: float) -> float:
+        """Return the log-likelihood of all sojourns on the clock of this c."""
+        rate = np.exp(c * x - abs(c))
+        rate /= rate.mean()
+        elapsed = np.concatenate([[0.0], np.cumsum(rate)])
+        total = 0.0
+        for name, sojourns in evidence.sojourns.items():
+            if name in evidence.systems:
+                end = sojourns.start + sojourns.slots
+                length = np.maximum(np.rint(elapsed[end] - elapsed[sojourns.start]), 1.0).astype(np.int64)
+                total += sojourns.log_likelihood(evidence.systems[name], length)
+                total += float(np.sum(np.log(rate[end - 1])))
+        return total
+
+    plain = log_likelihood(0.0)
+    return lambda c: log_likelihood(c) - plain

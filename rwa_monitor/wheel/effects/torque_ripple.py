@@ -1,0 +1,114 @@
+"""Torque ripple: a torque that repeats with the wheel's angle."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Final
+
+import numpy as np
+
+from rwa_monitor.kernels.effects import turned_angle
+from rwa_monitor.samples import FloatArray
+from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Parameter
+from rwa_monitor.wheel.effects.columns import stack
+
+MAX_HARMONIC: Final = 48  # [-] per turn of the wheel: six pulses per electrical turn, up to eight pole pairs
+LOWEST_ORDER: Final = 0.2  # [-] of what is no whole order: a cage turns at 0.35 to 0.65 of the wheel
+MANY_TURNS: Final = 50.0  # range of the angle in turns from which on an order that is no whole number is a line beside
+
+
+class TorqueRipple(MeanEffect):
+    """A torque that is periodic in the wheel's angle: one harmonic and its double."""
+
+    name = "torque_ripple"
+    title = "Torque ripple"
+    formula = (
+        r"\tau = \sum_{m = 1, 2} \left(a_m \cos(m h \theta) + b_m \sin(m h \theta)\right), \qquad \theta = \int "
+        r"\omega\, dt"
+    )
+    description = (
+        "Cogging and commutation repeat with the angle of the wheel, at whole multiples of its turns: six-step "
+        "commutation gives 6 × pole pairs per turn, cogging whole multiples of the pole pairs. Bearings do not: the "
+        "cage turns at ½ (1 − D_b cos α / D_p), about 0.4 of the speed where the inner ring turns, and what the balls "
+        "do repeats with multiples of that and of their own spin, as a rule no whole orders of the wheel. Behind a "
+        "gear its stages add orders of their own. Whole orders up to 48 are searched, and any other at which the "
+        "residual of one record has a line over the angle. Over n turns orders nearer than 1/n look alike: in a "
+        "record of fewer than 50 the order is fitted, and what fits as well is told. Sampled slowly, the ripple shows "
+        "as beats at speeds where a multiple of the rotation meets the sampling rate. The angle is an integral of the "
+        "measured speed and loses its phase as the noise adds up: after n slots of speed noise σ the phase has "
+        "wandered by h·σ·Δt·√n rad, so fit in blocks where this is below about one."
+    )
+    signature = "Beats at certain speeds; the residual repeats when it is drawn against the angle."
+    confused_with = ("speed_dependent_noise",)
+    separate_by = "The residual against the angle, at low speed or with faster sampling."
+    source = (
+        "P. C. Krause, O. Wasynczuk, S. D. Sudhoff, Analysis of Electric Machinery (six-step drive of brushless "
+        "motors: six pulses per electrical turn); T. A. Harris, M. N. Kotzalas, Rolling Bearing Analysis (cage and "
+        "ball frequencies); W. Bialke, High fidelity mathematical modeling of reaction wheel performance, AAS 98-063, "
+        "1998 (ripple and cogging of wheels). 0.5–2 % of full torque is a working assumption."
+    )
+    parity = "none"
+    parameters = (
+        Parameter("strength_cos_Nm", "N m", -np.inf, np.inf, 1.0e-4, linear=True),
+        Parameter("strength_sin_Nm", "N m", -np.inf, np.inf, 0.0, linear=True, default=0.0),
+        Parameter("strength_double_cos_Nm", "N m", -np.inf, np.inf, 0.0, linear=True, default=0.0),
+        Parameter("strength_double_sin_Nm", "N m", -np.inf, np.inf, 0.0, linear=True, default=0.0),
+        Parameter(
+            "harmonic",
+            "-",
+            LOWEST_ORDER,
+            float(MAX_HARMONIC),
+            6.0,
+            choices=tuple(float(h) for h in range(1, MAX_HARMONIC + 1)),
+            between=True,
+        ),
+    )
+
+    @classmethod
+    def columns(
+        cls, channels: Channels, shape: Mapping[str, float], memory: Memory = None
+    ) -> tuple[FloatArray, Memory]:
+        """Return cos and sin of h·θ and 2·h·θ, with θ integrated here from the speed.
+
+        At 8 Hz a wheel turns many times between two samples, so that the phase depends on how the speed is integrated:
+        by rectangles it is off by half a slot's angle, which changes with the speed. One rule for simulation and
+        search, the trapezoidal one, keeps them together; `Channels.angle_rad` may follow another. A measured angle
+        is taken as it is.
+        """
+        angle, memory = angle_turned(channels, memory)
+        phase = shape["harmonic"] * angle
+        return stack(np.cos(phase), np.sin(phase), np.cos(2.0 * phase), np.sin(2.0 * phase)), memory
+
+    @classmethod
+    def reach_between(cls, channels: Channels) -> dict[str, float]:
+        """Half an order over the range of the angle in turns: the width of a line; none where the turns are many."""
+        turns = angle_range_turns(channels)
+        return {"harmonic": 0.5 / turns} if 0.0 < turns < MANY_TURNS else {}
+
+    @classmethod
+    def plainer_shape(cls, shape: Mapping[str, float]) -> dict[str, float] | None:
+        """Twice the order: where only the double of an order is there, that is the order."""
+        double = 2.0 * shape["harmonic"]
+        return {"harmonic": double} if double <= MAX_HARMONIC else None
+
+
+def angle_turned(channels: Channels, memory: Memory = None) -> tuple[FloatArray, Memory]:
+    """Return the wheel's angle [rad], NaN where unknown: as measured, else the speed's integral and its memory."""
+    usable = channels.good & np.isfinite(channels.speed_rad_s)
+    if channels.measured_angle_rad is not None:
+        return np.where(usable, channels.measured_angle_rad, np.nan), memory
+    state = np.array([0.0, np.nan, 0.0]) if memory is None else memory.copy()
+    return turned_angle(channels.speed_rad_s, usable, channels.sample_period_s, state), state
+
+
+def angle_range_turns(channels: Channels) -> float:
+    """Return between how many turns the wheel's angle lies; orders nearer than one over that look alike."""
+    angle, _ = angle_turned(channels)
+    known = angle[np.isfinite(angle)]
+    return float(np.ptp(known)) / (2.0 * np.pi) if known.size else 0.0
+
+
+def coherent_slots(harmonic: float, speed_noise_rad_s: float, sample_period_s: float) -> int:
+    """Return after how many slots white noise of the speed has let the phase of a harmonic wander by one radian."""
+    step = harmonic * speed_noise_rad_s * sample_period_s
+    return int(min(1.0 / step**2, np.iinfo(np.int32).max)) if step > 0 else int(np.iinfo(np.int32).max)

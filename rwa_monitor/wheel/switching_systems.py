@@ -1,0 +1,138 @@
+"""Friction switching systems simulated as semi-Markov processes (paper, section III-B), begun in their stationary law.
+
+A record begins somewhere in the middle of a wheel's life, so the first configuration has probability ∝ π_j μ_j
+(π: stationary law of the jumping chain, μ: mean durations) and the rest of its sojourn has P(rest = r) = S(r)/μ: what a
+randomly chosen moment sees (errata 9).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from rwa_monitor.errors import InputError
+from rwa_monitor.samples import FloatArray, IntArray
+from rwa_monitor.wheel.durations import DurationLaw
+from rwa_monitor.wheel.wheel import SwitchingSystem
+
+# The factor by which an anomaly multiplies the friction of a sojourn, by the slot at which the sojourn begins.
+FrictionFactor = Callable[[int], float]
+
+
+@dataclass(frozen=True, slots=True)
+class Realisation:
+    """One switching system over n slots.
+
+    Attributes
+    ----------
+    configuration
+        int64 (n,), configuration q of each slot.
+    friction
+        float64 (n,), its friction, in units of the nominal dry torque.
+    jump_index
+        int64 (m,), first slot of each new configuration; slot 0 is never one.
+    """
+
+    configuration: IntArray
+    friction: FloatArray
+    jump_index: IntArray
+
+    @property
+    def jump(self) -> FloatArray:
+        """float64 (m,), change of friction at each jump, in units of the nominal dry torque."""
+        change: FloatArray = self.friction[self.jump_index] - self.friction[self.jump_index - 1]
+        return change
+
+
+def jumping_chain_law(system: SwitchingSystem) -> FloatArray:
+    """Return π, float64 (Q,): how often each configuration is entered, as a share of all entries.
+
+    Transitions go to adjacent configurations, so π balances pair by pair: π_q·up_q = π_{q+1}·(1 − up_{q+1}).
+    """
+    up = np.array([system.probability_up(q) for q in range(system.configurations)])
+    weight = np.zeros(system.configurations)
+    weight[0] = 1.0
+    for q in range(system.configurations - 1):
+        down = 1.0 - up[q + 1]
+        if down == 0.0:
+            # The chain never comes back down: everything below is left for good.
+            weight[: q + 1] = 0.0
+            weight[q + 1] = 1.0
+        else:
+            weight[q + 1] = weight[q] * up[q] / down
+    law: FloatArray = weight / weight.sum()
+    return law
+
+
+def time_law(system: SwitchingSystem) -> FloatArray:
+    """Return the stationary law of the configuration at a random moment, float64 (Q,): ∝ π_q·μ_q (errata 9)."""
+    weight = jumping_chain_law(system) * np.array([law.mean() for law in system.durations])
+    share: FloatArray = weight / weight.sum()
+    return share
+
+
+def residual_duration(law: DurationLaw, rng: np.random.Generator, limit: int) -> int:
+    """Draw how many slots a sojourn seen at a random moment still lasts, this slot included.
+
+    P(rest = r) = S(r)/μ for r ≥ 1, drawn by inverting its cumulative sum. Rests longer than `limit` are returned as
+    limit + 1: the record ends before.
+    """
+    survivals = np.cumsum(law.survival(np.arange(1, min(limit, int(law.longest())) + 1)))
+    target = rng.random() * law.mean()
+    rest = int(np.searchsorted(survivals, target, side="right")) + 1
+    return min(rest, limit + 1)
+
+
+def simulate_system(
+    system: SwitchingSystem,
+    slots: int,
+    rng: np.random.Generator,
+    friction_factor: float | FrictionFactor = 1.0,
+) -> Realisation:
+    """Simulate a switching system over `slots` slots, begun in its stationary law.
+
+    Parameters
+    ----------
+    system
+        Duration, transition and friction laws.
+    slots
+        Length of the record, at least 1.
+    rng
+        Source of all randomness.
+    friction_factor
+        The anomaly: multiplies the friction of every sojourn; a number, or a function of the sojourn's first slot.
+
+    Returns
+    -------
+    Realisation
+        Configuration, friction and jumps.
+
+    Raises
+    ------
+    InputError
+        If the system has no friction ranges: what it does can be learned from data, but not simulated.
+    """
+    if system.friction is None:
+        raise InputError(
+            f"fss {system.name}", "is missing; a system without friction ranges cannot be simulated", "friction"
+        )
+    factor_at = friction_factor if callable(friction_factor) else lambda _slot: friction_factor
+    configuration = np.empty(slots, dtype=np.int64)
+    friction = np.empty(slots)
+    starts = []
+    start = 0
+    q = int(rng.choice(system.configurations, p=time_law(system)))
+    duration = residual_duration(system.durations[q], rng, slots)
+    while True:
+        sojourn = slice(start, min(start + duration, slots))
+        configuration[sojourn] = q
+        friction[sojourn] = factor_at(start) * rng.uniform(system.friction[q].low, system.friction[q].high)
+        starts.append(start)
+        start += duration
+        if start >= slots:
+            break
+        q += 1 if rng.random() < system.probability_up(q) else -1
+        duration = int(system.durations[q].sample(rng, 1)[0])
+    return Realisation(configuration, friction, np.array(starts[1:], dtype=np.int64))

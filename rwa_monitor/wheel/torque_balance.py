@@ -1,0 +1,293 @@
+"""The torque balance of the rotor, and the friction derived from it: the one place that knows the sign.
+
+J·dω/dt = K_T·I − friction, all at the wheel's axis: behind a gear K_T is the motor's times the ratio. Friction is the
+*resisting* torque: positive when it opposes positive rotation (errata 1).
+A plain difference of a real tachometer is useless (errata 17), so dω/dt comes from a Savitzky-Golay filter; the noise
+that it leaves is coloured, and the later stages get its autocovariance from here.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Final
+
+import numpy as np
+
+from rwa_monitor.errors import InputError
+from rwa_monitor.kernels import torque_balance as kernels
+from rwa_monitor.samples import FloatArray, Samples
+from rwa_monitor.wheel.wheel import Derivative, Wheel
+
+MAX_HALF_WIDTH: Final = (
+    5_000  # slots; a wider derivative is a wrong window_s, and would see nothing of a wheel's motion
+)
+MAX_VARIANCE_RATIO: Final = 2.0  # of a slope over a gap to one without a gap
+LEAST_ERROR: Final = 0.02  # of the nominal dry friction, or of friction itself: half of a usual noise; less is no harm
+
+
+def friction_torque(motor_torque_Nm: FloatArray, acceleration_rad_s2: FloatArray, inertia_kg_m2: float) -> FloatArray:
+    """Return the resisting torque K_T·I − J·dω/dt [N m], float64 (n,) (paper, section II; sign: errata 1)."""
+    return motor_torque_Nm - inertia_kg_m2 * acceleration_rad_s2
+
+
+def motor_torque(friction_torque_Nm: FloatArray, acceleration_rad_s2: FloatArray, inertia_kg_m2: float) -> FloatArray:
+    """Return the motor torque that a motion asks for [N m], float64 (n,): the inverse of `friction_torque`."""
+    return inertia_kg_m2 * acceleration_rad_s2 + friction_torque_Nm
+
+
+def without_motor(samples: Samples, wheel: Wheel) -> Samples:
+    """Return the samples with a motor torque of zero, where the motor is off and no torque is given.
+
+    Friction is then -J dω/dt, and no torque constant is needed; a current that is read beside is none of the motor's.
+
+    Raises
+    ------
+    InputError
+        If friction is to be derived so, and the wheel has no inertia.
+    """
+    given = samples.friction_torque_Nm is not None or samples.motor_torque_Nm is not None
+    if not wheel.friction.motor_off or given:
+        return samples
+    inertia_of(wheel)
+    return replace(samples, motor_torque_Nm=np.zeros(len(samples)))
+
+
+def half_width(derivative: Derivative, period_s: float) -> int:
+    """Return how many slots the derivative's stencil reaches to either side.
+
+    A Savitzky-Golay window of `window_s` has the odd number of taps nearest to window_s / period_s + 1, at least three.
+
+    Raises
+    ------
+    InputError
+        If the window is longer than 10,000 slots.
+    """
+    if derivative.method == "central":
+        return 1
+    half = max(1, round(derivative.window_s / period_s / 2))
+    if half > MAX_HALF_WIDTH:
+        raise InputError(
+            "wheel",
+            f"{derivative.window_s:g} s is {derivative.window_s / period_s:.0f} slots, more than {2 * MAX_HALF_WIDTH}",
+            "friction.derivative.window_s",
+        )
+    return half
+
+
+def derivative_taps(derivative: Derivative, period_s: float) -> FloatArray:
+    """Return the taps c of dω/dt_k = Σ_j c[j + h]·ω_{k+j}, j = −h … h.
+
+    Parameters
+    ----------
+    derivative
+        Method and window.
+    period_s
+        Sample period [s].
+
+    Returns
+    -------
+    FloatArray
+        float64 (2h + 1,) [1/s], odd about its middle. The derivative of a least-squares parabola at its midpoint is
+        Σ j·ω_{k+j} / (Δt·Σ j²) (Savitzky and Golay, Analytical Chemistry 36, 1964); h = 1 is the central difference.
+    """
+    offsets = np.arange(-(half := half_width(derivative, period_s)), half + 1, dtype=np.float64)
+    return offsets / (period_s * float(np.sum(offsets * offsets)))
+
+
+def differentiate(speed_rad_s: FloatArray, derivative: Derivative, period_s: float) -> FloatArray:
+    """Return dω/dt on the slot grid [rad/s²], float64 (n,); NaN where the stencil meets a missing sample or an end.
+
+    Each slot is the same sum in the same order wherever its record was cut, so the result does not depend on the cut.
+    """
+    taps = derivative_taps(derivative, period_s)
+    half = taps.size // 2
+    result = np.full(speed_rad_s.shape, np.nan)
+    inner = speed_rad_s.size - 2 * half
+    if inner <= 0:
+        return result
+    total = np.zeros(inner)
+    for j in range(1, half + 1):
+        ahead = speed_rad_s[half + j : half + j + inner]
+        behind = speed_rad_s[half - j : half - j + inner]
+        total += taps[half + j] * (ahead - behind)
+    # The middle tap is zero: a slot without a speed of its own still has no derivative.
+    total[np.isnan(speed_rad_s[half : half + inner])] = np.nan
+    result[half : half + inner] = total
+    return result
+
+
+def differentiate_over_gaps(speed_rad_s: FloatArray, derivative: Derivative, period_s: float) -> FloatArray:
+    """Return dω/dt as `differentiate` does, and also where some of the stencil's samples are missing.
+
+    There it is the slope of the least-squares parabola through those samples that are left, at slots with a sample of
+    their own, as long as that has at most `MAX_VARIANCE_RATIO` times the variance. Nothing is filled in: a single lost
+    sample costs one slot, not a whole stencil of them.
+
+    Parameters
+    ----------
+    speed_rad_s, derivative, period_s
+        As for `differentiate`.
+    """
+    result = differentiate(speed_rad_s, derivative, period_s)
+    half = half_width(derivative, period_s)
+    if np.isnan(speed_rad_s).any() and result.size > 2 * half:
+        kernels.bridge(speed_rad_s, result, half, period_s, MAX_VARIANCE_RATIO)
+    return result
+
+
+def rounding_error(
+    speed_rad_s: FloatArray, motor_torque_Nm: FloatArray, wheel: Wheel, windows: int = 1, *, soft: bool = True
+) -> FloatArray:
+    """Return by how much derived friction is wrong where the derivative rounds off a bend of the speed.
+
+    The motor's torque steps when a slew begins or ends, and dω/dt with it. The filter's slope does not: it is an
+    average of the accelerations over its window, so that K_T·I − J·dω/dt shows a pulse as large as half of the step.
+    A step of torque that friction asks for, at a jump or at a reversal, leaves the speed straight, and does no harm.
+    So a slot is told by two things: the torque there is not what the same average makes of the torque, by more than its
+    noise, and within the window the speed does bend as that torque, less its mean, bends a free rotor (least squares
+    beside a straight line).
+
+    Parameters
+    ----------
+    speed_rad_s, motor_torque_Nm
+        float64 (n,), consecutive slots, NaN where missing [rad/s, N m].
+    wheel
+        Gives inertia, sample period, the derivative filter and the unit of torque.
+    windows
+        How many times as wide as the filter's the window is in which the speed must bend: noise in the speed hides
+        steps of the torque in a narrow one.
+    soft
+        Whether bends count that no single torque shows, but the parabola through those of the window does, and what may
+        be a jump of the friction in such a bend is not known. The search, which sees the whole record, asks polynomials
+        over longer windows instead.
+
+    Returns
+    -------
+    FloatArray
+        float64 (n,) [N m], to be subtracted from `derive_friction`: 0 where that is right, and where the stencil meets
+        an end of the arrays; NaN where it is wrong by nobody knows how much. Each slot depends on its window alone.
+
+    Raises
+    ------
+    InputError
+        If the wheel has no inertia.
+    """
+    period_s = wheel.sample_period_s
+    taps = derivative_taps(wheel.friction.derivative, period_s)
+    half = taps.size // 2
+    # Σ c_j ω_{k+j} = Σ_i W_i a_{k+i+½}: what lies between slots i and i + 1 counts in each tap beyond it.
+    weights = np.ascontiguousarray(period_s * np.cumsum(taps[:half:-1])[::-1])
+    error = np.zeros(speed_rad_s.size)
+    kernels.rounding_error(
+        speed_rad_s,
+        motor_torque_Nm,
+        weights,
+        period_s / inertia_of(wheel),
+        inertia_of(wheel) * float(np.sqrt(taps @ taps)),
+        LEAST_ERROR * wheel.nominal.dry_torque_Nm if wheel.nominal else np.nan,
+        LEAST_ERROR,
+        windows * half,
+        soft,
+        error,
+    )
+    return error
+
+
+def derive_friction(speed_rad_s: FloatArray, motor_torque_Nm: FloatArray, wheel: Wheel) -> FloatArray:
+    """Return the friction torque that speed and motor torque imply, on the slot grid.
+
+    Parameters
+    ----------
+    speed_rad_s, motor_torque_Nm
+        float64 (n,), consecutive slots, NaN where missing [rad/s, N m].
+    wheel
+        Gives inertia, sample period and the derivative filter.
+
+    Returns
+    -------
+    FloatArray
+        float64 (n,) [N m], NaN where the derivative's stencil touches a missing sample or the record's end.
+
+    Raises
+    ------
+    InputError
+        If the wheel has no inertia.
+    """
+    acceleration = differentiate(speed_rad_s, wheel.friction.derivative, wheel.sample_period_s)
+    return friction_torque(motor_torque_Nm, acceleration, inertia_of(wheel))
+
+
+def mended_friction(speed_rad_s: FloatArray, motor_torque_Nm: FloatArray, wheel: Wheel) -> FloatArray:
+    """Return what `derive_friction` does, less its error where the speed bends: as the monitor sees it.
+
+    Parameters, units and errors are those of `derive_friction`; NaN also where the error is not known.
+    """
+    friction = derive_friction(speed_rad_s, motor_torque_Nm, wheel)
+    return friction - rounding_error(speed_rad_s, motor_torque_Nm, wheel)
+
+
+def derived_noise_autocovariance(wheel: Wheel, speed_std_rad_s: float, current_std_A: float = 0.0) -> FloatArray:
+    """Return the autocovariance of the derived friction's noise when speed and current carry white noise.
+
+    Parameters
+    ----------
+    wheel
+        Gives inertia, torque constant, sample period and the derivative filter.
+    speed_std_rad_s, current_std_A
+        Standard deviations of the white noise of a single speed [rad/s] and current [A] sample.
+
+    Returns
+    -------
+    FloatArray
+        float64 (2·(2h + 1),), entries at lags 0 … 4h + 1 [N² m²]; zero beyond lag 2h.
+
+    Raises
+    ------
+    InputError
+        If the wheel has no inertia, or has current noise but no torque constant.
+    """
+    taps = inertia_of(wheel) * derivative_taps(wheel.friction.derivative, wheel.sample_period_s)
+    lags = np.zeros(2 * taps.size)
+    for lag in range(taps.size):
+        lags[lag] = speed_std_rad_s**2 * float(np.sum(taps[lag:] * taps[: taps.size - lag]))
+    if current_std_A:
+        lags[0] += (torque_constant_of(wheel) * current_std_A) ** 2
+    return lags
+
+
+def inertia_of(wheel: Wheel) -> float:
+    """Return the wheel's inertia [kg m²]; raises InputError where the wheel file has none."""
+    if wheel.inertia_kg_m2 is None:
+        raise InputError(f"wheel {wheel.name}", "is missing; friction cannot be derived without it", "inertia_kg_m2")
+    return wheel.inertia_kg_m2
+
+
+def torque_per_ampere(drive: FloatArray, speed_rad_s: FloatArray, wheel: Wheel) -> float | FloatArray:
+    """Return the torque at the wheel's axis that an ampere gives [N m/A]: K_T, times the ratio of a gear.
+
+    A gear with an efficiency η hands on that part of the power that goes through it: of the motor's torque η while the
+    motor drives the wheel, and 1/η while the wheel drives the motor.
+
+    Parameters
+    ----------
+    drive, speed_rad_s
+        float64 (n,), current [A] or torque of the motor [N m], of which the sign counts, and the wheel's speed [rad/s].
+    wheel
+        Its torque constant and gear.
+
+    Raises
+    ------
+    InputError
+        If the wheel has no torque constant.
+    """
+    constant = torque_constant_of(wheel)
+    if wheel.gear_efficiency is None:
+        return constant
+    return constant * np.where(drive * speed_rad_s < 0.0, 1.0 / wheel.gear_efficiency, wheel.gear_efficiency)
+
+
+def torque_constant_of(wheel: Wheel) -> float:
+    """Return the torque constant at the wheel's axis [N m/A]; raises InputError where the wheel file has none."""
+    if wheel.torque_per_ampere_Nm_A is None:
+        raise InputError(f"wheel {wheel.name}", "is missing; current says nothing without it", "torque_constant_Nm_A")
+    return wheel.torque_per_ampere_Nm_A

@@ -1,0 +1,343 @@
+"""The wheel: all constants of one reaction wheel, as written in its wheel.toml.
+
+A wheel is immutable and loads the same everywhere: simulator, estimator, detection, search. Only `name` and
+`sample_period_s` are required; what else is missing disables what needs it (see `Wheel.missing`).
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from functools import cached_property
+from typing import Annotated, Any, Final, Literal, Self
+
+import tomli_w
+from pydantic import Field, ValidationError, model_validator
+
+from rwa_monitor.errors import InputError
+from rwa_monitor.hints import did_you_mean
+from rwa_monitor.slots import MIN_PERIOD_NS, period_ns
+from rwa_monitor.wheel.durations import DurationLaw
+from rwa_monitor.wheel.strict import Strict
+from rwa_monitor.wheel.toml import parse_toml
+
+MAX_WHEEL_FILE_BYTES: Final = 1_000_000  # a wheel file is a page of text; more is not one
+
+MAX_PERIOD_S: Final = 86_400.0  # s; one sample a day says nothing of a wheel's friction
+
+Positive = Annotated[float, Field(gt=0)]
+Fraction = Annotated[float, Field(ge=0, le=1)]
+
+
+class Nominal(Strict):
+    """Historical averages: torque is normalised by the dry torque, speed by the nominal speed."""
+
+    dry_torque_Nm: Positive
+    viscous_Nm_s_rad: Annotated[float, Field(ge=0)]
+    nominal_speed_rad_s: Positive
+
+
+class Noise(Strict):
+    """Measurement noise of the friction torque; estimated from the data where missing."""
+
+    friction_std_Nm: Positive | None = None
+
+
+class Derivative(Strict):
+    """How dω/dt is derived when friction comes from current: Savitzky-Golay (quadratic) or central difference."""
+
+    method: Literal["savitzky_golay", "central"] = "savitzky_golay"
+    window_s: Positive = 2.0
+
+
+class FrictionFilter(Strict):
+    """Settings of derived friction: from current and speed, or with the motor off from speed alone, as -J dω/dt."""
+
+    derivative: Derivative = Derivative()
+    motor_off: bool | None = None  # unset where the motor is on
+
+
+class Limits(Strict):
+    """What the wheel cannot exceed: values beyond are wrong units or a broken sensor, not telemetry."""
+
+    max_speed_rad_s: Positive | None = None
+    max_current_A: Positive | None = None
+
+
+class Window(Strict):
+    """Window of diagnosis, in slots."""
+
+    samples: Annotated[int, Field(ge=16, le=10_000_000)] = 80_000
+    hop: Annotated[int, Field(ge=1, le=10_000_000)] | None = None  # None: windows follow each other without overlap
+    dead_band_rad_s: Annotated[float, Field(ge=0)] | None = None  # None: from the speed noise
+
+    @property
+    def hop_slots(self) -> int:
+        """Slots from the beginning of one window to that of the next."""
+        return self.samples if self.hop is None else self.hop
+
+
+class FrictionRange(Strict):
+    """Range of a configuration's friction, in units of the nominal dry torque."""
+
+    low: float
+    high: float
+
+    @model_validator(mode="after")
+    def _ordered(self) -> FrictionRange:
+        if self.high < self.low:
+            raise ValueError(f"high ({self.high}) is below low ({self.low})")
+        return self
+
+
+class SwitchingSystem(Strict):
+    """A friction switching system (FSS): a hidden semi-Markov chain over the configurations q = 0 … q_max.
+
+    Transitions go to adjacent configurations only (paper, section III-B; errata 12).
+    """
+
+    name: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_]{0,63}$")]
+    durations: Annotated[tuple[DurationLaw, ...], Field(min_length=2, max_length=16)]
+    friction: tuple[FrictionRange, ...] | None = None
+    up: tuple[Fraction, ...] | None = None
+
+    @model_validator(mode="after")
+    def _consistent(self) -> SwitchingSystem:
+        count = len(self.durations)
+        for field, values in (("friction", self.friction), ("up", self.up)):
+            if values is not None and len(values) != count:
+                raise ValueError(f"{field} has {len(values)} entries for {count} durations")
+        if self.name in RESERVED_ANOMALIES:
+            raise ValueError(f"the name {self.name!r} is taken by the anomaly of that name")
+        return self
+
+    @property
+    def configurations(self) -> int:
+        """Number of configurations."""
+        return len(self.durations)
+
+    def probability_up(self, q: int) -> float:
+        """Return the probability that a transition from configuration `q` goes to q + 1."""
+        if q == 0:
+            return 1.0
+        if q == self.configurations - 1:
+            return 0.0
+        return 0.5 if self.up is None else self.up[q]
+
+
+class EffectBlock(Strict):
+    """One effect beyond the base model, by its catalogue name, with its parameters in SI units; a formula has a law."""
+
+    name: str
+    law: Annotated[str, Field(max_length=200)] | None = None
+    parameters: dict[str, float]
+
+    def __hash__(self) -> int:
+        """Hash by content, as the other parts do: what is worked out for a wheel is kept by the wheel."""
+        return hash((self.name, self.law, frozenset(self.parameters.items())))
+
+
+RESERVED_ANOMALIES: Final = ("dry", "viscous")  # anomaly names beside those of the switching systems
+
+
+class Wheel(Strict):
+    """One reaction wheel. Fields are those of wheel.toml; units stand in the names."""
+
+    name: Annotated[str, Field(min_length=1, max_length=200)]
+    sample_period_s: Annotated[float, Field(gt=0, le=MAX_PERIOD_S)]
+    inertia_kg_m2: Positive | None = None
+    torque_constant_Nm_A: Positive | None = None
+    gear_ratio: Positive | None = None  # turns of the motor for one of the wheel; unset without a gear
+    gear_efficiency: Annotated[float, Field(gt=0, le=1)] | None = None  # unset: the gear's loss is friction
+    pulses_per_turn: Annotated[int, Field(ge=1, le=10_000)] | None = None  # of tables of pulse times
+    winding_resistance_ohm: Positive | None = None
+    back_emf_constant_V_s_rad: Positive | None = None
+
+    nominal: Nominal | None = None
+    noise: Noise = Noise()
+    friction: FrictionFilter = FrictionFilter()
+    limits: Limits = Limits()
+    window: Window = Window()
+    fss: Annotated[tuple[SwitchingSystem, ...], Field(max_length=8)] = ()
+    effect: Annotated[tuple[EffectBlock, ...], Field(max_length=32)] = ()
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Wheel:
+        if period_ns(self.sample_period_s) < MIN_PERIOD_NS:
+            raise ValueError(f"sample_period_s = {self.sample_period_s} is below one microsecond")
+        if self.gear_efficiency is not None and self.gear_ratio is None:
+            raise ValueError("gear_efficiency is that of a gear: gear_ratio is missing")
+        names = [system.name for system in self.fss]
+        if len(set(names)) != len(names):
+            raise ValueError(f"two switching systems have one name: {', '.join(names)}")
+        return self
+
+    @property
+    def period_ns(self) -> int:
+        """Sample period in whole nanoseconds."""
+        return period_ns(self.sample_period_s)
+
+    @property
+    def anomalies(self) -> tuple[str, ...]:
+        """Names of all anomalies this wheel can have: dry, viscous, and one per switching system."""
+        return (*RESERVED_ANOMALIES, *(system.name for system in self.fss))
+
+    @property
+    def torque_per_ampere_Nm_A(self) -> float | None:
+        """Torque of a current at the wheel's axis, before a gear's loss [N m/A]; None without a torque constant."""
+        if self.torque_constant_Nm_A is None:
+            return None
+        return self.torque_constant_Nm_A * (self.gear_ratio or 1.0)
+
+    @property
+    def max_motor_torque_Nm(self) -> float | None:
+        """Largest torque of the motor at the wheel's axis [N m]; None where limit or torque constant is not known."""
+        if self.limits.max_current_A is None or self.torque_per_ampere_Nm_A is None:
+            return None
+        return self.limits.max_current_A * self.torque_per_ampere_Nm_A / (self.gear_efficiency or 1.0)
+
+    @property
+    def torque_unit_Nm(self) -> float:
+        """Torque by which friction is normalised [N m]: the nominal dry torque, or 1 N m where it is not known."""
+        return self.nominal.dry_torque_Nm if self.nominal else 1.0
+
+    @property
+    def speed_unit_rad_s(self) -> float:
+        """Speed by which speed is normalised [rad/s]: the nominal speed, or 1 rad/s where it is not known."""
+        return self.nominal.nominal_speed_rad_s if self.nominal else 1.0
+
+    def missing(self) -> list[str]:
+        """Return, in words, what this wheel lacks and what that disables; empty when complete."""
+        notes = []
+        if self.inertia_kg_m2 is None or self.torque_constant_Nm_A is None:
+            notes.append("no inertia or torque constant: friction cannot be derived from motor current")
+        if self.nominal is None:
+            notes.append("no [nominal]: no classification of anomalies, torque is not normalised")
+        if not self.fss:
+            notes.append(
+                "no [[fss]]: friction changes are found but not attributed, and base dry friction is not judged in a"
+                " window that holds any"
+            )
+        return notes
+
+    @classmethod
+    def from_toml(cls, text: str, source: str) -> Wheel:
+        """Read a wheel from the text of a wheel.toml.
+
+        Parameters
+        ----------
+        text
+            The file's content.
+        source
+            Its name, for messages.
+
+        Raises
+        ------
+        InputError
+            If the text is no TOML, or a key is missing, unknown or out of range; names the key.
+        """
+        return cls.from_tables(parse_toml(text, source, MAX_WHEEL_FILE_BYTES, "a wheel file"), source)
+
+    @classmethod
+    def from_tables(cls, tables: dict[str, Any], source: str) -> Wheel:
+        """Read a wheel from the tables of a parsed wheel.toml; raises InputError as `from_toml` does."""
+        head = tables.get("wheel")
+        if not isinstance(head, dict):
+            raise InputError(source, "the table [wheel] with name and sample_period_s is missing")
+        misplaced = (set(tables) - {"wheel"}) & set(head)
+        unknown = set(tables) - set(_TABLES) - {"wheel"}
+        if unknown or misplaced or set(head) & set(_TABLES):
+            wrong = sorted(unknown | misplaced | (set(head) & set(_TABLES)))
+            hint = did_you_mean(wrong[0], _TABLES) if wrong[0] in unknown else ""
+            tables_are = f"the tables are wheel, {', '.join(_TABLES)}"
+            raise InputError(source, f"does not belong here{hint or f'; {tables_are}'}", wrong[0])
+        rest = {key: value for key, value in tables.items() if key != "wheel"}
+        try:
+            return cls.model_validate({**head, **rest})
+        except ValidationError as error:
+            raise InputError.of_validation(source, error, place="wheel", model=cls) from error
+
+    def to_tables(self) -> dict[str, Any]:
+        """Return the wheel as the tables of a wheel.toml, without what is unset."""
+        flat = self.model_dump(mode="json", by_alias=True, exclude_none=True)
+        head = {key: value for key, value in flat.items() if key not in _TABLES}
+        rest = {key: flat[key] for key in _TABLES if flat.get(key)}
+        return {"wheel": head, **rest}
+
+    def to_toml(self) -> str:
+        """Write the wheel as the text of a wheel.toml; `from_toml` gives the same wheel back."""
+        return tomli_w.dumps(self.to_tables())
+
+    def sha256(self) -> str:
+        """Return the hash of the wheel's meaning (canonical JSON), independent of the file's layout."""
+        return self._content_sha256
+
+    @cached_property
+    def _content_sha256(self) -> str:
+        canonical = json.dumps(self.to_tables(), sort_keys=True, separators=(",", ":"), allow_nan=False)
+        return hashlib.sha256(canonical.encode()).hexdigest()
+
+    def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
+        """Return a copy, with some fields replaced; without the hash, which pydantic would copy along."""
+        copied = super().model_copy(update=update, deep=deep)
+        copied.__dict__.pop("_content_sha256", None)
+        return copied
+
+
+_TABLES: Final = ("nominal", "noise", "friction", "limits", "window", "fss", "effect")
+
+
+# The wheel that is used where no file is given: the constants of a small reaction wheel and the switching systems of
+# the paper's Examples 1 and 2 (errata 16: a sojourn lasts at least one sample). Normalised, f_d = f_v = 1.
+BUILT_IN_WHEEL_TOML: Final = """\
+[wheel]
+name = "built-in"
+sample_period_s = 0.125
+inertia_kg_m2 = 0.0117
+torque_constant_Nm_A = 0.032
+winding_resistance_ohm = 2.0
+back_emf_constant_V_s_rad = 0.032
+
+[nominal]
+dry_torque_Nm = 1.6e-3
+viscous_Nm_s_rad = 5.333e-6
+nominal_speed_rad_s = 300.0
+
+[noise]
+friction_std_Nm = 3.9e-5
+
+[friction]
+derivative = { method = "savitzky_golay", window_s = 2.0 }
+
+[limits]
+max_speed_rad_s = 650.0
+max_current_A = 5.0
+
+[window]
+samples = 80000
+hop = 80000
+dead_band_rad_s = 1.0
+
+[[fss]]
+name = "fss_1"
+durations = [
+    { law = "uniform", low = 10000, high = 20000 },
+    { law = "uniform", low = 1, high = 200 },
+]
+friction = [ { low = 0.0, high = 0.0 }, { low = 0.3, high = 0.6 } ]
+
+[[fss]]
+name = "fss_2"
+durations = [
+    { law = "uniform", low = 10000, high = 30000 },
+    { law = "uniform", low = 10000, high = 30000 },
+    { law = "uniform", low = 10000, high = 30000 },
+]
+friction = [ { low = 0.0, high = 0.0 }, { low = 0.4, high = 0.6 }, { low = 0.8, high = 1.2 } ]
+"""
+
+
+def built_in_wheel() -> Wheel:
+    """Return the built-in wheel."""
+    return Wheel.from_toml(BUILT_IN_WHEEL_TOML, "built-in wheel")

@@ -1,0 +1,274 @@
+"""Stage 1: the wGLR against its definition, and the choice of candidates among its peaks."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import ruptures
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy import signal, stats
+
+from rwa_monitor.changepoints.changepoints import (
+    Bar,
+    in_turn,
+    peaks_behind_gaps,
+    threshold_for,
+    variance_table,
+)
+from rwa_monitor.changepoints.outlier_model import Tails
+from rwa_monitor.changepoints.running_sums import RunningSums
+from rwa_monitor.changepoints.stage_results import Candidates
+from rwa_monitor.kernels.changepoints import contrast, kept_apart, select
+from rwa_monitor.kernels.wglr import CHUNK, MAX_SCALE, wglr
+
+SIGMA = 0.024  # the paper's noise, normalised
+NO_TAILS = Tails(np.inf, 0.0)
+
+
+def _glr_by_least_squares(x, z, used, k, w, weight, slope):
+    """Return SSR₀ - SSR₁ and the jump as the paper defines them: two penalised fits, solved as they stand."""
+    keep = used[k - w : k + w]
+    u, v = x[k - w : k + w][keep], z[k - w : k + w][keep]
+    after = (np.arange(k - w, k + w) >= k)[keep]
+    prior = np.sqrt(weight)
+    target = np.append(v, prior * slope)
+
+    def squared_error(levels):
+        matrix = np.vstack((np.column_stack((*levels, u)), [0.0] * len(levels) + [prior]))
+        solution = np.linalg.lstsq(matrix, target, rcond=None)[0]
+        return float(np.sum((target - matrix @ solution) ** 2)), solution
+
+    without, _ = squared_error([np.ones(u.size)])
+    with_jump, solution = squared_error([~after, after])
+    return without - with_jump, solution[1] - solution[0]
+
+
+def _record(seed, n=3000, share=1.0):
+    rng = np.random.default_rng(seed)
+    x = 1.0 + 0.4 * np.sin(np.arange(n) / rng.uniform(50, 500))
+    z = 1.0 + 1.2 * x + SIGMA * rng.standard_normal(n)
+    z[n // 2 :] += 0.4
+    return x, z, rng.random(n) < share
+
+
+@pytest.mark.parametrize("w", [1, 2, 4, 16, 50, 128])
+@pytest.mark.parametrize("share", [1.0, 0.8])
+@pytest.mark.parametrize("weight", [1e-4, 1e-2, 10.0])
+def test_statistic_is_the_papers_ratio(w, share, weight):
+    x, z, used = _record(w, share=share)
+    statistic, jump = wglr(x, z, used, w, weight, 0.9)
+    rng = np.random.default_rng(w)
+    at = np.append(rng.integers(w, x.size - w, 40), [w, x.size - w, x.size // 2, CHUNK, CHUNK + w])
+    checked = 0
+    for k in at:
+        if np.isnan(statistic[k]):
+            assert min(used[k - w : k].sum(), used[k : k + w].sum()) < max(1, w / 2)
+            continue
+        expected, difference = _glr_by_least_squares(x, z, used, k, w, weight, 0.9)
+        assert statistic[k] == pytest.approx(expected, rel=1e-8, abs=1e-12)
+        assert jump[k] == pytest.approx(difference, rel=1e-8, abs=1e-10)
+        checked += 1
+    assert checked >= 15
+
+
+def test_nothing_is_evaluated_where_a_half_leaves_the_record():
+    x, z, used = _record(0)
+    statistic, _ = wglr(x, z, used, 16, 1e-4, 1.0)
+    assert np.isnan(statistic[:16]).all()
+    assert np.isnan(statistic[-15:]).all()
+    assert np.isfinite(statistic[16:-15]).all()
+
+
+@given(
+    shift=st.floats(-1e3, 1e3),
+    scale=st.floats(1e-3, 1e3),
+    sign=st.sampled_from([-1.0, 1.0]),
+)
+@settings(max_examples=25, deadline=None)
+def test_shift_scale_and_sign_change_the_statistic_as_they_should(shift, scale, sign):
+    x, z, used = _record(3)
+    statistic, jump = wglr(x, z, used, 32, 1e-2, 1.0)
+    factor = sign * scale
+    moved, moved_jump = wglr(x, factor * z + shift, used, 32, 1e-2, factor)
+    # Rounding of z itself: about 1e-16 of the offset, against differences of σ.
+    tolerance = 1e-9 + 1e-11 * abs(shift) / scale
+    np.testing.assert_allclose(moved_jump, factor * jump, rtol=0, atol=tolerance * scale)
+    np.testing.assert_allclose(moved / scale**2, statistic, rtol=1e-6, atol=tolerance)
+
+
+def test_masked_and_full_branches_agree_to_the_last_bit():
+    """One masked sample far away must not change what is computed elsewhere."""
+    x, z, used = _record(5)
+    full, _ = wglr(x, z, used, 64, 1e-3, 1.0)
+    used[-1] = False
+    masked, _ = wglr(x, z, used, 64, 1e-3, 1.0)
+    assert full[64:-200].tobytes() == masked[64:-200].tobytes()
+    assert np.isfinite(full[64:-64]).all()
+
+
+def test_ruptures_window_sees_the_same_discrepancy():
+    """With the slope known, the wGLR is the gain of ruptures' Window with an L2 cost."""
+    rng = np.random.default_rng(6)
+    z = SIGMA * rng.standard_normal(600)
+    z[300:] += 0.2
+    w = 20
+    statistic, _ = wglr(np.ones(600), z, np.ones(600, dtype=np.bool_), w, 1.0, 0.0)
+    peer = ruptures.Window(width=2 * w, model="l2", jump=1).fit(z.reshape(-1, 1))
+    at = np.asarray(peer.inds)
+    np.testing.assert_allclose(statistic[at], peer.score, rtol=1e-9, atol=1e-12)
+
+
+def test_threshold_is_a_quantile_of_chi_square():
+    assert threshold_for(1.0, 1e9) == pytest.approx(stats.chi2(1).isf(1e-9))
+
+
+def test_variances_are_interpolated_between_scales_and_held_beyond():
+    table = variance_table(np.array([2, 8]), np.array([1.0, 4.0]))
+    assert table.size == MAX_SCALE + 1
+    assert table[[1, 2, 4, 8, 128]] == pytest.approx([1.0, 1.0, 2.0, 4.0, 4.0])
+
+
+def _peaks(index, scale, statistic):
+    return Candidates(np.array(index), np.array(scale), np.array(statistic, dtype=float), np.ones(len(index)))
+
+
+def test_suppression_takes_narrow_scales_first():
+    peaks = in_turn(_peaks([100, 103, 60, 300], [2, 4, 64, 64], [50, 80, 900, 40]))
+    assert kept_apart(peaks.index, peaks.scale).tolist() == [100, 300]
+
+
+@given(st.lists(st.tuples(st.integers(0, 9), st.sampled_from([1, 2, 4]), st.sampled_from([5.0, 7.0, np.inf]))))
+def test_peaks_are_tried_by_scale_then_size_then_slot(rows):
+    index, scale, statistic = np.array(rows, dtype=float).reshape(-1, 3).T
+    peaks = _peaks(index.astype(np.int64), scale.astype(np.int64), statistic)
+    order = np.lexsort((peaks.index, -peaks.statistic, peaks.scale))
+    tried = in_turn(peaks)
+    assert tried.index.tolist() == peaks.index[order].tolist()
+    assert tried.statistic.tolist() == peaks.statistic[order].tolist()
+
+
+def _window(z, used=None):
+    x = np.ones(z.size)
+    used = np.ones(z.size, dtype=np.bool_) if used is None else used
+    sums = RunningSums(x, z, used)
+    sums.extend(z.size)
+    return sums
+
+
+def _all_peaks(sums, scales, least):
+    """Return every slot above `least` at every scale: many more than a detector would keep."""
+    parts = []
+    for w in scales:
+        statistic, _ = wglr(*sums.arrays[1:4], w, 1e6, 0.0)
+        at = np.flatnonzero(np.nan_to_num(statistic) / SIGMA**2 > least)
+        parts.append((at, np.full(at.size, w), statistic[at] / SIGMA**2))
+    index, scale, statistic = (np.concatenate(part) for part in zip(*parts, strict=True))
+    return Candidates(index, scale, statistic, np.zeros(index.size))
+
+
+def _choose(sums, threshold=20.0, tails=NO_TAILS):
+    scales = np.array([1, 2, 4, 8, 16, 32, 64, 128])
+    peaks = _all_peaks(sums, scales, threshold)
+    table = variance_table(scales, np.full(scales.size, SIGMA**2))
+    return _select(peaks, sums, table, threshold, tails)
+
+
+def _select(peaks, sums, table, threshold, tails=NO_TAILS, correlation=0.0):
+    tried, bar = in_turn(peaks), Bar(table, threshold, tails.largest_outlier)
+    *fields, read = select(tried.index, tried.scale, sums.slots, 0.0, correlation, sums.arrays, bar)
+    sums.samples_read += read
+    return Candidates(*fields)
+
+
+@pytest.mark.parametrize("sojourn", [1, 2, 3, 10, 200])
+def test_two_jumps_near_each_other_are_two_candidates_and_nothing_else(sojourn):
+    """Slots on the flanks and side lobes of big jumps are all offered; only the jumps themselves may stay."""
+    z = SIGMA * np.random.default_rng(sojourn).standard_normal(2000)
+    z[1000 : 1000 + sojourn] += 20 * SIGMA
+    chosen = _choose(_window(z))
+    assert chosen.index.tolist() == [1000, 1000 + sojourn]
+    assert np.sign(chosen.jump).tolist() == [1.0, -1.0]
+
+
+def test_a_candidate_is_the_first_used_slot_of_the_new_level():
+    z = SIGMA * np.random.default_rng(8).standard_normal(2000)
+    z[1000:] += 20 * SIGMA
+    used = np.ones(2000, dtype=np.bool_)
+    used[995:1010] = False
+    assert _choose(_window(z, used)).index.tolist() == [1010]
+
+
+def test_statistic_of_a_lone_jump_is_that_of_its_long_halves():
+    rng = np.random.default_rng(9)
+    z = SIGMA * rng.standard_normal(1000)
+    z[500:] += 10 * SIGMA
+    chosen = _choose(_window(z))
+    jump = z[500:].mean() - z[:500].mean()
+    assert chosen.index.tolist() == [500]
+    assert chosen.jump[0] == pytest.approx(jump)
+    assert chosen.statistic[0] == pytest.approx(jump**2 * 250 / SIGMA**2)
+
+
+def test_an_outlier_within_the_tails_is_no_pair_of_jumps_but_a_lasting_jump_stays():
+    z = SIGMA * np.random.default_rng(10).standard_normal(2000)
+    z[500] += 15 * SIGMA
+    z[1200:] += 6 * SIGMA
+    assert _choose(_window(z)).index.tolist() == [500, 501, 1200]
+    assert _choose(_window(z), tails=Tails(3.0, 40 * SIGMA)).index.tolist() == [1200]
+
+
+def test_in_coloured_noise_places_are_found_better_with_its_colour():
+    """Jumps of 3–4 σ in AR(0.5) noise: more of them exactly in place than the white likelihood finds."""
+    rng = np.random.default_rng(11)
+    phi, n, every = 0.5, 60_000, 500
+    noise = SIGMA * signal.lfilter([np.sqrt(1 - phi**2)], [1, -phi], rng.standard_normal(n))
+    jumps = np.arange(every, n, every)
+    z = noise + np.cumsum(np.isin(np.arange(n), jumps) * rng.choice([-3.5, 3.5], n)) * SIGMA
+    sums = _window(z)
+    peaks = Candidates(jumps + 3, np.full(jumps.size, 32), np.full(jumps.size, 100.0), np.ones(jumps.size))
+    table = variance_table(np.array([1, 32]), np.array([0.5, 2.8]) * SIGMA**2)
+    exact = [
+        np.isin(jumps, _select(peaks, sums, table, 20.0, correlation=correlation).index).sum()
+        for correlation in (0.0, phi)
+    ]
+    # 119 jumps; the white likelihood places about 75 % of them exactly, the right one about 90 %.
+    assert exact[1] >= exact[0] + 5
+
+
+# ---- one contrast, and gaps ------------------------------------------------------------------------------------------
+
+
+@given(seed=st.integers(0, 1000), share=st.sampled_from([1.0, 0.7]), w=st.sampled_from([2, 16, 128]))
+@settings(max_examples=30, deadline=None)
+def test_one_contrast_from_running_sums_is_the_two_fits(seed, share, w):
+    rng = np.random.default_rng(seed)
+    x = 0.5 + 0.1 * np.cumsum(rng.normal(0.0, 0.02, 600))
+    z = 1.0 + 1.3 * x + SIGMA * rng.standard_normal(600)
+    used = rng.random(600) < share
+    used[295:305] = True  # so that neither half is empty
+    sums = RunningSums(x, z, used)
+    sums.extend(600)
+    statistic, jump = contrast(300, w, 1.0, 0.01, sums.arrays)
+    expected, expected_jump = _glr_by_least_squares(x, z, used, 300, w, 0.01, 1.0)
+    assert statistic == pytest.approx(expected, rel=1e-6, abs=1e-10)
+    assert jump == pytest.approx(expected_jump, rel=1e-6, abs=1e-9)
+
+
+def test_a_gap_at_the_end_of_a_short_window_looks_at_no_slot_behind_it() -> None:
+    used = np.ones(6_000, dtype=np.bool_)
+    used[1_000:4_000] = False
+    sums = RunningSums(np.ones(6_000), np.ones(6_000), used)
+    sums.extend(4_000)  # what lies behind was never written: it may be anything
+    assert peaks_behind_gaps(sums).index.size == 0
+
+
+def test_a_peak_stands_behind_each_long_gap_and_nowhere_else():
+    used = np.ones(6_000, dtype=bool)
+    for begin, end in ((0, 200), (1_000, 1_050), (2_003, 2_130), (4_000, 4_900)):
+        used[begin:end] = False  # the first has nothing before it, the second the scales span
+    sums = RunningSums(np.ones(6_000), np.ones(6_000), used)
+    sums.extend(6_000)
+    peaks = peaks_behind_gaps(sums)
+    assert peaks.index.tolist() == [2_130, 4_900]
+    assert (peaks.scale > MAX_SCALE).all()

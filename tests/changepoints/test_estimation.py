@@ -1,0 +1,189 @@
+"""Stage 2: least squares through the arrow structure, against the matrix it stands for."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from rwa_monitor.changepoints.estimation import (
+    SlopePrior,
+    default_exclusion,
+    estimate,
+    jump_std,
+    nominal_slope_prior,
+)
+from rwa_monitor.changepoints.running_sums import RunningSums
+from rwa_monitor.changepoints.stage_results import Evidence, NoiseEstimate
+from rwa_monitor.kernels.estimation import interval_bounds, slope_within
+from rwa_monitor.wheel.wheel import Wheel, built_in_wheel
+from tests.switching.assignment_windows import NO_CANDIDATES, NO_STRUCTURE
+
+SIGMA = 0.024  # the paper's noise, normalised
+WHITE = NoiseEstimate(SIGMA, SIGMA**2 * np.eye(1, 64)[0], 1.0)
+
+
+def _evidence(x, z, used=None, noise=WHITE):
+    used = np.ones(z.size, dtype=np.bool_) if used is None else used
+    sums = RunningSums(x, z, used)
+    sums.extend(z.size)
+    return Evidence(z.size, z.size, int(used.sum()), NO_CANDIDATES, sums, noise, 20.0, NO_STRUCTURE)
+
+
+def _record(seed=1, n=2000, jumps=((600, 0.5), (1400, -0.3))):
+    rng = np.random.default_rng(seed)
+    x = 1.0 + 0.3 * np.sin(np.arange(n) / 150.0)
+    z = 1.0 + 1.1 * x + SIGMA * rng.standard_normal(n)
+    for index, size in jumps:
+        z[index:] += size
+    return x, z, np.array([index for index, _ in jumps], dtype=np.int64)
+
+
+def _least_squares(x, z, used, index, exclude, prior=None):
+    """Solve the paper's Y = H [F, f_v] as it stands, with the matrix written out."""
+    start, stop = interval_bounds(z.size, index, np.full(index.size, exclude))
+    rows, target, weights = [], [], []
+    for i, (a, b) in enumerate(zip(start, stop, strict=True)):
+        for k in range(a, b):
+            if used[k]:
+                rows.append([*(float(i == j) for j in range(start.size)), x[k]])
+                target.append(z[k])
+                weights.append(1.0 / SIGMA)
+    if prior is not None:
+        rows.append([0.0] * start.size + [1.0])
+        target.append(prior.mean)
+        weights.append(1.0 / prior.std)
+    w = np.array(weights)
+    matrix, target = np.array(rows) * w[:, None], np.array(target) * w
+    solution = np.linalg.lstsq(matrix, target, rcond=None)[0]
+    return solution, np.linalg.inv(matrix.T @ matrix), float(np.sum((target - matrix @ solution) ** 2))
+
+
+@pytest.mark.parametrize("prior", [None, SlopePrior(1.0, 0.01)])
+@pytest.mark.parametrize("share", [1.0, 0.7])
+@pytest.mark.parametrize("exclude", [0, 25])
+def test_levels_slope_and_stds_are_those_of_least_squares(prior, share, exclude):
+    x, z, index = _record()
+    used = np.random.default_rng(2).random(z.size) < share
+    fit = estimate(_evidence(x, z, used), index, exclude, prior)
+    solution, covariance, _ = _least_squares(x, z, used, index, exclude, prior)
+    np.testing.assert_allclose([*fit.level, fit.viscous], solution, rtol=1e-9)
+    window = _evidence(x, z, used)
+    noise, known = window.noise, (np.nan, np.nan) if prior is None else (prior.mean, prior.std)
+    margin, variance = np.full(index.size, exclude), noise.std**2 * noise.long_run_factor
+    slope = slope_within(window.slots, index, margin, window.sums.arrays, variance, *known)
+    assert slope == pytest.approx((fit.viscous, fit.viscous_std))
+    np.testing.assert_allclose([*fit.level_std, fit.viscous_std], np.sqrt(np.diag(covariance)), rtol=1e-7)
+
+
+def test_jump_std_takes_the_shared_slope_into_account():
+    x, z, index = _record()
+    evidence = _evidence(x, z)
+    fit = estimate(evidence, index)
+    _, covariance, _ = _least_squares(x, z, np.ones(z.size, dtype=bool), index, 0)
+    for i in range(index.size):
+        contrast = np.zeros(4)
+        contrast[i], contrast[i + 1] = -1.0, 1.0
+        expected = np.sqrt(contrast @ covariance @ contrast)
+        assert jump_std(evidence, fit)[i] == pytest.approx(expected, rel=1e-7)
+
+
+def test_rejection_cost_is_the_loss_of_likelihood_when_intervals_merge():
+    """At the slope of the full fit (errata 7): -ΔSSE/2σ², from two squared errors written out."""
+    x, z, index = _record()
+    fit = estimate(_evidence(x, z), index)
+
+    def squared_error(changes):
+        parts = np.split(z - fit.viscous * x, changes)
+        return sum(float(np.sum((part - part.mean()) ** 2)) for part in parts)
+
+    for i in range(index.size):
+        loss = squared_error(np.delete(index, i)) - squared_error(index)
+        assert fit.rejection_cost[i] == pytest.approx(-loss / (2 * SIGMA**2), rel=1e-9)
+
+
+def test_rmse_is_that_of_the_residuals_and_excess_is_near_zero_with_the_true_jumps():
+    x, z, index = _record(n=20_000, jumps=((6000, 0.5), (14_000, -0.3)))
+    fit = estimate(_evidence(x, z), index)
+    level = fit.level[np.searchsorted(index, np.arange(z.size), side="right")]
+    assert fit.rmse == pytest.approx(np.sqrt(np.mean((z - level - fit.viscous * x) ** 2)), rel=1e-9)
+    assert abs(fit.excess_rmse) < 4 * SIGMA / np.sqrt(2 * z.size)  # four standard errors of a standard deviation
+    one_level = estimate(_evidence(x, z), np.zeros(0, dtype=np.int64))
+    assert one_level.excess_rmse > 0.1
+
+
+def test_coloured_noise_widens_levels_and_cheapens_rejection():
+    x, z, index = _record()
+    white = estimate(_evidence(x, z), index)
+    colour = NoiseEstimate(SIGMA, SIGMA**2 * 0.5 ** np.arange(64), 3.0)
+    wide = estimate(_evidence(x, z, noise=colour), index)
+    np.testing.assert_allclose(wide.level_std / white.level_std, np.sqrt(3.0), rtol=0.02)
+    np.testing.assert_allclose(white.rejection_cost / wide.rejection_cost, 3.0, rtol=0.02)
+
+
+def test_at_constant_speed_the_slope_is_unknown_without_a_prior_and_the_nominal_one_with_it():
+    _, z, index = _record()
+    evidence = _evidence(np.ones(z.size), z)
+    blind = estimate(evidence, index)
+    assert blind.viscous == 0.0
+    assert np.isinf(blind.viscous_std)
+    assert np.isinf(blind.level_std).all()
+    prior = nominal_slope_prior(built_in_wheel())
+    assert prior is not None
+    fit = estimate(evidence, index, prior=prior)
+    assert fit.viscous == pytest.approx(prior.mean)
+    assert fit.viscous_std == pytest.approx(prior.std)
+    # Jumps do not need the slope.
+    np.testing.assert_allclose(np.diff(fit.level), np.diff(blind.level), atol=1e-9)
+    assert (jump_std(evidence, blind) < 2 * SIGMA / np.sqrt(300)).all()
+
+
+def test_a_wheel_without_nominal_values_gives_no_prior():
+    assert nominal_slope_prior(Wheel(name="bare", sample_period_s=0.1)) is None
+
+
+def test_an_interval_without_samples_has_no_certainty():
+    x, z, index = _record()
+    used = np.ones(z.size, dtype=np.bool_)
+    used[600:1400] = False
+    evidence = _evidence(x, z, used)
+    fit = estimate(evidence, index)
+    assert fit.level[1] == fit.level[0]
+    assert np.isinf(fit.level_std[1])
+    assert fit.rejection_cost.tolist() == [0.0, 0.0]
+    assert np.isinf(jump_std(evidence, fit)).all()
+    empty = estimate(_evidence(x, z, np.zeros(z.size, dtype=np.bool_)), index)
+    assert np.isfinite(empty.level).all()
+    assert empty.rmse == 0.0
+
+
+def test_exclusion_leaves_at_least_half_of_every_interval():
+    index = np.array([100, 103, 111, 500])
+    start, stop = interval_bounds(1000, index, np.full(4, 64))
+    first, end = np.append(0, index), np.append(index, 1000)
+    assert ((stop - start) * 2 >= end - first).all()
+    assert start[0] == 0
+    assert stop[-1] == 1000
+    assert start[-1] == 564
+    assert default_exclusion(np.array([1, 2, 50])).tolist() == [0, 1, 25]
+
+
+def test_one_sided_exclusion_hides_a_misplaced_changepoint():
+    x, z, index = _record(jumps=((1000, 0.5),))
+    misplaced = index + 10
+    evidence = _evidence(x, z)
+    near = estimate(evidence, misplaced, 25)
+    raw = estimate(evidence, misplaced)
+    true = estimate(evidence, index)
+    assert abs(np.diff(near.level)[0] - np.diff(true.level)[0]) < abs(np.diff(raw.level)[0] - np.diff(true.level)[0])
+
+
+@pytest.mark.parametrize("offset", [0.0, 1e3])
+def test_an_offset_of_the_friction_moves_the_levels_only(offset):
+    x, z, index = _record()
+    here, there = estimate(_evidence(x, z), index), estimate(_evidence(x, z + offset), index)
+    np.testing.assert_allclose(there.level - offset, here.level, atol=1e-8)
+    assert there.viscous == pytest.approx(here.viscous, rel=1e-7)
+    assert there.rmse == pytest.approx(here.rmse, rel=1e-5)
+    assert replace(there, level=here.level).rejection_cost == pytest.approx(here.rejection_cost, rel=1e-6)

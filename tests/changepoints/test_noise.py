@@ -1,0 +1,202 @@
+"""The noise beside the jumps: white, coloured, heavy-tailed, with and without anything else in the window."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import signal, stats
+
+from rwa_monitor.changepoints.noise import ar_coefficient, estimate_noise, mean_variance_factor
+from rwa_monitor.changepoints.outlier_model import OUTLIERS, estimate_tails
+from rwa_monitor.changepoints.stage_results import NoiseEstimate
+from rwa_monitor.kernels.noise import (
+    BLOCK,
+    LAGS,
+    block_differences,
+    contrast_variances,
+    quiet_levels,
+    scale_variances,
+)
+from rwa_monitor.kernels.order_statistics import sum_up
+from rwa_monitor.kernels.outliers import quantiles_of
+from rwa_monitor.kernels.wglr import BINS, BINS_PER_OCTAVE, LOWEST_EXPONENT
+
+N = 80_000
+
+
+def _histogram(values):
+    """Count values in the detector's bins, independently of its bit tricks."""
+    exponent = np.floor(np.log2(values))
+    within = np.floor((values / 2.0**exponent - 1.0) * BINS_PER_OCTAVE)
+    place = (exponent - LOWEST_EXPONENT) * BINS_PER_OCTAVE + within
+    return np.bincount(np.clip(place, 0, BINS - 1).astype(np.int64), minlength=BINS)
+
+
+def _ar(rng, phi, n=N):
+    return signal.lfilter([np.sqrt(1 - phi**2)], [1, -phi], rng.standard_normal(n + 500))[500:]
+
+
+def _blocks(z, hop=4 * BLOCK, used=None):
+    count = (z.size - BLOCK - LAGS) // hop + 1
+    sums, pairs = np.zeros((count, LAGS)), np.zeros((count, LAGS))
+    used = np.ones(z.size, dtype=np.bool_) if used is None else used
+    block_differences(np.ones(z.size), z, used, 0, count, hop, 0.0, 1.0, sums, pairs)
+    return sums, pairs
+
+
+def _estimate(z, **kwargs):
+    nothing = np.full(1, np.nan)
+    return estimate_noise(*quiet_levels(*_blocks(z, **kwargs)), np.ones(1, dtype=np.int64), nothing, z.size, None)
+
+
+@pytest.mark.parametrize("variance", [1e-9, 1.0, 5.76e-4])
+def test_variance_of_a_contrast_comes_from_its_histogram(variance):
+    rng = np.random.default_rng(1)
+    counts = _histogram(variance * rng.chisquare(1, 40_000))
+    [v] = scale_variances(counts[None], np.array([2]), np.nan)
+    # Relative standard error of the trimmed mean: below 2/√n.
+    assert v == pytest.approx(variance, rel=4 * 2 / np.sqrt(40_000))
+
+
+@pytest.mark.parametrize("jumped", [0.02, 0.1])
+def test_jumps_hardly_move_the_variance(jumped):
+    rng = np.random.default_rng(2)
+    values = rng.chisquare(1, 40_000)
+    values[: int(jumped * values.size)] *= 1e3
+    [v] = scale_variances(_histogram(values)[None], np.array([2]), np.nan)
+    assert v == pytest.approx(1.0, rel=0.05)
+
+
+def test_with_few_contrasts_a_scale_leans_on_the_narrower_one():
+    rng = np.random.default_rng(3)
+    many, few = _histogram(rng.chisquare(1, 40_000)), _histogram(5.0 * rng.chisquare(1, 20))
+    v = scale_variances(np.stack((many, few)), np.array([1, 128]), np.nan)
+    assert v[0] == pytest.approx(1.0, rel=0.05)
+    assert 1.0 < v[1] < 2.5
+    assert scale_variances(np.zeros((1, BINS), dtype=np.int64), np.array([1]), 0.25).tolist() == [0.25]
+    assert np.isnan(scale_variances(np.zeros((1, BINS), dtype=np.int64), np.array([1]), np.nan)).all()
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_white_noise_is_known_to_one_per_cent_and_called_white(seed):
+    noise = _estimate(np.random.default_rng(seed).standard_normal(N))
+    # 20,000 samples enter: a relative standard error of 1/√40,000 = 0.5 %.
+    assert noise.std == pytest.approx(1.0, abs=0.015)
+    assert noise.long_run_factor == pytest.approx(1.0, abs=0.05)
+    assert noise.autocovariance[0] == pytest.approx(noise.std**2)
+
+
+@pytest.mark.parametrize("phi", [0.3, 0.5, 0.8])
+def test_coloured_noise_shows_its_autocovariance_and_long_run(phi):
+    noise = _estimate(_ar(np.random.default_rng(4), phi))
+    assert noise.std == pytest.approx(1.0, abs=0.05)
+    np.testing.assert_allclose(noise.autocovariance[1:4], phi ** np.arange(1, 4), atol=0.06)
+    assert noise.long_run_factor == pytest.approx((1 + phi) / (1 - phi), rel=0.2)
+
+
+def test_differenced_noise_has_hardly_any_long_run():
+    e = np.diff(np.random.default_rng(5).standard_normal(N + 1)) / np.sqrt(2)
+    noise = _estimate(e)
+    assert noise.autocovariance[1] == pytest.approx(-0.5, abs=0.03)
+    assert noise.long_run_factor < 0.1
+
+
+def test_jumps_gaps_and_outliers_do_not_become_noise():
+    rng = np.random.default_rng(6)
+    z = rng.standard_normal(N)
+    z += 15.0 * (np.arange(N) // 5000 % 2)
+    z[rng.integers(0, N, 20)] += 100.0
+    noise = _estimate(z, used=rng.random(N) < 0.8)
+    assert noise.std == pytest.approx(1.0, abs=0.02)
+
+
+def test_a_window_too_short_for_blocks_uses_what_is_known():
+    empty = np.zeros((0, LAGS))
+    nothing = quiet_levels(empty, empty)
+    scales = np.array([1])
+    known = estimate_noise(*nothing, scales, np.full(1, np.nan), 50, 0.024)
+    assert known.std == pytest.approx(0.024)
+    measured = estimate_noise(*nothing, scales, np.array([0.01]), 50, 0.024)
+    assert measured.std == pytest.approx(0.1)
+    assert measured.long_run_factor == 1.0
+
+
+@pytest.mark.parametrize("freedom", [3.0, 5.0])
+def test_heavy_tails_are_measured(freedom):
+    rng = np.random.default_rng(7)
+    z = rng.standard_t(freedom, N)
+    counts = _histogram(np.maximum(np.diff(z) ** 2 / 2, 1e-300))
+    tails = estimate_tails(quantiles_of(counts), 1.0, N)
+    assert tails.degrees_of_freedom == pytest.approx(freedom, rel=0.25)
+    expected = stats.t(freedom).isf(0.5 * OUTLIERS / N)
+    assert tails.largest_outlier == pytest.approx(expected, rel=0.5)
+
+
+def test_gaussian_noise_has_light_tails_also_with_jumps_in_it():
+    rng = np.random.default_rng(8)
+    z = rng.standard_normal(N) + 15.0 * (np.arange(N) // 2000 % 2)
+    tails = estimate_tails(quantiles_of(_histogram(np.maximum(np.diff(z) ** 2 / 2, 1e-300))), 1.0, N)
+    assert tails.largest_outlier < 6.0
+
+
+def test_variance_of_a_mean_follows_the_colour():
+    phi = 0.5
+    noise = NoiseEstimate(1.0, phi ** np.arange(64.0), (1 + phi) / (1 - phi))
+    rng = np.random.default_rng(9)
+    for n in (1, 4, 50):
+        means = _ar(rng, phi, 20_000 * n).reshape(-1, n).mean(axis=1)
+        # 20,000 correlated means: a relative standard error of at most 3/√10,000.
+        assert mean_variance_factor(noise, np.array([float(n)]))[0] == pytest.approx(n * means.var(), rel=0.06)
+    assert mean_variance_factor(noise, np.array([1e6]))[0] == pytest.approx(3.0, rel=1e-3)
+
+
+@pytest.mark.parametrize("share", [0.9, 1.0])
+def test_block_differences_are_those_of_plain_loops(share):
+    rng = np.random.default_rng(10)
+    z, used = rng.standard_normal(300), rng.random(300) < share
+    x, slope, weight = 1.0 + 0.01 * z[::-1].copy(), 0.5, 1e-2
+    sums, pairs = np.zeros((2, LAGS)), np.zeros((2, LAGS))
+    block_differences(x, z, used, 0, 2, BLOCK, slope, weight, sums, pairs)
+    for b in range(2):
+        there = slice(b * BLOCK, b * BLOCK + BLOCK + LAGS)
+        good, u, v = used[there], x[there] - x[there][used[there]].mean(), z[there] - z[there][used[there]].mean()
+        e = v - (u[good] @ v[good] + weight * slope) / (u[good] @ u[good] + weight) * u
+        for lag in range(1, LAGS + 1):
+            both = good[:BLOCK] & good[lag : BLOCK + lag]
+            assert pairs[b, lag - 1] == both.sum()
+            half = 0.5 * (e[lag : BLOCK + lag] - e[:BLOCK])[both] ** 2
+            assert sums[b, lag - 1] == pytest.approx(half.sum(), rel=1e-9)
+
+
+def test_colour_is_called_ar_only_where_it_looks_like_it():
+    rng = np.random.default_rng(12)
+    assert ar_coefficient(_estimate(_ar(rng, 0.5))) == pytest.approx(0.5, abs=0.05)
+    assert ar_coefficient(_estimate(rng.standard_normal(N))) == 0.0
+    assert ar_coefficient(_estimate(np.diff(rng.standard_normal(N + 1)))) == 0.0
+    assert ar_coefficient(NoiseEstimate(1.0, np.ones(1), 1.0)) == 0.0
+
+
+@pytest.mark.parametrize("phi", [0.0, 0.5])
+def test_block_differences_imply_the_variance_of_each_contrast(phi):
+    z = _ar(np.random.default_rng(13), phi) if phi else np.random.default_rng(13).standard_normal(N)
+    levels, _ = quiet_levels(*_blocks(z))
+    scales = np.array([1, 2, 8, 32, 64])
+    v = contrast_variances(levels, scales)
+    assert v[-1] == 0.0  # longer than the lags
+    for w, value in zip(scales[:-1], v, strict=False):
+        sums = np.cumsum(np.append(0.0, z))
+        contrast = (sums[2 * w :] - 2 * sums[w:-w] + sums[: -2 * w]) / w
+        # 20,000 samples enter, in contrasts of 2w.
+        assert value == pytest.approx(w / 2 * contrast.var(), rel=4 * np.sqrt(2 * 2 * w / 20_000))
+
+
+def test_a_lattice_has_no_heavy_tails():
+    z = np.round(np.random.default_rng(14).standard_normal(N) / 5.0)
+    counts = _histogram(np.maximum(np.diff(z) ** 2 / 2, 1e-300))
+    assert np.isinf(estimate_tails(quantiles_of(counts), 0.05, N).degrees_of_freedom)
+
+
+def test_eight_sums_side_by_side_leave_nothing_out():
+    for count in range(40):
+        values = np.random.default_rng(count).standard_normal(count)
+        assert sum_up(values) == pytest.approx(values.sum(), abs=1e-13)

@@ -1,0 +1,312 @@
+"""Many recordings at once: the same answers as one by one, whatever fails, and again only what is not done."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import dask
+import pytest
+from distributed import LocalCluster
+
+from rwa_monitor.batch.cluster import PARCEL_LEAST_S, PARCEL_MOST, PARCELS_LEFT, each, parcel_size
+from rwa_monitor.batch.store import Store, read_results
+from rwa_monitor.batch.tasks import Diagnose
+from rwa_monitor.errors import InputError, RwaMonitorError
+from rwa_monitor.messages import Diagnosis
+from rwa_monitor.telemetry.wheel_file import read_wheel
+from tests.cli.conftest import run
+
+RECORDINGS = 5
+CLUSTER: dict[str, Any] = {
+    "n_workers": 2,
+    "threads_per_worker": 1,
+    "host": "127.0.0.1",
+    "dashboard_address": "127.0.0.1:0",
+}
+
+
+@pytest.fixture(scope="module")
+def fleet(tmp_path_factory: pytest.TempPathFactory, files: Path) -> Path:
+    """Return a folder with day_0.csv … day_4.csv, broken.csv, and the wheel that they are of."""
+    folder = tmp_path_factory.mktemp("fleet")
+    (folder / "wheel.toml").write_bytes((files / "wheel.toml").read_bytes())
+    for seed in range(RECORDINGS):
+        made = run(
+            "simulate", "recording", "--scenario", files / "scenario.toml", "--wheel", folder / "wheel.toml",
+            "--seed", seed, "-o", folder / f"day_{seed}.csv",
+        )  # fmt: skip
+        assert made.exit_code == 0, made.stderr
+    (folder / "broken.csv").write_text("time_s,speed_rad_s\n0.0,fast\n")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def cluster() -> Iterator[LocalCluster]:
+    """Yield a Dask cluster of two processes, as somebody else would have started it."""
+    with dask.config.set({"distributed.scheduler.allowed-failures": 0}), LocalCluster(**CLUSTER) as cluster:
+        yield cluster
+
+
+def named(fleet: Path) -> list[Path]:
+    """Return the recordings in an order that is not the alphabetical one, the broken one among them."""
+    return [fleet / name for name in ("day_3.csv", "day_0.csv", "broken.csv", "day_4.csv", "day_1.csv", "day_2.csv")]
+
+
+# ---- the same as one by one ------------------------------------------------------------------------------------------
+
+
+def test_on_a_cluster_each_line_is_that_of_one_by_one_and_in_the_order_of_the_arguments(
+    fleet: Path, cluster: LocalCluster, tmp_path: Path
+) -> None:
+    arguments = ["diagnose", *named(fleet), "--wheel", fleet / "wheel.toml", "--json"]
+    alone = run(*arguments)
+    spread = run(*arguments, "--scheduler", cluster.scheduler_address, "--results", tmp_path)
+    assert (alone.exit_code, spread.exit_code) == (2, 2)
+    assert spread.stdout == alone.stdout
+    assert len(alone.stdout.splitlines()) == 3 * RECORDINGS
+    assert "broken.csv: row 2, column speed_rad_s" in spread.stderr
+    (failure,) = list(csv.DictReader((tmp_path / "failed.csv").read_text().splitlines()))
+    assert failure["file"] == str(fleet / "broken.csv")
+    assert "speed_rad_s" in failure["reason"]
+
+
+def test_results_are_a_table_with_every_window_and_the_whole_message(fleet: Path, tmp_path: Path) -> None:
+    done = run(
+        "diagnose", *named(fleet), "--wheel", fleet / "wheel.toml", "--results", tmp_path, "--workers", 1, "--json"
+    )
+    table = read_results(tmp_path)
+    assert table.num_rows == 3 * RECORDINGS
+    by_message = [Diagnosis.model_validate_json(text) for text in table["message"].to_pylist()]
+    assert [d.source for d in by_message] == sorted(d.source or "" for d in by_message)
+    assert table["dry_probability"].to_pylist() == [d.anomalies["dry"].probability for d in by_message]
+    assert table["base_dry_Nm"].to_pylist() == [d.friction.base_dry.value for d in by_message]
+    assert {d.to_json() for d in by_message} == {line.encode() for line in done.stdout.splitlines()}
+
+
+def test_training_on_a_cluster_gives_the_bytes_of_training_alone(cluster: LocalCluster, tmp_path: Path) -> None:
+    made = run("simulate", "dataset", "--recipe", "mild", "--count", 6, "--seed", 3, "-o", tmp_path / "labelled")
+    assert made.exit_code == 0, made.stderr
+    wheel = next((tmp_path / "labelled").glob("*.wheel.toml"))
+    models = []
+    for extra in (["--workers", 1], ["--scheduler", cluster.scheduler_address]):
+        learned = run(
+            "train", tmp_path / "labelled" / "labels.csv", "--wheel", wheel, "-o", tmp_path / "model.json", *extra
+        )
+        assert learned.exit_code == 0, learned.stderr
+        models.append((tmp_path / "model.json").read_bytes())
+    assert models[0] == models[1]
+    (tmp_path / "labelled" / "mild_00003.parquet").write_bytes(b"PAR1")
+    refused = run(
+        "train", tmp_path / "labelled" / "labels.csv", "--wheel", wheel, "-o", tmp_path / "none.json",
+        "--scheduler", cluster.scheduler_address,
+    )  # fmt: skip
+    assert refused.exit_code == 2
+    assert "mild_00003.parquet: is no readable Parquet file" in refused.stderr
+    assert "labels.csv: 1 of 6 files cannot be used; nothing is written" in refused.stderr
+    assert not (tmp_path / "none.json").exists()
+
+
+NOT_INSTALLED = ("dask", "distributed", "matplotlib", "pandas", "pyarrow")
+
+
+def test_a_default_installation_trains_and_diagnoses_many_recordings_in_processes(fleet: Path, tmp_path: Path) -> None:
+    days = [fleet / f"day_{seed}.csv" for seed in range(RECORDINGS)]
+    rows = "".join(f"{day},{seed % 2},0,0,0\n" for seed, day in enumerate(days))
+    (fleet / "labels.csv").write_text(f"file,dry,viscous,fss_1,fss_2\n{rows}")
+    wheel = ["--wheel", fleet / "wheel.toml"]
+    (tmp_path / "first").mkdir()
+    for name in NOT_INSTALLED:
+        (tmp_path / "first" / f"{name}.py").write_text(f"raise ModuleNotFoundError('not installed', name={name!r})")
+    path = os.pathsep.join([str(tmp_path / "first"), os.environ.get("PYTHONPATH", "")]).rstrip(os.pathsep)
+
+    def bare(*arguments: object) -> subprocess.CompletedProcess[str]:
+        command = [sys.executable, "-m", "rwa_monitor", *map(str, arguments)]
+        return subprocess.run(
+            command, capture_output=True, text=True, check=False, env=os.environ | {"PYTHONPATH": path}
+        )
+
+    trained = bare("train", fleet / "labels.csv", *wheel, "-o", tmp_path / "model.json", "--workers", 2)
+    assert trained.returncode == 0, trained.stderr
+    done = bare("diagnose", *days, *wheel, "--model", tmp_path / "model.json", "--workers", 2, "--json")
+    assert done.returncode == 0, done.stderr
+    assert len(done.stdout.splitlines()) == 3 * RECORDINGS
+    refused = bare("diagnose", *days, *wheel, "--results", tmp_path / "results")
+    assert refused.stderr == "rwa-monitor: pyarrow is missing: pip install 'rwa-monitor[parquet]'\n"
+    refused = bare("diagnose", *days, *wheel, "--scheduler", "tcp://127.0.0.1:1")
+    assert "pip install 'rwa-monitor[fleet]'" in refused.stderr
+
+
+# ---- what is done already --------------------------------------------------------------------------------------------
+
+
+def test_a_second_run_does_only_what_is_missing_or_changed(fleet: Path, tmp_path: Path) -> None:
+    recordings = [tmp_path / f"copy_{number}.csv" for number in range(3)]
+    for number, recording in enumerate(recordings):
+        recording.write_bytes((fleet / f"day_{number}.csv").read_bytes())
+    results = tmp_path / "results"
+    command = ["diagnose", *recordings, "--wheel", fleet / "wheel.toml", "--results", results, "--workers", 1, "--json"]
+    first = run(*command)
+    made = {path.name: path.stat().st_mtime_ns for path in results.glob("*.parquet")}
+    assert len(made) == 3
+
+    next(results.glob("diagnosis-copy_1.csv-*.parquet")).unlink()
+    again = run(*command)
+    assert again.stdout == first.stdout
+    after = {path.name: path.stat().st_mtime_ns for path in results.glob("*.parquet")}
+    assert [name for name in made if after[name] != made[name]] == [next(n for n in made if "copy_1" in n)]
+
+    recordings[2].write_bytes((fleet / "day_4.csv").read_bytes())
+    changed = run(*command)
+    assert changed.stdout.splitlines()[:6] == first.stdout.splitlines()[:6]
+    assert changed.stdout != first.stdout
+
+
+def test_other_settings_are_other_results(fleet: Path, tmp_path: Path) -> None:
+    wheel = read_wheel(fleet / "wheel.toml")
+    recording = fleet / "day_0.csv"
+    names = {
+        Store(tmp_path, task).path(recording).name
+        for task in (Diagnose(), Diagnose(wheel), Diagnose(wheel, method="paper"), Diagnose(wheel))
+    }
+    assert len(names) == 3
+
+
+def test_whatever_a_recording_is_called_its_result_stays_in_the_folder(tmp_path: Path) -> None:
+    odd = tmp_path / "..;$(x) ü" / ("long" * 40 + ".csv")
+    odd.parent.mkdir()
+    odd.write_text("time_s\n")
+    path = Store(tmp_path / "results", Diagnose()).path(odd)
+    assert path.parent == tmp_path / "results"
+    assert len(path.name) < 255
+    assert path.name.isascii()
+
+
+# ---- what fails ------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Named:
+    """A task that does what the file's name asks for."""
+
+    def __call__(self, file: Path) -> str:
+        if file.name == "bad input":
+            raise InputError(str(file), "cannot be used")
+        if file.name == "fault":
+            raise ZeroDivisionError("of the program")
+        if file.name == "killed":
+            os.kill(os.getpid(), signal.SIGKILL)
+        return file.name
+
+
+def test_short_recordings_travel_together_long_ones_alone_and_few_are_left_for_all_workers() -> None:
+    assert parcel_size(seconds=0.005, waiting=5_000, workers=4) == PARCEL_MOST
+    assert parcel_size(seconds=0.1, waiting=5_000, workers=4) == 5
+    assert parcel_size(seconds=20.0, waiting=5_000, workers=4) == 1
+    assert parcel_size(seconds=0.02, waiting=4 * 10 * PARCELS_LEFT, workers=4) == 10
+    assert parcel_size(seconds=0.02, waiting=20, workers=4) == PARCEL_LEAST_S / 0.02
+    assert parcel_size(seconds=0.02, waiting=7, workers=4) == 2
+    assert parcel_size(seconds=0.0, waiting=3, workers=4) == 1
+    assert parcel_size(seconds=0.0, waiting=0, workers=4) == 1
+
+
+@pytest.mark.parametrize("on_a_cluster", [False, True])
+def test_what_kills_its_worker_takes_no_other_along(on_a_cluster: bool, cluster: LocalCluster) -> None:
+    names = [f"good {number}" for number in range(200)]
+    names[150] = "killed"  # by then several travel together
+    where: dict[str, Any] = {"scheduler": cluster.scheduler_address} if on_a_cluster else {"workers": 2}
+    outcomes = list(each(Named(), [Path(name) for name in names], **where))
+    assert [outcome.file.name for outcome in outcomes] == names
+    assert [outcome.file.name for outcome in outcomes if outcome.error] == ["killed"]
+
+
+def test_neither_bad_input_nor_a_fault_nor_a_killed_worker_stops_the_others() -> None:
+    good = [f"good {number}" for number in range(20)]
+    names = ["bad input", *good[:5], "fault", *good[5:10], "killed", *good[10:]]
+    outcomes = list(each(Named(), [Path(name) for name in names], workers=2))
+    assert [outcome.file.name for outcome in outcomes] == names
+    assert [outcome.result for outcome in outcomes if not outcome.error] == good
+    errors = {outcome.file.name: outcome.error for outcome in outcomes if outcome.error}
+    assert errors["bad input"] == "bad input: cannot be used"
+    assert errors["fault"] == "fault: fault of the program: ZeroDivisionError: of the program"
+    assert errors["killed"].startswith("killed: ")
+    assert set(errors) == {"bad input", "fault", "killed"}
+
+
+def test_no_scheduler_is_one_line() -> None:
+    with pytest.raises(RwaMonitorError, match="no Dask scheduler answers"):
+        list(each(Named(), [Path("good")], scheduler="tcp://127.0.0.1:9"))
+    result = run("diagnose", "x.csv", "--scheduler", "carrier pigeon")
+    assert (result.exit_code, result.stdout) == (1, "")
+    assert "carrier pigeon" in result.stderr
+
+
+def test_training_refuses_to_learn_from_less_than_its_labels_say(fleet: Path, tmp_path: Path) -> None:
+    for name in ("day_0.csv", "broken.csv"):
+        (tmp_path / name).write_bytes((fleet / name).read_bytes())
+    (tmp_path / "labels.csv").write_text("file,dry,viscous,fss_1,fss_2\nday_0.csv,1,0,0,0\nbroken.csv,0,0,0,0\n")
+    result = run("train", tmp_path / "labels.csv", "--wheel", fleet / "wheel.toml", "-o", tmp_path / "model.json")
+    assert result.exit_code == 2
+    assert "1 of 2 files cannot be used" in result.stderr
+    assert not (tmp_path / "model.json").exists()
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        ["diagnose", "x.csv", "--carry", "--workers", "2"],
+        ["diagnose", "x.csv", "--scheduler", "tcp://127.0.0.1:1", "--workers", "2"],
+        ["discrepancy", "x.csv", "--workers", "2"],
+        ["discrepancy", "x.csv", "--each", "--plan"],
+        ["identify", "x.csv", "-o", "w", "--workers", "2"],
+        ["identify", "a/x.csv", "b/x.csv", "-o", "w", "--each"],
+        ["identify", "x.csv", "-o", "w.toml", "--each"],
+    ],
+)
+def test_options_that_exclude_each_other_are_refused(words: list[str]) -> None:
+    result = run(*words)
+    assert (result.exit_code, result.stdout) == (2, "")
+    assert "--help" in result.stderr
+
+
+# ---- one report for each ---------------------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+def test_each_wheel_is_learned_and_searched_by_itself(fleet: Path, cluster: LocalCluster, tmp_path: Path) -> None:
+    pair = [fleet / "day_0.csv", fleet / "day_1.csv"]
+    words = ("--each", "--scheduler", cluster.scheduler_address, "-o", tmp_path / "wheels")
+    learned = run("identify", *pair, fleet / "broken.csv", "--no-systems", *words)
+    assert learned.exit_code == 2
+    assert "broken.csv: row 2, column speed_rad_s" in learned.stderr
+    assert f"2 wheel files of 3 recordings written to {tmp_path / 'wheels'}" in learned.stderr
+    refused = run("identify", *pair, *words)  # too short for the laws of switching systems: each is named
+    assert refused.exit_code == 2
+    for recording in pair:
+        assert f"{recording}: too little data" in refused.stderr
+    for recording in pair:
+        alone = run("identify", recording, "--no-systems", "-o", tmp_path / "alone.toml")
+        assert alone.exit_code == 0, alone.stderr
+        by_itself = read_wheel(tmp_path / "alone.toml")
+        assert read_wheel(tmp_path / "wheels" / f"{recording.name}.wheel.toml").nominal == by_itself.nominal
+
+    found = run("discrepancy", *pair, "--each", "--json", "--wheel", fleet / "wheel.toml", "--workers", 1)
+    assert found.exit_code == 0, found.stderr
+    for recording, line in zip(pair, found.stdout.splitlines(), strict=True):
+        alone = run("discrepancy", recording, "--json", "--wheel", fleet / "wheel.toml")
+        assert json.loads(line) == {"source": str(recording), **json.loads(alone.stdout)}
+
+
+def test_help_needs_no_dask() -> None:
+    code = "import sys; from rwa_monitor.cli.main import main; main(['diagnose', '--help'], standalone_mode=False)"
+    check = f"{code}; assert not {{'dask', 'distributed', 'joblib', 'numpy', 'sklearn'}} & set(sys.modules)"
+    done = subprocess.run([sys.executable, "-c", check], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr

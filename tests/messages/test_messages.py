@@ -1,0 +1,197 @@
+"""The messages: what is read, what is refused, and that the schemas are in step."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import hypothesis.strategies as st
+import jsonschema
+import numpy as np
+import pytest
+from hypothesis import given
+
+from rwa_monitor import messages
+from rwa_monitor.errors import InputError
+from rwa_monitor.messages import (
+    Changepoints,
+    Diagnosis,
+    Gain,
+    Health,
+    SamplesMessage,
+    dump_json,
+    health_message,
+    samples_json,
+    schema_files,
+    split_key,
+)
+from rwa_monitor.messages.samples import misspelt
+from rwa_monitor.samples import Samples
+from rwa_monitor.slots import MAX_TIME_NS
+from tests.monitor.support import batch_diagnoses, run_core, said, telemetry, wheel
+
+SCHEMAS = Path(__file__).parents[2] / "schemas"
+
+
+def test_schemas_in_the_repository_are_those_of_the_code() -> None:
+    assert {path.name: path.read_text(encoding="utf-8") for path in SCHEMAS.iterdir()} == schema_files()
+
+
+@pytest.mark.parametrize("message", messages.MESSAGES)
+def test_schemas_are_schemas(message: type[messages.Message]) -> None:
+    schema = message.json_schema()
+    jsonschema.Draft202012Validator.check_schema(schema)
+    assert schema["title"] == message.schema_name()
+    assert message.encoding() == f"application/json;{message.schema_name()}"
+
+
+DESIGN = {
+    SamplesMessage: {"time_ns", "speed_rad_s"},
+    messages.Status: {
+        *("samples_received", "samples_used", "samples_masked", "samples_late", "samples_duplicate"),
+        *("samples_rejected", "samples_queued", "slots_missed", "messages_rejected", "messages_dropped"),
+        *("messages_missed", "queue_depth", "window_fill", "last_error", "recording", "software", "model_sha256"),
+    },
+    Health: {"spacecraft", "wheel", "verdict", "severity", "reason", "window_end_ns", "alarms"},
+    Diagnosis: {
+        *("spacecraft", "wheel", "window_start_ns", "window_end_ns", "samples", "coverage", "partial", "verdict"),
+        *("reason", "anomalies", "friction", "changepoints", "fit", "model_adequate", "suspected_effect"),
+        *("explanation", "provenance"),
+    },
+}
+
+
+@pytest.mark.parametrize(("message", "fields"), DESIGN.items(), ids=lambda value: getattr(value, "__name__", ""))
+def test_every_field_of_the_design_is_required(message: type[messages.Message], fields: set[str]) -> None:
+    assert fields <= set(message.json_schema()["required"])
+
+
+def test_what_the_monitor_says_fits_the_schemas() -> None:
+    from rwa_monitor.monitor.core import WheelCore
+    from tests.monitor.support import model
+
+    core = WheelCore(wheel(), model())
+    kinds = {kind.kind: kind for kind in (Diagnosis, Changepoints, Health)}
+    seen = set()
+    for key, payload in said([*run_core(core, [telemetry(2_500)]), *core.finish()]):
+        kind = key.rsplit("/", 1)[1]
+        if kind in kinds:
+            seen.add(kind)
+            jsonschema.validate(json.loads(payload), kinds[kind].json_schema())
+            assert kinds[kind].parse(payload, key).to_json() == payload
+    assert seen == set(kinds)
+
+
+FLOATS = st.one_of(st.floats(), st.just(float("nan")))
+
+
+@given(rows=st.lists(st.tuples(st.integers(0, MAX_TIME_NS), FLOATS, FLOATS), min_size=1, max_size=30))
+def test_samples_survive_the_bus(rows: list[tuple[int, float, float]]) -> None:
+    time_ns, speed, friction = (np.array(column) for column in zip(*rows, strict=True))
+    payload = samples_json(Samples(time_ns, speed, friction), "me", 3)
+    jsonschema.validate(json.loads(payload), SamplesMessage.json_schema())
+    message = SamplesMessage.parse(payload, "key")
+    got = message.samples()
+    assert (message.publisher, message.batch) == ("me", 3)
+    assert got.time_ns.tolist() == time_ns.tolist()
+    # What is not finite arrives as not measured, everything else to the last bit.
+    for sent, received in ((speed, got.speed_rad_s), (friction, got.friction_torque_Nm)):
+        assert received is not None
+        np.testing.assert_array_equal(received, np.where(np.isfinite(sent), sent, np.nan))
+
+
+def test_a_publisher_that_only_writes_the_arrays_is_served() -> None:
+    message = SamplesMessage.parse(b'{"time_ns":[5],"speed_rad_s":[null],"motor_current_A":[2],"other":1}', "key")
+    samples = message.samples()
+    assert (message.publisher, message.batch) == ("", None)
+    assert np.isnan(samples.speed_rad_s[0])
+    assert samples.motor_current_A is not None
+    assert samples.motor_current_A[0] == 2.0
+    assert samples.friction_torque_Nm is None
+
+
+@pytest.mark.parametrize(
+    ("payload", "place"),
+    [
+        (b"", ""),
+        (b"\xff\xfe", ""),
+        (b"[]", ""),
+        (b"[" * 100_000, ""),
+        (b'{"speed_rad_s":[1]}', "time_ns"),
+        (b'{"time_ns":[1]}', "speed_rad_s"),
+        (b'{"time_ns":[],"speed_rad_s":[]}', "time_ns"),
+        (b'{"time_ns":[1.5],"speed_rad_s":[1]}', "time_ns.0"),
+        (b'{"time_ns":[-1],"speed_rad_s":[1]}', "time_ns.0"),
+        (b'{"time_ns":[99999999999999999999],"speed_rad_s":[1]}', "time_ns.0"),
+        (b'{"time_ns":[1],"speed_rad_s":["1"]}', "speed_rad_s.0"),
+        (b'{"time_ns":[1],"speed_rad_s":[true]}', "speed_rad_s.0"),
+        (b'{"time_ns":[1,2],"speed_rad_s":[1]}', ""),
+        (b'{"time_ns":[1],"speed_rad_s":[1],"batch":-1}', "batch"),
+        (b'{"time_ns":[1],"speed_rad_s":[1],"publisher":"' + b"x" * 65 + b'"}', "publisher"),
+    ],
+)
+def test_a_bad_message_is_refused_with_its_place(payload: bytes, place: str) -> None:
+    with pytest.raises(InputError) as caught:
+        SamplesMessage.parse(payload, "rwa/a/b/samples")
+    assert caught.value.source == "rwa/a/b/samples"
+    assert caught.value.place == place
+    assert "\n" not in str(caught.value)
+
+
+def test_a_large_message_is_refused_before_it_is_parsed() -> None:
+    # Valid JSON but for its size: the size must be what it is refused for.
+    payload = b'{"time_ns":[1],"speed_rad_s":[1]' + b" " * messages.MAX_MESSAGE_BYTES + b"}"
+    with pytest.raises(InputError, match="bytes, more than"):
+        SamplesMessage.parse(payload, "key")
+
+
+def test_what_is_not_finite_is_never_written() -> None:
+    with pytest.raises(ValueError, match="JSON compliant"):
+        dump_json({"value": float("nan")})
+
+
+def test_health_follows_the_diagnosis() -> None:
+    diagnosis = Diagnosis.parse(batch_diagnoses(telemetry(2_500), wheel())[0], "test")
+    anomaly = diagnosis.anomalies["dry"].model_copy(update={"active": True, "severity": 1.5})
+    sick = diagnosis.model_copy(update={"verdict": "anomalous", "anomalies": {**diagnosis.anomalies, "dry": anomaly}})
+    assert health_message(sick).alarms == ["dry"]
+    assert health_message(sick).severity == 1.5
+    # Entries are filled in also when nothing can be said; they are no alarm then.
+    unsure = sick.model_copy(update={"verdict": "inconclusive"})
+    assert (health_message(unsure).alarms, health_message(unsure).severity) == ([], 0.0)
+    lacking = sick.model_copy(update={"model_adequate": False})
+    assert health_message(lacking).reason.startswith(health_message(sick).reason)
+    assert "rwa-monitor discrepancy" in health_message(lacking).reason
+
+
+@pytest.mark.parametrize(
+    "key",
+    ["", "rwa/a/b", "rwa/a/b/c/d", "other/a/b/samples", "rwa/../b/samples", "rwa/a b/c/samples", "rwa//b/samples"],
+)
+def test_a_name_that_a_path_could_use_is_no_key(key: str) -> None:
+    with pytest.raises(InputError):
+        split_key(key)
+    assert split_key("rwa/sat-1/wheel_2/samples") == ("sat-1", "wheel_2", "samples")
+
+
+def test_the_gain_of_a_report_is_one_of_the_message_as_a_search_writes_it() -> None:
+    """A search hands over plain lists, not JSON: strict validation would refuse them for a tuple."""
+    gain = dict.fromkeys(Gain.model_fields, 0) | {"diagnosis": None, "simulated": None, "searched_again": None}
+    for names in ([], ["tuesday.csv"]):
+        assert Gain.model_validate(gain | {"held_out": names}).held_out == names
+
+
+@pytest.mark.parametrize(
+    ("payload", "said"),
+    [
+        (b'{"speed_rad_s":[1.0],"friction_torque_nm":[1.0]}', "friction_torque_nm: did you mean friction_torque_Nm?"),
+        (b'{"time_ns":[1],"speed_rads":[1.0],"friction_torque_Nm":[1.0]}', "speed_rads: did you mean speed_rad_s?"),
+        (b'{"time_ns":[1],"colour":[1.0]}', ""),
+        (b'{"friction_torque_Nm":[1.0],"friction_torque_nm":[1.0]}', ""),  # the one that was meant is there
+        (b"[" * 100_000, ""),
+        (b"\xff", ""),
+        (b"[]", ""),
+    ],
+)  # fmt: skip
+def test_a_misspelt_key_is_answered_with_the_one_that_was_meant(payload: bytes, said: str) -> None:
+    assert misspelt(payload) == said

@@ -1,0 +1,107 @@
+"""What the tests of the monitor room share: a wheel with short windows, and simulated telemetry for it."""
+
+from __future__ import annotations
+
+import socket
+from collections.abc import Iterator, Sequence
+from functools import cache
+from itertools import pairwise
+
+import numpy as np
+
+from benchmarks.references import reference_wheel
+from rwa_monitor.diagnosis.model import Model, built_in_model
+from rwa_monitor.messages import Diagnosis
+from rwa_monitor.monitor.core import WheelCore
+from rwa_monitor.monitor.events import Event
+from rwa_monitor.monitor.outputs import outputs_of
+from rwa_monitor.samples import Samples
+from rwa_monitor.simulation.record import simulate
+from rwa_monitor.simulation.scenario import Scenario
+from rwa_monitor.wheel.wheel import Wheel
+
+WINDOW = 1_024
+KEY = "rwa/sat/wheel_1/samples"
+
+
+@cache
+def model() -> Model:
+    return built_in_model()
+
+
+@cache
+def wheel(samples: int = WINDOW, hop: int | None = None, effects: bool = False) -> Wheel:
+    """Return the reference wheel with another window; with effects, one without and one with a memory."""
+    tables = reference_wheel().to_tables()
+    tables["window"]["samples"] = samples
+    tables["window"]["hop"] = samples if hop is None else hop
+    if effects:
+        tables["effect"] = [
+            {"name": "stribeck", "parameters": {"strength_Nm": 5e-4, "stribeck_speed_rad_s": 8.0}},
+            {"name": "lubricant_lag", "parameters": {"strength_Nm_s_rad": 2e-6, "time_constant_s": 40.0}},
+        ]
+    return Wheel.from_tables(tables, "test wheel")
+
+
+@cache
+def telemetry(slots: int, seed: int = 1, given: bool = True) -> Samples:
+    """Return simulated telemetry of the test wheel, friction given or to be derived from current."""
+    text = f"[scenario]\nduration_s = {slots * 0.125}\nfriction_given = {'true' if given else 'false'}\n"
+    scenario = Scenario.from_toml(text, "test")
+    return simulate(scenario, wheel(), np.random.default_rng(seed)).samples
+
+
+def spoiled(samples: Samples, seed: int) -> Samples:
+    """Return telemetry with gaps and values that were not measured."""
+    rng = np.random.default_rng(seed)
+    speed = samples.speed_rad_s.copy()
+    speed[rng.random(speed.size) < 0.004] = np.nan
+    keep = rng.random(speed.size) >= 0.01
+    keep[speed.size // 3 : speed.size // 3 + 70] = False
+    keep[0] = True
+    channels = {name: values[keep] for name, values in samples.channels() if name not in {"time_ns", "speed_rad_s"}}
+    return Samples(time_ns=samples.time_ns[keep], speed_rad_s=speed[keep], **channels)
+
+
+def pieces(samples: Samples, cuts: Sequence[int]) -> Iterator[Samples]:
+    """Cut samples at the given rows; pieces may be empty."""
+    borders = [0, *sorted(cuts), len(samples)]
+    for start, stop in pairwise(borders):
+        yield samples[start:stop]
+
+
+def run_core(core: WheelCore, parts: Sequence[Samples], publisher: str = "p", first: int = 0) -> list[Event]:
+    """Feed parts as numbered messages."""
+    return [event for number, part in enumerate(parts) for event in core.feed(part, publisher, first + number)]
+
+
+def said(events: Sequence[Event]) -> list[tuple[str, bytes]]:
+    """Return what the monitor publishes about events: (key, JSON)."""
+    return [(output.key, output.payload) for output in outputs_of(events, "sat", "wheel_1")]
+
+
+def diagnoses(messages: Sequence[tuple[str, bytes]]) -> list[bytes]:
+    return [payload for key, payload in messages if key.endswith("/" + Diagnosis.kind)]
+
+
+def batch_diagnoses(samples: Samples, of_wheel: Wheel, whole: bool = True) -> list[bytes]:
+    """Return the diagnosis messages of a whole table, without the partial one where only whole ones are wanted."""
+    core = WheelCore(of_wheel, model())
+    events = core.feed(samples)
+    return diagnoses(said(events if whole else [*events, *core.finish()]))
+
+
+_RESERVED: list[socket.socket] = []
+
+
+def free_port() -> int:
+    """Return a port of loopback that stays free until this process ends, for whoever listens on it by its number.
+
+    A socket is bound to it and never listens: the system gives the port to nobody else who asks for any, and lets
+    those listen who set SO_REUSEADDR, as all servers do that may start again on the port they had.
+    """
+    held = socket.socket()
+    held.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    held.bind(("127.0.0.1", 0))
+    _RESERVED.append(held)
+    return int(held.getsockname()[1])

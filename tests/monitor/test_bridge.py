@@ -1,0 +1,241 @@
+"""The bridge: datagrams on a real socket in, samples on a real bus out, and everything else counted."""
+
+from __future__ import annotations
+
+import json
+import signal
+import socket
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+from threading import Event, Thread
+
+import numpy as np
+import pytest
+
+from rwa_monitor.errors import InputError, RwaMonitorError
+from rwa_monitor.messages import SamplesMessage
+from rwa_monitor.monitor.bridge import HOLD_S, Bridge, PacketSender, UdpAddress, listening, run_bridge
+from rwa_monitor.monitor.bus import BusOptions, open_session
+from rwa_monitor.samples import CHANNELS, Samples, concatenate
+from rwa_monitor.simulation.record import simulate
+from rwa_monitor.telemetry.ccsds_example import FIRST_APID, example_decoding, packets_of
+from rwa_monitor.telemetry.ccsds_packets import PacketDecoder
+from rwa_monitor.telemetry.scenario_file import read_scenario
+from rwa_monitor.wheel.wheel import built_in_wheel
+from tests.monitor.processes import PATIENCE_S, Listener, command, process, wait_for
+from tests.monitor.support import free_port
+from tests.telemetry import packets as made
+
+KEYS = {f"rwa/sat/wheel_{number}/samples": CHANNELS for number in (1, 2)}
+
+
+class Kept:
+    """A sink that keeps what it gets."""
+
+    def __init__(self) -> None:
+        self.batches: list[Samples] = []
+        self.closed = False
+
+    def put(self, samples: Samples) -> None:
+        self.batches.append(samples)
+
+    def close(self) -> None:
+        self.closed = True
+
+
+@pytest.fixture
+def kept() -> dict[str, Kept]:
+    return {key: Kept() for key in KEYS}
+
+
+@pytest.fixture
+def bridge(kept: dict[str, Kept]) -> Bridge:
+    return Bridge(PacketDecoder(example_decoding(KEYS), "test"), kept, batch_samples=8)
+
+
+def free_udp() -> UdpAddress:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        probe.bind(("127.0.0.1", 0))
+        return UdpAddress("127.0.0.1", probe.getsockname()[1])
+
+
+# ---- batches ---------------------------------------------------------------------------------------------------------
+
+
+def test_samples_go_out_in_batches_or_when_they_have_waited(bridge: Bridge, kept: dict[str, Kept]) -> None:
+    one, two = kept.values()
+    for packet in packets_of(made.samples(19), FIRST_APID):
+        bridge.take(packet, 100.0)
+    bridge.take(next(packets_of(made.samples(1), FIRST_APID + 1)), 100.5)
+    assert [len(batch) for batch in one.batches] == [8, 8]
+    bridge.tick(100.0 + HOLD_S)
+    assert [len(batch) for batch in one.batches] == [8, 8, 3]
+    assert two.batches == []
+    bridge.close()
+    assert [len(batch) for batch in two.batches] == [1]
+    assert (bridge.counts()["samples"], bridge.counts()["decoded"]) == (20, 20)
+
+
+def test_a_datagram_may_hold_several_packets(bridge: Bridge, kept: dict[str, Kept]) -> None:
+    packets = made.packets(8)
+    bridge.take(b"".join(packets), 0.0)
+    assert [len(batch) for batch in kept["rwa/sat/wheel_1/samples"].batches] == [8]
+    assert bridge.counts()["datagrams"] == 1
+
+
+@pytest.mark.parametrize(
+    "datagram", [b"", b"\x00", b"\xff" * 65_507, made.packets(1)[0][:-1], b"GET / HTTP/1.1\r\n\r\n"]
+)
+def test_what_is_no_packet_is_counted_once(bridge: Bridge, datagram: bytes) -> None:
+    bridge.take(datagram, 0.0)
+    counts = bridge.counts()
+    assert (counts["datagrams"], counts["packets"], counts["samples"]) == (1, 1, 0)
+    assert counts["bad"] + counts["unknown"] == 1
+    assert len(bridge.news()) == 1
+
+
+def test_what_follows_a_good_packet_is_counted_as_bad(bridge: Bridge) -> None:
+    bridge.take(made.packets(1)[0] + b"\xff" * 40, 0.0)
+    assert (bridge.counts()["decoded"], bridge.counts()["bad"]) == (1, 1)
+
+
+def test_counts_are_json(bridge: Bridge) -> None:
+    bridge.take(b"\x03\xe7" + made.packets(1)[0][2:], 0.0)
+    counts = json.loads(json.dumps(bridge.counts()))
+    assert counts["unknown_apids"] == [999]
+    assert bridge.news() == ["1 packet of APIDs that the map does not name (999)"]
+
+
+# ---- sockets ---------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("text", ["", "host", "1:2:x", "0", "65536", "-1", "²", "127.0.0.1:"])
+def test_what_is_no_address_is_refused(text: str) -> None:
+    with pytest.raises(InputError, match="no \\[HOST:\\]PORT"):
+        UdpAddress.parse(text, "--udp")
+
+
+def test_an_address_is_read() -> None:
+    assert UdpAddress.parse("5005", "--udp") == UdpAddress("127.0.0.1", 5005)
+    assert UdpAddress.parse("[::1]:5005", "--udp") == UdpAddress("::1", 5005)
+    assert UdpAddress.parse("0.0.0.0:7", "--udp") == UdpAddress("0.0.0.0", 7)
+
+
+def test_an_address_that_is_taken_or_is_none_is_told() -> None:
+    address = free_udp()
+    with listening(address), pytest.raises(RwaMonitorError, match="cannot be listened on"), listening(address):
+        pass
+    with pytest.raises(RwaMonitorError, match="there is no such address"), listening(UdpAddress("300.1.2.3", 1)):
+        pass
+
+
+@pytest.fixture
+def running(bridge: Bridge) -> Iterator[UdpAddress]:
+    """Run the bridge in a thread on a real socket."""
+    stop, said = Event(), list[str]()
+    with listening(UdpAddress("127.0.0.1", 0)) as receiver:
+        thread = Thread(target=run_bridge, args=(bridge, receiver, stop, said.append))
+        thread.start()
+        try:
+            yield UdpAddress(*receiver.getsockname())
+        finally:
+            stop.set()
+            thread.join(PATIENCE_S)
+            assert not thread.is_alive()
+
+
+def test_samples_come_through_a_socket_as_they_were_sent(
+    running: UdpAddress, bridge: Bridge, kept: dict[str, Kept]
+) -> None:
+    sent = made.samples(40)
+    sender = PacketSender(running, FIRST_APID)
+    for start in range(0, 40, 8):
+        sender.put(sent[start : start + 8])
+        wait_for(lambda stop=start + 8: bridge.samples >= stop, "samples")  # type: ignore[misc]
+    sender.close()
+    read = concatenate(kept["rwa/sat/wheel_1/samples"].batches)
+    assert np.abs(read.time_ns - sent.time_ns).max() <= 30
+    np.testing.assert_array_equal(np.isnan(read.speed_rad_s), np.isnan(sent.speed_rad_s))
+    assert (bridge.counts()["gaps"], bridge.counts()["bad"]) == (0, 0)
+
+
+def test_noise_on_the_socket_leaves_the_bridge_at_work(running: UdpAddress, bridge: Bridge) -> None:
+    rng = np.random.default_rng(3)
+    good = made.packets(64)
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+        for number, packet in enumerate(good):
+            spoiled = bytearray(packet)
+            spoiled[rng.integers(len(spoiled))] ^= rng.integers(1, 256)
+            for datagram in (bytes(spoiled), rng.bytes(rng.integers(0, 2_000)), packet):
+                sender.sendto(datagram, (running.host, running.port))
+            wait_for(lambda sent=3 * number + 3: bridge.datagrams >= sent, "datagrams")  # type: ignore[misc]
+    counts = bridge.counts()
+    assert counts["decoded"] >= len(good)
+    assert counts["bad"] + counts["unknown"] >= len(good)
+    assert counts["packets"] == sum(counts[name] for name in ("decoded", "bad", "unknown", "idle", "other"))
+
+
+def described(folder: Path) -> tuple[Path, Path]:
+    """Write the example's definition and a map of one wheel."""
+    decoding = example_decoding({"rwa/sat/wheel_1/samples": CHANNELS})
+    assert decoding.map is not None
+    assert decoding.xtce is not None
+    (folder / "map.toml").write_text(decoding.map.text)
+    (folder / "wheel.xml").write_text(decoding.xtce.text)
+    return folder / "wheel.xml", folder / "map.toml"
+
+
+# ---- the program -----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.processes
+def test_only_loopback_is_listened_on_without_a_warning(tmp_path: Path) -> None:
+    for host, warned in (("0.0.0.0:", True), ("", False)):
+        xtce, telemetry_map = described(tmp_path)
+        address = f"{host}{free_udp().port}"
+        with process("bridge", "--udp", address, "--xtce", xtce, "--map", telemetry_map) as child:
+            assert child.stderr is not None
+            lines = [child.stderr.readline()]
+            while "bridging UDP" not in lines[-1]:
+                lines.append(child.stderr.readline())
+            child.send_signal(signal.SIGTERM)
+            child.communicate(timeout=60)
+        assert any("takes packets from everybody who reaches it" in line for line in lines) == warned
+
+
+@pytest.mark.processes
+def test_from_simulated_packets_over_udp_to_the_bus(tmp_path: Path) -> None:
+    """`simulate publish --udp` → `bridge` → a subscriber: what is published is what `simulate recording` writes."""
+    scenario = tmp_path / "s.toml"
+    scenario.write_text("[scenario]\nduration_s = 60.0\n")
+    xtce, telemetry_map = described(tmp_path)
+    endpoint, address = f"tcp/127.0.0.1:{free_port()}", free_udp()
+    udp = f"{address.host}:{address.port}"
+    how = ("--xtce", xtce, "--map", telemetry_map, "--batch", "100", "-e", endpoint)
+    with (
+        open_session(BusOptions(listen=(endpoint,))) as session,
+        process("bridge", "--udp", udp, *how) as child,
+    ):
+        listener = Listener(session)
+        assert child.stderr is not None
+        assert f"bridging UDP 127.0.0.1 port {address.port}" in child.stderr.readline()
+        sending = command("simulate", "publish", "--scenario", scenario, "--speed", "60", "--batch", "8", "--udp", udp)
+        done = subprocess.run(sending, capture_output=True, text=True, check=True, timeout=100)
+        assert "480 of 480 samples" in done.stderr
+        wait_for(lambda: len(heard(listener)) == 480, "all samples")
+        child.send_signal(signal.SIGTERM)
+        out, _ = child.communicate(timeout=60)
+        read = heard(listener)
+    counts = json.loads(out)
+    assert child.returncode == 0
+    assert (counts["datagrams"], counts["decoded"], counts["samples"]) == (480, 480, 480)
+    assert (counts["bad"], counts["gaps"]) == (0, 0)
+    expected = simulate(read_scenario(scenario), built_in_wheel(), np.random.default_rng(0)).samples
+    assert read.time_ns.tolist() == expected.time_ns.tolist()
+    np.testing.assert_allclose(read.speed_rad_s, expected.speed_rad_s, atol=5.1e-6, rtol=0)
+
+
+def heard(listener: Listener) -> Samples:
+    parts = [SamplesMessage.parse(payload, "test").samples() for payload in listener.kind("samples")]
+    return concatenate(parts) if parts else Samples(np.array([], dtype=np.int64), np.array([]))

@@ -1,0 +1,382 @@
+"""The bus: secure defaults, a bounded inbox, options that are told when wrong."""
+
+from __future__ import annotations
+
+import json
+from collections import deque
+from collections.abc import Callable
+from pathlib import Path
+from threading import Thread
+from typing import Literal
+
+import pytest
+
+from rwa_monitor.errors import InputError, RwaMonitorError
+from rwa_monitor.monitor.bus import BusOptions, Inbox, MonitorBus, open_session, session_config
+from rwa_monitor.monitor.ingest.backfill import MAX_ASKED, PAUSES_S, TIMEOUT_S, Arrival, Backfill
+from rwa_monitor.monitor.publisher import ReliablePublisher
+from tests.monitor.processes import wait_for
+from tests.monitor.support import KEY, free_port
+
+
+def setting(options: BusOptions, key: str) -> object:
+    return json.loads(session_config(options).get_json(key))
+
+
+def test_nothing_listens_and_nothing_is_searched_for_unless_told() -> None:
+    options = BusOptions()
+    assert setting(options, "mode") == "peer"
+    assert setting(options, "listen/endpoints") == []
+    assert setting(options, "connect/endpoints") == []
+    assert setting(options, "scouting/multicast/enabled") is False
+    assert setting(options, "scouting/gossip/enabled") is False
+    assert setting(options, "transport/shared_memory/enabled") is False
+    with open_session(options) as session:
+        assert session.info.links() == []
+
+
+def test_options_and_a_configuration_file_are_heard(tmp_path: Path) -> None:
+    file = tmp_path / "zenoh.json5"
+    file.write_text(
+        '{ mode: "client", connect: { endpoints: ["tcp/127.0.0.1:1"] }, scouting: { multicast: { enabled: true } } }'
+    )
+    options = BusOptions(config=file)
+    assert setting(options, "mode") == "client"
+    assert setting(options, "scouting/multicast/enabled") is True
+    assert setting(options, "listen/endpoints") == []
+    louder = BusOptions(config=file, mode="peer", connect=("tcp/127.0.0.1:2",), no_multicast_scouting=True)
+    assert setting(louder, "mode") == "peer"
+    assert setting(louder, "connect/endpoints") == ["tcp/127.0.0.1:2"]
+    assert setting(louder, "scouting/multicast/enabled") is False
+
+
+@pytest.mark.parametrize(
+    ("options", "source"),
+    [
+        (BusOptions(connect=("nonsense",)), "--connect"),
+        (BusOptions(listen=("tcp",)), "--listen"),
+        (BusOptions(mode="client"), "--mode"),
+        (BusOptions(config=Path("does-not-exist.json5")), "does-not-exist.json5"),
+    ],
+)
+def test_a_wrong_option_is_told(options: BusOptions, source: str) -> None:
+    with pytest.raises(InputError) as caught:
+        open_session(options)
+    assert caught.value.source == source
+    assert "\n" not in str(caught.value)
+
+
+def test_a_bus_that_cannot_be_reached_is_told() -> None:
+    with pytest.raises(RwaMonitorError, match=r"127\.0\.0\.1:1"):
+        open_session(BusOptions(mode="client", connect=("tcp/127.0.0.1:1",)))
+
+
+def test_a_full_inbox_drops_and_counts() -> None:
+    inbox = Inbox(max_messages=3, max_bytes=10, patience_s=0.01)
+    for number in range(5):
+        inbox.put("key", bytes([number]))
+    assert (len(inbox), inbox.dropped) == (3, 2)
+    assert inbox.take() == Arrival("key", b"\0")
+    inbox.put("key", bytes(9))  # 2 bytes wait: 11 are too many
+    assert inbox.dropped == 3
+    inbox.put("key", bytes(8))
+    left = [inbox.take() for _ in range(4)]
+    assert left == [Arrival("key", b"\1"), Arrival("key", b"\2"), Arrival("key", bytes(8)), None]
+
+
+def test_a_full_inbox_slows_down_who_puts_and_loses_nothing() -> None:
+    inbox = Inbox(max_messages=3, patience_s=30.0)
+    thread = Thread(target=lambda: [inbox.put("key", bytes([number])) for number in range(100)])
+    thread.start()
+    taken: list[int] = []
+    while len(taken) < 100:
+        message = inbox.take()
+        if message is not None:
+            taken.append(message.payload[0])
+        assert len(inbox) <= 3
+    thread.join()
+    assert (taken, inbox.dropped) == (list(range(100)), 0)
+
+
+# ---- what was sent before the first message that was heard ----------------------------------------------------------
+
+
+class History:
+    """Publishers whose history is asked for; answers when told to."""
+
+    def __init__(self) -> None:
+        self.asked: list[tuple[Arrival, int, Callable[[Arrival], None], Callable[[], None]]] = []
+        self.now_s = 0.0
+
+    def backfill(self, max_bytes: int = 1_000) -> Backfill:
+        return Backfill(lambda *question: self.asked.append(question), max_bytes, lambda: self.now_s)
+
+
+def arrivals(source: str, numbers: range) -> list[Arrival]:
+    return [Arrival("key", b"payload", source, number) for number in numbers]
+
+
+def drained(backfill: Backfill, waiting: deque[Arrival]) -> list[Arrival]:
+    out = []
+    while (message := backfill.take(lambda: waiting.popleft() if waiting else None)) is not None:
+        out.append(message)
+    return out
+
+
+def test_a_publisher_that_is_heard_late_is_asked_for_what_it_sent_before_and_others_pass() -> None:
+    history = History()
+    backfill = history.backfill()
+    late, other = arrivals("late", range(8)), arrivals("other", range(2))
+    assert drained(backfill, deque([late[5], other[0], late[6], other[1]])) == other
+    ((before, first, found, finished),) = history.asked
+    assert (before, first) == (late[5], 0)
+    for message in (*late[3:5], *late[:4]):  # in any order, some twice
+        found(message)
+    assert drained(backfill, deque()) == []
+    assert len(backfill) == 2
+    finished()
+    assert drained(backfill, deque([late[7]])) == late
+    assert len(history.asked) == 1
+    assert backfill.missed == {}
+
+
+def test_a_gap_is_asked_for_again_until_it_is_closed() -> None:
+    history = History()
+    backfill = history.backfill()
+    sent = arrivals("one", range(9))
+    assert drained(backfill, deque([*sent[:2], *sent[4:6], sent[8]])) == sent[:2]
+    history.asked[0][3]()  # no answer: the connection is gone
+    assert drained(backfill, deque()) == []
+    history.now_s += PAUSES_S[0]
+    assert drained(backfill, deque()) == []
+    for message in sent[2:4]:
+        history.asked[1][2](message)
+    history.asked[1][3]()
+    assert drained(backfill, deque()) == sent[2:6]  # and the next gap is found
+    for message in sent[6:8]:
+        history.asked[2][2](message)
+    history.asked[2][3]()
+    assert drained(backfill, deque()) == sent[6:]
+    assert [(before.number, first) for before, first, _, _ in history.asked] == [(4, 2), (4, 2), (8, 6)]
+
+
+def test_what_a_publisher_no_longer_has_costs_a_wait_and_is_counted() -> None:
+    history = History()
+    backfill = history.backfill()
+    sent = arrivals("one", range(9))
+    out = drained(backfill, deque([sent[0], *sent[6:]]))
+    while history.now_s < 2.0 * (sum(PAUSES_S) + (len(PAUSES_S) + 1) * TIMEOUT_S):  # nobody answers
+        history.now_s += 0.1
+        out += drained(backfill, deque())
+    assert out == [sent[0], *sent[6:]]
+    assert backfill.missed == {"key": 5}
+    assert len(history.asked) == len(PAUSES_S) + 1
+
+
+def test_what_waits_for_a_history_is_bounded() -> None:
+    history = History()
+    backfill = history.backfill(max_bytes=20)
+    waiting = deque(arrivals("late", range(1, 100)))
+    assert drained(backfill, waiting) == []
+    assert len(waiting) == 96  # 3 messages of 7 bytes are more than 20
+    history.asked[0][2](arrivals("late", range(1))[0])
+    history.asked[0][3]()
+    assert drained(backfill, waiting) == arrivals("late", range(100))
+
+
+def fleet_of(publishers: int, kept: int) -> dict[str, list[Arrival]]:
+    """Return the messages of publishers that each keep some, and the one after them, which is heard first."""
+    return {f"publisher {number}": arrivals(f"publisher {number}", range(kept + 1)) for number in range(publishers)}
+
+
+def test_of_a_fleet_a_few_publishers_are_asked_at_a_time_and_no_more_while_answers_lie_here() -> None:
+    history, kept = History(), 20
+    backfill = history.backfill(max_bytes=500 * len(b"payload"))  # fewer than that many publishers keep
+    fleet = fleet_of(200, kept)
+    out = drained(backfill, deque(sent[kept] for sent in fleet.values()))
+    answered = 0
+    while len(out) < 200 * (kept + 1):
+        asked = history.asked[answered:]
+        assert 0 < len(asked) <= MAX_ASKED
+        for before, first, found, finished in asked:
+            for message in fleet[before.source][first:kept]:
+                found(message)
+            finished()
+        answered += len(asked)
+        for _ in range(2 * kept):  # what two of them kept; the others' answers are still here
+            message = backfill.take(lambda: None)
+            assert message is not None
+            out.append(message)
+        assert len(history.asked) == answered
+        out += drained(backfill, deque())
+    assert {source: [one for one in out if one.source == source] for source in fleet} == fleet
+    assert (answered, backfill.missed, len(backfill)) == (200, {}, 0)
+
+
+def test_a_publisher_is_asked_also_while_messages_of_others_flow() -> None:
+    history = History()
+    backfill = history.backfill()
+    late, flowing = arrivals("late", range(3)), deque(arrivals("other", range(100)))
+    flowing.insert(1, late[2])
+    for _ in range(3):
+        assert backfill.take(flowing.popleft) is not None
+    assert [before.source for before, *_ in history.asked] == ["late"]
+
+
+def test_publishers_that_do_not_answer_let_others_be_asked() -> None:
+    history = History()
+    backfill = history.backfill(max_bytes=10_000)
+    fleet = fleet_of(3 * MAX_ASKED, 1)
+    assert drained(backfill, deque(sent[1] for sent in fleet.values())) == []
+    assert len(history.asked) == MAX_ASKED
+    history.now_s += TIMEOUT_S
+    assert drained(backfill, deque()) == []
+    assert {before.source for before, *_ in history.asked} == set(list(fleet)[: 2 * MAX_ASKED])
+
+
+def test_what_was_dropped_is_asked_for_although_nothing_follows() -> None:
+    history = History()
+    backfill = history.backfill()
+    sent = arrivals("one", range(9))
+    assert drained(backfill, deque(sent[:3])) == sent[:3]
+    backfill.miss(sent[8])
+    backfill.miss(sent[1])  # has arrived since
+    ((before, first, found, finished),) = history.asked
+    assert (before.number, first) == (9, 3)
+    for message in sent[3:]:
+        found(message)
+    finished()
+    assert drained(backfill, deque()) == sent[3:]
+    assert (len(backfill), len(history.asked), backfill.missed) == (0, 1, {})
+
+
+def answer(question: tuple[Arrival, int, Callable[[Arrival], None], Callable[[], None]], *found: Arrival) -> None:
+    for message in found:
+        question[2](message)
+    question[3]()
+
+
+def test_what_could_not_be_read_is_asked_for_again_and_what_follows_waits_for_it() -> None:
+    history = History()
+    backfill = history.backfill()
+    sent, other = arrivals("one", range(8)), arrivals("other", range(3))
+    assert drained(backfill, deque([*sent[:3], other[0]])) == [*sent[:3], other[0]]
+    assert backfill.ask_again(sent[2])
+    assert drained(backfill, deque([*sent[3:5], other[1], sent[6]])) == [other[1]]
+    (question,) = history.asked
+    assert (question[0].source, question[0].number, question[1]) == ("one", 3, 2)
+    answer(question, sent[2])
+    assert drained(backfill, deque([other[2]])) == [sent[2]._replace(again=True), *sent[3:5], other[2]]
+    answer(history.asked[1], sent[5])  # what was missing besides
+    assert drained(backfill, deque([sent[7]])) == sent[5:]
+    assert (len(backfill), backfill.missed) == (0, {})
+
+
+def test_what_could_not_be_read_may_be_followed_by_a_gap_that_was_found_before() -> None:
+    history = History()
+    backfill = history.backfill(max_bytes=1_000)
+    sent = arrivals("one", range(9))
+    waiting = deque([*sent[2:5], sent[7]])
+    assert drained(backfill, waiting) == []
+    answer(history.asked[0], *sent[:2])
+    # The first is read while those after it lie ready, and the next gap is known.
+    assert backfill.take(lambda: None) == sent[0]
+    assert backfill.ask_again(sent[0])
+    assert drained(backfill, deque([sent[8]])) == []
+    answer(history.asked[-1], sent[0])
+    out = drained(backfill, deque())
+    assert out == [sent[0]._replace(again=True), *sent[1:5]]
+    answer(history.asked[-1], *sent[5:7])
+    assert drained(backfill, deque()) == sent[5:]
+    assert (len(backfill), backfill.missed) == (0, {})
+
+
+@pytest.mark.parametrize("answers", ["nobody", "without it", "as bad"])
+def test_what_cannot_be_read_twice_is_given_out_as_it_is_and_its_publisher_not_asked_again(answers: str) -> None:
+    history = History()
+    backfill = history.backfill()
+    sent = arrivals("one", range(5))
+    assert drained(backfill, deque(sent[:2])) == sent[:2]
+    assert backfill.ask_again(sent[1])
+    if answers == "nobody":
+        history.now_s += TIMEOUT_S
+    else:
+        answer(history.asked[0], *([sent[1]] if answers == "as bad" else []))
+    out = drained(backfill, deque([sent[2]]))
+    assert out == [sent[1]._replace(again=True), sent[2]]
+    assert not backfill.ask_again(out[0])
+    assert not backfill.ask_again(out[1])
+    assert drained(backfill, deque(sent[3:])) == sent[3:]
+    assert (len(history.asked), backfill.missed) == (1, {})
+
+
+def test_one_that_comes_again_and_cannot_be_read_does_not_let_all_after_it_be_asked_for() -> None:
+    history = History()
+    backfill = history.backfill()
+    sent = arrivals("one", range(8))
+    assert drained(backfill, deque(sent[:6])) == sent[:6]
+    assert backfill.ask_again(sent[1])
+    answer(history.asked[0], sent[1])
+    assert drained(backfill, deque(sent[6:])) == [sent[1]._replace(again=True), *sent[6:]]
+    assert (len(history.asked), backfill.missed) == (1, {})
+
+
+def test_who_does_not_number_messages_cannot_be_asked_again() -> None:
+    history = History()
+    backfill = history.backfill()
+    assert not backfill.ask_again(Arrival("key", b"payload"))
+    assert history.asked == []
+
+
+def test_a_bus_whose_inbox_overflows_gets_everything_in_the_end() -> None:
+    with open_session(BusOptions()) as session, MonitorBus(session, Inbox(max_messages=5, patience_s=0.02)) as bus:
+        bus.subscribe("rwa/*/*/samples")
+        publisher = ReliablePublisher(session, KEY)
+        for number in range(60):
+            publisher.put(b"%d" % number)
+        wait_for(lambda: len(bus.inbox) == 5, "the first messages")
+        wait_for(lambda: bus.inbox.dropped == 55, "the others to be dropped")
+        taken: list[int] = []
+
+        def took_all() -> bool:
+            while (message := bus.take()) is not None:
+                taken.append(int(message.payload))
+            return len(taken) >= 60
+
+        wait_for(took_all, "all messages")
+        publisher.close()
+    assert taken == list(range(60))
+    assert bus.missed == {}
+
+
+@pytest.mark.parametrize("mode", ["router", "peer"])
+def test_those_who_only_connect_hear_each_other_through_whoever_listens(mode: Literal["router", "peer"]) -> None:
+    """As peers behind a router they would be silently deaf to each other."""
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    heard: list[bytes] = []
+    with (
+        open_session(BusOptions(mode=mode, listen=(endpoint,))),
+        open_session(BusOptions(connect=(endpoint,))) as one,
+        open_session(BusOptions(connect=(endpoint,))) as other,
+        one.declare_subscriber("rwa/**", lambda sample: heard.append(sample.payload.to_bytes())),
+        other.declare_publisher("rwa/sat/wheel_1/samples") as publisher,
+    ):
+        wait_for(lambda: bool(publisher.matching_status.matching), "a match")
+        publisher.put(b"a message")
+        wait_for(lambda: bool(heard), "the message")
+    assert heard == [b"a message"]
+
+
+def test_who_only_connects_waits_for_whoever_comes_late() -> None:
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    heard: list[bytes] = []
+    with (
+        open_session(BusOptions(connect=(endpoint,))) as early,
+        early.declare_subscriber("rwa/**", lambda sample: heard.append(sample.payload.to_bytes())),
+        open_session(BusOptions(mode="router", listen=(endpoint,))) as late,
+        late.declare_publisher("rwa/sat/wheel_1/samples") as publisher,
+    ):
+        wait_for(lambda: bool(publisher.matching_status.matching), "a match")
+        publisher.put(b"a message")
+        wait_for(lambda: bool(heard), "the message")
+    assert heard == [b"a message"]

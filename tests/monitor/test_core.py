@@ -1,0 +1,357 @@
+"""The monitor core: its result is a function of the samples, not of how they arrive."""
+
+from __future__ import annotations
+
+import json
+from base64 import b64encode
+from dataclasses import replace
+
+import hypothesis.strategies as st
+import numpy as np
+import pytest
+from hypothesis import given, settings
+
+from rwa_monitor.errors import InputError
+from rwa_monitor.monitor.checkpoint import Checkpoint, SlotsState
+from rwa_monitor.monitor.core import WheelCore, diagnose_samples
+from rwa_monitor.monitor.events import ChannelMissing, EpochStarted, SensorFault, WindowDiagnosed
+from rwa_monitor.samples import Samples, concatenate
+from rwa_monitor.switching.carried_state import CarriedState
+from rwa_monitor.wheel.wheel import Wheel
+from tests.monitor.support import WINDOW, model, pieces, run_core, said, spoiled, telemetry, wheel
+
+ROWS = 3_400
+# window, hop, effects, friction given: all ways in which a core works.
+KINDS = {
+    "given": (WINDOW, None, False, True),
+    "derived": (WINDOW, None, False, False),
+    "overlapping windows": (WINDOW, 300, False, True),
+    "windows with gaps between": (WINDOW, 1_500, False, False),
+    "effects, given": (WINDOW, None, True, True),
+    "effects, derived": (WINDOW, 700, True, False),
+    "broken sensors, given": (WINDOW, 700, False, True),
+    "broken sensors, derived": (WINDOW, None, True, False),
+}
+
+
+def case(kind: str) -> tuple[Wheel, Samples]:
+    samples, hop, effects, given_ = KINDS[kind]
+    table = spoiled(telemetry(ROWS, 3, given_), 5)
+    return wheel(samples, hop, effects), broken(table) if "broken" in kind else table
+
+
+def broken(samples: Samples) -> Samples:
+    """Return telemetry whose sensors hang and jump, most of all about the ends of windows."""
+    rng = np.random.default_rng(6)
+    channels = dict(samples.channels())
+    name = "motor_current_A" if samples.friction_torque_Nm is None else "friction_torque_Nm"
+    torque, speed = channels[name].copy(), channels["speed_rad_s"].copy()
+    slots = samples.time_ns // 125_000_000
+    for border in (WINDOW, WINDOW + 8, WINDOW + 700, 2 * WINDOW, 2 * WINDOW + 8, 3 * WINDOW):
+        rows = np.searchsorted(slots, border) + rng.integers(-3, 3, 4)
+        torque[rows] *= rng.choice([-30.0, 30.0], rows.size)
+    for values, start in ((torque, WINDOW - 40), (speed, 2 * WINDOW - 15), (torque, 1_300), (speed, 1_800)):
+        row = int(np.searchsorted(slots, start))
+        values[row : row + 60] = values[row]
+    torque[rng.integers(0, torque.size, 30)] *= 30.0
+    speed[rng.integers(0, speed.size, 15)] += 40.0
+    return replace(samples, **{name: torque, "speed_rad_s": speed})
+
+
+def messages(core: WheelCore, parts: list[Samples]) -> list[tuple[str, bytes]]:
+    return said([*run_core(core, parts), *core.finish()])
+
+
+_WHOLE: dict[str, list[tuple[str, bytes]]] = {}
+
+
+def whole(kind: str) -> list[tuple[str, bytes]]:
+    """Return what a core says that gets everything at once."""
+    if kind not in _WHOLE:
+        of_wheel, samples = case(kind)
+        _WHOLE[kind] = messages(WheelCore(of_wheel, model()), [samples])
+    return _WHOLE[kind]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_interesting_things_are_there(kind: str) -> None:
+    kinds = {key.rsplit("/", 1)[1] for key, _ in whole(kind)}
+    assert {"diagnosis", "changepoints", "health", "carried"} <= kinds
+
+
+def test_broken_sensors_are_seen() -> None:
+    for kind in KINDS:
+        of_wheel, samples = case(kind)
+        core = WheelCore(of_wheel, model())
+        faults = [event for event in core.feed(samples) if isinstance(event, SensorFault)]
+        assert ({fault.hangs for fault in faults} == {True, False}) == ("broken" in kind)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@settings(max_examples=12, deadline=None)
+@given(cuts=st.lists(st.integers(0, ROWS), max_size=60))
+def test_messages_cut_anyhow_give_the_same_bytes(kind: str, cuts: list[int]) -> None:
+    of_wheel, samples = case(kind)
+    parts = list(pieces(samples, [min(cut, len(samples)) for cut in cuts]))
+    assert messages(WheelCore(of_wheel, model()), parts) == whole(kind)
+
+
+def test_one_sample_at_a_time_gives_the_same_bytes() -> None:
+    of_wheel, samples = case("derived")
+    parts = list(pieces(samples, list(range(len(samples)))))
+    assert messages(WheelCore(of_wheel, model()), parts) == whole("derived")
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@settings(max_examples=6, deadline=None)
+@given(cuts=st.lists(st.integers(1, 30), min_size=1, max_size=3))
+def test_a_core_resumed_from_a_checkpoint_gives_the_same_bytes(kind: str, cuts: list[int]) -> None:
+    of_wheel, samples = case(kind)
+    parts = list(pieces(samples, list(range(100, len(samples), 100))))
+    core = WheelCore(of_wheel, model())
+    events = []
+    for number, part in enumerate(parts):
+        if number in cuts:
+            data = core.checkpoint().to_json()
+            core = WheelCore.resume(Checkpoint.from_json(data, "test"), of_wheel, model(), method="joint")
+            assert core.checkpoint().to_json() == data
+        events += core.feed(part, "p", number)
+    assert said([*events, *core.finish()]) == whole(kind)
+
+
+def test_what_is_carried_after_any_window_is_what_its_file_says() -> None:
+    """Otherwise a core that was resumed diagnoses from other numbers: those of the file have 12 digits."""
+    unseen = 0
+    for seed in range(3):
+        for event in WheelCore(wheel(), model()).feed(telemetry(12 * WINDOW, seed)):
+            if isinstance(event, WindowDiagnosed):
+                assert CarriedState.from_json(event.carried.to_json(), "test") == event.carried
+                base = event.carried.base_dry
+                unseen += base is not None and base.held < 1.0
+    assert unseen > 3  # windows that did not show the base dry friction, whose value is carried with doubt
+
+
+def test_a_checkpoint_of_before_windows_kept_their_samples_is_understood() -> None:
+    of_wheel, samples = case("given")
+    parts = list(pieces(samples, [1_500]))
+    core = WheelCore(of_wheel, model())
+    run_core(core, parts[:1])
+    now = core.checkpoint()
+    # What such a checkpoint held: the values of all slots of the open windows, and no samples of the windows.
+    slots = SlotsState.of(core._windows.ring, now.slots.begin, now.slots.begin)
+    before = now.model_copy(
+        update={"slots": slots, "windows": now.windows.model_copy(update={"gathered": None}), "screen": now.screen}
+    )
+    assert len(slots.values["speed_rad_s"]) > len(now.slots.values["speed_rad_s"])
+    resumed = WheelCore.resume(Checkpoint.from_json(before.to_json(), "test"), of_wheel, model(), method="joint")
+    assert messages(resumed, parts[1:]) == messages(core, parts[1:])
+
+
+def test_a_checkpoint_of_before_samples_were_written_as_bytes_is_understood_and_a_damaged_one_refused() -> None:
+    of_wheel, samples = case("given")
+    parts = list(pieces(samples, [1_500]))
+    core = WheelCore(of_wheel, model())
+    run_core(core, parts[:1])
+    content = json.loads(core.checkpoint().to_json())
+    (window,) = content["windows"]["gathered"]
+    (gathered,) = core.checkpoint().windows.gathered or ()
+    assert np.isnan(gathered.x).any()  # null, in such a file
+    listed = {
+        name: [None if np.isnan(value) else value for value in getattr(gathered, name).tolist()] for name in ("x", "z")
+    }
+
+    def read(samples: dict[str, object]) -> Checkpoint:
+        windows = content["windows"] | {"gathered": [window | samples]}
+        return Checkpoint.from_json(json.dumps(content | {"version": 1, "windows": windows}).encode(), "test")
+
+    resumed = WheelCore.resume(read(listed), of_wheel, model(), method="joint")
+    assert messages(resumed, parts[1:]) == messages(core, parts[1:])
+    endless = b64encode(np.array([np.inf]).tobytes()).decode()
+    for damaged in (window["x"][:-1], "AAAA", endless, "0.5", [0.1, "?"], [[0.1]], [10**400], {}, None):
+        with pytest.raises(InputError, match=r"gathered.*x"):
+            read({"x": damaged})
+
+
+def test_a_checkpoint_keeps_the_messages_that_wait() -> None:
+    samples = telemetry(WINDOW)
+    parts = list(pieces(samples, list(range(100, WINDOW, 100))))
+    core = WheelCore(wheel(), model())
+    for number in (0, 2, 3):
+        core.feed(parts[number], "p", number)
+    core.feed(parts[1], "other", 0)
+    resumed = WheelCore.resume(
+        Checkpoint.from_json(core.checkpoint().to_json(), "test"), wheel(), model(), method="joint"
+    )
+    assert resumed.counts == core.counts
+    resumed.feed(parts[1], "p", 1)
+    assert (resumed.counts.used, resumed.counts.rejected) == (400, 100)
+
+
+def test_a_checkpoint_that_counts_something_else_or_beyond_all_bounds_is_refused() -> None:
+    core = WheelCore(wheel(), model())
+    core.feed(telemetry(WINDOW)[:200])
+    whole = json.loads(core.checkpoint().to_json())
+    for key, value in (("counts", {"__class__": 1}), ("counts", {"used": -1}), ("counts", {"used": 2**60})):
+        data = json.dumps(whole | {key: value}).encode()
+        with pytest.raises(InputError, match="counts"):
+            WheelCore.resume(Checkpoint.from_json(data, "test"), wheel(), model(), method="joint")
+    for part, field in (("slots", "begin"), ("windows", "done"), ("grid", "origin_ns"), ("grid", "frontier")):
+        data = json.dumps(whole | {part: whole[part] | {field: 2**64}}).encode()
+        with pytest.raises(InputError, match=field):
+            Checkpoint.from_json(data, "test")
+
+
+def test_a_checkpoint_of_another_wheel_is_refused() -> None:
+    core = WheelCore(wheel(effects=True), model())
+    core.feed(telemetry(500))
+    with pytest.raises(InputError, match="does not fit"):
+        WheelCore.resume(core.checkpoint(), wheel(), model(), method="joint")
+    with pytest.raises(InputError, match="counts"):
+        Checkpoint.from_json(b'{"version":1,"source":"","said_missing":false}', "test")
+
+
+# ---- when windows close ----------------------------------------------------------------------------------------------
+
+
+def closed(events: list[object]) -> list[WindowDiagnosed]:
+    return [event for event in events if isinstance(event, WindowDiagnosed)]
+
+
+def test_a_window_closes_when_a_sample_beyond_it_comes() -> None:
+    samples = telemetry(WINDOW + 1)
+    core = WheelCore(wheel(), model())
+    assert closed(core.feed(samples[:WINDOW])) == []
+    (event,) = closed(core.feed(samples[WINDOW:]))
+    assert (event.start_ns, event.end_ns, event.partial) == (0, WINDOW * 125_000_000, False)
+    assert event.diagnosis.slots == WINDOW
+
+
+def test_a_window_of_derived_friction_waits_for_the_stencil() -> None:
+    # The Savitzky-Golay window of 2 s reaches 8 slots to either side at 8 Hz.
+    samples = telemetry(WINDOW + 20, given=False)
+    core = WheelCore(wheel(), model())
+    assert closed(core.feed(samples[: WINDOW + 8])) == []
+    (event,) = closed(core.feed(samples[WINDOW + 8 : WINDOW + 9]))
+    # The first slots have too few samples before them: a parabola through two less than 17 still tells enough.
+    assert event.diagnosis.good == WINDOW - 6
+
+
+def test_the_last_window_is_partial_unless_it_is_full() -> None:
+    for rows, expected in ((WINDOW, [False]), (WINDOW + 7, [False, True]), (90, [True])):
+        events = list(diagnose_samples(telemetry(rows), wheel(), model()))
+        assert [event.partial for event in events] == expected
+        assert sum(event.diagnosis.slots for event in events) == rows
+
+
+def test_of_overlapping_windows_the_last_partial_one_holds_all_that_is_left() -> None:
+    events = list(diagnose_samples(telemetry(2 * WINDOW + 100), wheel(WINDOW, WINDOW // 2), model()))
+    starts = [event.start_ns // 125_000_000 for event in events]
+    assert starts == [0, WINDOW // 2, WINDOW, 3 * WINDOW // 2]
+    assert [event.partial for event in events] == [False, False, False, True]
+    assert events[-1].diagnosis.slots == 2 * WINDOW + 100 - 3 * WINDOW // 2
+
+
+def test_a_clock_step_closes_the_open_window_as_it_is() -> None:
+    samples = telemetry(600)
+    later = Samples(samples.time_ns + 10 * WINDOW * 125_000_000, samples.speed_rad_s, samples.friction_torque_Nm)
+    core = WheelCore(wheel(), model())
+    core.feed(samples)
+    events = core.feed(later[:5])
+    assert [type(event) for event in events if not hasattr(event, "jump_Nm")] == [WindowDiagnosed, EpochStarted]
+    (window,) = closed(events)
+    assert (window.partial, window.diagnosis.slots) == (True, 600)
+
+
+def test_a_gap_inside_a_window_lowers_its_coverage() -> None:
+    samples = telemetry(WINDOW + 1)
+    keep = np.ones(len(samples), dtype=np.bool_)
+    keep[200:456] = False
+    (event,) = closed(WheelCore(wheel(), model()).feed(samples[keep]))
+    assert event.diagnosis.coverage == 0.75
+
+
+def test_a_window_with_too_few_samples_is_inconclusive_with_the_reason() -> None:
+    samples = telemetry(WINDOW + 1)
+    keep = np.arange(len(samples)) % 4 == 0
+    (event,) = closed(WheelCore(wheel(), model()).feed(samples[keep]))
+    assert event.diagnosis.verdict == "inconclusive"
+    assert "usable sample" in event.diagnosis.reason
+
+
+def test_jitter_of_less_than_half_a_slot_does_not_matter() -> None:
+    samples = telemetry(1_500)
+    rng = np.random.default_rng(2)
+    jitter = rng.integers(-50_000_000, 50_000_000, len(samples))
+    jitter[0] = 0
+    moved = Samples(samples.time_ns + jitter, samples.speed_rad_s, samples.friction_torque_Nm)
+    plain = said(list(diagnose_samples(samples, wheel(), model())))
+    assert said(list(diagnose_samples(moved, wheel(), model()))) == plain
+
+
+# ---- what friction comes from ----------------------------------------------------------------------------------------
+
+
+def test_without_friction_and_constants_there_is_one_clear_error() -> None:
+    tables = wheel().to_tables()
+    del tables["wheel"]["inertia_kg_m2"]
+    bare = Wheel.from_tables(tables, "bare")
+    core = WheelCore(bare, model())
+    with pytest.raises(InputError, match="friction_torque_Nm is missing"):
+        core.feed(telemetry(100, given=False))
+    assert core.counts.received == 0
+    core.feed(telemetry(100))
+    assert core.counts.used == 100
+
+
+def test_motor_torque_serves_as_well_as_current() -> None:
+    samples = telemetry(1_500, given=False)
+    constant = wheel().torque_constant_Nm_A
+    assert samples.motor_current_A is not None
+    assert constant is not None
+    torque = Samples(samples.time_ns, samples.speed_rad_s, motor_torque_Nm=constant * samples.motor_current_A)
+    current = Samples(samples.time_ns, samples.speed_rad_s, motor_current_A=samples.motor_current_A)
+    plain = said(list(diagnose_samples(current, wheel(), model())))
+    assert said(list(diagnose_samples(torque, wheel(), model()))) == plain
+
+
+def test_a_message_that_lacks_the_channel_is_masked_and_told_once() -> None:
+    samples = telemetry(300)
+    bare = Samples(samples.time_ns, samples.speed_rad_s, motor_current_A=samples.motor_current_A)
+    core = WheelCore(wheel(), model())
+    events = [*core.feed(samples[:100]), *core.feed(bare[100:200]), *core.feed(bare[200:])]
+    assert [event for event in events if isinstance(event, ChannelMissing)] == [ChannelMissing("friction_torque_Nm")]
+    assert (core.counts.used, core.counts.masked) == (100, 200)
+
+
+def test_effects_of_an_extended_wheel_are_taken_out_of_the_friction() -> None:
+    """Friction with a Stribeck term, seen with a wheel that knows it, is friction without, seen without."""
+    plain = telemetry(WINDOW)
+    strength, scale = 5e-4, 8.0
+    assert plain.friction_torque_Nm is not None
+    stribeck = strength * np.exp(-np.abs(plain.speed_rad_s / scale)) * np.sign(plain.speed_rad_s)
+    tables = wheel().to_tables()
+    tables["effect"] = [
+        {"name": "stribeck", "parameters": {"strength_Nm": strength, "stribeck_speed_rad_s": scale, "exponent": 1.0}}
+    ]
+    extended = Wheel.from_tables(tables, "extended")
+    seen = Samples(plain.time_ns, plain.speed_rad_s, plain.friction_torque_Nm + stribeck)
+    (with_effect,) = diagnose_samples(seen, extended, model())
+    (without,) = diagnose_samples(plain, wheel(), model())
+    # The derivative that effects may need has no value in the first and last eight slots; Stribeck does not ask for it.
+    assert with_effect.diagnosis.good == without.diagnosis.good
+    assert with_effect.diagnosis.base_dry.value == pytest.approx(without.diagnosis.base_dry.value, rel=1e-6)
+    assert with_effect.diagnosis.viscous.value == pytest.approx(without.diagnosis.viscous.value, rel=1e-6)
+
+
+def test_a_core_goes_on_after_its_end() -> None:
+    samples = telemetry(2 * WINDOW)
+    core = WheelCore(wheel(), model())
+    first = [*core.feed(samples[:700]), *core.finish()]
+    second = [*core.feed(samples[700:]), *core.finish()]
+    assert [event.diagnosis.slots for event in closed([*first, *second])] == [700, WINDOW, 2 * WINDOW - 700 - WINDOW]
+
+
+def test_joined_parts_are_the_whole() -> None:
+    samples = telemetry(500)
+    parts = list(pieces(samples, [100, 250]))
+    np.testing.assert_array_equal(concatenate(parts).speed_rad_s, samples.speed_rad_s)

@@ -1,0 +1,161 @@
+"""What a monitor holds in memory: its open windows, not what has passed, and no second copy of all of them."""
+
+from __future__ import annotations
+
+import gc
+import tracemalloc
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from functools import _lru_cache_wrapper
+from pathlib import Path
+from threading import Event
+
+from rwa_monitor.messages import samples_json
+from rwa_monitor.monitor.bus import BusOptions, Inbox, MonitorBus, open_session
+from rwa_monitor.monitor.earlier_run import Past, read_past
+from rwa_monitor.monitor.monitor import MAX_WHEELS, TICK_S, Clock, Monitor
+from rwa_monitor.monitor.recording.chain import recordings_of
+from rwa_monitor.monitor.recording.reader import MAX_FLEET_FILE_BYTES, read_recording
+from rwa_monitor.monitor.recording.recorder import FLUSH_PERIOD_S, MAX_FILE_AGE_S, Recorder
+from rwa_monitor.monitor.run_options import RunOptions
+from rwa_monitor.wheel.wheel import Wheel
+from tests.monitor.support import model, telemetry, wheel
+
+MESSAGE = 256  # samples of one
+SLOTS, MESSAGES = 80_000, 60  # of a window that is open, and those that fill a part of it
+
+
+class Driven:
+    """A monitor that records, on a bus inside this process, and whose clock goes only when it is told to."""
+
+    def __init__(self, folder: Path, of_wheel: Wheel, bus: MonitorBus, max_file_bytes: int) -> None:
+        self.now_s = 0.0
+        clock = Clock(wall_ns=lambda: round(self.now_s * 1e9), monotonic_s=lambda: self.now_s)
+        options = RunOptions(wheel=of_wheel, model=model(), record=folder, tell_verdicts=False)
+        recorder = Recorder(
+            folder,
+            wheel_toml=of_wheel.to_toml(),
+            model_json=model().to_json(),
+            settings=options.settings(),
+            predecessor=None,
+            wall_ns=clock.wall_ns,
+            max_file_bytes=max_file_bytes,
+        )
+        self.monitor = Monitor(options, bus, recorder, lambda _: None, clock)
+        self.monitor.begin(Past())
+        self.sent_bytes = 0
+
+    def send(self, wheels: int, messages: range) -> None:
+        """Send messages of each wheel, simulated once and told on with later times."""
+        slots = 40 * MESSAGE
+        for number in messages:
+            turn, start = divmod(number * MESSAGE, slots)
+            part = telemetry(slots)[start : start + MESSAGE]
+            shift_ns = turn * slots * wheel().period_ns
+            for place in range(wheels):
+                payload = samples_json(replace(part, time_ns=part.time_ns + shift_ns), "p", number)
+                self.monitor.receive(f"rwa/sat/wheel_{place}/samples", payload)
+                self.sent_bytes += len(payload)
+            self.now_s += FLUSH_PERIOD_S
+            self.monitor.tick()
+
+
+@contextmanager
+def driven(folder: Path, of_wheel: Wheel, max_file_bytes: int) -> Iterator[Driven]:
+    folder.mkdir()
+    with open_session(BusOptions()) as session, MonitorBus(session, Inbox()) as bus:
+        driver = Driven(folder, of_wheel, bus, max_file_bytes)
+        yield driver
+        driver.monitor.close()
+
+
+@contextmanager
+def traced() -> Iterator[None]:
+    """Count what Python and numpy allocate."""
+    gc.collect()
+    tracemalloc.start()
+    try:
+        yield
+    finally:
+        tracemalloc.stop()
+
+
+def peak_of_a_new_file(folder: Path, wheels: int) -> tuple[int, int]:
+    """Return the most bytes that a new recording takes while open windows are brought over, and its size then."""
+    with driven(folder, wheel(SLOTS), max_file_bytes=2**30) as driver:
+        driver.send(wheels, range(MESSAGES))
+        driver.now_s += MAX_FILE_AGE_S
+        with traced():
+            bring_over(driver, wheels)
+            peak = tracemalloc.get_traced_memory()[1]
+        assert len(recordings_of(folder)) == 2
+        return peak, recordings_of(folder)[1].stat().st_size
+
+
+def bring_over(driver: Driven, wheels: int) -> None:
+    """Let a recording that is old enough be ended, and all wheels be brought over into the next one."""
+    for _ in range(wheels + 1):
+        driver.now_s += TICK_S
+        driver.monitor.tick()
+
+
+def test_a_new_file_takes_the_memory_of_one_checkpoint_however_many_wheels_there_are(tmp_path: Path) -> None:
+    """All at once, those of fifty wheels took 140 MB for ten seconds: the soak's memory rose with each higher peak."""
+    few, size_of_few = peak_of_a_new_file(tmp_path / "few", 4)
+    many, size_of_many = peak_of_a_new_file(tmp_path / "many", 16)
+    assert size_of_many > 3.5 * size_of_few  # else the checkpoints are not what fills it
+    assert many < 1.5 * few
+    # A file grows to twice what it begins with; that of as many wheels as one process takes is still read again.
+    full = (size_of_many - size_of_few) / 12 * SLOTS / (MESSAGES * MESSAGE)
+    assert 2.0 * full * MAX_WHEELS < MAX_FLEET_FILE_BYTES
+
+
+def passing_of_a_restart(folder: Path, wheels: int) -> int:
+    """Return the bytes that going on from a recording takes, and gives back when it is done."""
+    with driven(folder, wheel(SLOTS), max_file_bytes=2**30) as driver:
+        driver.send(wheels, range(MESSAGES))
+        driver.now_s += MAX_FILE_AGE_S
+        bring_over(driver, wheels)
+        driver.send(wheels, range(MESSAGES, MESSAGES + 10))
+    setup = RunOptions(wheel=wheel(SLOTS), model=model()).setup()
+    with traced():
+        past = read_past(folder, setup, Event(), lambda _: None)
+        held, peak = tracemalloc.get_traced_memory()
+    assert len(past.cores) == wheels
+    return peak - held
+
+
+def test_a_restart_takes_the_memory_of_the_cores_and_not_of_the_recording(tmp_path: Path) -> None:
+    """When a recording was read whole first, that of 400 full windows took 5 GB, and their cores one."""
+    # Of eight wheels the recording is larger already than the piece that is read at a time.
+    few, many = passing_of_a_restart(tmp_path / "few", 8), passing_of_a_restart(tmp_path / "many", 24)
+    assert many < 1.5 * few
+
+
+def held_bytes() -> int:
+    """Return what is allocated now, without what functions remember by their arguments: that has bounds of its own."""
+    for found in gc.get_objects():
+        if isinstance(found, _lru_cache_wrapper):
+            found.cache_clear()
+    gc.collect()
+    return tracemalloc.get_traced_memory()[0]
+
+
+def test_nothing_is_kept_of_windows_that_were_closed_and_of_files_that_were_ended(tmp_path: Path) -> None:
+    folder = tmp_path / "recordings"
+    with driven(folder, wheel(), max_file_bytes=100_000) as driver, traced():
+        driver.send(2, range(24))
+        held, sent_bytes, files = held_bytes(), driver.sent_bytes, len(recordings_of(folder))
+        driver.send(2, range(24, 104))
+        grown, heard_bytes = held_bytes() - held, driver.sent_bytes - sent_bytes
+    ended = recordings_of(folder)[files:]
+    assert len(ended) > 10
+    said_bytes = sum(
+        len(message.data)
+        for path in ended
+        for message in read_recording(path).messages
+        if not message.topic.endswith("/samples")
+    )
+    # A quarter of the smaller one: what is open at the two moments differs a little.
+    assert grown < 0.25 * min(said_bytes, heard_bytes)

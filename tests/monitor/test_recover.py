@@ -1,0 +1,185 @@
+"""Recover: what a cut or damaged recording still holds is saved, nothing false, and what is lost is told."""
+
+from __future__ import annotations
+
+import tracemalloc
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from rwa_monitor.cli.main import main as program
+from rwa_monitor.errors import InputError
+from rwa_monitor.messages import samples_json
+from rwa_monitor.monitor.recording import file_bytes
+from rwa_monitor.monitor.recording import reader as recording_module
+from rwa_monitor.monitor.recording.reader import read_recording
+from rwa_monitor.monitor.recording.recover import recover
+from rwa_monitor.monitor.recording.writer import RecordingWriter
+from rwa_monitor.monitor.replay import replay
+from rwa_monitor.samples import IntArray, Samples
+from tests.monitor.recordings import write_file
+
+
+def test_recover_saves_what_a_cut_file_holds(whole: tuple[Path, list[bytes]]) -> None:
+    path, payloads = whole
+    cut, saved = path.with_name("cut.mcap"), path.with_name("saved.mcap")
+    cut.write_bytes(path.read_bytes()[:60_000])
+    recovery = recover(cut, saved)
+    recording = read_recording(saved)
+    assert recording.finished
+    assert recording.problems == []
+    assert len(recovery.lost) == 1
+    assert recovery.messages == len(recording.messages) == 200
+    assert [message.data for message in recording.messages] == payloads[: recovery.messages]
+    assert recording.messages == read_recording(cut).messages
+    assert recording.settings() == {"a": 1}
+
+
+def recovered_messages(source: Path, target: Path) -> tuple[list[bytes], int]:
+    """Run the command; return what it saved, and its exit code."""
+    code = 0
+    try:
+        program(["recover", str(source), "-o", str(target)], standalone_mode=True)
+    except SystemExit as ended:
+        code = int(ended.code or 0)
+    saved = [message.data for message in read_recording(target).messages] if target.exists() else []
+    target.unlink(missing_ok=True)
+    return saved, code
+
+
+def test_recover_on_every_cut_of_a_small_file_gives_true_messages_and_exit_3(tmp_path: Path) -> None:
+    path, cut, target = tmp_path / "small.mcap", tmp_path / "cut.mcap", tmp_path / "saved.mcap"
+    payloads = write_file(path, messages=4, flush_every=2)
+    data = path.read_bytes()
+    counts = []
+    for length in range(8, len(data)):
+        cut.write_bytes(data[:length])
+        recording = read_recording(cut)
+        got = [message.data for message in recording.messages]
+        assert got == payloads[: len(got)]
+        assert not recording.finished
+        counts.append(len(got))
+        if length % 997:
+            continue
+        recovery = recover(cut, target)
+        assert recovery.lost
+        saved = read_recording(target)
+        assert saved.finished
+        assert [message.data for message in saved.messages] == got
+        target.unlink()
+    assert counts == sorted(counts)
+    assert set(counts) == {0, 2, 4}
+    for length in (9, len(data) // 2, len(data) - 1):
+        cut.write_bytes(data[:length])
+        assert recovered_messages(cut, target) == (payloads[: counts[length - 8]], 3)
+    assert recovered_messages(path, target) == (payloads, 0)
+
+
+def test_recover_on_every_flipped_byte_of_a_small_file_gives_only_true_messages(tmp_path: Path) -> None:
+    path, damaged, target = tmp_path / "small.mcap", tmp_path / "damaged.mcap", tmp_path / "saved.mcap"
+    payloads = write_file(path, messages=4, flush_every=2)
+    data = path.read_bytes()
+    rng = np.random.default_rng(3)
+    summary = data.index(b"rwa.Status", len(data) // 4)  # from there on it only repeats: every seventh byte will do
+    for position in (*range(8, summary), *range(summary, len(data), 7)):
+        broken = bytearray(data)
+        broken[position] ^= 1 << int(rng.integers(8))
+        damaged.write_bytes(broken)
+        recording = read_recording(damaged)
+        got = [message.data for message in recording.messages]
+        assert got in (payloads, payloads[:2], payloads[2:])
+        assert recording.problems or got == payloads
+        if position % 997:
+            continue
+        recovery = recover(damaged, target)
+        assert [message.data for message in read_recording(target).messages] == got
+        assert recovery.lost or got == payloads
+        target.unlink()
+
+
+def test_recover_says_nothing_is_lost_when_nothing_is(whole: tuple[Path, list[bytes]]) -> None:
+    path, payloads = whole
+    recovery = recover(path, path.with_name("copy.mcap"))
+    assert (recovery.messages, recovery.lost) == (len(payloads), ())
+
+
+def test_recover_takes_the_memory_of_a_piece_however_large_a_file_is(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(file_bytes, "PIECE_BYTES", 2**16)
+
+    def peak(messages: int) -> int:
+        path = tmp_path / f"{messages}.mcap"
+        payloads = write_file(path, messages, flush_every=50)
+        tracemalloc.start()
+        assert recover(path, path.with_suffix(".saved")).messages == len(payloads)
+        found = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        return found
+
+    peak(10)  # what is made once
+    assert peak(4_000) < 1.5 * peak(1_000)
+
+
+def test_a_recording_too_large_to_be_read_whole_is_replayed_and_recovered(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = Path("replay") / "nominal" / "rwa-000001.mcap"
+    expected = replay(path)
+    monkeypatch.setattr(recording_module, "MAX_WORK_BYTES", 0)
+    monkeypatch.setattr(recording_module, "MAX_WORK_SHARE", 1)
+    with pytest.raises(InputError, match="copied and unpacked"):
+        read_recording(path)
+    assert replay(path) == expected
+    assert expected.equal
+    recovery = recover(path, tmp_path / "saved.mcap")
+    assert not recovery.lost
+    assert replay(tmp_path / "saved.mcap").messages == expected.messages
+
+
+def test_recover_leaves_nothing_behind_of_what_is_no_recording(tmp_path: Path) -> None:
+    source, target = tmp_path / "table.csv", tmp_path / "saved.mcap"
+    source.write_text("time_s,speed_rad_s\n")
+    with pytest.raises(InputError, match="no MCAP"):
+        recover(source, target)
+    assert not target.exists()
+
+
+def test_recover_tells_the_time_that_is_saved_and_lost(tmp_path: Path) -> None:
+    path, saved, again = tmp_path / "holes.mcap", tmp_path / "saved.mcap", tmp_path / "again.mcap"
+    wheels = ("rwa/sat/wheel_1/samples", "rwa/sat/wheel_2/samples")
+    writer = RecordingWriter(path, {}, lambda: 4)
+    second = 1_000_000_000
+    for number in range(30):
+        for topic, offset_s in zip(wheels, (0, 50), strict=True):  # each has a clock of its own
+            times = np.array([number, number + 0.5]) * second + offset_s * second
+            writer.write(topic, "rwa.Samples", samples_json(a_wheel_at(times.astype(np.int64)), "p", number), number)
+        if number % 10 == 9:
+            writer.sync()
+    writer.close()
+    data = bytearray(path.read_bytes())
+    chunks = [at for at in range(len(data)) if data[at : at + 8] == b"\x04\x00\x00\x00zstd"]
+    data[chunks[1] + 40] ^= 0xFF
+    damaged = tmp_path / "damaged.mcap"
+    damaged.write_bytes(data)
+    assert recover(damaged, saved).spans == (
+        "sat/wheel_1: samples of 0.000 s to 29.500 s are saved; 10 messages between 9.500 s and 20.000 s are lost",
+        "sat/wheel_2: samples of 50.000 s to 79.500 s are saved; 10 messages between 59.500 s and 70.000 s are lost",
+    )
+    damaged.write_bytes(path.read_bytes()[: chunks[2]])
+    assert recover(damaged, again).spans[0] == (
+        "sat/wheel_1: samples of 0.000 s to 19.500 s are saved; what came later is lost"
+    )
+
+
+def a_wheel_at(time_ns: IntArray) -> Samples:
+    return Samples(time_ns=time_ns, speed_rad_s=np.ones(len(time_ns)), friction_torque_Nm=np.ones(len(time_ns)))
+
+
+def test_recover_overwrites_nothing(whole: tuple[Path, list[bytes]]) -> None:
+    path, _ = whole
+    before = path.read_bytes()
+    with pytest.raises(InputError, match="exists already"):
+        recover(path, path)
+    assert path.read_bytes() == before

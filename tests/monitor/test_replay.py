@@ -1,0 +1,223 @@
+"""Replay: the references give again what they hold, and what was tampered with is found."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from mcap.writer import Writer
+
+from benchmarks import references
+from rwa_monitor.errors import InputError
+from rwa_monitor.messages import Diagnosis
+from rwa_monitor.monitor.recording.chain import recordings_of
+from rwa_monitor.monitor.recording.reader import RecordedMessage, Recording, read_recording
+from rwa_monitor.monitor.recording.recover import recover
+from rwa_monitor.monitor.replay import Report, replay
+
+REPLAY = Path(__file__).parents[2] / "replay"
+BY_NAME = {reference.name: reference for reference in references.REFERENCES}
+
+
+@pytest.mark.parametrize("name", BY_NAME)
+def test_a_reference_gives_again_what_it_holds(name: str) -> None:
+    report = replay(REPLAY / name)
+    assert report.equal, report.long()
+    assert report.unreadable == ()
+    assert report.compared["rwa.Diagnosis"] >= 3
+    assert report.compared["rwa.Changepoints"] >= 10
+
+
+def test_from_a_time_on_the_same_is_told_and_all_is_compared() -> None:
+    def window_ends(report: Report) -> list[int]:
+        return [json.loads(message)["window_end_ns"] for topic, message in report.messages if "/diagnosis" in topic]
+
+    whole = replay(REPLAY / "nominal")
+    half = len(window_ends(whole)) // 2
+    late = replay(REPLAY / "nominal", from_ns=window_ends(whole)[half])
+    assert late.compared == whole.compared
+    assert set(late.messages) < set(whole.messages)
+    assert window_ends(late) == window_ends(whole)[half:]
+
+
+@pytest.mark.parametrize("name", BY_NAME)
+def test_the_interesting_thing_happens_in_a_reference(name: str) -> None:
+    seen = references.summary(REPLAY / name)
+    assert references.missing(BY_NAME[name], seen) == []
+
+
+def test_the_manifest_says_what_the_references_hold() -> None:
+    manifest = json.loads((REPLAY / references.MANIFEST).read_text(encoding="utf-8"))["recordings"]
+    assert {folder.name for folder in REPLAY.iterdir() if folder.is_dir()} == set(manifest) == set(BY_NAME)
+    for name, written in manifest.items():
+        assert written == {"about": BY_NAME[name].about, **references.summary(REPLAY / name)}
+
+
+def test_the_same_code_makes_the_same_bytes(tmp_path: Path) -> None:
+    for folder in (tmp_path / "one", tmp_path / "two"):
+        references.make(BY_NAME["bad_day"], folder)
+    assert references.summary(tmp_path / "one") == references.summary(tmp_path / "two")
+
+
+def test_samples_add_up_in_every_status_of_the_bad_day() -> None:
+    statuses = [
+        json.loads(message.data)
+        for path in recordings_of(REPLAY / "bad_day")
+        for message in read_recording(path).messages
+        if message.schema == "rwa.Status"
+    ]
+    assert len(statuses) > 5
+    for status in statuses:
+        parts = ("used", "masked", "late", "duplicate", "rejected", "queued")
+        assert status["samples_received"] == sum(status[f"samples_{part}"] for part in parts)
+
+
+# ---- what was tampered with ------------------------------------------------------------------------------------------
+
+
+def rewrite(path: Path, change: Callable[[RecordedMessage], bytes | None]) -> None:
+    """Write a recording again with some messages changed, or left out where `change` returns None."""
+    recording: Recording = read_recording(path)
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        for name, data in recording.attachments.items():
+            writer.add_attachment(0, 0, name, "", data)
+        schemas: dict[str, int] = {}
+        channels: dict[str, int] = {}
+        for message in recording.messages:
+            data = change(message)
+            if data is None:
+                continue
+            if message.schema not in schemas:
+                schemas[message.schema] = writer.register_schema(message.schema, "", b"")
+            if message.topic not in channels:
+                channels[message.topic] = writer.register_channel(message.topic, "json", schemas[message.schema])
+            writer.add_message(channels[message.topic], message.log_time, data, message.publish_time)
+        writer.finish()  # type: ignore[no-untyped-call]
+
+
+@pytest.fixture
+def copy(tmp_path: Path) -> Path:
+    """A copy of the nominal reference."""
+    shutil.copytree(REPLAY / "nominal", tmp_path / "copy")
+    return next((tmp_path / "copy").glob("*.mcap"))
+
+
+def is_diagnosis(message: RecordedMessage) -> bool:
+    return message.schema == Diagnosis.schema_name()
+
+
+def test_an_untouched_copy_written_again_is_equal(copy: Path) -> None:
+    rewrite(copy, lambda message: message.data)
+    report = replay(copy)
+    assert report.equal
+    # Another processor may differ from the one that made the references in the last bits, with either of them.
+    assert report.bytes_equal == replay(REPLAY / "nominal").bytes_equal
+
+
+def test_a_changed_diagnosis_is_found_and_counted_by_field(copy: Path) -> None:
+    def change(message: RecordedMessage) -> bytes:
+        content = json.loads(message.data)
+        if is_diagnosis(message):
+            content["fit"]["rmse_Nm"] *= 1.0 + 1e-7
+        return json.dumps(content).encode()
+
+    rewrite(copy, change)
+    report = replay(copy)
+    assert not report.equal
+    assert report.fields == {"fit.rmse_Nm": 3}
+    assert "3 × fit.rmse_Nm" in report.short()
+    assert len(report.long().splitlines()) == 4
+
+
+def test_the_last_bits_may_differ_but_are_told(copy: Path) -> None:
+    def change(message: RecordedMessage) -> bytes:
+        content = json.loads(message.data)
+        if is_diagnosis(message):
+            content["fit"]["rmse_Nm"] *= 1.0 + 1e-12
+        return json.dumps(content, separators=(",", ":")).encode()
+
+    rewrite(copy, change)
+    report = replay(copy)
+    assert report.equal
+    assert not report.bytes_equal
+    assert "bytes differ" in report.short()
+
+
+def test_a_missing_diagnosis_is_found(copy: Path) -> None:
+    removed: list[RecordedMessage] = []
+
+    def change(message: RecordedMessage) -> bytes | None:
+        if is_diagnosis(message) and not removed:
+            removed.append(message)
+            return None
+        return message.data
+
+    rewrite(copy, change)
+    assert not replay(copy).equal
+
+
+def test_a_missing_input_is_found(copy: Path) -> None:
+    inputs = 0
+
+    def change(message: RecordedMessage) -> bytes | None:
+        nonlocal inputs
+        inputs += message.schema == "rwa.Samples"
+        return None if message.schema == "rwa.Samples" and inputs == 15 else message.data
+
+    rewrite(copy, change)
+    assert not replay(copy).equal
+
+
+def test_a_recording_without_a_window_is_no_success(copy: Path) -> None:
+    rewrite(copy, lambda message: None)
+    report = replay(copy)
+    assert not report.equal
+    assert "nothing could be compared" in report.short()
+    assert any("no closed window" in note for note in report.notes)
+
+
+def test_a_damaged_chunk_is_told_and_the_rest_compared(copy: Path) -> None:
+    data = copy.read_bytes()
+    copy.write_bytes(data[: len(data) * 3 // 4])
+    report = replay(copy)
+    assert report.unreadable
+    assert report.equal
+    saved = copy.with_name("saved.mcap")
+    recover(copy, saved)
+    assert replay(saved).compared == report.compared
+
+
+def test_a_chain_is_checked_link_by_link(tmp_path: Path) -> None:
+    folder = tmp_path / "chain"
+    shutil.copytree(REPLAY / "bad_day", folder)
+    first, second = recordings_of(folder)
+    assert replay([first, second]).equal
+    swapped = replay([second, first])
+    assert any("names no predecessor" in note for note in swapped.notes)
+    # Each alone is sound as well: a recording begins with a checkpoint.
+    assert replay(first).equal
+    alone = replay(second)
+    assert alone.equal
+    assert any(first.name in note for note in alone.notes)
+    first.write_bytes(first.read_bytes() + b"\0")
+    touched = replay(folder)
+    assert not touched.equal
+    assert "is not the file" in touched.long()
+
+
+def test_what_is_no_recording_of_ours_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "other.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        writer.finish()  # type: ignore[no-untyped-call]
+    with pytest.raises(InputError, match=r"settings\.json"):
+        replay(path)
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(InputError, match="holds no recording"):
+        replay(tmp_path / "empty")

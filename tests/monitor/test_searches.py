@@ -1,0 +1,214 @@
+"""A wheel whose model does not fit is searched in another process; the report is published, recorded and replayed."""
+
+from __future__ import annotations
+
+import errno
+import json
+import signal
+import threading
+import time
+from multiprocessing import active_children
+from multiprocessing.context import SpawnProcess
+from multiprocessing.process import BaseProcess
+from pathlib import Path
+from threading import Event, Thread
+
+import numpy as np
+import pytest
+
+from rwa_monitor.diagnosis.model import built_in_model
+from rwa_monitor.messages import Discrepancy, samples_json
+from rwa_monitor.monitor.bus import BusOptions, open_session
+from rwa_monitor.monitor.publisher import publish
+from rwa_monitor.monitor.recording.chain import recordings_of
+from rwa_monitor.monitor.recording.reader import read_recording
+from rwa_monitor.monitor.replay import replay
+from rwa_monitor.monitor.run_options import RunOptions
+from rwa_monitor.monitor.searches import HAND_OVER, Searches, SearchJob, search_message
+from rwa_monitor.monitor.service import run
+from rwa_monitor.monitor.wheel_set import WheelSet
+from rwa_monitor.samples import Samples
+from rwa_monitor.simulation.datasets import scaled_wheel
+from rwa_monitor.simulation.motion import SpeedProfile
+from rwa_monitor.simulation.record import simulate
+from rwa_monitor.simulation.scenario import Scenario
+from rwa_monitor.wheel.wheel import EffectBlock, Wheel, Window, built_in_wheel
+from tests.monitor.processes import wait_for
+
+SLOTS = 8_000
+# A search of 8,000 slots takes about 5 s on an idle machine, and where all cores are busy ten times its share of them:
+# it lets others go before it (searches.NICENESS). This catches a hang.
+LIMIT_S = 500.0
+
+
+def small_wheel() -> Wheel:
+    """Return the built-in wheel with windows a tenth as long and systems ten times as lively."""
+    window = Window(samples=SLOTS, hop=SLOTS, dead_band_rad_s=1.0)
+    return scaled_wheel(built_in_wheel(), 0.1).model_copy(update={"window": window})
+
+
+def telemetry(windows: int) -> Samples:
+    """Simulate a wheel with windage, as if its housing leaked, that its constants do not know."""
+    effect = EffectBlock(name="quadratic_drag", parameters={"strength_Nm_s2_rad2": 3.0e-8})
+    scenario = Scenario(duration_s=windows * SLOTS * 0.125 + 20.0, speed=SpeedProfile(kind="rich"), effect=(effect,))
+    return simulate(scenario, small_wheel(), np.random.default_rng(12)).samples
+
+
+def batches(samples: Samples) -> list[bytes]:
+    """Cut samples into messages of 250."""
+    return [samples_json(samples[i : i + 250], "p", n) for n, i in enumerate(range(0, len(samples), 250))]
+
+
+def wait_for_output(searches: Searches) -> list[Discrepancy]:
+    """Poll until an answer is there."""
+    end_s = time.monotonic() + LIMIT_S
+    while time.monotonic() < end_s:
+        outputs = searches.poll()
+        if outputs:
+            return [Discrepancy.parse(output.payload, output.key) for output in outputs]
+        Event().wait(0.05)
+    raise AssertionError("no answer in time")
+
+
+@pytest.mark.slow
+def test_two_inadequate_windows_are_searched_once(tmp_path: Path) -> None:
+    said: list[str] = []
+    searches = Searches(WheelSet(small_wheel()), tmp_path, said.append)
+    try:
+        searches.take_diagnosis("sat", "a", adequate=False)
+        for payload in batches(telemetry(1)):
+            searches.take_input("sat", "a", payload)
+        searches.take_diagnosis("sat", "a", adequate=False)
+        (message,) = wait_for_output(searches)
+        assert message.verdict == "inadequate"
+        assert message.effects[0].name == "quadratic_drag"
+        folder = tmp_path / "discrepancy" / "sat" / "a"
+        assert Wheel.from_toml((folder / "extended_wheel.toml").read_text(), "x").effect[0].name == "quadratic_drag"
+        assert (folder / "report.html").read_text().startswith("<!doctype html>")
+        searches.take_diagnosis("sat", "a", adequate=False)
+        assert searches.poll() == []
+    finally:
+        searches.close()
+
+
+def test_an_adequate_window_in_between_starts_again(tmp_path: Path) -> None:
+    searches = Searches(WheelSet(small_wheel()), tmp_path, lambda _: None)
+    for adequate in (False, True, False):
+        searches.take_diagnosis("sat", "a", adequate=adequate)
+        searches.take_input("sat", "a", b"{}")
+    assert searches.poll() == []
+    searches.close()
+
+
+def test_samples_that_cannot_be_searched_are_told_and_nothing_is_published(tmp_path: Path) -> None:
+    said: list[str] = []
+    searches = Searches(WheelSet(small_wheel()), tmp_path, said.append)
+    try:
+        searches.take_diagnosis("sat", "a", adequate=False)
+        few = Samples(np.arange(5) * 125_000_000, np.full(5, 100.0), np.full(5, 1e-3))
+        searches.take_input("sat", "a", samples_json(few, "p", 0))
+        searches.take_diagnosis("sat", "a", adequate=False)
+        end_s = time.monotonic() + LIMIT_S
+        while not any("could not be made" in line for line in said) and time.monotonic() < end_s:
+            assert searches.poll() == []
+            Event().wait(0.05)
+        assert "only 5 good samples" in said[-1]
+    finally:
+        searches.close()
+
+
+def begun(searches: Searches, copies: int = 1) -> BaseProcess:
+    """Begin a search of a window that came so many times; returns its process."""
+    searches.take_diagnosis("sat", "a", adequate=False)
+    for payload in copies * batches(telemetry(1)):
+        searches.take_input("sat", "a", payload)
+    searches.take_diagnosis("sat", "a", adequate=False)
+    before = set(active_children())
+    assert searches.poll() == []
+    (child,) = set(active_children()) - before
+    return child
+
+
+def test_nobody_waits_until_the_process_takes_its_samples(tmp_path: Path) -> None:
+    searches = Searches(WheelSet(small_wheel()), tmp_path, lambda _: None)
+    try:
+        begun(searches, copies=20)  # more than a pipe holds: its process takes them when it has imported what it needs
+        assert [thread.name for thread in threading.enumerate()].count(HAND_OVER) == 1
+    finally:
+        searches.close()
+    wait_for(lambda: HAND_OVER not in {thread.name for thread in threading.enumerate()}, "the thread to end")
+
+
+def test_where_no_process_can_be_started_that_is_said_and_the_next_one_is_tried(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refused(_: object) -> None:
+        raise BlockingIOError(errno.EAGAIN, "Resource temporarily unavailable")
+
+    said: list[str] = []
+    searches = Searches(WheelSet(small_wheel()), tmp_path, said.append)
+    with monkeypatch.context() as patched:
+        patched.setattr(SpawnProcess, "start", refused)
+        for _ in range(2):
+            searches.take_diagnosis("sat", "a", adequate=False)
+            searches.take_input("sat", "a", b"{}")
+        assert searches.poll() == []
+        assert said[-1] == "sat/a: no process for a discrepancy search: Resource temporarily unavailable"
+    try:
+        searches.take_diagnosis("sat", "a", adequate=True)
+        begun(searches)
+    finally:
+        searches.close()
+
+
+def test_close_ends_a_running_search_at_once(tmp_path: Path) -> None:
+    searches = Searches(WheelSet(small_wheel()), tmp_path, lambda _: None)
+    child = begun(searches)
+    searches.close()
+    child.join(LIMIT_S)
+    assert child.exitcode == -signal.SIGKILL  # it was not waited for until it had its answer
+
+
+def test_a_search_whose_process_is_killed_is_told(tmp_path: Path) -> None:
+    said: list[str] = []
+    searches = Searches(WheelSet(small_wheel()), tmp_path, said.append)
+    begun(searches).kill()  # as the system does where memory is short
+    wait_for(lambda: searches.poll() == [] and "ended without an answer" in said[-1], "the word that it has ended")
+    assert said[-1] == "a discrepancy search ended without an answer (exit code -9)"
+    searches.close()
+
+
+@pytest.mark.slow
+def test_the_same_job_gives_the_same_message() -> None:
+    job = SearchJob("sat", "a", small_wheel().to_toml(), tuple(batches(telemetry(1))))
+    assert search_message(job).to_json() == search_message(job).to_json()
+
+
+def test_live_search_is_published_recorded_and_verified(tmp_path: Path) -> None:
+    """From samples on a bus to a named cause: three windows of a wheel that its model does not fit."""
+    heard: list[bytes] = []
+    stop, found = Event(), Event()
+
+    def listen(sample: object) -> None:
+        heard.append(bytes(sample.payload))  # type: ignore[attr-defined]
+        found.set()
+
+    options = RunOptions(wheel=small_wheel(), model=built_in_model(), record=tmp_path)
+    with open_session(BusOptions()) as session:
+        subscriber = session.declare_subscriber("rwa/sat/a/discrepancy", listen)
+        monitor = Thread(target=run, args=(options, stop), kwargs={"session": session, "say": lambda _: None})
+        monitor.start()
+        publish({"rwa/sat/a/samples": telemetry(3)}, session, speed=float("inf"), batch_samples=250, stop=Event())
+        heard_in_time = found.wait(LIMIT_S)
+        stop.set()
+        monitor.join(LIMIT_S)
+        subscriber.undeclare()
+    assert heard_in_time
+    message = json.loads(heard[0])
+    assert message["effects"][0]["name"] == "quadratic_drag"
+    (path,) = recordings_of(tmp_path)
+    recorded = [m for m in read_recording(path).messages if m.schema == Discrepancy.schema_name()]
+    assert [m.data for m in recorded] == heard
+    report = replay(tmp_path)
+    assert report.compared[Discrepancy.schema_name()] == 1
+    assert report.equal

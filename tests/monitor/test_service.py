@@ -1,0 +1,435 @@
+"""The service as a whole: real Zenoh, real files, real processes."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+import signal
+import subprocess
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+from threading import Event, Thread
+from typing import Any
+
+import numpy as np
+import pytest
+import zenoh
+
+from rwa_monitor.build import build
+from rwa_monitor.errors import InputError
+from rwa_monitor.messages import SamplesMessage, samples_json
+from rwa_monitor.monitor.bus import BusOptions, open_session
+from rwa_monitor.monitor.ingest.backfill import Arrival, arrival_of
+from rwa_monitor.monitor.publisher import ReliablePublisher, SamplesPublisher, publish
+from rwa_monitor.monitor.recording.chain import read_chain, recordings_of
+from rwa_monitor.monitor.recording.reader import read_recording
+from rwa_monitor.monitor.replay import replay, replay_to_bus
+from rwa_monitor.monitor.run_options import RunOptions
+from rwa_monitor.monitor.service import run
+from rwa_monitor.samples import Samples
+from rwa_monitor.telemetry.table import read_table
+from rwa_monitor.version import SOFTWARE
+from tests.monitor.processes import PATIENCE_S, Listener, command, process, wait_for, wait_until_it_monitors
+from tests.monitor.support import (
+    KEY,
+    WINDOW,
+    batch_diagnoses,
+    free_port,
+    model,
+    spoiled,
+    telemetry,
+    wheel,
+)
+
+STOP_S = 2.0  # the promise
+SLACK = 5.0
+
+
+def options(**changes: Any) -> RunOptions:
+    return RunOptions(**{"wheel": wheel(), "model": model(), "status_period_s": 0.05, **changes})
+
+
+@contextmanager
+def monitor(session: zenoh.Session, run_options: RunOptions) -> Iterator[list[str]]:
+    """Run the monitor in a thread on an embedded session; yields what it says to its user."""
+    stop, talk, failed = Event(), [], []
+
+    def target() -> None:
+        try:
+            run(run_options, stop, session=session, say=talk.append)
+        except BaseException as error:  # noqa: BLE001 - told to the test below
+            failed.append(error)
+
+    thread = Thread(target=target)
+    thread.start()
+    try:
+        wait_for(lambda: bool(failed) or any("monitoring" in line for line in talk), "the monitor")
+        yield talk
+    finally:
+        stop.set()
+        thread.join(PATIENCE_S)
+        assert not thread.is_alive()
+    if failed:
+        raise failed[0]
+
+
+def adds_up(status: dict[str, Any]) -> bool:
+    parts = ("used", "masked", "late", "duplicate", "rejected", "queued")
+    return bool(status["samples_received"] == sum(status[f"samples_{part}"] for part in parts))
+
+
+def statuses(listener: Listener) -> dict[str, dict[str, Any]]:
+    """Return the last status of each wheel."""
+    return {status["wheel"]: status for status in map(json.loads, listener.kind("status"))}
+
+
+# ---- in one process, on an embedded bus ------------------------------------------------------------------------------
+
+
+def test_an_embedded_monitor_says_what_the_batch_says_and_its_recording_replays(tmp_path: Path) -> None:
+    telemetries = {f"rwa/sat/wheel_{n}/samples": spoiled(telemetry(3 * WINDOW, n), n) for n in (1, 2)}
+    with open_session(BusOptions()) as session:
+        listener = Listener(session)
+        with monitor(session, options(record=tmp_path)) as talk:
+            sent = publish(telemetries, session, speed=math.inf, linger_s=0.0)
+            wait_for(lambda: len(listener.kind("diagnosis")) >= 4, "four diagnoses")
+            replies = {str(reply.ok.key_expr): reply.ok.payload.to_bytes() for reply in session.get("rwa/**/health")}
+            wait_for(lambda: sum(s["samples_received"] for s in statuses(listener).values()) == sent, "all samples")
+        latest = statuses(listener)
+    assert sent == sum(len(samples) for samples in telemetries.values())
+    assert sum(status["samples_received"] for status in latest.values()) == sent
+    assert all(adds_up(status) for status in latest.values())
+    assert set(replies) == {"rwa/sat/wheel_1/health", "rwa/sat/wheel_2/health"}
+    assert all(json.loads(payload)["window_end_ns"] == 2 * WINDOW * 125_000_000 for payload in replies.values())
+    first = [payload for payload in listener.kind("diagnosis") if b'"wheel":"wheel_1"' in payload]
+    assert first == batch_diagnoses(telemetries[KEY], wheel())
+    report = replay(tmp_path)
+    assert report.equal, report.long()
+    assert report.bytes_equal
+    assert report.compared["rwa.Diagnosis"] == 4
+    told = [line for line in talk if line.startswith("sat/wheel_1: ")]
+    verdicts = [json.loads(payload)["verdict"] for payload in first]
+    assert len(told) == 1 + sum(before != after for before, after in pairwise(verdicts))  # what is news, nothing twice
+    assert f": {verdicts[0]}: {json.loads(first[0])['reason']}" in told[0]
+    assert talk[-1] == "stopped: 4 windows of 2 wheels diagnosed"
+    settings = [recording.settings() for recording in read_chain(tmp_path)]
+    assert {(one["software"], one["build"]) for one in settings} == {(SOFTWARE, build())}
+
+
+def test_a_bus_that_is_gone_is_told_once_and_so_is_its_return() -> None:
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    bus = BusOptions(connect=(endpoint,))
+    with open_session(bus) as session, monitor(session, options(bus=bus)) as talk:
+        wait_for(lambda: any("The bus is gone" in line for line in talk), "the word that nobody is there")
+        with open_session(BusOptions(listen=(endpoint,))):
+            wait_for(lambda: "connected to the bus again" in talk, "the word that somebody is")
+            told = list(talk)  # before it is gone once more
+    assert sum(endpoint in line for line in told) == 1
+
+
+BAD = (
+    b"",
+    b"\x00\xff",
+    b"[]",
+    b'{"time_ns":[1,2],"speed_rad_s":[1.0],"friction_torque_Nm":[1.0]}',
+    b'{"time_ns":[1],"speed_rad_s":["fast"],"friction_torque_Nm":[1.0]}',
+)
+
+
+def test_bad_messages_are_counted_recorded_and_change_nothing(tmp_path: Path) -> None:
+    samples = telemetry(2 * WINDOW + 1)
+    with open_session(BusOptions()) as session:
+        listener = Listener(session)
+        with monitor(session, options(record=tmp_path)):
+            publisher = SamplesPublisher(session, KEY)
+            for start in range(0, len(samples), 100):
+                publisher.put(samples[start : start + 100])
+                session.put(KEY, BAD[start // 100 % len(BAD)], congestion_control=zenoh.CongestionControl.BLOCK)
+            wait_for(lambda: len(listener.kind("diagnosis")) >= 2, "both windows")
+            wait_for(lambda: listener.status().get("messages_rejected") == 21, "all bad messages")
+            publisher.close()
+        assert listener.status()["last_error"]
+    assert listener.kind("diagnosis") == batch_diagnoses(samples, wheel())
+    (path,) = recordings_of(tmp_path)
+    refused = [message.data for message in read_recording(path).messages if message.topic == f"{KEY}/refused"]
+    assert sorted(refused) == sorted(BAD[number % len(BAD)] for number in range(21))
+    assert replay(tmp_path).bytes_equal
+
+
+def test_what_is_damaged_on_its_way_is_asked_for_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    samples, damaged = telemetry(2 * WINDOW + 1), {1, 4, 5, 9}
+
+    def arrives(sample: zenoh.Sample) -> Arrival:
+        """Give a message the beginning of another one for its end, as Zenoh 1.10 does now and then."""
+        arrival = arrival_of(sample)
+        if arrival.number not in damaged:
+            return arrival
+        return arrival._replace(payload=arrival.payload[:-300] + b"\x91" + arrival.payload[:299])
+
+    monkeypatch.setattr("rwa_monitor.monitor.bus.arrival_of", arrives)
+    with open_session(BusOptions()) as session:
+        listener = Listener(session)
+        with monitor(session, options(record=tmp_path)):
+            publisher = SamplesPublisher(session, KEY)
+            for start in range(0, len(samples), 100):
+                publisher.put(samples[start : start + 100])
+            wait_for(lambda: len(listener.kind("diagnosis")) >= 2, "both windows")
+            wait_for(lambda: listener.status().get("samples_received") == len(samples), "all samples")
+            publisher.close()
+        status = listener.status()
+    assert (status["samples_used"], status["messages_rejected"], status["messages_missed"]) == (len(samples), 0, 0)
+    assert status["last_error"] is None
+    assert listener.kind("diagnosis") == batch_diagnoses(samples, wheel())
+    assert replay(tmp_path).bytes_equal
+
+
+def test_who_always_writes_what_cannot_be_read_is_refused_and_holds_up_nobody(tmp_path: Path) -> None:
+    samples = telemetry(WINDOW + 1)
+    with open_session(BusOptions()) as session:
+        listener = Listener(session)
+        with monitor(session, options(record=tmp_path)):
+            publisher = SamplesPublisher(session, KEY)
+            broken = ReliablePublisher(session, KEY)
+            for start in range(0, len(samples), 50):
+                broken.put(b"\x91" * (start + 1))
+                publisher.put(samples[start : start + 50])
+            wait_for(lambda: len(listener.kind("diagnosis")) >= 1, "the window")
+            wait_for(lambda: listener.status().get("messages_rejected") == 21, "all bad messages")
+            publisher.close()
+            broken.close()
+    assert listener.kind("diagnosis") == batch_diagnoses(samples, wheel())
+    (path,) = recordings_of(tmp_path)
+    refused = [message.data for message in read_recording(path).messages if message.topic == f"{KEY}/refused"]
+    assert refused == [b"\x91" * (start + 1) for start in range(0, len(samples), 50)]
+
+
+def test_a_sensor_that_jumps_again_and_again_is_told_once_a_window() -> None:
+    samples = telemetry(2 * WINDOW + 100)
+    assert samples.friction_torque_Nm is not None
+    friction = samples.friction_torque_Nm.copy()
+    friction[40::20] *= 40.0
+    with open_session(BusOptions()) as session:
+        listener = Listener(session)
+        with monitor(session, options()) as talk:
+            publish({KEY: replace(samples, friction_torque_Nm=friction)}, session, speed=math.inf, linger_s=0.0)
+            wait_for(lambda: len(listener.kind("diagnosis")) == 2, "two diagnoses")
+            wait_for(lambda: listener.status().get("samples_masked", 0) > 2 * WINDOW // 20 - 10, "the masked samples")
+            assert "stands out" in listener.status()["last_error"]
+    assert adds_up(listener.status())
+    assert 2 <= sum("stands out" in line for line in talk) <= 3
+
+
+def test_a_wild_time_is_not_told_as_that_of_the_latest_sample() -> None:
+    samples = telemetry(200)
+    wild = Samples(np.array([1_801_000_000_000_000_000]), np.ones(1), np.ones(1))
+    with open_session(BusOptions()) as session:
+        listener = Listener(session)
+        with monitor(session, options()):
+            publisher = SamplesPublisher(session, KEY)
+            publisher.put(samples)
+            publisher.put(wild)
+            wait_for(lambda: listener.status().get("samples_received") == 201, "all samples")
+            publisher.close()
+    assert listener.status()["last_sample_ns"] == int(samples.time_ns[-1])
+
+
+def test_a_wheel_that_cannot_be_served_is_told_in_its_status() -> None:
+    samples = Samples(np.arange(50) * 125_000_000, np.ones(50))
+    with open_session(BusOptions()) as session:
+        listener = Listener(session)
+        with monitor(session, options()) as talk:
+            publish({KEY: samples}, session, speed=math.inf, batch_samples=10, linger_s=0.0)
+            wait_for(lambda: listener.status().get("messages_rejected") == 5, "five refusals")
+            session.put(KEY, b'{"time_ns":[1],"speed_rad_s":[1.0],"friction_torque_nm":[1.0]}')
+            wait_for(lambda: listener.status().get("messages_rejected") == 6, "one more")
+    assert "friction_torque_nm: did you mean friction_torque_Nm?" in listener.status()["last_error"]
+    assert sum("friction_torque_Nm is missing" in line for line in talk) == 2  # once, not five times; and the other
+
+
+def test_every_wheel_has_one_shard() -> None:
+    names = [f"wheel_{number}" for number in range(12)]
+    samples = telemetry(20)
+    with open_session(BusOptions()) as session, ExitStack() as shards:
+        listener = Listener(session)
+        talks = [shards.enter_context(monitor(session, options(shard=(share, 3)))) for share in (1, 2, 3)]
+        publish({f"rwa/s/{name}/samples": samples for name in names}, session, speed=math.inf, linger_s=0.0)
+
+        def complete() -> set[str]:
+            return {wheel for wheel, one in statuses(listener).items() if one["samples_received"] == len(samples)}
+
+        wait_for(lambda: complete() == set(names), "all samples of all wheels")
+    served = [int(*re.findall(r"^stopped: 0 windows of (\d+) wheels", talk[-1])) for talk in talks]
+    assert all(served)
+    assert sum(served) == len(names)
+
+
+def test_monitors_apart_by_their_keys_serve_each_wheel_once_and_none_that_is_nobody_s() -> None:
+    samples = telemetry(WINDOW + 20)
+    keys = ("rwa/one/*/samples", "rwa/two/*/samples", "rwa/three/w1/samples")
+    names = [f"{spacecraft}/{wheel}" for spacecraft in ("one", "two", "three") for wheel in ("w1", "w2")]
+    with open_session(BusOptions()) as session, ExitStack() as monitors:
+        listener = Listener(session)
+        for key in keys:
+            monitors.enter_context(monitor(session, options(wheels=key)))
+        publish({f"rwa/{name}/samples": samples for name in names}, session, speed=math.inf, linger_s=0.0)
+        wait_for(lambda: len(listener.kind("diagnosis")) >= 5, "a window of each wheel but one")
+    told = sorted(key for key, _ in listener.heard if key.endswith("/diagnosis"))
+    assert told == sorted(f"rwa/{name}/diagnosis" for name in names if name != "three/w2")
+    assert not any("three/w2/status" in key for key, _ in listener.heard)
+
+
+def test_a_recording_is_published_again_as_it_was(tmp_path: Path) -> None:
+    samples = telemetry(2 * WINDOW + 1)
+    with open_session(BusOptions()) as session:
+        with monitor(session, options(record=tmp_path / "one")):
+            listener = Listener(session)
+            publish({KEY: samples}, session, speed=math.inf, linger_s=0.0)
+            wait_for(lambda: len(listener.kind("diagnosis")) >= 2, "both windows")
+        before = listener.kind("diagnosis")
+    with open_session(BusOptions()) as session:
+        listener = Listener(session)
+        with monitor(session, options(record=tmp_path / "two")):
+            assert replay_to_bus(tmp_path / "one", session, speed=math.inf) == math.ceil(len(samples) / 256)
+            wait_for(lambda: len(listener.kind("diagnosis")) >= 2, "both windows again")
+        last_ns = int(samples.time_ns[-1])
+        assert replay_to_bus(tmp_path / "one", session, speed=math.inf, from_ns=last_ns) == 1
+        with pytest.raises(InputError, match="the recordings hold nothing so late: they end at"):
+            replay_to_bus(tmp_path / "one", session, speed=math.inf, from_ns=last_ns + 1)
+    assert listener.kind("diagnosis") == before
+
+
+def test_a_folder_that_another_monitor_uses_is_refused(tmp_path: Path) -> None:
+    with (
+        open_session(BusOptions()) as session,
+        monitor(session, options(record=tmp_path)),
+        pytest.raises(InputError, match="another monitor"),
+    ):
+        run(options(record=tmp_path), Event(), session=session, say=lambda _: None)
+
+
+# ---- in processes of their own, over TCP on loopback -----------------------------------------------------------------
+
+
+@pytest.mark.processes
+def test_two_processes_over_tcp_say_what_the_batch_says(tmp_path: Path, wheel_file: Path) -> None:
+    scenario, table, folder = tmp_path / "scenario.toml", tmp_path / "sent.parquet", tmp_path / "recordings"
+    scenario.write_text(f"[scenario]\nduration_s = {(2 * WINDOW + 300) * 0.125}\n")
+    same = ("--scenario", scenario, "--wheel", wheel_file, "--seed", "5")
+    subprocess.run(command("simulate", "recording", *same, "-o", table), check=True, timeout=PATIENCE_S)
+    endpoint = f"tcp/127.0.0.1:{free_port()}"
+    with process("run", "--wheel", wheel_file, "--record", folder, "-l", endpoint) as child:
+        wait_until_it_monitors(child)
+        sending = ("simulate", "publish", *same, "--speed", "inf", "--key", KEY, "-e", endpoint)
+        subprocess.run(command(*sending), check=True, timeout=PATIENCE_S)
+        with open_session(BusOptions(mode="client", connect=(endpoint,))) as session:
+            wait_for(lambda: _windows_told(session) == 2, "both windows")
+        child.send_signal(signal.SIGTERM)
+        assert child.wait(PATIENCE_S) == 0
+    (path,) = recordings_of(folder)
+    recording = read_recording(path)
+    recorded = [message.data for message in recording.messages if message.schema == "rwa.Diagnosis"]
+    assert recorded == batch_diagnoses(read_table(table).samples, wheel())
+    assert recording.finished
+    assert replay(folder).bytes_equal
+
+
+def _windows_told(session: zenoh.Session) -> int:
+    answers = [reply.ok for reply in session.get("rwa/**/health") if reply.ok is not None]
+    ends = [json.loads(answer.payload.to_bytes())["window_end_ns"] for answer in answers]
+    return max(ends, default=0) // (WINDOW * 125_000_000)
+
+
+@pytest.mark.processes
+def test_a_monitor_that_is_killed_at_any_moment_goes_on_where_it_was(tmp_path: Path, wheel_file: Path) -> None:
+    samples = spoiled(telemetry(8 * WINDOW + 50, 21), 22)
+    endpoint, folder = f"tcp/127.0.0.1:{free_port()}", tmp_path / "recordings"
+    expected = batch_diagnoses(samples, wheel())
+    rng = np.random.default_rng(23)
+    with open_session(BusOptions(listen=(endpoint,))) as session:
+        listener = Listener(session)
+        publisher = SamplesPublisher(session, KEY)
+        position = 0
+        while position < len(samples):
+            last = position >= len(samples) * 3 // 4
+            with process("run", "--wheel", wheel_file, "--record", folder, "-e", endpoint) as child:
+                wait_until_it_monitors(child)
+                stop = len(samples) if last else position + len(samples) // 4
+                while position < stop:
+                    publisher.put(samples[position : min(position + 64, stop)])
+                    position = min(position + 64, stop)
+                if last:
+                    wait_for(lambda: set(listener.kind("diagnosis")) == set(expected), "all windows")
+                    child.send_signal(signal.SIGINT)
+                    assert child.wait(PATIENCE_S) == 0
+                else:
+                    Event().wait(float(rng.uniform(0.0, 0.5)))
+                    child.kill()
+        publisher.close()
+    report = replay(folder)
+    assert len(report.files) == 4
+    assert report.equal, report.long()
+    assert report.bytes_equal
+    # In the chain of recordings each diagnosis stands once, on the bus at least once and always in the same bytes.
+    recorded = [
+        message.data
+        for path in recordings_of(folder)
+        for message in read_recording(path).messages
+        if message.schema == "rwa.Diagnosis"
+    ]
+    assert recorded == expected
+    assert adds_up(listener.status())
+    assert listener.status()["messages_missed"] == 0
+
+
+@pytest.mark.processes
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_it_stops_at_once_while_data_flows(tmp_path: Path, wheel_file: Path, number: signal.Signals) -> None:
+    endpoint, folder = f"tcp/127.0.0.1:{free_port()}", tmp_path / "recordings"
+    payloads = [samples_json(part, "load", batch) for batch, part in enumerate(_endless(telemetry(4 * WINDOW), 400))]
+    with (
+        open_session(BusOptions(listen=(endpoint,))) as session,
+        process("run", "--wheel", wheel_file, "--record", folder, "-e", endpoint) as child,
+    ):
+        wait_until_it_monitors(child)
+        done = Event()
+
+        def load() -> None:
+            flood = session.declare_publisher(KEY, encoding=SamplesMessage.encoding())
+            while not done.is_set():
+                for payload in payloads:
+                    flood.put(payload)
+                    if done.is_set():
+                        break
+            flood.undeclare()
+
+        listener = Listener(session)
+        thread = Thread(target=load)
+        thread.start()
+        try:
+            wait_for(lambda: len(listener.kind("diagnosis")) >= 1, "a diagnosis under load")
+            begin_s = time.monotonic()
+            child.send_signal(number)
+            status = child.wait(PATIENCE_S)
+            took_s = time.monotonic() - begin_s
+        finally:
+            done.set()
+            thread.join()
+    assert status == 0
+    assert took_s < SLACK * STOP_S
+    assert replay(folder).bytes_equal
+
+
+def _endless(samples: Samples, count: int) -> Iterator[Samples]:
+    """Cut samples into messages over and over, the time going on."""
+    length_ns = len(samples) * 125_000_000
+    for number in range(count):
+        start = number * 256 % len(samples)
+        part = samples[start : start + 256]
+        yield Samples(
+            part.time_ns + number * 256 // len(samples) * length_ns, part.speed_rad_s, part.friction_torque_Nm
+        )

@@ -1,0 +1,400 @@
+"""The order guard: where each sample goes, and that every one of them is accounted for."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, replace
+
+import hypothesis.strategies as st
+import numpy as np
+import pytest
+from hypothesis import given, settings
+
+from rwa_monitor.monitor.core import WheelCore
+from rwa_monitor.monitor.events import EpochStarted, StraySamples, WindowDiagnosed
+from rwa_monitor.monitor.ingest.sequencer import (
+    CHALLENGE_MESSAGES,
+    DOUBT_FACTOR,
+    HOLD_BACK_MESSAGES,
+    Counts,
+    MessagesMissed,
+    PublisherChanged,
+    PublisherConflict,
+)
+from rwa_monitor.monitor.ingest.slot_assignment import PIECE_SLOTS, OrderGuard
+from rwa_monitor.samples import Samples
+from rwa_monitor.slots import MAX_TIME_NS, MIN_TIME_NS, SlotGrid
+from rwa_monitor.wheel.wheel import Limits, Wheel
+from tests.monitor.support import WINDOW, said, telemetry, wheel
+
+PERIOD_NS = 125_000_000
+
+
+def samples_at(slots: list[int], speed: float = 100.0) -> Samples:
+    time_ns = np.array(slots, dtype=np.int64) * PERIOD_NS
+    return Samples(time_ns, np.full(time_ns.size, speed), np.full(time_ns.size, 1.6e-3))
+
+
+def new_core() -> WheelCore:
+    return WheelCore(wheel(), None)
+
+
+def accounted(counts: Counts) -> bool:
+    values = asdict(counts)
+    return values["received"] == sum(
+        values[name] for name in ("used", "masked", "late", "duplicate", "rejected", "queued")
+    )
+
+
+def test_gaps_late_and_repeated_samples_are_told_apart() -> None:
+    core = new_core()
+    core.feed(samples_at([0, 1, 2, 5, 6]))
+    core.feed(samples_at([3]))  # passed and empty: late
+    core.feed(samples_at([5, 6, 7]))  # two of them again
+    core.feed(samples_at([8, 8]))  # twice within one message
+    counts = core.counts
+    assert (counts.used, counts.late, counts.duplicate, counts.slots_missed) == (7, 1, 3, 2)
+    assert accounted(counts)
+
+
+def test_values_that_are_not_finite_hold_their_slot_but_are_masked() -> None:
+    core = new_core()
+    samples = samples_at([0, 1, 2, 3])
+    samples.speed_rad_s[1] = np.nan
+    assert samples.friction_torque_Nm is not None
+    samples.friction_torque_Nm[2] = np.inf
+    core.feed(samples)
+    core.feed(samples_at([1]))
+    assert (core.counts.used, core.counts.masked, core.counts.duplicate) == (2, 2, 1)
+
+
+def test_samples_beyond_the_wheels_limits_are_rejected_and_leave_no_trace() -> None:
+    core = new_core()
+    core.feed(samples_at([0, 1]))
+    core.feed(samples_at([2, 3], speed=651.0))
+    core.feed(samples_at([2, 3]))
+    assert (core.counts.used, core.counts.rejected, core.counts.slots_missed) == (4, 2, 0)
+
+
+def test_values_that_no_wheel_has_are_rejected_also_without_limits() -> None:
+    tables = wheel().to_tables()
+    del tables["limits"]
+    unlimited = Wheel.from_tables(tables, "test wheel")
+    samples = telemetry(3 * WINDOW)
+    wild = samples[:]
+    assert wild.friction_torque_Nm is not None
+    wild.friction_torque_Nm[[5, 100, 101, 2_000]] = (1e182, -1e7, 1.001e6, 1e300)
+    wild.speed_rad_s[700] = -1e200
+    core, clean = WheelCore(unlimited, None), WheelCore(unlimited, None)
+    events = core.feed(wild)
+    assert core.counts.rejected == 5
+    assert said(events) == said(clean.feed(samples[np.setdiff1d(np.arange(len(samples)), [5, 100, 101, 700, 2_000])]))
+
+
+@pytest.mark.parametrize("step", [WINDOW + 1, -WINDOW - 1, 50 * WINDOW, -3 * WINDOW])
+def test_a_clock_step_of_more_than_a_window_begins_an_epoch(step: int) -> None:
+    core = new_core()
+    origin = 10 * WINDOW
+    core.feed(samples_at([origin, origin + 1]))
+    events = core.feed(samples_at([origin + 1 + step, origin + 2 + step]))
+    started = [event for event in events if isinstance(event, EpochStarted)]
+    assert [(event.origin_ns, event.step_ns) for event in started] == [
+        ((origin + 1 + step) * PERIOD_NS, step * PERIOD_NS)
+    ]
+    assert core.counts.used == 4
+
+
+@pytest.mark.parametrize("size", [1, 3, 100])
+@pytest.mark.parametrize("wild", [-(2**55), 2**40, 2**60])
+def test_single_wild_times_are_rejected_and_told_however_samples_are_cut(size: int, wild: int) -> None:
+    samples = telemetry(2 * WINDOW + 50)
+    spoilt = samples[:]
+    places = [0, 7, 8, 500, 1_501]
+    spoilt.time_ns[places] += wild + np.arange(len(places)) * 2**50  # no two of them agree
+    core, clean = WheelCore(wheel(), None), WheelCore(wheel(), None)
+    events = [event for start in range(0, len(spoilt), size) for event in core.feed(spoilt[start : start + size])]
+    expected = clean.feed(samples[np.setdiff1d(np.arange(len(samples)), places)])
+    told = sum(event.count for event in events if isinstance(event, StraySamples))
+    assert core.counts.rejected == len(places)
+    assert told == sum(MIN_TIME_NS <= time_ns <= MAX_TIME_NS for time_ns in spoilt.time_ns[places])
+    assert sum(isinstance(event, EpochStarted) for event in events) == 1
+    assert said(events) == said(expected)
+    assert accounted(core.counts)
+
+
+def test_a_sample_that_the_next_one_judges_waits_and_is_counted() -> None:
+    core = new_core()
+    core.feed(samples_at([0, 1]))
+    assert core.feed(samples_at([5 * WINDOW])) == []
+    assert (core.counts.used, core.counts.queued) == (2, 1)
+    resumed = WheelCore.resume(core.checkpoint(), wheel(), None, method="joint")
+    for one in (core, resumed):
+        (ended, started) = one.feed(samples_at([5 * WINDOW + 1]))
+        assert isinstance(ended, WindowDiagnosed)
+        assert isinstance(started, EpochStarted)
+        assert (one.counts.used, one.counts.queued) == (4, 0)
+    core.feed(samples_at([50 * WINDOW, 50 * WINDOW, 50 * WINDOW]))  # one sample three times is not two that agree
+    assert (core.counts.queued, core.counts.duplicate) == (1, 2)
+    core.finish()
+    assert (core.counts.queued, core.counts.rejected) == (0, 1)
+
+
+def test_a_table_of_one_sample_is_a_window() -> None:
+    core = new_core()
+    core.feed(samples_at([3]))
+    assert [type(event) for event in core.finish()] == [EpochStarted, WindowDiagnosed]
+    assert core.counts.used == 1
+
+
+def test_a_step_of_a_window_is_a_gap() -> None:
+    core = new_core()
+    core.feed(samples_at([0, 1]))
+    events = core.feed(samples_at([1 + WINDOW]))
+    assert not any(isinstance(event, EpochStarted) for event in events)
+    assert core.counts.slots_missed == WINDOW - 1
+
+
+def batches(count: int, size: int = 50) -> list[Samples]:
+    telemetry_ = telemetry(count * size)
+    return [telemetry_[i * size : (i + 1) * size] for i in range(count)]
+
+
+def test_a_message_that_overtook_others_waits_for_them() -> None:
+    parts = batches(6)
+    core = new_core()
+    events = []
+    for number in (0, 2, 3, 1, 5, 4):
+        events += core.feed(parts[number], "p", number)
+    assert core.counts.used == 300
+    assert not any(isinstance(event, MessagesMissed) for event in events)
+
+
+def test_a_lost_message_is_given_up_when_enough_others_wait() -> None:
+    parts = batches(HOLD_BACK_MESSAGES + 4)
+    core = new_core()
+    core.feed(parts[0], "p", 0)
+    for number in range(2, 2 + HOLD_BACK_MESSAGES):
+        assert core.feed(parts[number], "p", number) == []
+    assert core.counts.queued == 50 * HOLD_BACK_MESSAGES
+    events = core.feed(parts[2 + HOLD_BACK_MESSAGES], "p", 2 + HOLD_BACK_MESSAGES)
+    assert MessagesMissed("p", 1, 1) in events
+    assert core.counts.queued == 0
+    core.feed(parts[1], "p", 1)  # found again, too late
+    core.feed(parts[1], "p", 1)  # and once more
+    assert (core.counts.late, core.counts.duplicate, core.counts.messages_missed) == (50, 50, 1)
+    assert accounted(core.counts)
+
+
+def test_a_repetition_of_a_message_that_waits_takes_no_slots() -> None:
+    parts = batches(5)
+    core = new_core()
+    for number in (0, 2, 3, 3, 1, 4):
+        core.feed(parts[number], "p", number)
+    assert (core.counts.used, core.counts.duplicate, core.counts.late) == (250, 50, 0)
+
+
+def test_old_messages_from_a_history_are_duplicates_however_old() -> None:
+    parts = batches(3 * WINDOW // 50)
+    core = new_core()
+    for number, part in enumerate(parts):
+        core.feed(part, "p", number)
+    events = [event for number, part in enumerate(parts) for event in core.feed(part, "p", number)]
+    assert events == []
+    assert core.counts.duplicate == core.counts.used == 50 * len(parts)
+
+
+def test_two_live_publishers_are_reported_and_not_mixed() -> None:
+    parts = batches(8)
+    core = new_core()
+    events = []
+    for number, part in enumerate(parts):
+        events += core.feed(part, "one", number)
+        events += core.feed(part, "other", number)
+    events += core.feed(parts[0], "one", 8)
+    conflicts = [event for event in events if isinstance(event, PublisherConflict)]
+    assert {(event.current, event.refused) for event in conflicts} == {("one", "other")}
+    assert (core.counts.used, core.counts.rejected) == (400, 400)
+    assert accounted(core.counts)
+
+
+def test_a_restarted_publisher_is_taken_over_and_loses_nothing() -> None:
+    parts = batches(10)
+    core = new_core()
+    events = []
+    for number, part in enumerate(parts):
+        events += core.feed(part, "before" if number < 4 else "after", number if number < 4 else number - 4)
+    assert [event for event in events if isinstance(event, PublisherChanged)] == [PublisherChanged("before", "after")]
+    assert core.counts.used == 500
+
+
+def test_the_end_releases_a_restarted_publisher_with_few_messages() -> None:
+    parts = batches(4)
+    core = new_core()
+    for number, part in enumerate(parts):
+        core.feed(part, "before" if number < 3 else "after", number if number < 3 else 0)
+    assert CHALLENGE_MESSAGES > 1
+    assert core.counts.queued == 50
+    core.finish()
+    assert (core.counts.used, core.counts.queued) == (200, 0)
+
+
+def test_a_publisher_that_counts_anew_under_its_old_name_is_served() -> None:
+    parts = batches(6)
+    core = new_core()
+    for number, part in enumerate(parts):
+        core.feed(part, "same", number % 3)
+    assert core.counts.used == 300
+
+
+def test_a_history_that_comes_again_after_the_clock_stepped_back_is_no_new_count() -> None:
+    before, after = batches(6), [replace(part, time_ns=part.time_ns - 40 * WINDOW * PERIOD_NS) for part in batches(8)]
+    core = new_core()
+    for number, part in enumerate([*before, *after]):
+        core.feed(part, "same", number)
+    counts = (core.counts.used, core.counts.duplicate)
+    for number, part in enumerate([*before, *after]):
+        core.feed(part, "same", number)
+    assert (core.counts.used, core.counts.duplicate) == (counts[0], counts[1] + 14 * 50)
+    assert counts == (14 * 50, 0)
+
+
+def test_a_publisher_that_counts_anew_leaves_no_message_behind() -> None:
+    parts = batches(4)
+    core = new_core()
+    core.feed(parts[0], "same", 0)
+    core.feed(parts[2], "same", 2)  # waits for 1, which never comes
+    core.feed(parts[3], "same", 0)
+    assert (core.counts.used, core.counts.queued, core.counts.messages_missed) == (150, 0, 1)
+    assert accounted(core.counts)
+
+
+def test_a_first_message_that_overtook_the_one_before_waits_for_it() -> None:
+    parts = batches(3)
+    core = new_core()
+    for number in (1, 0, 2):
+        core.feed(parts[number], "p", number)
+    assert (core.counts.used, core.counts.late) == (150, 0)
+
+
+@pytest.mark.parametrize(("sizes", "run"), [((50, 50), 7), ((160, 10), 40), ((10, 160), 9)])
+def test_two_publishers_that_send_in_bursts_are_not_mixed(sizes: tuple[int, int], run: int) -> None:
+    """Both send the same times at one pace; the second never gets a word in, however its messages are cut."""
+    samples = telemetry(1_600)
+    one, other = ([samples[i : i + size] for i in range(0, 1_600, size)] for size in sizes)
+    core = new_core()
+    events = []
+    numbers = [0, 0]
+    while numbers[0] < len(one):
+        burst = run * sizes[1] // sizes[0]
+        for who, parts, count in (("one", one, burst), ("other", other, run)):
+            for part in parts[numbers[who == "other"] :][:count]:
+                events += core.feed(part, who, numbers[who == "other"])
+                numbers[who == "other"] += 1
+    assert not any(isinstance(event, PublisherChanged) for event in events)
+    assert any(isinstance(event, PublisherConflict) for event in events)
+    assert core.counts.used == 1_600
+    assert accounted(core.counts)
+
+
+def test_a_publisher_that_was_replaced_does_not_take_turns() -> None:
+    parts = batches(20 * CHALLENGE_MESSAGES)
+    core = new_core()
+    events = core.feed(parts[0], "one", 0)
+    for number in range(1, CHALLENGE_MESSAGES + 1):
+        events += core.feed(parts[number], "other", number)
+    for start in range(CHALLENGE_MESSAGES + 1, len(parts) - 8, 8):
+        for number in range(start, start + 7):
+            events += core.feed(parts[number], "one", number)
+        events += core.feed(parts[start + 7], "other", start + 7)
+    changes = [event for event in events if isinstance(event, PublisherChanged)]
+    assert changes == [PublisherChanged("one", "other")]
+    assert {event.refused for event in events if isinstance(event, PublisherConflict)} == {"one"}
+    assert accounted(core.counts)
+
+
+def test_a_publisher_that_restarts_with_its_clock_set_back_is_taken_over_after_a_while() -> None:
+    parts = batches(2 * DOUBT_FACTOR * CHALLENGE_MESSAGES)
+    core = new_core()
+    for number in range(30, 60):
+        core.feed(parts[number], "before", number - 30)
+    events = [event for number in range(60) for event in core.feed(parts[number], "after", number)]
+    assert PublisherChanged("before", "after") in events
+    assert core.counts.rejected == 0
+    assert accounted(core.counts)
+
+
+CHUNKS = st.lists(
+    st.tuples(
+        st.sampled_from(["", "a", "b"]),
+        st.none() | st.integers(0, 12),
+        st.integers(0, 6 * WINDOW),  # first slot
+        st.lists(st.integers(-20, 400), min_size=0, max_size=12),  # steps
+        st.sampled_from([100.0, 100.0, 1e4, float("nan")]),
+    ),
+    max_size=25,
+)
+
+
+@settings(max_examples=150, deadline=None)
+@given(history=CHUNKS)
+def test_every_sample_is_accounted_for(history: list[tuple[str, int | None, int, list[int], float]]) -> None:
+    core = new_core()
+    for publisher, number, first, steps, speed in history:
+        slots = (first + np.cumsum([0, *steps])).tolist()
+        core.feed(samples_at(slots, speed), publisher, number)
+        assert accounted(core.counts)
+    core.finish()
+    assert accounted(core.counts)
+    assert core.counts.queued == 0
+    assert core.counts.received == sum(len(steps) + 1 for _, _, _, steps, _ in history)
+
+
+@settings(max_examples=60, deadline=None)
+@given(keys=st.lists(st.floats(0, HOLD_BACK_MESSAGES), min_size=24, max_size=24))
+def test_messages_that_overtake_within_reach_are_put_right(keys: list[float]) -> None:
+    # Message n moves by less than the hold-back, so that never more than that many wait for one.
+    order = sorted(range(24), key=lambda number: number + keys[number])
+    parts = batches(24, 50)
+    straight, mixed = new_core(), new_core()
+    expected = [event for number, part in enumerate(parts) for event in straight.feed(part, "p", number)]
+    got = [event for number in order for event in mixed.feed(parts[number], "p", number)]
+    assert said(got) == said(expected)
+    assert any(isinstance(event, WindowDiagnosed) for event in expected)
+    assert mixed.counts == straight.counts
+
+
+@given(
+    times=st.lists(st.integers(0, 10**15), min_size=1, max_size=40),
+    period_ns=st.integers(1_000, 10**12),
+)
+def test_samples_take_the_slots_of_the_grid(times: list[int], period_ns: int) -> None:
+    """The compiled loop, against the grid's own arithmetic."""
+    guard = OrderGuard(period_ns, 10**15, Limits(), None, Counts())
+    time_ns = np.array(sorted(times), dtype=np.int64)
+    piece = guard.next_piece(
+        time_ns, np.ones(time_ns.size, dtype=np.bool_), 0, lambda slots: np.zeros(slots.size, dtype=np.bool_), last=True
+    )
+    grid = SlotGrid(int(time_ns[0]), period_ns)
+    expected = grid.slot_of(time_ns)
+    if expected.max() <= PIECE_SLOTS:
+        assert piece.slots.tolist() == np.unique(expected).tolist()
+    assert piece.slots.tolist() == grid.slot_of(time_ns[piece.rows]).tolist()
+
+
+@given(
+    origin_ns=st.integers(MIN_TIME_NS, MAX_TIME_NS - 10**14),
+    period_ns=st.integers(1_000, 10**12),
+    frontier=st.integers(0, 50),
+    jitter=st.lists(st.floats(-3.0, 3.0), min_size=1, max_size=20),
+)
+def test_slots_are_those_of_the_grid(origin_ns: int, period_ns: int, frontier: int, jitter: list[float]) -> None:
+    guard = OrderGuard(period_ns, 100, Limits(), None, Counts())
+    grid = guard.grid = SlotGrid(origin_ns, period_ns)
+    guard.frontier = frontier
+    time_ns = origin_ns + (frontier + np.arange(len(jitter))) * period_ns + (np.array(jitter) * period_ns).astype(int)
+    expected, furthest = [], frontier - 1
+    for slot in grid.slot_of(time_ns).tolist():
+        if slot > furthest:
+            expected.append(slot)
+        furthest = max(furthest, slot)
+    piece = guard.next_piece(time_ns, np.ones(time_ns.size, dtype=np.bool_), 0, lambda s: np.zeros(s.size, np.bool_))
+    assert piece.slots.tolist() == expected

@@ -1,0 +1,158 @@
+"""A fleet of different wheels in one process: each goes by its own file, live, replayed and from the recording."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+import zenoh
+from click.testing import CliRunner
+
+from rwa_monitor.batch.tasks import Diagnose
+from rwa_monitor.cli.main import main
+from rwa_monitor.errors import InputError
+from rwa_monitor.messages import Diagnosis, samples_json
+from rwa_monitor.monitor.bus import BusOptions, open_session
+from rwa_monitor.monitor.core import WheelCore
+from rwa_monitor.monitor.outputs import outputs_of
+from rwa_monitor.monitor.recording.chain import read_chain, recordings_of
+from rwa_monitor.monitor.replay import replay
+from rwa_monitor.monitor.run_options import RunOptions
+from rwa_monitor.monitor.searches import jobs_of
+from rwa_monitor.monitor.wheel_set import COMMON, WheelSet
+from rwa_monitor.samples import Samples
+from rwa_monitor.telemetry.wheel_file import read_wheel_folder, write_wheel
+from rwa_monitor.wheel.wheel import Wheel
+from tests.history.support import discrepancy
+from tests.monitor.processes import Listener, wait_for
+from tests.monitor.support import WINDOW, model, telemetry, wheel
+from tests.monitor.test_service import monitor
+
+OWN, OTHER = ("sat", "wheel_2"), ("sat", "wheel_1")
+BATCH = 128
+
+
+def options(record: Path, own: Wheel) -> RunOptions:
+    return RunOptions(wheel=wheel(), own_wheels={OWN: own}, model=model(), record=record, status_period_s=0.05)
+
+
+def send(session: zenoh.Session, name: str, samples: Samples, first: int) -> None:
+    for row in range(0, len(samples), BATCH):
+        payload = samples_json(samples[row : row + BATCH], name, first + row // BATCH)
+        session.put(f"rwa/sat/{name}/samples", payload)
+
+
+def expected(name: str, samples: Samples, of_wheel: Wheel) -> list[bytes]:
+    events = WheelCore(of_wheel, model()).feed(samples)
+    return [output.payload for output in outputs_of(events, "sat", name) if output.message is Diagnosis]
+
+
+def run_once(record: Path, own: Wheel, parts: dict[str, Samples], first: int, received: dict[str, int]) -> list[str]:
+    """Let a monitor take what is sent; returns what it says."""
+    with open_session(BusOptions()) as session:
+        listener = Listener(session)
+        with monitor(session, options(record, own)) as talk:
+            for name, samples in parts.items():
+                send(session, name, samples, first)
+
+            def counted() -> dict[str, int]:
+                return {one["wheel"]: one["samples_received"] for one in map(json.loads, listener.kind("status"))}
+
+            wait_for(lambda: counted() == received, "all samples")
+    return talk
+
+
+def test_each_wheel_goes_by_its_own_file_and_only_the_one_whose_file_changed_starts_anew(tmp_path: Path) -> None:
+    half, whole = 3 * WINDOW // 2, 3 * WINDOW
+    both = {name: telemetry(whole, seed) for seed, name in enumerate(("wheel_1", "wheel_2"), 1)}
+    before = {name: samples[:half] for name, samples in both.items()}
+    after = {name: samples[half:] for name, samples in both.items()}
+    talk = run_once(tmp_path, wheel(WINDOW // 2), before, 0, dict.fromkeys(both, half))
+    assert f"sat/wheel_1: has no wheel file of its own; it goes by {wheel().name}" in talk
+    assert not any("no wheel used" in line for line in talk)
+    talk = run_once(tmp_path, wheel(WINDOW // 4), after, half // BATCH, {"wheel_1": whole, "wheel_2": half})
+    assert not any("wheel_2: has no wheel file of its own" in line for line in talk)
+    assert any("another wheel file, model or method of sat/wheel_2: begun anew" in line for line in talk)
+
+    recorded: dict[str, list[bytes]] = {name: [] for name in both}
+    for recording in read_chain(tmp_path):
+        for message in recording.messages:
+            if message.schema == Diagnosis.schema_name():
+                recorded[message.topic.split("/")[2]].append(message.data)
+    changed = [
+        *expected("wheel_2", before["wheel_2"], wheel(WINDOW // 2)),
+        *expected("wheel_2", after["wheel_2"], wheel(WINDOW // 4)),
+    ]
+    assert len(changed) == 2 + 5  # of 3 and 6 windows, the last one is closed by a sample beyond it
+    assert recorded == {"wheel_1": expected("wheel_1", both["wheel_1"], wheel()), "wheel_2": changed}
+    report = replay(tmp_path)
+    assert report.equal, report.long()
+    assert report.bytes_equal
+
+    rows = Diagnose()(recordings_of(tmp_path)[0]).rows  # the recording holds the wheels: nothing else is asked for
+    hashes = {(row["wheel"], json.loads(row["message"])["provenance"]["wheel_sha256"]) for row in rows}
+    assert hashes == {("wheel_1", wheel().sha256()), ("wheel_2", wheel(WINDOW // 2).sha256())}
+
+
+def test_a_file_that_no_wheel_used_is_named(tmp_path: Path) -> None:
+    slip = RunOptions(wheel=wheel(), own_wheels={OWN: wheel(), ("sat", "wheel_l"): wheel()}, model=model())
+    with open_session(BusOptions()) as session:
+        listener = Listener(session)
+        with monitor(session, slip) as talk:
+            for name in ("wheel_1", "wheel_2"):
+                send(session, name, telemetry(BATCH, 1), 0)
+
+            def reported() -> set[str]:
+                return {one["wheel"] for one in map(json.loads, listener.kind("status"))}
+
+            wait_for(lambda: reported() == {"wheel_1", "wheel_2"}, "both wheels")
+    assert "wheel files that no wheel used: sat/wheel_l; are these the names on the bus?" in talk
+
+
+def test_a_set_is_what_its_attachments_say() -> None:
+    known = WheelSet(wheel(), {OWN: wheel(WINDOW // 2)})
+    attachments = {COMMON: wheel().to_toml().encode(), **known.own_attachments()}
+    assert sorted(attachments) == ["wheel.toml", "wheels/sat/wheel_2.toml"]
+    read = WheelSet.of_attachments(attachments | {"settings.json": b"{}"}, "here")
+    assert (read.of(*OWN), read.of(*OTHER)) == (wheel(WINDOW // 2), wheel())
+
+
+@pytest.mark.parametrize("name", ["wheels/../../x.toml", "wheels/sat.toml", "wheels/sat/*.toml"])
+def test_an_attachment_that_is_of_no_wheel_is_refused(name: str) -> None:
+    text = wheel().to_toml().encode()
+    with pytest.raises(InputError):
+        WheelSet.of_attachments({COMMON: text, name: text}, "here")
+
+
+def test_a_search_is_repeated_with_the_wheels_own_constants() -> None:
+    wheels = WheelSet(wheel(), {OWN: wheel(WINDOW // 2)})
+    jobs = jobs_of([discrepancy(0, "wheel_1"), discrepancy(0, "wheel_2")], [], wheels)
+    assert [job.wheel_toml for job in jobs] == [wheel().to_toml(), wheel(WINDOW // 2).to_toml()]
+
+
+def test_a_folder_gives_each_wheel_its_file(tmp_path: Path) -> None:
+    for spacecraft, name in (OWN, OTHER):
+        (tmp_path / spacecraft).mkdir(exist_ok=True)
+        write_wheel(wheel(), tmp_path / spacecraft / f"{name}.toml")
+    (tmp_path / "notes.txt").write_text("left alone")
+    assert read_wheel_folder(tmp_path) == {OTHER: wheel(), OWN: wheel()}
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "reason"),
+    [
+        (None, "", "holds no SPACECRAFT/WHEEL.toml"),
+        ("sat/a wheel.toml", "", "is named after no wheel"),
+        ("sat/wheel_1.toml", "x = 1", "wheel_1.toml"),
+    ],
+)
+def test_a_folder_that_cannot_be_used_is_refused_before_anything_runs(
+    tmp_path: Path, name: str | None, text: str, reason: str
+) -> None:
+    if name is not None:
+        (tmp_path / "sat").mkdir()
+        (tmp_path / name).write_text(text)
+    result = CliRunner().invoke(main, ["run", "--wheel-folder", str(tmp_path)])
+    assert result.exit_code == 2
+    assert reason in result.stderr

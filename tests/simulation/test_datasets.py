@@ -1,0 +1,182 @@
+"""Datasets: the statistics that their recipes promise, labels and truth."""
+
+from __future__ import annotations
+
+import itertools
+import json
+
+import numpy as np
+import pytest
+
+from rwa_monitor.errors import InputError
+from rwa_monitor.simulation.datasets import (
+    BASE_CUT,
+    BASE_DRY_STD,
+    MILD_SEVERITIES,
+    PAPER_JUMP_RATE,
+    PAPER_SEVERITIES,
+    RECIPES,
+    generate,
+    label_columns,
+    label_row,
+    scaled_law,
+    truth_document,
+)
+from rwa_monitor.wheel.durations import Geometric, Histogram, Lognormal, Uniform, Weibull
+from rwa_monitor.wheel.wheel import Wheel, built_in_wheel
+
+
+def means(recipe, count, **settings):
+    return list(generate(recipe, count, 17, **settings))
+
+
+def test_paper_has_26_changepoints_plus_minus_10():
+    """150 windows: the mean's spread is 10/√150 = 0.8, that of the standard deviation 0.6; bounds are three of them."""
+    counts = [int(window.telemetry.truth.changepoints.visible.sum()) for window in generate("paper", 150, 23)]
+    assert np.mean(counts) == pytest.approx(26.0, abs=2.5)
+    assert np.std(counts) == pytest.approx(10.0, abs=1.8)
+
+
+def test_paper_and_mild_have_the_papers_noise_and_statuses():
+    for recipe, severities in (("paper", PAPER_SEVERITIES), ("mild", MILD_SEVERITIES)):
+        windows = means(recipe, 10)
+        assert {window.status for window in windows} == {"nominal", *severities}
+        directions = set()
+        for window in windows:
+            truth = window.telemetry.truth
+            assert truth.noise_std_Nm / window.wheel.nominal.dry_torque_Nm == pytest.approx(0.024, abs=0.001)
+            assert len(window.telemetry.samples) == 80_000
+            assert sum(window.labels.values()) <= 1
+            for name, active in window.labels.items():
+                assert truth.factors[name] == (severities[name] if active else 1.0)
+            base = truth.base_dry_Nm[0] / window.wheel.nominal.dry_torque_Nm / truth.factors["dry"]
+            assert abs(base - 1.0) <= BASE_CUT * BASE_DRY_STD + 1e-12
+            directions |= set(np.sign(truth.speed_rad_s[truth.used]))
+        assert directions == {-1.0, 1.0}
+
+
+def test_mild_is_the_paper_with_other_severities():
+    paper, mild = next(generate("paper", 1, 3)), next(generate("mild", 1, 3))
+    assert paper.wheel.fss == mild.wheel.fss
+    assert np.array_equal(paper.telemetry.truth.speed_rad_s, mild.telemetry.truth.speed_rad_s)
+
+
+def test_each_wheel_has_its_own_laws_and_its_file_says_them():
+    windows = means("paper", 8)
+    factors = set()
+    for window in windows:
+        assert Wheel.from_toml(window.wheel.to_toml(), "wheel.toml") == window.wheel
+        factor = window.wheel.fss[1].durations[0].low / built_in_wheel().fss[1].durations[0].low
+        assert 1 / PAPER_JUMP_RATE[1] - 1e-3 < factor < 1 / PAPER_JUMP_RATE[0] + 1e-3
+        factors.add(factor)
+    assert len(factors) == 8
+
+
+def test_hard_is_hard():
+    statuses = set()
+    for window in means("hard", 24):
+        statuses.add(window.status)
+        truth, wheel = window.telemetry.truth, window.wheel
+        assert len(wheel.fss) == 3
+        noise = truth.noise_Nm - truth.noise_Nm.mean()
+        assert np.mean(noise[1:] * noise[:-1]) / np.mean(noise**2) == pytest.approx(0.5, abs=0.03)
+        assert len(window.telemetry.samples) < 80_000
+        assert np.any(truth.speed_rad_s[1:] * truth.speed_rad_s[:-1] < 0)
+        jumps = np.abs(truth.changepoints.jump_Nm) / wheel.noise.friction_std_Nm
+        factor = np.array([truth.factors[fss.name] for fss in wheel.fss])[truth.changepoints.system]
+        healthy = jumps[factor == 1.0]
+        assert np.all((healthy > 3.0 - 1e-9) & (healthy < 6.0 + 1e-9))
+    assert "nominal" in statuses
+    assert any("+" in status for status in statuses)
+
+
+def test_derived_has_no_friction_but_all_it_takes():
+    for window in means("derived", 3):
+        samples = window.telemetry.samples
+        assert samples.friction_torque_Nm is None
+        error = samples.speed_rad_s - window.telemetry.truth.speed_rad_s
+        assert error.std() == pytest.approx(0.01, rel=0.05)
+        assert samples.motor_current_A is not None
+
+
+def test_any_recipe_can_leave_friction_out():
+    for recipe in RECIPES:
+        window = next(generate(recipe, 1, 1, windows=1, friction_given=False))
+        assert window.telemetry.samples.friction_torque_Nm is None
+
+
+def test_fleet_is_one_life_cut_into_windows():
+    windows = list(generate("fleet", 12, 5, windows=6))[6:]  # the second wheel has an anomaly
+    assert len({window.wheel.name for window in windows}) == 1
+    assert [window.name[-3:] for window in windows] == [f"{k:03d}" for k in range(6)]
+    ends = [window.telemetry.samples.time_ns[[0, -1]] for window in windows]
+    for before, after in itertools.pairwise(ends):
+        assert after[0] - before[1] == windows[0].wheel.period_ns
+    factors = [window.telemetry.truth.factors["dry"] for window in windows]
+    assert np.all(np.diff(factors) >= 0)
+    assert factors[-1] > 1.3
+    assert not windows[0].labels["dry"]
+    assert windows[-1].labels["dry"]
+    assert all(not active for window in windows for name, active in window.labels.items() if name != "dry")
+
+
+def test_a_record_depends_on_seed_and_number_only():
+    few, many = list(generate("mild", 2, 7)), list(generate("mild", 4, 7))
+    for a, b in zip(few, many, strict=False):
+        assert a.telemetry.samples.friction_torque_Nm.tobytes() == b.telemetry.samples.friction_torque_Nm.tobytes()
+        assert a.wheel == b.wheel
+    assert many[0].wheel != many[1].wheel
+    assert next(generate("mild", 1, 8)).wheel != many[0].wheel
+    assert list(generate("mild", 0, 7)) == []
+
+
+def test_direction_of_rotation_is_drawn_evenly():
+    """The share of positive speed is symmetric about one half; of 60 windows its mean has a spread of at most 0.065."""
+    share = [np.mean(window.telemetry.truth.speed_rad_s > 0) for window in generate("mild", 60, 29)]
+    assert np.mean(share) == pytest.approx(0.5, abs=0.2)
+
+
+def test_labels_and_truth_can_be_written():
+    window = list(generate("hard", 3, 2))[2]
+    assert label_columns(window.wheel) == ("file", "dry", "viscous", "fss_1", "fss_2", "fss_3")
+    assert label_row(window, "a.csv") == ("a.csv", *(str(int(active)) for active in window.labels.values()))
+    document = json.loads(json.dumps(truth_document(window), allow_nan=False))
+    truth = window.telemetry.truth
+    assert [jump["index"] for jump in document["changepoints"]] == truth.changepoints.index.tolist()
+    assert {jump["fss"] for jump in document["changepoints"]} <= {"fss_1", "fss_2", "fss_3"}
+    for name, system in document["components"]["fss"].items():
+        level = np.zeros(80_000)
+        for start, friction in zip(system["start_index"], system["friction_Nm"], strict=True):
+            level[start:] = friction
+        assert np.array_equal(level, truth.fss_friction_Nm[name])
+
+
+@pytest.mark.parametrize(
+    "law",
+    [
+        Uniform(low=100, high=300),
+        Geometric(mean=200.0),
+        Weibull(shape=1.5, scale=200.0),
+        Lognormal(mu=5.0, sigma=0.5),
+        Histogram(edges=(10, 100, 400), weights=(1.0, 2.0)),
+    ],
+)
+def test_scaling_a_law_scales_its_mean(law):
+    for factor in (0.4, 1.0, 3.0):
+        assert scaled_law(law, factor).mean() == pytest.approx(factor * law.mean(), rel=0.01)
+    assert scaled_law(law, 1e-9).mean() == pytest.approx(1.0, abs=1.0)
+
+
+def test_wrong_use_is_named():
+    with pytest.raises(InputError, match=r"'soft' is none of paper, mild, hard, derived, fleet"):
+        next(generate("soft", 1, 1))
+    for bad in ({"count": -1, "seed": 0}, {"count": 1, "seed": -1}, {"count": 1, "seed": 1, "windows": 0}):
+        with pytest.raises(InputError, match="none may be negative"):
+            next(generate("mild", **bad))
+
+
+def test_every_window_of_a_hard_life_has_its_gaps():
+    for window in generate("hard", 3, 6, windows=3):
+        assert window.telemetry.truth.faulty.any()
+        assert len(window.telemetry.samples) < 80_000
+        assert len(window.labels) == 5

@@ -1,0 +1,75 @@
+"""The effect that the demo hides: the same for a seed, none of the monitor's wheel, as strong as it says."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from rwa_monitor.simulation.demo_satellite import (
+    EFFECTS,
+    FAILING,
+    PAUSE_S,
+    STRENGTH_SIGMAS,
+    WHEELS,
+    WINDOW_SECONDS,
+    Satellite,
+    pass_s,
+    same,
+    samples_key,
+    simulate_satellite,
+)
+from rwa_monitor.wheel.effects.catalogue import MEAN_EFFECTS
+
+DURATION_S = 2 * WINDOW_SECONDS
+
+
+def _satellite(seed: int) -> Satellite:
+    return simulate_satellite("test", DURATION_S, start_ns=10**18, seed=seed)
+
+
+def test_a_seed_always_gives_the_same_satellite() -> None:
+    one, two = _satellite(3), _satellite(3)
+    assert (one.hiding, one.hidden.effect, one.hidden.sigmas) == (two.hiding, two.hidden.effect, two.hidden.sigmas)
+    assert one.telemetry.keys() == two.telemetry.keys() == {samples_key("test", wheel) for wheel in WHEELS}
+    for key, samples in one.telemetry.items():
+        assert np.array_equal(samples.time_ns, two.telemetry[key].time_ns)
+        assert samples.friction_torque_Nm is not None
+        np.testing.assert_array_equal(samples.friction_torque_Nm, two.telemetry[key].friction_torque_Nm)
+
+
+def test_a_longer_demo_hides_the_same_effect() -> None:
+    short, long = _satellite(3), simulate_satellite("test", 2 * DURATION_S, start_ns=10**18, seed=3)
+    assert (short.hiding, short.hidden.effect) == (long.hiding, long.hidden.effect)
+    count = len(short.hidden.samples)
+    np.testing.assert_array_equal(short.hidden.samples.speed_rad_s, long.hidden.samples.speed_rad_s[:count])
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_the_monitor_does_not_get_the_effect(seed: int) -> None:
+    satellite = _satellite(seed)
+    assert satellite.wheel.effect == ()
+    assert satellite.hiding != FAILING
+    assert satellite.hidden.effect.name in EFFECTS
+    assert STRENGTH_SIGMAS[0] <= satellite.hidden.sigmas <= STRENGTH_SIGMAS[1]
+
+
+def test_the_hidden_wheel_sends_in_passes_of_a_window() -> None:
+    satellite = _satellite(0)
+    samples = satellite.hidden.samples
+    assert samples is satellite.telemetry[samples_key("test", satellite.hiding)]
+    steps_s = np.diff(samples.time_ns) / 1e9
+    pauses = steps_s[steps_s > 1.5 * satellite.wheel.sample_period_s]
+    np.testing.assert_allclose(pauses, PAUSE_S + satellite.wheel.sample_period_s)
+    assert pauses.size == 1  # between two passes
+    assert samples.time_ns[-1] < satellite.start_ns + 2 * pass_s(satellite.wheel) * 1e9
+
+
+def test_seeds_hide_different_effects() -> None:
+    assert len({_satellite(seed).hidden.effect.name for seed in range(8)}) >= 3
+
+
+def test_only_what_no_record_tells_apart_counts_as_the_same() -> None:
+    assert EFFECTS.keys() <= MEAN_EFFECTS.keys()
+    assert same("stribeck", "stribeck")
+    assert same("torque_constant_error", "inertia_error")
+    assert not same("stribeck", "sublinear_viscous")

@@ -1,0 +1,371 @@
+"""Simulated records: every channel follows from one friction, and the truth is the truth."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+
+import numpy as np
+import pytest
+
+from rwa_monitor.errors import InputError
+from rwa_monitor.simulation.motion import SpeedProfile
+from rwa_monitor.simulation.record import VISIBLE_INFORMATION, cut, simulate
+from rwa_monitor.simulation.scenario import Anomaly, Base, Scenario
+from rwa_monitor.simulation.sensors import Fault, FrictionNoise, Sensors
+from rwa_monitor.wheel import torque_balance as tb
+from rwa_monitor.wheel.durations import Uniform
+from rwa_monitor.wheel.effects.catalogue import CATALOGUE, MEAN_EFFECTS, to_block
+from rwa_monitor.wheel.effects.noise_base import NoiseEffect
+from rwa_monitor.wheel.wheel import EffectBlock, Noise, Window, built_in_wheel
+
+WHEEL = built_in_wheel()
+KINDS = ("orbit", "one_direction", "crossings", "rich", "constant", "from_rest")
+NO_NOISE_OF_SENSORS = Sensors(**dict.fromkeys(Sensors.model_fields, 0.0))  # and no steps
+PERFECT = {"sensors": NO_NOISE_OF_SENSORS, "noise": FrictionNoise(std_Nm=0.0)}
+
+
+def run(seed=0, wheel=WHEEL, **settings):
+    """Simulate a record; in every third one friction is not given, unless the test says otherwise."""
+    settings.setdefault("friction_given", seed % 3 != 2)
+    return simulate(Scenario(**{"duration_s": 2_500.0, **settings}), wheel, np.random.default_rng(seed))
+
+
+def arrays(telemetry):
+    yield from telemetry.samples.channels()
+    for field in dataclasses.fields(telemetry.truth):
+        value = getattr(telemetry.truth, field.name)
+        if isinstance(value, np.ndarray):
+            yield field.name, value
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_friction_is_the_sum_of_its_parts(kind):
+    truth = run(speed=SpeedProfile(kind=kind), duration_s=10_000.0).truth
+    level = truth.base_dry_Nm + sum(truth.fss_friction_Nm.values())
+    friction = np.sign(truth.speed_rad_s) * level + truth.viscous_Nm_s_rad * truth.speed_rad_s
+    assert truth.friction_torque_Nm == pytest.approx(friction, abs=1e-15)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_perfect_speed_and_current_give_the_true_friction_back(kind):
+    """Within the error of the derivative: J·|d³ω/dt³|·Δt²·(3h²+3h−1)/30 for a parabola over 2h + 1 slots."""
+    record = run(1, speed=SpeedProfile(kind=kind), duration_s=10_000.0, friction_given=False, **PERFECT)
+    motor = WHEEL.torque_constant_Nm_A * record.samples.motor_current_A
+    found = tb.derive_friction(record.samples.speed_rad_s, motor, WHEEL)
+    third = np.max(np.abs(np.diff(record.truth.acceleration_rad_s2, 2))) / WHEEL.sample_period_s**2
+    h = tb.half_width(WHEEL.friction.derivative, WHEEL.sample_period_s)
+    bound = WHEEL.inertia_kg_m2 * third * WHEEL.sample_period_s**2 * (3 * h * h + 3 * h - 1) / 30 + 1e-12
+    assert np.nanmax(np.abs(found - record.truth.friction_torque_Nm)) < bound
+    assert np.isfinite(found).sum() == found.size - 2 * h
+
+
+def test_given_friction_agrees_with_current_sample_by_sample():
+    """Noise included: what is measured as friction is what the motor had to give."""
+    record = run(sensors=NO_NOISE_OF_SENSORS)
+    motor = WHEEL.torque_constant_Nm_A * record.samples.motor_current_A
+    found = tb.friction_torque(motor, record.truth.acceleration_rad_s2, WHEEL.inertia_kg_m2)
+    assert found == pytest.approx(record.samples.friction_torque_Nm, abs=1e-12)
+    noise = record.samples.friction_torque_Nm - record.truth.friction_torque_Nm
+    assert noise.std() == pytest.approx(WHEEL.noise.friction_std_Nm, rel=0.03)
+
+
+def test_voltage_is_that_of_the_winding():
+    record = run(sensors=NO_NOISE_OF_SENSORS)
+    expected = 2.0 * record.samples.motor_current_A + 0.032 * record.truth.speed_rad_s
+    assert record.samples.motor_voltage_V == pytest.approx(expected, abs=1e-12)
+
+
+def test_derived_friction_has_the_noise_that_the_truth_states():
+    record = run(2, friction_given=False, speed=SpeedProfile(kind="constant", activity=0.0), duration_s=10_000.0)
+    assert record.samples.friction_torque_Nm is None
+    motor = WHEEL.torque_constant_Nm_A * record.samples.motor_current_A
+    error = tb.derive_friction(record.samples.speed_rad_s, motor, WHEEL) - record.truth.friction_torque_Nm
+    assert np.nanstd(error) == pytest.approx(record.truth.noise_std_Nm, rel=0.03)
+
+
+@pytest.mark.parametrize("friction_given", [True, False])
+def test_same_seed_same_bytes(friction_given):
+    first, second = (run(3, friction_given=friction_given) for _ in range(2))
+    for (name, a), (_, b) in zip(arrays(first), arrays(second), strict=True):
+        assert a.tobytes() == b.tobytes(), name
+    other = run(4, friction_given=friction_given)
+    assert other.samples.speed_rad_s.tobytes() != first.samples.speed_rad_s.tobytes()
+
+
+def test_each_part_has_randomness_of_its_own():
+    """Another noise, a fault, an anomaly, an effect: motion and jumps stay what they were."""
+    plain = run(5).truth
+    others = (
+        run(5, noise=FrictionNoise(law="ar1")),
+        run(5, friction_given=False),
+        run(5, fault=(Fault(kind="gap", start_s=10, duration_s=5),)),
+        run(5, anomalies={"fss_2": Anomaly(factor=1.4), "dry": Anomaly(factor=1.3)}),
+        run(5, effect=(EffectBlock(name="torque_bias", parameters={"strength_Nm": 1e-4}),)),
+    )
+    for other in others:
+        assert np.array_equal(other.truth.speed_rad_s, plain.speed_rad_s)
+        assert np.array_equal(other.truth.changepoints.index, plain.changepoints.index)
+
+
+def test_anomalies_scale_their_component_and_are_labelled():
+    plain = run(6).truth
+    factors = {"dry": 1.3, "viscous": 1.15, "fss_1": 1.6, "fss_2": 1.4}
+    for name, factor in factors.items():
+        truth = run(6, anomalies={name: Anomaly(factor=factor)}).truth
+        assert truth.labels == {other: other == name for other in factors}
+        assert truth.factors[name] == factor
+        dry = factor if name == "dry" else 1.0
+        viscous = factor if name == "viscous" else 1.0
+        assert truth.base_dry_Nm == pytest.approx(dry * plain.base_dry_Nm)
+        assert truth.viscous_Nm_s_rad == pytest.approx(viscous * plain.viscous_Nm_s_rad)
+        for system, friction in truth.fss_friction_Nm.items():
+            times = factor if name == system else 1.0
+            assert friction == pytest.approx(times * plain.fss_friction_Nm[system])
+
+
+def test_growing_anomaly():
+    truth = run(base=Base(dry=1.1), anomalies={"dry": Anomaly(factor=1.5, onset_s=500.0, growth_s=1_000.0)}).truth
+    at = np.array([0.0, 500.0, 1_000.0, 1_500.0, 2_400.0])
+    found = truth.base_dry_Nm[np.rint(at / WHEEL.sample_period_s).astype(int)]
+    assert found == pytest.approx(1.6e-3 * 1.1 * np.array([1.0, 1.0, 1.25, 1.5, 1.5]))
+
+
+def test_changepoints_are_the_jumps_of_the_level():
+    for seed in range(5):
+        truth = run(seed, duration_s=10_000.0).truth
+        level = sum(truth.fss_friction_Nm.values())
+        jumps = truth.changepoints
+        assert np.flatnonzero(np.diff(level)).tolist() == (np.unique(jumps.index) - 1).tolist()
+        alone = np.bincount(jumps.index)[jumps.index] == 1
+        assert jumps.jump_Nm[alone] == pytest.approx(np.diff(level)[jumps.index[alone] - 1])
+        assert len(jumps) >= 5
+        for number, configuration in enumerate(truth.configuration.values()):
+            own = jumps.index[jumps.system == number]
+            assert np.flatnonzero(np.diff(configuration)).tolist() == (own - 1).tolist()
+
+
+def test_visibility_is_the_information_of_an_oracle():
+    """λ = (Δ/σ)²·n₁n₂/(n₁+n₂) by hand, with masked slots left out."""
+    gap = Fault(kind="gap", start_s=100.0, duration_s=300.0)
+    wheel = WHEEL.model_copy(update={"noise": Noise(friction_std_Nm=2e-3)})
+    truth = run(7, wheel, duration_s=10_000.0, fault=(gap,)).truth
+    jumps = truth.changepoints
+    assert not truth.used[800:3200].any()
+    edges = np.concatenate([[0], np.unique(jumps.index), [truth.used.size]])
+    for k, index in enumerate(jumps.index):
+        at = int(np.searchsorted(edges, index))
+        before, after = truth.used[edges[at - 1] : index].sum(), truth.used[index : edges[at + 1]].sum()
+        expected = (jumps.jump_Nm[k] / 2e-3) ** 2 * before * after / max(before + after, 1)
+        assert jumps.information[k] == pytest.approx(expected)
+    assert np.array_equal(jumps.visible, jumps.information >= VISIBLE_INFORMATION)
+    assert 0 < jumps.visible.sum() < len(jumps)  # this much noise hides some
+
+
+def test_two_jumps_on_one_slot_are_not_visible():
+    """Both systems jump every slot: no jump is alone."""
+    one = Uniform(low=1, high=1)
+    systems = tuple(fss.model_copy(update={"durations": (one,) * fss.configurations}) for fss in WHEEL.fss)
+    jumps = run(duration_s=10.0, wheel=WHEEL.model_copy(update={"fss": systems})).truth.changepoints
+    assert len(jumps) == 2 * 79
+    assert not jumps.visible.any()
+
+
+def test_faults_are_in_the_table_and_in_the_truth():
+    faults = (
+        Fault(kind="gap", start_s=100.0, duration_s=10.0),
+        Fault(kind="stuck", start_s=500.0, duration_s=20.0, channel="speed_rad_s"),
+        Fault(kind="dropout", start_s=0.0, duration_s=2_500.0, channel="friction_torque_Nm", share=0.01),
+    )
+    clean, record = (run(8, friction_given=True, fault=fault) for fault in ((), faults))
+    assert len(record.samples) == len(clean.samples) - 80
+    slots = (record.samples.time_ns - record.samples.time_ns[0]) // WHEEL.period_ns
+    assert np.array_equal(np.setdiff1d(np.arange(20_000), slots), np.arange(800, 880))
+    nan = np.isnan(record.samples.friction_torque_Nm)
+    assert 100 < nan.sum() < 300
+    assert np.ptp(record.samples.speed_rad_s[(slots >= 4_000) & (slots < 4_160)]) == 0.0
+    assert record.truth.faulty[slots[nan]].all()
+    good = ~record.truth.faulty[slots]
+    for name, values in record.samples.channels():
+        assert np.array_equal(values[good], getattr(clean.samples, name)[slots[good]])
+
+
+def test_only_the_channels_asked_for():
+    channels = ("motor_torque_Nm", "bearing_temperature_degC")
+    samples = run(channels=channels, friction_given=False).samples
+    assert [name for name, _ in samples.channels()] == ["time_ns", "speed_rad_s", *channels]
+    with pytest.raises(InputError, match="channels: friction_torque_Nm is not given"):
+        run(channels=("friction_torque_Nm",), friction_given=False)
+
+
+def test_wheel_without_motor_constants():
+    wheel = WHEEL.model_copy(update={"inertia_kg_m2": None})
+    assert run(wheel=wheel).samples.motor_current_A is None
+    for constant in ("inertia_kg_m2", "torque_constant_Nm_A"):
+        with pytest.raises(InputError, match=f"{constant}: is missing"):
+            run(wheel=WHEEL.model_copy(update={constant: None}), friction_given=False)
+
+
+@pytest.mark.parametrize("count", [0, 1, 3])
+def test_any_number_of_switching_systems(count):
+    systems = tuple(WHEEL.fss[0].model_copy(update={"name": f"fss_{k}"}) for k in range(count))
+    truth = run(wheel=WHEEL.model_copy(update={"fss": systems}), duration_s=10_000.0).truth
+    assert len(truth.configuration) == count
+    assert (len(truth.changepoints) > 0) == (count > 0)
+
+
+@pytest.mark.parametrize("name", MEAN_EFFECTS)
+def test_every_mean_effect_reaches_every_channel(name):
+    """y, current and truth hold the same torque; the loop friction → motor torque has settled."""
+    effect = MEAN_EFFECTS[name].typical()
+    settings = {"speed": SpeedProfile(kind="rich"), **PERFECT}
+    plain, record = run(9, **settings), run(9, effect=(to_block(effect),), **settings)
+    torque = record.truth.effect_torque_Nm[name]
+    assert np.any(torque != 0.0)
+    added = record.samples.friction_torque_Nm - plain.samples.friction_torque_Nm
+    assert added == pytest.approx(torque, abs=1e-12)
+    motor = WHEEL.torque_constant_Nm_A * (record.samples.motor_current_A - plain.samples.motor_current_A)
+    assert motor == pytest.approx(torque, abs=1e-12)
+    if name in ("load_dependence", "torque_constant_error"):
+        strength = effect.values["strength"]
+        full = record.truth.motor_torque_Nm
+        expected = np.abs(full) * np.sign(record.truth.speed_rad_s) if name == "load_dependence" else full
+        assert torque == pytest.approx(strength * expected, abs=1e-12)
+
+
+def test_effects_of_the_wheel_and_of_the_scenario_add_up():
+    bias = EffectBlock(name="torque_bias", parameters={"strength_Nm": 1e-4})
+    wheel = WHEEL.model_copy(update={"effect": (bias,)})
+    truth = run(wheel=wheel, effect=(bias,)).truth
+    assert truth.effect_torque_Nm["torque_bias"] == pytest.approx(2e-4)
+
+
+def test_a_cut_is_the_record_of_its_slots():
+    gap = Fault(kind="gap", start_s=1_000.0, duration_s=10.0)
+    record = run(10, duration_s=10_000.0, fault=(gap,))
+    piece = cut(record, 4_000, 44_000, WHEEL)
+    assert piece.samples.time_ns[0] == 4_000 * WHEEL.period_ns
+    assert len(piece.samples) == 40_000 - 80
+    jumps = piece.truth.changepoints
+    level = sum(piece.truth.fss_friction_Nm.values())
+    assert np.array_equal(np.unique(jumps.index) - 1, np.flatnonzero(np.diff(level)))
+    assert cut(record, 0, 80_000, WHEEL).samples.time_ns.tobytes() == record.samples.time_ns.tobytes()
+
+
+def test_a_wheel_of_another_size():
+    """Milliseconds, millinewton metres, a joint of a robot: nothing in the simulator is tied to the built-in wheel."""
+    wheel = WHEEL.model_copy(
+        update={
+            "sample_period_s": 0.005,
+            "nominal": WHEEL.nominal.model_copy(update={"dry_torque_Nm": 10.0, "viscous_Nm_s_rad": 2.0}),
+            "noise": Noise(friction_std_Nm=0.3),
+            "window": Window(samples=1760),
+            "limits": WHEEL.limits.model_copy(update={"max_current_A": None}),
+        }
+    )
+    record = run(wheel=wheel, duration_s=8.8)
+    assert len(record.samples) == 1760
+    assert np.isfinite(record.samples.friction_torque_Nm).all()
+
+
+def test_eighty_thousand_samples_are_quick():
+    run(duration_s=10_000.0)  # fills the caches
+    start = time.process_time()
+    run(1, duration_s=10_000.0)
+    assert time.process_time() - start < 5 * 0.2
+
+
+def test_extra_system_adds_jumps_of_its_own():
+    block = EffectBlock(
+        name="extra_switching_system", parameters={"strength_Nm": 4e-4, "rest_s": 200.0, "active_s": 100.0}
+    )
+    plain, truth = run(11).truth, run(11, effect=(block,)).truth
+    assert [*truth.configuration] == ["fss_1", "fss_2", "extra_switching_system"]
+    extra = truth.fss_friction_Nm["extra_switching_system"]
+    added = truth.friction_torque_Nm - plain.friction_torque_Nm
+    assert added == pytest.approx(np.sign(truth.speed_rad_s) * extra, abs=1e-15)
+    number = truth.changepoints.index[truth.changepoints.system == 2]
+    assert np.array_equal(number - 1, np.flatnonzero(np.diff(extra)))
+    assert len(number) >= 4
+
+
+def test_wrong_duration_law_changes_how_often_systems_jump():
+    block = EffectBlock(name="wrong_duration_law", parameters={"duration_factor": 0.1, "weibull_shape": 1.0})
+    counts = [len(run(12, duration_s=10_000.0, effect=effect).truth.changepoints) for effect in ((), (block,))]
+    assert counts[1] > 4 * counts[0]
+
+
+def test_jumps_follow_the_speed_where_it_triggers_them():
+    """Of many jumps, most lie above the median speed; without the effect about half of them do."""
+    wheel = WHEEL.model_copy(
+        update={
+            "fss": tuple(
+                fss.model_copy(update={"durations": (Uniform(low=20, high=200),) * fss.configurations})
+                for fss in WHEEL.fss
+            )
+        }
+    )
+    block = EffectBlock(name="speed_triggered_jumps", parameters={"strength_s_rad": 0.02})
+    shares = []
+    for effect in ((), (block,)):
+        truth = run(13, wheel, duration_s=10_000.0, effect=effect).truth
+        speed = np.abs(truth.speed_rad_s)
+        shares.append(np.mean(speed[truth.changepoints.index] > np.median(speed)))
+    assert shares[0] == pytest.approx(0.5, abs=0.1)
+    assert shares[1] > 0.75
+
+
+def test_jumps_relax_and_slopes_jump():
+    for name, parameters in (
+        ("decaying_jump", {"strength": 0.5, "time_constant_s": 60.0}),
+        ("viscous_jump", CATALOGUE["viscous_jump"].typical().values),
+    ):
+        plain = run(14, duration_s=10_000.0).truth
+        truth = run(14, duration_s=10_000.0, effect=(EffectBlock(name=name, parameters=parameters),)).truth
+        torque = truth.effect_torque_Nm[name]
+        assert np.max(np.abs(torque)) > 1e-4
+        assert truth.friction_torque_Nm == pytest.approx(plain.friction_torque_Nm + torque, abs=1e-15)
+        assert not torque[: plain.changepoints.index[0]].any()
+
+
+def test_noise_effects_shape_the_noise_and_the_truth_knows_its_size():
+    for name, effect in CATALOGUE.items():
+        if not issubclass(effect, NoiseEffect):
+            continue
+        for friction_given in (True, False):
+            record = run(15, effect=(to_block(effect.typical()),), friction_given=friction_given)
+            if friction_given:
+                noise = record.samples.friction_torque_Nm - record.truth.friction_torque_Nm
+            else:
+                motor = WHEEL.torque_constant_Nm_A * record.samples.motor_current_A
+                derived = tb.derive_friction(record.samples.speed_rad_s, motor, WHEEL)
+                noise = derived - record.truth.friction_torque_Nm
+            assert np.nanstd(noise) == pytest.approx(record.truth.noise_std_Nm, rel=0.1), name
+
+
+def test_coarse_tachometer_puts_the_speed_on_its_lattice():
+    block = EffectBlock(name="tachometer_quantisation", parameters={"step_rad_s": 0.05})
+    speed = run(16, effect=(block,)).samples.speed_rad_s
+    assert np.allclose(speed / 0.05, np.rint(speed / 0.05), atol=1e-6)
+
+
+def test_dead_zone_silences_the_tachometer_but_not_the_current():
+    block = EffectBlock(name="speed_dead_zone", parameters={"strength_Nm": 1e-3, "dead_zone_rad_s": 5.0})
+    settings = {"speed": SpeedProfile(kind="rich"), **PERFECT}
+    plain = run(17, friction_given=False, **settings)
+    derived = run(17, friction_given=False, effect=(block,), **settings)
+    inside = np.abs(derived.truth.speed_rad_s) < 5.0
+    assert inside.sum() > 100
+    assert np.all(derived.samples.speed_rad_s[inside] == 0.0)
+    assert np.array_equal(derived.samples.motor_current_A, plain.samples.motor_current_A)
+    given = run(17, friction_given=True, effect=(block,), **settings)
+    assert np.all(given.truth.effect_torque_Nm["speed_dead_zone"][~inside] == 0.0)
+
+
+def test_effects_that_feed_back_too_strongly_are_refused():
+    blocks = (
+        EffectBlock(name="load_dependence", parameters={"strength": 1.0}),
+        EffectBlock(name="torque_constant_error", parameters={"strength": 0.5}),
+    )
+    with pytest.raises(InputError, match="no torque balances"):
+        run(effect=blocks, speed=SpeedProfile(kind="rich"))

@@ -1,0 +1,110 @@
+"""Sensors, noise, temperature and faults."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from rwa_monitor.simulation.sensors import Fault, FrictionNoise, Sensors, bearing_temperature, measure
+from rwa_monitor.wheel.wheel import built_in_wheel
+
+N = 100_000
+
+
+def autocorrelation(values, lag):
+    centred = values - values.mean()
+    return np.mean(centred[lag:] * centred[:-lag]) / np.mean(centred**2)
+
+
+@pytest.mark.parametrize(
+    "noise",
+    [
+        FrictionNoise(),
+        FrictionNoise(law="ar1", ar_coefficient=0.5),
+        FrictionNoise(law="student_t", degrees_of_freedom=5),
+    ],
+    ids=["white", "ar1", "student_t"],
+)
+def test_every_noise_law_has_the_stated_standard_deviation(noise):
+    drawn = noise.draw(2.0, N, np.random.default_rng(0))
+    assert drawn.std() == pytest.approx(2.0, rel=0.03)
+    assert abs(drawn.mean()) < 5 * noise.long_run_std(2.0) / np.sqrt(N)
+    blocks = drawn.reshape(-1, 500).mean(axis=1)
+    assert blocks.std() * np.sqrt(500) == pytest.approx(noise.long_run_std(2.0), rel=0.25)
+
+
+def test_ar1_has_its_coefficient_and_begins_in_its_stationary_law():
+    noise = FrictionNoise(law="ar1", ar_coefficient=0.8)
+    drawn = noise.draw(1.0, N, np.random.default_rng(1))
+    for lag in (1, 2, 5):
+        assert autocorrelation(drawn, lag) == pytest.approx(0.8**lag, abs=0.03)
+    first = [noise.draw(1.0, 2, np.random.default_rng(seed))[0] for seed in range(3_000)]
+    assert stats.kstest(first, "norm").pvalue > 1e-5
+
+
+def test_student_t_has_heavy_tails():
+    drawn = FrictionNoise(law="student_t", degrees_of_freedom=3).draw(1.0, N, np.random.default_rng(2))
+    expected = 2 * stats.t.sf(4.0 * np.sqrt(3.0), 3)
+    assert np.mean(np.abs(drawn) > 4.0) == pytest.approx(expected, rel=0.3)
+    assert expected > 50 * stats.norm.sf(4.0)
+
+
+def test_a_sensor_rounds_to_its_quantum_after_its_noise():
+    true = np.linspace(-1, 1, N)
+    reading = measure(true, 0.05, 0.01, np.random.default_rng(3))
+    assert np.allclose(reading / 0.01, np.rint(reading / 0.01), atol=1e-9)
+    assert np.std(reading - true) == pytest.approx(np.hypot(0.05, 0.01 / np.sqrt(12)), rel=0.02)
+    assert np.array_equal(measure(true, 0.0, 0.0, np.random.default_rng(3)), true)
+
+
+def test_unset_sensors_are_those_of_the_wheel():
+    sensors = Sensors(current_noise_A=0.0).for_wheel(built_in_wheel())
+    assert sensors.speed_noise_rad_s == pytest.approx(0.01)
+    assert sensors.current_noise_A == 0.0
+    assert all(value is not None for value in sensors.model_dump().values())
+
+
+def test_temperature_swings_with_the_orbit_and_follows_dissipation_with_a_lag():
+    time = np.arange(80_000) * 0.125
+    idle = bearing_temperature(time, np.zeros(time.size), 5400.0, np.random.default_rng(4))
+    assert 1.0 <= np.ptp(idle) <= 5.0
+    assert 10.0 < idle.mean() < 30.0
+    power = np.where(time < 5_000.0, 0.0, 1.0)
+    warm = bearing_temperature(time, power, 5400.0, np.random.default_rng(4)) - idle
+    balance = 2.0 * power.mean()
+    expected = np.where(
+        time < 5_000.0,
+        balance * np.exp(-time / 1200.0),
+        2.0 + (balance * np.exp(-5_000.0 / 1200.0) - 2.0) * np.exp(-(time - 5_000.0) / 1200.0),
+    )
+    assert warm == pytest.approx(expected, abs=1e-3)
+
+
+def test_faults_hit_their_slots_and_nothing_else():
+    values = np.arange(100.0)
+    rng = np.random.default_rng(5)
+    stuck = Fault(kind="stuck", start_s=10.0, duration_s=5.0)
+    hit = stuck.slots_hit(100, 0.5, rng)
+    assert np.flatnonzero(hit).tolist() == list(range(20, 30))
+    faulty = stuck.apply(values, hit, rng)
+    assert np.all(faulty[20:30] == 19.0)
+    assert np.array_equal(faulty[~hit], values[~hit])
+
+    spikes = Fault(kind="spikes", start_s=0.0, duration_s=50.0, share=0.3, size=7.0)
+    hit = spikes.slots_hit(100, 0.5, rng)
+    assert 10 < hit.sum() < 50
+    assert set(np.abs(spikes.apply(values, hit, rng) - values)[hit]) == {7.0}
+
+    dropout = Fault(kind="dropout", start_s=0.0, duration_s=1e9, share=1.0)
+    hit = dropout.slots_hit(100, 0.5, rng)
+    assert np.isnan(dropout.apply(values, hit, rng)).sum() == 99
+    assert not hit[0]
+    assert values[1] == 1.0  # the input is left as it was
+
+
+def test_a_fault_after_the_end_hits_nothing():
+    fault = Fault(kind="stuck", start_s=1e6, duration_s=5.0)
+    hit = fault.slots_hit(100, 0.5, np.random.default_rng(0))
+    assert not hit.any()
+    assert np.array_equal(fault.apply(np.ones(100), hit, np.random.default_rng(0)), np.ones(100))

@@ -1,0 +1,70 @@
+"""Assignment problems for tests: random candidates, levels and laws, and paths through them."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from rwa_monitor.switching.assignment_search import REJECT, Path, Problem, Sizes
+from rwa_monitor.switching.duration_likelihoods import law_tables
+from rwa_monitor.wheel.durations import Geometric, Lognormal, Uniform
+from rwa_monitor.wheel.wheel import SwitchingSystem
+
+SHORT = SwitchingSystem(name="short", durations=(Uniform(low=200, high=500), Uniform(low=1, high=40)))
+LONG = SwitchingSystem(name="long", durations=(Uniform(low=300, high=900),) * 3, up=(1.0, 0.4, 0.0))
+FREE = SwitchingSystem(name="free", durations=(Geometric(mean=400), Lognormal(mu=5.0, sigma=0.5)))
+SLOTS = 3000
+
+
+def random_problem(
+    rng: np.random.Generator,
+    systems: tuple[SwitchingSystem, ...],
+    candidates: int,
+    *,
+    rare: bool = True,
+    sized: bool = False,
+) -> Problem:
+    """A window with random candidates and levels; without `rare` events, no missed jump and no two at once."""
+    index = np.sort(rng.choice(np.arange(1, SLOTS), size=candidates, replace=False)).astype(np.int64)
+    nodes = np.concatenate([[0], index, [SLOTS]])
+    # Fits like those of real levels: merging true levels is dear, merging equal ones is cheap.
+    level = np.cumsum(rng.choice([-0.5, 0.0, 0.5], size=candidates + 1) + 0.02 * rng.standard_normal(candidates + 1))
+    length = np.diff(nodes)
+    fit = np.zeros((candidates + 2, candidates + 2))
+    for i in range(candidates + 1):
+        for j in range(i + 1, candidates + 2):
+            weights = length[i:j] / length[i:j].sum()
+            spread = weights @ level[i:j] ** 2 - (weights @ level[i:j]) ** 2
+            fit[i, j] = -0.5 * spread * length[i:j].sum() / 4.0 - 3.0 - rng.exponential(1.0)
+    laws = law_tables(systems, index, SLOTS, (None,) * len(systems))
+    signs = rng.random((candidates, 2)) < 0.6
+    signs[~signs.any(axis=1), 0] = True
+    if not rare:
+        laws.missed[:] = -np.inf
+    at_rest = np.arange(laws.turn.shape[1]) == 0
+    sizes = Sizes(
+        jump=np.diff(level),
+        variance=0.01**2 * (1.0 + rng.exponential(1.0, size=candidates)),
+        law_mean=np.tile(np.where(at_rest, 0.0, 0.5 * np.arange(at_rest.size)), (len(systems), 1)),
+        law_variance=np.tile(np.where(at_rest, 0.0, 0.1**2), (len(systems), 1)),
+        log_range=0.0,
+        unattributed_variance=0.3**2,
+    )
+    return Problem(
+        fit=fit,
+        laws=laws,
+        configurations=np.array([system.configurations for system in systems], dtype=np.int64),
+        signs=signs,
+        reject=-float(rng.exponential(1.0)),
+        unattributed=-10.0,
+        simultaneous=-1.0 if rare else -np.inf,
+        sizes=sizes if sized else None,
+    )
+
+
+def random_path(rng: np.random.Generator, problem: Problem) -> Path:
+    """A path that need not be a good one: systems go up and down in turn, at random candidates."""
+    actions = np.zeros(problem.signs.shape[0], dtype=np.int64)
+    for s in range(problem.configurations.size):
+        mine = np.flatnonzero((rng.random(actions.size) < 0.4) & (actions == REJECT))
+        actions[mine] = 2 + 6 * s + np.arange(1, mine.size + 1) % 2  # up, down, up …
+    return Path(0.0, (0,) * problem.configurations.size, actions)

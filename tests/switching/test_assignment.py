@@ -1,0 +1,270 @@
+"""Stage 3 on simulated windows: accuracy beside the paper's method, properties, rare events, bounds on work."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from rwa_monitor.changepoints.evidence import WindowAccumulator
+from rwa_monitor.changepoints.stage_results import REJECTED, UNATTRIBUTED, Assignment, Evidence
+from rwa_monitor.paper.assignment import assign_as_paper
+from rwa_monitor.switching.assignment import assign
+from rwa_monitor.wheel.durations import Geometric, Histogram, Lognormal, Weibull
+from rwa_monitor.wheel.wheel import FrictionRange, SwitchingSystem, Wheel, built_in_wheel
+from tests.switching.assignment_windows import candidates_at, evidence_of, simulate, window
+
+WHEEL = built_in_wheel()
+STD = 0.024
+TOLERANCE = 5  # slots
+
+
+def accepted(assignment: Assignment) -> list[tuple[int, int, int]]:
+    rows = zip(assignment.index, assignment.system, assignment.direction, strict=True)
+    return [(int(k), int(s), int(d)) for k, s, d in rows if s != REJECTED]
+
+
+def matched(found: list[tuple[int, int, int]], jumps: list[tuple[int, int, int]]) -> tuple[int, int]:
+    """Count jumps found in place, system and direction; and changepoints left over."""
+    left = list(found)
+    good = 0
+    for k, s, d in jumps:
+        near = [one for one in left if abs(one[0] - k) <= TOLERANCE and one[1:] == (s, d)]
+        if near:
+            left.remove(min(near, key=lambda one: abs(one[0] - k)))
+            good += 1
+    return good, len(left)
+
+
+def detect(x: np.ndarray, z: np.ndarray, method: str, direction: int) -> Evidence:
+    """Run stage 1 on SI values made of the normalised ones."""
+    assert WHEEL.nominal is not None
+    speed = direction * x * WHEEL.nominal.nominal_speed_rad_s
+    torque = direction * z * WHEEL.nominal.dry_torque_Nm
+    accumulator = WindowAccumulator(WHEEL, method=method)  # type: ignore[arg-type]
+    accumulator.append(speed, torque, np.ones(x.size, dtype=np.bool_))
+    return accumulator.close()
+
+
+def system(name: str, *laws: object, low: float = 0.3, high: float = 0.6) -> SwitchingSystem:
+    rest = FrictionRange(low=0.0, high=0.0)
+    active = [FrictionRange(low=q * low, high=q * high) for q in range(1, len(laws))]
+    return SwitchingSystem(name=name, durations=laws, friction=(rest, *active))
+
+
+def with_systems(*systems: SwitchingSystem) -> Wheel:
+    return WHEEL.model_copy(update={"fss": systems})
+
+
+def test_places_jumps_of_the_examples_on_the_right_system(capsys):
+    """Issue 2: at least 99 % of the visible jumps in place and system, under 0.1 false ones a window."""
+    windows = 30
+    counts = {"joint": [0, 0, 0], "paper": [0, 0, 0]}  # good, all, false
+    rng = np.random.default_rng(20)
+    for number in range(windows):
+        x, z, jumps, _, _ = simulate(WHEEL, rng, std=STD)
+        for method, run in (("joint", assign), ("paper", assign_as_paper)):
+            evidence = detect(x, z, method, 1 if number % 2 else -1)
+            good, false = matched(accepted(run(evidence, WHEEL)[0]), jumps)  # type: ignore[operator]
+            for place, value in enumerate((good, len(jumps), false)):
+                counts[method][place] += value
+    with capsys.disabled():
+        for method, (good, total, false) in counts.items():
+            print(
+                f"\n  {method}: {good} of {total} jumps in place, system and direction "
+                f"({good / total:.2%}), {false / windows:.2f} false a window",
+                end="",
+            )
+    good, total, false = counts["joint"]
+    # A sojourn of one or two slots (1 % of those of fss_1) may leave no candidate: that is what 99 % allows.
+    assert good >= 0.99 * total
+    assert false < 0.1 * windows
+    assert counts["paper"][0] < good
+
+
+def test_rejects_false_candidates():
+    rng = np.random.default_rng(21)
+    good = total = false = 0
+    for _ in range(20):
+        made = window(WHEEL, rng, false_candidates=10.0, jitter=0)
+        hits, extra = matched(accepted(assign(made.evidence, WHEEL)[0]), made.jumps)
+        good, total, false = good + hits, total + len(made.jumps), false + extra
+    assert good >= 0.99 * total
+    assert false <= 1
+
+
+NONE = with_systems()
+ONE = with_systems(WHEEL.fss[1])
+THREE = with_systems(
+    *WHEEL.fss, system("slow", Weibull(shape=1.5, scale=25_000.0), Lognormal(mu=8.5, sigma=0.4), low=0.15, high=0.25)
+)
+OTHER_LAWS = with_systems(
+    system("bursts", Geometric(mean=12_000), Lognormal(mu=4.0, sigma=0.5)),
+    system("cage", Weibull(shape=3.0, scale=20_000.0), Histogram(edges=(8_000, 15_000, 25_000), weights=(1.0, 3.0))),
+)
+
+
+@pytest.mark.parametrize(
+    ("wheel", "right"), [(ONE, 0.99), (THREE, 0.97), (OTHER_LAWS, 0.97)], ids=["one", "three", "other laws"]
+)
+def test_other_wheels(wheel, right):
+    rng = np.random.default_rng(22)
+    good = total = false = 0
+    for _ in range(12):
+        made = window(wheel, rng, false_candidates=2.0, jitter=0)
+        assignment, _ = assign(made.evidence, wheel)
+        hits, extra = matched(accepted(assignment), made.jumps)
+        good, total, false = good + hits, total + len(made.jumps), false + extra
+        assert len(assignment.configurations) == len(wheel.fss)
+    assert good >= right * total
+    assert false <= (1 - right) * total + 1
+
+
+def test_a_wheel_without_switching_systems_still_finds_levels():
+    rng = np.random.default_rng(23)
+    x = np.full(20_000, 0.5)
+    z = 1.5 + STD * rng.standard_normal(x.size)
+    z[8_000:] += 0.3
+    evidence = evidence_of(x, z, candidates_at(x, z, np.array([3_000, 8_000, 15_000]), STD, 1.0), STD)
+    assignment, levels = assign(evidence, NONE)
+    assert accepted(assignment) == [(8_000, UNATTRIBUTED, 1)]
+    assert assignment.configurations == ()
+    assert np.diff(levels.level) == pytest.approx([0.3], abs=0.01)
+
+
+def test_a_window_without_candidates():
+    rng = np.random.default_rng(24)
+    x = np.full(5_000, 0.5)
+    z = 1.5 + STD * rng.standard_normal(x.size)
+    assignment, levels = assign(evidence_of(x, z, candidates_at(x, z, np.zeros(0), STD, 1.0), STD), WHEEL)
+    assert assignment.index.size == 0
+    assert [q.size for q in assignment.configurations] == [1, 1]
+    assert levels.level.size == 1
+
+
+def steps(levels: dict[int, float], slots: int = 80_000) -> tuple[np.ndarray, np.ndarray]:
+    """Make x and a noisy z that starts at 1.6 and changes by the given steps."""
+    rng = np.random.default_rng(25)
+    x = 0.6 + 0.3 * np.sin(np.arange(slots) / 7000.0)
+    z = 1.0 + x + STD * rng.standard_normal(slots)
+    for k, step in levels.items():
+        z[k:] += step
+    return x, z
+
+
+def test_two_systems_jump_at_once():
+    # fss_2 up at 20,000 and down at 45,000, at that very slot fss_1 up; fss_1 down 100 slots later; pulses between.
+    jumps = {9_000: 0.4, 9_100: -0.4, 20_000: 0.55, 26_000: 0.5, 26_080: -0.5, 45_000: -0.55 + 0.35, 45_100: -0.35}
+    jumps |= {60_000: 0.45, 60_050: -0.45, 71_000: 0.5}
+    x, z = steps(jumps)
+    evidence = evidence_of(x, z, candidates_at(x, z, np.array(list(jumps)), STD, 1.0), STD)
+    assignment, _ = assign(evidence, WHEEL)
+    at_once = [one for one in accepted(assignment) if one[0] == 45_000]
+    assert sorted(at_once) == [(45_000, 0, 1), (45_000, 1, -1)]
+    sizes = {
+        int(s): float(j)
+        for k, s, j in zip(assignment.index, assignment.system, assignment.jump, strict=True)
+        if k == 45_000
+    }
+    assert sizes[0] == pytest.approx(0.35, abs=0.02)
+    assert sizes[1] == pytest.approx(-0.55, abs=0.02)
+
+
+def test_a_missed_jump_costs_only_itself():
+    """fss_1 goes up, but its return left no candidate (it lies in a gap): all other jumps are right."""
+    jumps = {9_000: 0.4, 9_100: -0.4, 20_000: 0.55, 24_000: 0.5, 24_150: -0.5, 38_000: 0.35, 38_060: -0.35}
+    jumps |= {45_000: -0.55, 53_000: 0.45, 53_050: -0.45, 66_000: 0.5, 66_100: -0.5}
+    x, z = steps(jumps)
+    seen = [k for k in jumps if k != 38_060]
+    used = np.ones(x.size, dtype=bool)
+    used[38_003:38_400] = False
+    evidence = evidence_of(x, z, candidates_at(x, z, np.array(seen), STD, 1.0), STD, used)
+    found = accepted(assign(evidence, WHEEL)[0])
+    expected = {(k, 1 if k in (20_000, 45_000) else 0, 1 if jumps[k] > 0 else -1) for k in seen if k != 38_000}
+    assert expected <= set(found)
+
+
+def test_an_impossible_jump_is_unattributed():
+    """A level that climbs five times is no story that two systems can tell."""
+    jumps = dict.fromkeys(range(12000, 80000, 6000), 0.5)
+    x, z = steps(jumps)
+    evidence = evidence_of(x, z, candidates_at(x, z, np.array(list(jumps)), STD, 1.0), STD)
+    assignment, _ = assign(evidence, WHEEL)
+    assert [k for k, _, _ in accepted(assignment)] == list(jumps)
+    assert np.count_nonzero(assignment.system == UNATTRIBUTED) >= 5
+
+
+@settings(max_examples=8, deadline=None)
+@given(seed=st.integers(0, 10_000), shift=st.floats(-0.2, 0.3), viscous=st.floats(0.5, 1.5))
+def test_shift_and_slope_change_no_attribution(seed, shift, viscous):
+    """More base or viscous friction moves no jump: the same noise and jumps give the same attribution."""
+    plain = window(WHEEL, np.random.default_rng(seed), jitter=0)
+    moved = window(WHEEL, np.random.default_rng(seed), jitter=0, base=1.0 + shift, viscous=viscous)
+    assert accepted(assign(plain.evidence, WHEEL)[0]) == accepted(assign(moved.evidence, WHEEL)[0])
+
+
+def test_scale_changes_no_attribution():
+    """Twice the torque on a wheel of twice the nominal torque, and a wheel whose torque is not normalised at all."""
+    made = window(WHEEL, np.random.default_rng(31), jitter=0)
+    bare = Wheel(
+        name="bare", sample_period_s=0.125, fss=tuple(s.model_copy(update={"friction": None}) for s in WHEEL.fss)
+    )
+    expected = accepted(assign(made.evidence, WHEEL)[0])
+    for scale in (1.0, 1.6e-3, 40.0):
+        candidates = candidates_at(made.x, scale * made.z, made.evidence.candidates.index, scale * STD, scale)
+        evidence = evidence_of(made.x, scale * made.z, candidates, scale * STD)
+        assert accepted(assign(evidence, bare)[0]) == expected
+
+
+def test_is_deterministic_and_leaves_its_input_alone():
+    made = window(WHEEL, np.random.default_rng(32))
+    before = made.evidence.candidates.index.copy()
+    first, second = assign(made.evidence, WHEEL)[0], assign(made.evidence, WHEEL)[0]
+    assert first.log_score == second.log_score
+    assert np.array_equal(first.confidence, second.confidence)
+    assert np.array_equal(made.evidence.candidates.index, before)
+
+
+def test_sojourns_follow_from_the_jumps():
+    rng = np.random.default_rng(33)
+    for _ in range(10):
+        assignment, _ = assign(window(WHEEL, rng).evidence, WHEEL)
+        for s, (configurations, starts) in enumerate(zip(assignment.configurations, assignment.starts, strict=True)):
+            mine = assignment.system == s
+            assert starts[0] == 0
+            assert (np.diff(starts) > 0).all()
+            assert (np.abs(np.diff(configurations)) == 1).all()
+            assert set(assignment.index[mine]) <= set(starts[1:])
+        assert ((assignment.confidence >= 0) & (assignment.confidence <= 1)).all()
+        assert (np.diff(assignment.index) >= 0).all()
+
+
+def test_confidence_is_low_where_two_stories_are_as_likely():
+    """One small step up in an otherwise silent window: any system may have made it."""
+    x, z = steps({70_000: 0.5})
+    twins = with_systems(WHEEL.fss[1], WHEEL.fss[1].model_copy(update={"name": "twin"}))
+    evidence = evidence_of(x, z, candidates_at(x, z, np.array([70_000]), STD, 1.0), STD)
+    assignment, _ = assign(evidence, twins)
+    assert assignment.confidence[0] == pytest.approx(0.5, abs=0.05)
+
+
+def test_two_hundred_candidates_with_three_systems(capsys):
+    rng = np.random.default_rng(34)
+    made = window(THREE, rng, false_candidates=0.0, jitter=0)
+    spread = np.unique(np.concatenate([made.evidence.candidates.index, rng.integers(1, 80_000, size=180)]))[:200]
+    few = assign(made.evidence, THREE)
+    evidence = evidence_of(made.x, made.z, candidates_at(made.x, made.z, spread, STD, 1.0), STD)
+    begin = time.process_time()
+    assignment, _ = assign(evidence, THREE)
+    took = time.process_time() - begin
+    with capsys.disabled():
+        print(
+            f"\n  {len(spread)} candidates, 3 systems: {took:.2f} s, pruned: {assignment.pruned}",
+            end="",
+        )
+    good, _ = matched(accepted(assignment), accepted(few[0]))
+    assert good >= 0.9 * len(accepted(few[0]))
+    assert took < 5.0  # of the processor; a second is the aim, a slow machine gets five

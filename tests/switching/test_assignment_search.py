@@ -1,0 +1,241 @@
+"""The search against all assignments there are, one by one; its budget; its bounds."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+
+from rwa_monitor.kernels.assignment import add_up_laws, expand, free_bounds, priced_bounds
+from rwa_monitor.switching.assignment_search import NO_SYSTEM, REJECT, Problem, search, step_of
+from tests.switching.assignment_problems import FREE, LONG, SHORT, random_path, random_problem
+
+
+@dataclass(frozen=True)
+class Partial:
+    """A part of an assignment, as far as it has been told."""
+
+    score: float
+    last: int
+    now: tuple[tuple[int, int], ...]  # configuration of each system, node at which its sojourn began
+    friction: tuple[tuple[float, float], ...]  # mean and variance
+    taken: tuple[int, ...] = ()
+
+
+def follow(problem: Problem, before: Partial, k: int, number: int) -> Partial | None:
+    """Score one action by the definition; None where it is impossible."""
+    taken = (*before.taken, number)
+    if number == REJECT:
+        return replace(before, score=before.score + problem.reject, taken=taken)
+    laws, sizes = problem.laws, problem.sizes
+    score = before.score + problem.fit[before.last, k]
+    now, friction = list(before.now), list(before.friction)
+    mean, variance = 0.0, 0.0
+    row = problem.actions[number]
+    pairs = [(int(s), *step_of(int(step))) for s, step in (row[:2], row[2:]) if s >= 0]
+    if number == NO_SYSTEM:
+        score += problem.unattributed
+        variance = sizes.unattributed_variance if sizes else 0.0
+    elif len({direction for _, direction, _ in pairs}) == 1 and not problem.signs[k - 1, max(pairs[0][1], 0)]:
+        return None
+    for s, direction, missed in pairs:
+        q, since = before.now[s]
+        middle, after = q + missed, q + missed + direction
+        if not (0 <= middle < problem.configurations[s] and 0 <= after < problem.configurations[s]):
+            return None
+        table = laws.jump[s, q] if missed == 0 else laws.missed[s, q, max(missed, 0)]
+        score += table[since, k] + laws.turn[s, middle, max(direction, 0)]
+        now[s] = (after, k)
+        if sizes:
+            old = before.friction[s]
+            if missed:
+                old = (sizes.law_mean[s, middle], sizes.law_variance[s, middle])
+                hidden = old[0] - before.friction[s][0]
+                score -= 0.5 * hidden**2 / (old[1] + before.friction[s][1] + sizes.variance[k - 1])
+            friction[s] = (sizes.law_mean[s, after], sizes.law_variance[s, after])
+            mean += friction[s][0] - old[0]
+            variance += friction[s][1] + old[1]
+    if len(pairs) == 2:
+        score += problem.simultaneous
+    if score == -np.inf:
+        return None
+    if sizes:
+        total = variance + sizes.variance[k - 1]
+        miss = sizes.jump[k - 1] - mean
+        score += sizes.log_range - 0.5 * np.log(2 * np.pi * total) - 0.5 * miss**2 / total
+        for s, _, _ in pairs:
+            law_mean, law_variance = friction[s]
+            friction[s] = (law_mean + law_variance / total * miss, law_variance * (1 - law_variance / total))
+    return Partial(score, k, tuple(now), tuple(friction), taken)
+
+
+def all_scores(problem: Problem) -> Iterator[tuple[float, tuple[int, ...], tuple[int, ...]]]:
+    """Go through every assignment and score it by the definition, without any merging or bound."""
+    laws, sizes = problem.laws, problem.sizes
+    candidates = problem.signs.shape[0]
+
+    def visit(k: int, so_far: Partial) -> Iterator[Partial]:
+        if k > candidates:
+            end = so_far.score + problem.fit[so_far.last, candidates + 1]
+            end += sum(laws.stay[s, q, since] for s, (q, since) in enumerate(so_far.now))
+            yield replace(so_far, score=float(end))
+            return
+        for number in range(len(problem.actions)):
+            following = follow(problem, so_far, k, number)
+            if following is not None:
+                yield from visit(k + 1, following)
+
+    for start in np.ndindex(*problem.configurations):
+        configurations = tuple(int(q) for q in start)
+        friction = tuple(
+            (float(sizes.law_mean[s, q]), float(sizes.law_variance[s, q])) if sizes else (0.0, 0.0)
+            for s, q in enumerate(configurations)
+        )
+        for end in visit(1, Partial(0.0, 0, tuple((q, 0) for q in configurations), friction)):
+            yield end.score, configurations, end.taken
+
+
+@pytest.mark.parametrize(
+    ("systems", "candidates", "rare", "trials"),
+    [
+        ((), 7, True, 20),
+        ((FREE,), 5, True, 20),
+        ((SHORT, LONG), 4, True, 5),
+        ((SHORT, LONG), 7, False, 1),
+        ((SHORT, LONG, FREE), 3, True, 3),
+    ],
+    ids=["none", "one", "two", "two-plain", "three"],
+)
+def test_equals_exhaustive_search(systems, candidates, rare, trials, capsys):
+    rng = np.random.default_rng(7)
+    agree = 0
+    for _ in range(trials):
+        problem = random_problem(rng, systems, candidates, rare=rare)
+        best = sorted(all_scores(problem), key=lambda one: -one[0])[:3]
+        result = search(problem, paths=3, margin=1000.0, budget=100_000)
+        assert not result.pruned
+        found = [(path.score, path.start, tuple(int(a) for a in path.actions)) for path in result.paths]
+        # The three best, not only the best: they are distinct, and three are kept per state.
+        np.testing.assert_allclose([one[0] for one in found], [one[0] for one in best], rtol=0, atol=1e-9)
+        agree += found[0][1:] == best[0][1:]
+    with capsys.disabled():
+        print(f"\n  search = exhaustive optimum in {agree} of {trials} windows, {len(systems)} systems", end="")
+    assert agree == trials
+
+
+@pytest.mark.parametrize(
+    ("systems", "candidates", "exact"),
+    [((FREE,), 5, True), ((SHORT, FREE), 4, True), ((LONG,), 5, False), ((SHORT, LONG), 4, False)],
+    ids=["one", "two", "three configurations", "both"],
+)
+def test_with_sizes_equals_exhaustive_search(systems, candidates, exact, capsys):
+    """Sizes make the friction part of the path: exact for two configurations, nearly always right for more."""
+    rng = np.random.default_rng(8)
+    trials, agree = 12, 0
+    for _ in range(trials):
+        problem = random_problem(rng, systems, candidates, sized=True)
+        if exact:
+            problem.laws.missed[:] = -np.inf
+            problem = replace(problem, simultaneous=-np.inf)
+        best = max(all_scores(problem))
+        found = search(problem, paths=16, margin=14.0, budget=100_000).paths[0]
+        assert found.score <= best[0] + 1e-9
+        agree += abs(found.score - best[0]) < 1e-9
+    with capsys.disabled():
+        print(f"\n  with sizes: search = exhaustive optimum in {agree} of {trials} windows", end="")
+    assert agree == trials if exact else agree >= trials - 1
+
+
+def test_laws_of_a_path_are_its_score_without_fits_and_know_no_sizes():
+    rng = np.random.default_rng(11)
+    kinds = set()
+    for _ in range(40):
+        sized = random_problem(rng, (SHORT, LONG), 6, sized=True)
+        for path in search(replace(sized, sizes=None), paths=8, margin=8.0, budget=20_000).paths:
+            nodes = np.concatenate([[0], np.flatnonzero(path.actions != REJECT) + 1, [path.actions.size + 1]])
+            fits = float(sized.fit[nodes[:-1], nodes[1:]].sum())
+            assert add_up_laws(sized.scores, np.array(path.start), path.actions) == pytest.approx(
+                path.score - fits, abs=1e-9
+            )
+            kinds.update(path.actions.tolist())
+    assert {REJECT, NO_SYSTEM} < kinds
+    assert len(kinds) >= 8  # with missed jumps or two at once: the sum holds for all
+
+
+def test_narrow_margin_does_not_lose_the_best():
+    rng = np.random.default_rng(11)
+    for _ in range(30):
+        problem = random_problem(rng, (SHORT, LONG), 10)
+        wide = search(problem, paths=1, margin=1000.0, budget=200_000)
+        narrow = search(problem, paths=1, margin=0.0, budget=200_000)
+        assert not wide.pruned
+        assert narrow.paths[0].score == wide.paths[0].score
+        assert narrow.states < wide.states
+
+
+def test_bounds_are_never_below_what_follows():
+    """The bound of the empty path, which holds all others, is at least the best score: whatever the prices."""
+    rng = np.random.default_rng(3)
+    slack = []
+    for _ in range(30):
+        problem = random_problem(rng, (SHORT, LONG), 8, sized=bool(rng.integers(2)))
+        paths = search(problem, paths=40, margin=50.0, budget=100_000).paths
+        best = paths[0].score
+        (rest, *free), worth = free_bounds(problem.scores)
+        others = [paths[0], paths[-1], replace(paths[0], actions=np.full(8, NO_SYSTEM)), random_path(rng, problem)]
+        assert rest[0, 0] >= best
+        for rest_fit, own in (
+            free,
+            *(priced_bounds(problem.scores, worth, np.array(path.start), path.actions) for path in others),
+        ):
+            best_own = max(own[0, q, 0, 0] + own[1, p, 0, 0] for q in range(2) for p in range(3))
+            assert rest_fit[0, 0] + best_own >= best - 1e-9
+            slack.append(rest_fit[0, 0] + best_own - best)
+    free_slack, best_slack = np.mean(np.reshape(slack, (-1, 5))[:, :2], axis=0)
+    assert best_slack < free_slack
+
+
+def test_prices_change_the_work_and_not_the_paths():
+    """The same paths as with the free bounds alone, with any prices, from fewer entries with good ones."""
+    rng = np.random.default_rng(4)
+    work = []
+    for _ in range(20):
+        problem = random_problem(rng, (SHORT, LONG), 12, sized=bool(rng.integers(2)))
+        found = search(problem, paths=16, margin=10.0, budget=100_000)
+        free, worth = free_bounds(problem.scores)
+        cutoff = found.paths[0].score - 10.0
+        entries = []
+        for path in (found.paths[0], random_path(rng, problem)):
+            priced = priced_bounds(problem.scores, worth, np.array(path.start), path.actions)
+            for above in (free, (free[0], *priced)):
+                score, expanded = expand(problem.scores, above, cutoff, 100_000, 4)
+                score = np.sort(score[score >= cutoff])[::-1]
+                np.testing.assert_allclose(score[:16], [path.score for path in found.paths], rtol=0, atol=1e-9)
+                entries.append(expanded)
+        work.append(entries[:2])
+    free_work, priced_work = np.sum(work, axis=0)
+    assert priced_work < free_work
+
+
+def test_pruning_is_said_and_still_gives_a_whole_path():
+    rng = np.random.default_rng(5)
+    problem = random_problem(rng, (SHORT, LONG, FREE), 40)
+    result = search(problem, paths=4, margin=30.0, budget=20)
+    assert result.pruned
+    assert result.paths[0].actions.size == 40
+    assert search(problem, paths=4, margin=30.0, budget=4000).paths[0].score >= result.paths[0].score
+
+
+def test_two_hundred_candidates_and_three_systems(capsys):
+    rng = np.random.default_rng(9)
+    problem = random_problem(rng, (SHORT, LONG, FREE), 200)
+    begin = time.process_time()
+    result = search(problem, paths=16, margin=14.0, budget=4000)
+    took = time.process_time() - begin
+    with capsys.disabled():
+        print(f"\n  200 candidates, 3 systems: {took:.2f} s, {result.states} entries, pruned: {result.pruned}", end="")
+    assert result.paths[0].actions.size == 200
+    assert took < 5.0  # of processor time; a second is the aim

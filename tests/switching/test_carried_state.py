@@ -1,0 +1,208 @@
+"""The carried state: canonical, small, refuses what it cannot read, and follows the friction of a wheel."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rwa_monitor.changepoints.stage_results import Assignment, Components
+from rwa_monitor.errors import InputError
+from rwa_monitor.switching.carried_state import (
+    CHANGE_PER_WINDOW,
+    MAX_STATE_BYTES,
+    CarriedState,
+    FrictionMemory,
+    SystemState,
+    Tracked,
+    follow,
+    next_state,
+    probability_before,
+)
+from rwa_monitor.wheel.wheel import Wheel, built_in_wheel
+
+floats = st.floats(-1e6, 1e6, allow_nan=False)
+positive = st.floats(0, 1e6, allow_nan=False)
+tracked = st.builds(Tracked, mean=floats, std=positive, windows=st.integers(1, 10_000))
+memories = st.builds(FrictionMemory, count=positive, mean=floats, std=positive)
+systems = st.builds(
+    SystemState,
+    name=st.sampled_from(["fss_1", "fss_2"]),
+    configuration=st.none() | st.integers(0, 5),
+    age=st.none() | st.integers(0, 10**7),
+    friction=st.lists(st.none() | memories, max_size=3).map(tuple),
+)
+states = st.builds(
+    CarriedState,
+    windows=st.integers(0, 10**6),
+    base_dry=st.none() | tracked,
+    viscous=st.none() | tracked,
+    noise_std=st.none() | positive,
+    probability=st.dictionaries(st.sampled_from(["dry", "viscous", "fss_1"]), st.floats(0, 1)),
+    inadequate=st.integers(0, 100),
+    fss=st.lists(systems, max_size=2).map(tuple),
+)
+
+
+@given(states)
+def test_round_trip_is_exact(state: CarriedState) -> None:
+    again = CarriedState.from_json(state.to_json(), "state")
+    assert again == state
+    assert again.to_json() == state.to_json()
+    assert again.sha256() == state.sha256()
+
+
+def test_numbers_keep_twelve_significant_digits() -> None:
+    state = CarriedState(base_dry=Tracked(mean=1.0 / 3.0, std=2.0e-17 / 3.0, windows=1))
+    told = {"held": 1.0, "mean": 0.333333333333, "std": 6.66666666667e-18, "windows": 1}
+    assert json.loads(state.to_json())["base_dry"] == told
+
+
+def test_hash_depends_on_every_field() -> None:
+    state = CarriedState.empty()
+    own = state.sha256()  # known before any copy is made: none may take it along
+    changes = {
+        "windows": 1,
+        "base_dry": Tracked(mean=1.0, std=0.1, windows=1),
+        "noise_std": 0.02,
+        "probability": {"dry": 0.5},
+        "inadequate": 2,
+        "fss": (SystemState(name="fss_1"),),
+    }
+    hashes = {state.model_copy(update={key: value}).sha256() for key, value in changes.items()}
+    assert len(hashes | {own}) == len(changes) + 1
+
+
+@pytest.mark.parametrize(
+    ("text", "place"),
+    [
+        ("", ""),
+        ("{", ""),
+        ("[]", ""),
+        ('{"windows": -1}', "windows"),
+        ('{"windows": 1.5}', "windows"),
+        ('{"noise_std": "NaN"}', "noise_std"),
+        ('{"surprise": 1}', "surprise"),
+        ('{"version": 2}', "version"),
+        ('{"probability": {"dry": 1.5}}', "probability.dry"),
+        ('{"base_dry": {"mean": 1.0, "std": -1.0, "windows": 1}}', "base_dry.std"),
+    ],
+)
+def test_bad_state_is_refused_with_its_place(text: str, place: str) -> None:
+    with pytest.raises(InputError) as caught:
+        CarriedState.from_json(text, "state.json")
+    assert caught.value.source == "state.json"
+    assert caught.value.place == place
+
+
+def test_state_that_is_too_large_is_refused_unread() -> None:
+    with pytest.raises(InputError, match="larger"):
+        CarriedState.from_json(" " * (MAX_STATE_BYTES + 1), "state.json")
+
+
+# ---- the filter ------------------------------------------------------------------------------------------------------
+
+
+def test_filter_of_a_constant_shrinks_to_the_steady_state_of_its_drift() -> None:
+    rng = np.random.default_rng(3)
+    measured_std, drift = 0.05, 0.01
+    value = Tracked(mean=1.02, std=measured_std, windows=1)
+    for _ in range(400):
+        value = value.updated(1.0 + measured_std * rng.standard_normal(), measured_std)
+    # Steady state of the scalar Riccati equation p = (p + q) r / (p + q + r).
+    q, r = drift**2, measured_std**2
+    steady = math.sqrt(0.5 * (-q + math.sqrt(q * q + 4.0 * q * r)))
+    assert value.std == pytest.approx(steady, rel=1e-2)
+    assert abs(value.mean - 1.0) < 4.0 * value.std
+
+
+def test_a_window_that_does_not_show_a_value_only_widens_it() -> None:
+    before = Tracked(mean=1.0, std=0.01, windows=3)
+    after = follow(before, 1.6, 0.01, known=False)
+    assert after is not None
+    assert after.mean == 1.0
+    assert after.std > 0.01
+    assert after.windows == 3
+    assert after.held < 1.0
+
+
+@given(st.floats(0, 1), st.floats(0.01, 0.99))
+def test_the_hazard_pulls_to_the_rate_and_an_anomaly_stays_likelier_than_that(probability: float, rate: float) -> None:
+    after = probability_before(probability, rate)
+    assert 0.0 <= after <= 1.0
+    assert after >= probability_before(0.0, rate) == pytest.approx(CHANGE_PER_WINDOW * rate)
+    assert probability_before(1.0, rate) > 0.99
+
+
+def test_position_at_the_next_window_is_carried_with_its_age() -> None:
+    wheel = built_in_wheel()
+    first = _next(CarriedState.empty(), wheel=wheel)
+    assert first.fss[0].configuration == 0
+    assert first.fss[0].age == 80_000 - 60_000
+    assert first.fss[1].configuration == 1
+    assert first.fss[1].age == 80_000
+    second = _next(first, wheel=wheel)
+    assert second.fss[1].age == 160_000  # one sojourn that began before both windows
+
+
+def test_position_in_overlapping_windows_is_that_at_the_next_begin() -> None:
+    wheel = built_in_wheel()
+    half = wheel.model_copy(update={"window": wheel.window.model_copy(update={"hop": 50_050})})
+    state = _next(CarriedState.empty(), wheel=half)
+    assert state.fss[0].configuration == 1
+    assert state.fss[0].age == 50
+
+
+def test_position_is_unknown_after_a_gap_between_windows() -> None:
+    wheel = built_in_wheel()
+    sparse = wheel.model_copy(update={"window": wheel.window.model_copy(update={"hop": 100_000})})
+    assert all(system.configuration is None for system in _next(CarriedState.empty(), wheel=sparse).fss)
+
+
+def test_friction_of_configurations_is_remembered_and_forgotten() -> None:
+    state = CarriedState.empty()
+    for _ in range(200):
+        state = _next(state)
+    memory = state.fss[0].friction[1]
+    assert memory is not None
+    assert memory.mean == pytest.approx(0.45)
+    assert memory.count == pytest.approx(1.0 / (1.0 - 0.95), rel=1e-3)  # the sum of a geometric series
+
+
+def _next(carried: CarriedState, *, wheel: Wheel | None = None, base_known: bool = True) -> CarriedState:
+    """One window: fss_1 goes up at 50,000 and down at 60,000, fss_2 stays in configuration 1."""
+    assignment = Assignment(
+        index=np.array([50_000, 60_000]),
+        system=np.array([0, 0]),
+        direction=np.array([1, -1]),
+        jump=np.array([0.45, -0.45]),
+        jump_std=np.array([0.01, 0.01]),
+        confidence=np.ones(2),
+        configurations=(np.array([0, 1, 0]), np.array([1])),
+        starts=(np.array([0, 50_000, 60_000]), np.array([0])),
+        log_score=0.0,
+        states=0,
+        pruned=False,
+    )
+    components = Components(
+        base_dry=1.0,
+        base_dry_std=0.01,
+        viscous=1.0,
+        viscous_std=0.01,
+        fss_friction=(np.array([0.0, 0.45, 0.0]), np.array([0.5])),
+        fss_friction_std=(np.full(3, 0.01), np.full(1, 0.01)),
+        base_ambiguous=not base_known,
+    )
+    return next_state(
+        carried,
+        wheel or built_in_wheel(),
+        assignment=assignment,
+        components=components,
+        tracked=(None, None),
+        noise_std=0.024,
+        probability={"dry": 0.1},
+        base_known=base_known,
+        adequate=True,
+    )

@@ -1,0 +1,178 @@
+"""The kernels over paths, stories and levels of stage 3 against the same in plain Python and numpy."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from rwa_monitor.changepoints.running_sums import RunningSums
+from rwa_monitor.changepoints.stage_results import REJECTED, UNATTRIBUTED, Candidates, FlatStory
+from rwa_monitor.diagnosis.model import built_in_model
+from rwa_monitor.kernels.assignment import add_agreement, tell
+from rwa_monitor.kernels.friction import condition
+from rwa_monitor.kernels.laws import level_densities, sojourn_densities, strays
+from rwa_monitor.kernels.segments import pair_moments
+from rwa_monitor.switching import segments
+from rwa_monitor.switching.assignment_search import NO_SYSTEM, REJECT, Path, Problem, search, step_of
+from tests.switching.assignment_problems import LONG, SHORT, random_path, random_problem
+
+
+def plain_story(problem: Problem, path: Path, index: np.ndarray) -> tuple[list[list[int]], list[list[int]], list[int]]:
+    """Configurations and starts of each system's sojourns, and the slots of jumps that no system made."""
+    configurations, starts = [[q] for q in path.start], [[0] for _ in path.start]
+    alone = []
+    for k, action in enumerate(path.actions.tolist()):
+        if action == NO_SYSTEM:
+            alone.append(int(index[k]))
+        if action in (REJECT, NO_SYSTEM):
+            continue
+        row = problem.actions[action].tolist()
+        for who, number in (row[:2], row[2:]):
+            if who < 0:
+                continue
+            step, missed = step_of(number)
+            if missed:
+                starts[who].append(starts[who][-1] + 1)
+                configurations[who].append(configurations[who][-1] + missed)
+            starts[who].append(int(index[k]))
+            configurations[who].append(configurations[who][-1] + step)
+    return configurations, starts, alone
+
+
+def test_a_path_tells_its_story():
+    rng = np.random.default_rng(12)
+    kinds = set()
+    for _ in range(40):
+        problem = random_problem(rng, (SHORT, LONG), 7)
+        index = np.sort(rng.choice(np.arange(1, 3000), 7, replace=False))
+        paths = [*search(problem, paths=8, margin=12.0, budget=20_000).paths, random_path(rng, problem)]
+        for path in paths:
+            kinds.update(path.actions.tolist())
+            story, nodes, system, direction = tell(problem.actions, index, np.array(path.start), path.actions)
+            configurations, starts, alone = plain_story(problem, path, index)
+            told = FlatStory(*story).story()
+            assert [q.tolist() for q in told.configurations] == configurations
+            assert [slots.tolist() for slots in told.starts] == starts
+            assert told.unattributed.tolist() == alone
+            again = told.flat()
+            assert all(np.array_equal(one, other) for one, other in zip(story, again, strict=True))
+            accepted = np.flatnonzero(path.actions != REJECT)
+            assert nodes.tolist() == [0, *(accepted + 1), 8]
+            assert np.array_equal(system[:, 0] == REJECTED, path.actions == REJECT)
+            assert np.array_equal(system[:, 0] == UNATTRIBUTED, path.actions == NO_SYSTEM)
+            assert np.array_equal(direction != 0, system >= 0)
+    assert len(kinds) >= 10  # with missed jumps and two at once
+
+
+def test_agreement_is_counted_near_a_jump_and_for_the_same_system_only():
+    index = np.array([100, 103, 500])
+    best, up = np.array([[0, REJECTED], [REJECTED, REJECTED], [1, 2]]), np.array([[1, 0], [0, 0], [1, -1]])
+    other, way = np.array([[REJECTED, REJECTED], [0, REJECTED], [1, REJECTED]]), np.array([[0, 0], [1, 0], [-1, 0]])
+    sure = np.zeros((3, 2))
+    add_agreement(index, 5, best, up, other, way, 0.25, sure)
+    # The jump of system 0 is three slots off: the same. At 500 system 1 goes the other way, and system 2 nowhere.
+    assert sure.tolist() == [[0.25, 0.25], [0.0, 0.25], [0.0, 0.0]]
+    add_agreement(index, 2, best, up, other, way, 0.25, sure)
+    assert sure.tolist() == [[0.25, 0.5], [0.0, 0.5], [0.0, 0.0]]
+
+
+def test_levels_signs_and_chains_are_those_of_the_samples():
+    rng = np.random.default_rng(13)
+    slots, index = 600, np.array([90, 200, 330, 450])
+    x, used = rng.uniform(0.3, 1.0, slots), rng.random(slots) > 0.1
+    level = np.array([1.0, 1.5, 1.5, 1.2, 1.4])[np.searchsorted(index, np.arange(slots), side="right")]
+    z = level + 0.8 * x + 0.02 * rng.standard_normal(slots)
+    sums = RunningSums(x, z, used)
+    sums.extend(slots)
+    accepted = np.array([0, 2, 3])
+    nodes = segments.nodes_of(accepted, index.size)
+    assert nodes.tolist() == [0, 1, 3, 4, 5]
+    found = segments.measure_level(index, nodes, sums.arrays, slots, 0.02**2, 0.0, 1e6)
+    borders = np.array([0, 90, 330, 450, 600])
+    chain = found.pairs[:, nodes[:-1], nodes[1:]]
+    assert chain == pytest.approx(sums.between(borders[:-1], borders[1:]).table)
+    own = np.zeros((used.sum(), 5))
+    own[np.arange(used.sum()), np.searchsorted(borders, np.flatnonzero(used), side="right") - 1] = 1.0
+    own[:, 4] = x[used]
+    plain = np.linalg.lstsq(own, z[used], rcond=None)[0]
+    assert found.slope == pytest.approx(plain[4], rel=1e-9)
+    assert found.spread == pytest.approx(np.ptp(plain[:4]), rel=1e-9)
+    # The contrast of the first says down, the levels say up; that of the second, rejected one, is weak.
+    statistic, jump = np.array([100.0, 4.0, 100.0, 100.0]), np.array([-0.1, 0.1, -0.3, np.nan])
+    candidates = Candidates(index, np.full(4, 16), statistic, jump)
+    signs = segments.possible_signs(candidates, found.pairs, nodes, found.slope)
+    assert signs.tolist() == [[True, True], [True, True], [True, False], [True, True]]
+
+
+def test_levels_without_samples_leave_the_sign_to_the_contrast():
+    x, used = np.ones(300), np.ones(300, dtype=np.bool_)
+    used[100:200] = False
+    sums = RunningSums(x, np.where(np.arange(300) < 150, 1.0, 2.0), used)
+    sums.extend(300)
+    index, nodes = np.array([100, 200]), np.array([0, 1, 2, 3])
+    pairs = pair_moments(np.array([0, 100, 200, 300]), sums.arrays)
+    candidates = Candidates(index, np.full(2, 16), np.full(2, 50.0), np.array([0.5, 0.5]))
+    signs = segments.possible_signs(candidates, pairs, nodes, 0.0)
+    assert signs.tolist() == [[False, True], [False, True]]
+    assert segments.typical_jump(np.array([np.nan, -0.5, 0.1, 0.3])) == pytest.approx(0.3)
+    assert segments.typical_jump(np.array([np.nan])) == 0.0
+
+
+@pytest.mark.parametrize("blocks", [[0, 1, 1, 1, 4, 4, 6, 7], [0] * 8, list(range(8))])
+def test_conditioning_is_that_of_the_normal_equations(blocks):
+    """Posterior and evidence against dense linear algebra, for priors that are diagonal, in blocks, and full."""
+    rng = np.random.default_rng(14)
+    unknowns, count, variance, scatter = 8, 12, 0.04, 0.01
+    levels = (rng.random((count, unknowns - 1)) < 0.4).astype(np.float64)
+    n, x, z = rng.integers(1, 200, count).astype(np.float64), rng.uniform(0.3, 1.0, count), rng.normal(1.0, 0.5, count)
+    squares = rng.uniform(0.5, 1.0, (2, count))
+    # Sums of segments whose samples spread about their means by `squares`, uncorrelated.
+    moments = np.stack([n, n * x, n * z, n * x * x + squares[0], n * x * z, n * z * z + squares[1]])
+    root = rng.normal(0.0, 0.5, (unknowns, unknowns))
+    same = np.equal.outer(blocks, blocks)
+    prior = np.where(same, root @ root.T, 0.0) + 0.2 * np.eye(unknowns)
+    mean = rng.normal(1.0, 0.3, unknowns)
+    rows = np.concatenate([np.concatenate([levels, x[:, None]], axis=1), np.zeros((count, unknowns))])
+    rows[count:, -1] = np.sqrt(squares[0])
+    values = np.concatenate([z, np.zeros(count)])
+    noise = np.concatenate([variance / n + scatter, np.full(count, variance)])
+    gram = rows @ prior @ rows.T + np.diag(noise)
+    miss = values - rows @ mean
+    expected = mean + prior @ rows.T @ np.linalg.solve(gram, miss)
+    covariance = prior - prior @ rows.T @ np.linalg.solve(gram, rows @ prior)
+    evidence = -0.5 * miss @ np.linalg.solve(gram, miss) - 0.5 * np.linalg.slogdet(gram)[1]
+    evidence -= 0.5 * squares[1].sum() / variance - 0.5 * (np.log(variance / n).sum() + count * np.log(variance))
+    found, posterior = np.empty(unknowns), np.empty((unknowns, unknowns))
+    log_evidence = condition(levels, moments, mean, prior.copy(), np.array(blocks), variance, scatter, found, posterior)
+    assert found == pytest.approx(expected, rel=1e-9, abs=1e-12)
+    assert posterior == pytest.approx(covariance, rel=1e-9, abs=1e-12)
+    assert log_evidence == pytest.approx(evidence, rel=1e-9)
+
+
+def test_densities_of_sojourns_are_those_of_their_levels():
+    rng = np.random.default_rng(15)
+    model = built_in_model().anomalies[3]
+    configuration = np.array([0, 1, 2, 1, 2, 9])
+    friction, std = rng.uniform(0.2, 1.6, 6), rng.uniform(0.01, 0.2, 6)
+    friction[3] = np.nan
+    shift = np.linspace(-0.2, 0.2, 5)
+    found = sojourn_densities(configuration, friction, std, shift, model.numbers)
+    stray, relative = strays(configuration, friction, std, model.numbers)
+    plain = []
+    for k, q in enumerate(configuration):
+        levels = model.levels[q] if q < len(model.levels) else None
+        if levels is None or not np.isfinite(friction[k]):
+            assert (found[:, k] == 1.0).all()
+            continue
+        spread = np.full(5, std[k])
+        assert found[:, k] == pytest.approx(level_densities(friction[k] + shift, spread, levels.numbers)[:2], rel=1e-12)
+        nominal, anomalous, inside = level_densities(friction[k : k + 1], std[k : k + 1], levels.numbers)[:, 0]
+        plain.append((max(0.0, 1.0 - inside / (nominal + anomalous)), std[k] / levels.reach))
+    assert np.stack([stray, relative], axis=1) == pytest.approx(np.array(plain), rel=1e-12)
+
+
+def test_a_wheel_without_systems_has_an_empty_story():
+    none = np.zeros(0, dtype=np.int64)
+    flat = FlatStory(none, none, none, np.array([30]))
+    assert flat.story().configurations == ()
+    assert all(np.array_equal(one, other) for one, other in zip(flat.story().flat(), flat, strict=True))

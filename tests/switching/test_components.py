@@ -1,0 +1,166 @@
+"""Friction split into its parts: against the simulated truth, and honest where the window cannot tell (errata 10)."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from rwa_monitor.changepoints.estimation import SlopePrior
+from rwa_monitor.changepoints.stage_results import Components, Story
+from rwa_monitor.kernels.friction import evidence_of_cases
+from rwa_monitor.switching.assignment import assign
+from rwa_monitor.switching.carried_state import CarriedState, FrictionMemory, SystemState, Tracked
+from rwa_monitor.switching.components import split
+from rwa_monitor.switching.friction_model import measure, prior_tables, solve
+from rwa_monitor.switching.friction_priors import priors_of
+from rwa_monitor.wheel.wheel import built_in_wheel
+from tests.switching.assignment_windows import Window, sums_of, window
+
+WHEEL = built_in_wheel()
+
+
+def split_of(made: Window, carried: CarriedState | None = None) -> Components:
+    assignment, levels = assign(made.evidence, WHEEL, carried)
+    return split(assignment, levels, made.evidence, WHEEL, carried)
+
+
+def windows(seed: int, count: int, *, rests: bool, **options: object) -> list[Window]:
+    """Windows in which fss_2 rests at some time, or never does."""
+    rng = np.random.default_rng(seed)
+    found: list[Window] = []
+    while len(found) < count:
+        made = window(WHEEL, rng, false_candidates=0.5, jitter=0, **options)  # type: ignore[arg-type]
+        if bool((made.configuration[1] == 0).any()) == rests:
+            found.append(made)
+    return found
+
+
+def test_parts_are_those_simulated():
+    for made in windows(40, 12, rests=True):
+        parts = split_of(made)
+        assert parts.viscous == pytest.approx(1.0, abs=0.01)
+        if parts.base_ambiguous:
+            continue  # fss_2 rests, but its jumps would fit a configuration higher just as well
+        assert parts.base_dry == pytest.approx(1.0, abs=max(5 * parts.base_dry_std, 0.005))
+        assert parts.base_dry_std < 0.02
+        starts = assign(made.evidence, WHEEL)[0].starts
+        for s in range(2):
+            middles = (starts[s] + np.append(starts[s][1:], made.z.size)) // 2
+            assert parts.fss_friction[s] == pytest.approx(made.friction[s, middles], abs=0.04)
+            assert (parts.fss_friction[s][made.configuration[s, middles] == 0] == 0).all()
+
+
+def test_base_is_ambiguous_where_a_system_never_rests():
+    errors, stds = [], []
+    for made in windows(41, 10, rests=False):
+        parts = split_of(made)
+        assert parts.base_ambiguous
+        errors.append(parts.base_dry - 1.0)
+        stds.append(parts.base_dry_std)
+    assert np.min(stds) > 0.01  # it says that it does not know
+    assert np.sqrt(np.mean(np.square(errors))) < 3 * np.sqrt(np.mean(np.square(stds)))
+    assert np.abs(errors).max() < 0.4  # and does not put a whole jump into the base
+
+
+def test_earlier_windows_settle_what_is_ambiguous():
+    memory = (None, FrictionMemory(count=20, mean=0.5, std=0.06), FrictionMemory(count=20, mean=1.0, std=0.11))
+    carried = CarriedState(
+        windows=10,
+        base_dry=Tracked(mean=1.3, std=0.005, windows=10),
+        fss=(SystemState(name="fss_1"), SystemState(name="fss_2", friction=memory)),
+    )
+    for made in windows(42, 5, rests=False, base=1.3):
+        alone, told = split_of(made), split_of(made, carried)
+        assert told.base_dry == pytest.approx(1.3, abs=0.06)
+        assert told.base_dry_std < 0.5 * alone.base_dry_std
+
+
+def test_anomalies_are_not_explained_away():
+    """An anomalous system (x 2.2) and anomalous base (+30 %) come out as such where the window shows them."""
+    for made in windows(43, 5, rests=True, factors=(1.0, 2.2)):
+        parts = split_of(made)
+        truth = made.friction[1].max()
+        assert parts.fss_friction[1].max() == pytest.approx(truth, abs=0.05)
+        assert parts.base_dry == pytest.approx(1.0, abs=0.02)
+    for made in windows(44, 5, rests=True, base=1.3):
+        parts = split_of(made)
+        if not parts.base_ambiguous:
+            assert parts.base_dry == pytest.approx(1.3, abs=0.02)
+
+
+def test_evidence_is_that_of_the_whole_gaussian():
+    """The closed form from sums equals the density of all samples under the joint normal law, up to a constant."""
+    rng = np.random.default_rng(45)
+    slots, std = 60, 0.1
+    x, z = rng.uniform(0.3, 1.0, slots), rng.normal(1.5, 0.5, slots)
+    priors = priors_of(WHEEL, None, 1.0, 0.5)
+    scatter = 0.02**2
+
+    def densities(story: Story, borders: np.ndarray) -> tuple[float, float]:
+        sums = sums_of(x, z)
+        moments = sums.between(borders[:-1], borders[1:])
+        closed = solve(story, borders, moments, priors, std**2, scatter).log_evidence
+        table, cases = prior_tables(priors)
+        alone = evidence_of_cases(story.flat(), borders, table, moments.table, cases, std**2, scatter)
+        assert alone == pytest.approx(closed, abs=1e-9)
+        segment = np.searchsorted(borders, np.arange(slots), side="right") - 1
+        direct = []
+        for base, first, second in priors.cases():
+            friction_of = []
+            for q in story.configurations[1]:
+                law = priors.laws[1][int(q)]
+                friction_of.append(((1 + second.mean) * law.mid, law.mid * second.std, (1 + second.mean) * law.scatter))
+            sojourn = np.searchsorted(story.starts[1], np.arange(slots), side="right") - 1
+            own = np.array(friction_of)[sojourn]
+            mean = base.mean + own[:, 0] + priors.slope.mean * x
+            covariance = base.std**2 + np.outer(own[:, 1], own[:, 1]) + priors.slope.std**2 * np.outer(x, x)
+            covariance += np.outer(own[:, 2], own[:, 2]) * (sojourn[:, None] == sojourn[None, :])
+            covariance += scatter * (segment[:, None] == segment[None, :]) + std**2 * np.eye(slots)
+            miss = z - mean
+            log_density = -0.5 * miss @ np.linalg.solve(covariance, miss) - 0.5 * np.linalg.slogdet(covariance)[1]
+            direct.append(log_density + np.log(base.probability * first.probability * second.probability))
+        return closed, float(np.logaddexp.reduce(direct))
+
+    stories = [((0,), (0,), (0, 60)), ((0, 1), (0, 20), (0, 20, 60)), ((1, 2, 1), (0, 25, 40), (0, 25, 40, 60))]
+    differences = []
+    for configurations, starts, borders in stories:
+        rest = np.zeros(1, dtype=np.int64)  # fss_1 rests throughout
+        story = Story((rest, np.array(configurations)), (rest, np.array(starts)), np.zeros(0, dtype=np.int64))
+        closed, direct = densities(story, np.array(borders))
+        differences.append(closed - direct)
+    assert np.ptp(differences) < 1e-6
+
+
+def test_what_the_samples_say_alone_is_the_integral_over_flat_priors():
+    """Base and friction integrated on a grid, the likelihood of the segment means taken directly."""
+    rng = np.random.default_rng(46)
+    slots, std = 60, 0.3
+    x, z = rng.uniform(0.3, 1.0, slots), rng.normal(1.5, 0.5, slots)
+    priors = replace(priors_of(WHEEL, None, 1.0, 0.5), slope=SlopePrior(0.0, 1e-9))
+    rest, grid = np.zeros(1, dtype=np.int64), np.linspace(-4.0, 6.0, 401)
+    none = np.zeros(0, dtype=np.int64)
+    step = grid[1] - grid[0]
+
+    def log_integral(levels: np.ndarray, borders: np.ndarray) -> float:
+        """Levels of the segments, float64 (segments, ...), on a grid of the unknowns of step `step`."""
+        log_likelihood = np.zeros(levels.shape[1:])
+        for level, a, b in zip(levels, borders[:-1], borders[1:], strict=True):
+            log_likelihood -= 0.5 * ((z[a:b, None] - level.ravel()) ** 2).sum(axis=0).reshape(level.shape) / std**2
+        return float(np.logaddexp.reduce(log_likelihood, axis=None) + log_likelihood.ndim * np.log(step))
+
+    def log_measured(configurations: tuple[int, ...], starts: tuple[int, ...], borders: np.ndarray) -> float:
+        story = Story((rest, np.array(configurations)), (rest, np.array(starts)), none)
+        segments = sums_of(x, z).between(borders[:-1], borders[1:])
+        return measure(story, borders, segments, priors, std**2, 1e-12).log_evidence
+
+    base, first = np.meshgrid(grid, grid, indexing="ij")
+    borders = np.array([0, 20, 60])
+    # Up from rest: base and one sojourn. Always awake: two levels, and the shift between base and system left open.
+    entered = log_measured((0, 1), (0, 20), borders) - log_integral(np.stack([base, base + first]), borders)
+    awake = log_measured((1, 2), (0, 20), borders) - log_integral(np.stack([base, first]), borders)
+    back = np.array([0, 20, 40, 60])
+    returned = log_measured((0, 1, 0), (0, 20, 40), back) - log_integral(np.stack([base, base + first, base]), back)
+    assert entered == pytest.approx(awake, abs=0.01)
+    assert entered == pytest.approx(returned, abs=0.01)

@@ -1,0 +1,110 @@
+"""Files are read within a limit and written whole or not at all; wheel files and labels come back as written."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+from rwa_monitor.errors import InputError
+from rwa_monitor.telemetry.files import atomic_write, display_name, read_bytes, read_text
+from rwa_monitor.telemetry.labels import read_labels, write_labels
+from rwa_monitor.telemetry.wheel_file import read_wheel, write_wheel
+from rwa_monitor.wheel.wheel import MAX_WHEEL_FILE_BYTES, built_in_wheel
+
+
+def test_a_file_over_the_limit_is_refused_and_one_at_the_limit_is_not(tmp_path: Path) -> None:
+    path = tmp_path / "file"
+    path.write_bytes(b"x" * 100)
+    assert len(read_bytes(path, 100)) == 100
+    with pytest.raises(InputError, match="larger than the limit of 99 bytes"):
+        read_bytes(path, 99)
+
+
+def test_text_must_be_utf8(tmp_path: Path) -> None:
+    path = tmp_path / "file"
+    path.write_bytes(b"one\ntw\xffo\n")
+    with pytest.raises(InputError, match="row 2: is no UTF-8 text"):
+        read_text(path, 100)
+
+
+def test_writing_that_fails_leaves_the_old_file_and_nothing_else(tmp_path: Path) -> None:
+    path = tmp_path / "file"
+    path.write_text("old")
+
+    def write_half_and_fail() -> None:
+        with atomic_write(path) as part:
+            part.write_text("half")
+            raise KeyError("half way")
+
+    with pytest.raises(KeyError, match="half way"):
+        write_half_and_fail()
+    assert path.read_text() == "old"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_folder_that_is_not_there_is_wrong_use(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="cannot be written: No such file"), atomic_write(tmp_path / "no" / "file"):
+        pass
+    with pytest.raises(InputError, match="is a folder"), atomic_write(tmp_path):
+        pass
+
+
+def test_a_wheel_file_comes_back(tmp_path: Path) -> None:
+    path = tmp_path / "wheel.toml"
+    write_wheel(built_in_wheel(), path)
+    assert read_wheel(path) == read_wheel(None) == built_in_wheel()
+
+
+def test_a_wheel_file_of_a_megabyte_is_refused_before_it_is_parsed(tmp_path: Path) -> None:
+    path = tmp_path / "wheel.toml"
+    path.write_bytes(b"#" * (MAX_WHEEL_FILE_BYTES + 1))
+    with pytest.raises(InputError, match="larger than the limit"):
+        read_wheel(path)
+
+
+def test_labels_come_back_with_paths_beside_them(tmp_path: Path) -> None:
+    for name in ("a.csv", "b, c.csv"):
+        (tmp_path / name).touch()
+    path = tmp_path / "labels.csv"
+    write_labels(("file", "dry", "viscous", "fss_1"), [("a.csv", "0", "0", "1"), ("b, c.csv", "1", "0", "0")], path)
+    assert path.read_text() == 'file,dry,viscous,fss_1\na.csv,0,0,1\n"b, c.csv",1,0,0\n'
+    first, second = read_labels(path)
+    assert first.path == tmp_path / "a.csv"
+    assert first.anomalies == {"dry": False, "viscous": False, "fss_1": True}
+    assert second.path == tmp_path / "b, c.csv"
+    assert second.anomalies == {"dry": True, "viscous": False, "fss_1": False}
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "row 1: the header must begin with file,dry,viscous"),
+        ("file,viscous,dry\n", "row 1: the header must begin with file,dry,viscous"),
+        ("file,dry,viscous\n", "names no file"),
+        ("file,dry,viscous,a,a\n", "column 'a': is there twice"),
+        ("file,dry,viscous\nhere.csv,0\n", "row 2: has 2 fields, the header has 3"),
+        ("file,dry,viscous\nhere.csv,0,yes\n", "row 2, column viscous: 'yes' is neither 0 nor 1"),
+        ("file,dry,viscous\n\nnowhere.csv,0,1\n", "row 3, column file: there is no file"),
+    ],
+)
+def test_bad_labels_are_refused(tmp_path: Path, text: str, message: str) -> None:
+    (tmp_path / "here.csv").touch()
+    path = tmp_path / "labels.csv"
+    path.write_text(text)
+    with pytest.raises(InputError, match=message):
+        read_labels(path)
+
+
+def test_a_file_name_that_is_no_utf8_can_still_be_shown() -> None:
+    assert display_name(Path(os.fsdecode(b"caf\xe9.csv"))) == "caf\ufffd.csv"
+
+
+def test_a_small_file_takes_no_memory_for_a_large_limit(tmp_path: Path) -> None:
+    path = tmp_path / "small"
+    path.write_bytes(b"abc")
+    assert read_bytes(path, 2**60) == b"abc"  # more than any machine has
+    with pytest.raises(InputError, match="larger than the limit of 2 bytes"):
+        read_bytes(path, 2)
+    assert read_bytes(path, 3) == b"abc"

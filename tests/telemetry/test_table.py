@@ -1,0 +1,416 @@
+"""Sample tables: what is read, to the bit, and what is refused, with file, row, column and reason."""
+
+from __future__ import annotations
+
+import subprocess
+from decimal import ROUND_HALF_EVEN, Decimal
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from hypothesis.extra import numpy as hnp
+
+from rwa_monitor.errors import InputError
+from rwa_monitor.samples import TABLE_CHANNELS, FloatArray, Samples
+from rwa_monitor.telemetry.parquet_table import write_columns
+from rwa_monitor.telemetry.table import file_format, read_table, table_writer
+
+# Each example writes its own file in the one folder, so sharing that folder between examples is harmless.
+in_one_folder = settings(
+    suppress_health_check=[*settings().suppress_health_check, HealthCheck.function_scoped_fixture], max_examples=150
+)
+
+HEAD = "time_s,speed_rad_s,friction_torque_Nm\n"
+GOOD = HEAD + "0,100,0.0016\n0.125,101,0.0017\n"
+
+
+def csv_file(folder: Path, content: str | bytes) -> Path:
+    path = folder / "table.csv"
+    path.write_bytes(content.encode() if isinstance(content, str) else content)
+    return path
+
+
+# ---- what is read ----------------------------------------------------------------------------------------------------
+
+
+def test_reads_a_plain_table(tmp_path: Path) -> None:
+    table = read_table(csv_file(tmp_path, GOOD))
+    assert table.samples.time_ns.tolist() == [0, 125_000_000]
+    assert table.samples.speed_rad_s.tolist() == [100.0, 101.0]
+    assert table.samples.friction_torque_Nm is not None
+    assert table.samples.friction_torque_Nm.tolist() == [0.0016, 0.0017]
+    assert table.samples.motor_current_A is None
+    assert table.ignored_columns == ()
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        GOOD.replace("\n", "\r\n"),
+        GOOD.replace("\n", "\r"),
+        GOOD.rstrip("\n"),
+        GOOD + "\n\n",
+        "\ufeff" + GOOD,
+        GOOD.replace("time_s,", " time_s , ").replace("0.125,", " 0.125 ,\t"),
+        GOOD.replace("0.125,101", '"0.125","101"'),
+        GOOD.replace("0.125", "1.25e-1").replace("101", "+1.01E2"),
+    ],
+    ids=["crlf", "cr", "no last newline", "closing blank lines", "byte order mark", "spaces", "quotes", "exponents"],
+)
+def test_layout_of_the_text_does_not_matter(tmp_path: Path, content: str) -> None:
+    table = read_table(csv_file(tmp_path, content))
+    assert table.samples.time_ns.tolist() == [0, 125_000_000]
+    assert table.samples.speed_rad_s.tolist() == [100.0, 101.0]
+
+
+def test_unknown_columns_are_left_out_and_named(tmp_path: Path) -> None:
+    content = "mode,time_s,note,speed_rad_s,friction_torque_Nm\nA,0,\u00e4,1,2\nB,1,,3,4\n"
+    table = read_table(csv_file(tmp_path, content))
+    assert table.ignored_columns == ("mode", "note")
+    assert table.samples.speed_rad_s.tolist() == [1.0, 3.0]
+
+
+def test_of_two_time_columns_the_exact_one_counts(tmp_path: Path) -> None:
+    table = read_table(csv_file(tmp_path, "time_s,time_ns,speed_rad_s\n5,1,1\n6,2,1\n"))
+    assert table.samples.time_ns.tolist() == [1, 2]
+    assert table.ignored_columns == ("time_s",)
+
+
+def test_missing_and_non_finite_values_stay_as_they_are(tmp_path: Path) -> None:
+    table = read_table(
+        csv_file(tmp_path, "time_s,speed_rad_s,friction_torque_Nm\n0,,nan\n1,inf,-Infinity\n2,1e999,5\n")
+    )
+    np.testing.assert_array_equal(table.samples.speed_rad_s, [np.nan, np.inf, np.inf])
+    np.testing.assert_array_equal(table.samples.friction_torque_Nm, [np.nan, -np.inf, 5])
+
+
+def test_parquet_takes_any_numbers_and_null(tmp_path: Path) -> None:
+    path = tmp_path / "table.parquet"
+    columns = {
+        "time_s": pa.array([0.0, 0.1, 1_700_000_000.125]),
+        "speed_rad_s": pa.array([1, None, 3], pa.int16()),
+        "friction_torque_Nm": pa.array([0.5, None, np.inf], pa.float32()),
+        "motor_current_A": pa.array([Decimal("1.5"), None, Decimal("2.5")]),
+        "bearing_temperature_degC": pa.nulls(3),
+        "mode": pa.array(["a", "b", "c"]),
+    }
+    pq.write_table(pa.table(columns), path)
+    table = read_table(path)
+    assert table.ignored_columns == ("mode",)
+    assert table.samples.time_ns.tolist() == [0, 100_000_000, 1_700_000_000_125_000_000]
+    np.testing.assert_array_equal(table.samples.speed_rad_s, [1, np.nan, 3])
+    np.testing.assert_array_equal(table.samples.friction_torque_Nm, [0.5, np.nan, np.inf])
+    np.testing.assert_array_equal(table.samples.motor_current_A, [1.5, np.nan, 2.5])
+    np.testing.assert_array_equal(table.samples.bearing_temperature_degC, [np.nan] * 3)
+
+
+@given(
+    st.decimals(-7_000_000_000, 5_000_000_000, places=9),
+    st.sets(
+        st.one_of(
+            st.decimals(0, 2_000_000_000, places=9),
+            st.decimals(0, 1000, places=25),
+            st.decimals(0, 10).map(lambda value: value.normalize()),
+        ),
+        min_size=1,
+        max_size=8,
+    ),
+)
+@in_one_folder
+def test_time_is_the_nearest_nanosecond_of_the_decimal_number(
+    tmp_path: Path, start: Decimal, offsets: set[Decimal]
+) -> None:
+    by_nanosecond = {int(((start + x) * 10**9).to_integral_value(ROUND_HALF_EVEN)): start + x for x in offsets}
+    expected = sorted(by_nanosecond)
+    content = "time_s,speed_rad_s\n" + "".join(f"{by_nanosecond[time_ns]},1\n" for time_ns in expected)
+    assert read_table(csv_file(tmp_path, content)).samples.time_ns.tolist() == expected
+
+
+# ---- round trip ------------------------------------------------------------------------------------------------------
+
+
+@st.composite
+def any_samples(draw: st.DrawFn) -> Samples:
+    """Draw any telemetry that a table can hold: increasing times, optional channels, any float64."""
+    times = sorted(draw(st.sets(st.integers(-(2**60), 2**60 - 1), min_size=1, max_size=20)))
+    values = hnp.arrays(np.float64, len(times), elements=st.floats(width=64))
+    optional = {name: draw(st.none() | values) for name in TABLE_CHANNELS[1:]}
+    return Samples(time_ns=np.array(times), speed_rad_s=draw(values), **optional)
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".parquet"])
+@given(samples=any_samples())
+@in_one_folder
+def test_a_written_table_comes_back_bit_for_bit(tmp_path: Path, suffix: str, samples: Samples) -> None:
+    path = tmp_path / f"table{suffix}"
+    table_writer(path)(samples, path)
+    back = read_table(path).samples
+    assert [name for name, _ in back.channels()] == [name for name, _ in samples.channels()]
+    for (_, read), (_, written) in zip(back.channels(), samples.channels(), strict=True):
+        np.testing.assert_array_equal(read, written)
+        same_sign = np.signbit(read) == np.signbit(written)
+        assert (same_sign | np.isnan(written)).all()
+
+
+@given(angle=hnp.arrays(np.float64, 5, elements=st.floats(-1e9, 1e9)))
+@in_one_folder
+def test_an_angle_is_the_same_in_degrees(tmp_path: Path, angle: FloatArray) -> None:
+    rows = "".join(f"{at},1,{value!r}\n" for at, value in enumerate(np.degrees(angle).tolist()))
+    in_degrees = read_table(csv_file(tmp_path, f"time_s,speed_rad_s,angle_deg\n{rows}"))
+    assert in_degrees.ignored_columns == ()
+    assert in_degrees.samples.angle_rad is not None
+    np.testing.assert_allclose(in_degrees.samples.angle_rad, angle, rtol=1e-15)
+    path = tmp_path / "table.parquet"
+    write_columns(
+        {"time_ns": in_degrees.samples.time_ns, "speed_rad_s": np.ones(5), "angle_deg": np.degrees(angle)}, path
+    )
+    np.testing.assert_array_equal(read_table(path).samples.angle_rad, in_degrees.samples.angle_rad)
+
+
+@given(steps=st.lists(st.integers(95_000_000, 105_000_000), min_size=20, max_size=60))
+@in_one_folder
+def test_pulse_times_are_the_same_in_seconds_and_nanoseconds(tmp_path: Path, steps: list[int]) -> None:
+    times = np.cumsum(steps)
+    whole = csv_file(tmp_path, "pulse_time_ns\n" + "".join(f"{time}\n" for time in times))
+    expected = read_table(whole, 2).samples
+    seconds = csv_file(tmp_path, "pulse_time_s\n" + "".join(f"{Decimal(int(time)).scaleb(-9)}\n" for time in times))
+    path = tmp_path / "table.parquet"
+    write_columns({"pulse_time_ns": times}, path)
+    for other in (read_table(seconds, 2).samples, read_table(path, 2).samples):
+        np.testing.assert_array_equal(other.time_ns, expected.time_ns)
+        np.testing.assert_array_equal(other.speed_rad_s, expected.speed_rad_s)
+    np.testing.assert_allclose(expected.speed_rad_s, np.pi / 0.1, rtol=0.06)
+
+
+def test_the_same_samples_give_the_same_bytes_and_no_left_over(tmp_path: Path) -> None:
+    samples = read_table(csv_file(tmp_path, GOOD)).samples
+    first, second = tmp_path / "first.csv", tmp_path / "second.csv"
+    table_writer(first)(samples, first)
+    table_writer(second)(samples, second)
+    expected = b"time_ns,speed_rad_s,friction_torque_Nm\n0,100,0.0016\n125000000,101,0.0017\n"
+    assert first.read_bytes() == second.read_bytes() == expected
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["first.csv", "second.csv", "table.csv"]
+
+
+# ---- what is refused -------------------------------------------------------------------------------------------------
+
+REFUSED = {
+    "empty": (b"", "", "is empty"),
+    "only newlines": (b"\n\n", "row 1", "no header"),
+    "only a header": (HEAD, "", "no rows"),
+    "no time": ("speed_rad_s\n1\n", "column time_s or time_ns", "is missing"),
+    "two angles": (
+        "time_s,speed_rad_s,angle_rad,angle_deg\n0,1,0,0\n",
+        "column angle_deg",
+        "is there beside angle_rad: leave one of them out",
+    ),
+    "no speed": ("time_s,speed_rpm\n0,1\n", "column speed_rad_s", "is 'speed_rpm' in rpm? Times 0.1047198 it is"),
+    "misspelt": ("time_s,speed_rads\n0,1\n", "column speed_rad_s", "is 'speed_rads' in the unit of speed_rad_s?"),
+    "no header": ("0.0,1.5\n0.1,1.5\n", "column time_s or time_ns", "row 1 holds numbers: the first row must name"),
+    "a comment first": (f"# mode 3\n{GOOD}", "column time_s or time_ns", "row 1 is a comment: remove it"),
+    "semicolons": (GOOD.replace(",", ";"), "row 1", "has semicolons; convert it: sed 's/;/,/g'"),
+    "tabs": (GOOD.replace(",", "\t"), "row 1", "has tabs; convert it: sed 's/\\t/,/g'"),
+    "semicolons and decimal commas": (
+        HEAD.replace(",", ";") + "0;1;2\n1;1,5;2\n",
+        "row 1",
+        "decimal commas; convert it: sed 's/,/./g; s/;/,/g'",
+    ),
+    "decimal commas": (HEAD + "0,5,1,5,2,5\n", "row 2", "are these decimal commas?"),
+    "a date": (HEAD + "2026-01-01T00:00:00Z,1,2\n", "row 2, column time_s", "this is a date: write seconds"),
+    "spreadsheet": (b"PK\x03\x04" + bytes(99), "", "is a spreadsheet or another ZIP archive: save the sheet as CSV"),
+    "compressed": (b"\x1f\x8b\x08" + bytes(99), "", "is compressed (gzip): unpack it"),
+    "JSON": ('[{"time_s": 0}]\n', "", "this looks like JSON"),
+    "utf-16 without its mark": (GOOD.encode("utf-16-le"), "row 1", "iconv -f utf-16le -t utf-8"),
+    "twice": ("time_s,speed_rad_s,speed_rad_s\n0,1,1\n", "column speed_rad_s", "twice"),
+    "text": (HEAD + "0,1,2\n1,fast,2\n", "row 3, column speed_rad_s", "'fast' is not a number"),
+    "decimal comma": (
+        HEAD + '0,"1,5",2\n',
+        "row 2, column speed_rad_s",
+        "'1,5' is not a number; write numbers with a decimal point",
+    ),
+    "underscore": (HEAD + "0,1_0,2\n", "row 2, column speed_rad_s", "'1_0' is not a number"),
+    "cut field": (HEAD + "0,1,2\n1,3\n", "row 3", "has 2 fields, the header has 3"),
+    "extra field": (HEAD + "0,1,2\n1,3,4,5\n", "row 3", "has 4 fields, the header has 3"),
+    "blank line": (HEAD + "0,1,2\n\n1,3,4\n", "row 3, column time_s", "is empty"),
+    "no time value": (HEAD + "0,1,2\n,3,4\n", "row 3, column time_s", "is empty"),
+    "infinite time": (HEAD + "0,1,2\ninf,3,4\n", "row 3, column time_s", "'inf' is not a finite number"),
+    "time not a number": (HEAD + "nan,1,2\n", "row 2, column time_s", "'nan' is not a finite number"),
+    "a huge exponent": (HEAD + "1e999999999,1,2\n", "row 2, column time_s", "beyond"),
+    "a far time": (HEAD + "10000000000,1,2\n", "row 2, column time_s", "beyond"),
+    "equal times": (
+        HEAD + "0,1,2\n0.5,1,2\n0.5,1,2\n",
+        "row 4, column time_s",
+        "(0.5 s after 0.5 s); row 4 repeats an earlier one exactly: leave 1 row out: awk '!seen[$0]++'",
+    ),
+    "rows twice": (
+        HEAD + "0,1,2\n0,1,2\n0.1,1,\n0.1,1,\n0.2,1,2\n",
+        "row 3, column time_s",
+        "rows 3, 5 repeat earlier ones exactly: leave 2 rows out: awk '!seen[$0]++'",
+    ),
+    "rows of one time that contradict": (HEAD + "0,1,2\n0,1,3\n", "row 3, column time_s", "; sort the rows by time"),
+    "equal to the nanosecond": (HEAD + "0.1,1,2\n0.1000000001,1,2\n", "row 3, column time_s", "does not increase"),
+    "time goes back": (HEAD + "1,1,2\n-0.25,1,2\n", "row 3, column time_s", "(-0.25 s after 1 s)"),
+    "a clock of centuries": (HEAD + "-8e9,1,2\n8e9,1,2\n", "time_s", "73 years"),
+    "open quote in the middle": (HEAD + '0,1,"2\n1,1,2"\n2,1,2\n', "row 2", "has no end in its row"),
+    "parts of a nanosecond": ("time_ns,speed_rad_s\n0.5,1\n", "row 2, column time_ns", "no whole number"),
+    "latin-1": (HEAD.encode() + b"0,1,2\n1,\xe4,2\n", "row 3", "at offset 46); perhaps Latin-1 or Windows-1252; if so"),
+    "utf-16": (GOOD.encode("utf-16"), "", "is UTF-16 text; save it as UTF-8, or convert it: iconv -f utf-16 -t utf-8"),
+    "zero bytes": (b"\x00" * 100, "row 1", "zero bytes"),
+    "open quote": (HEAD + '0,"1,2\n', "row 2", "is no CSV"),
+    "picture": (b"\x89PNG\r\n\x1a\n\x00\x00\x00\rIHDR", "row 1", "this is no text at all"),
+}
+
+
+@pytest.mark.parametrize(
+    ("head", "rows"),
+    [
+        (HEAD, "0,1,2\n0,1,2\n0.1,1,\n0.1,1,\n0.2,1,2\n"),
+        (HEAD, "0,1,2\n0.1,1,\n0.2,1,2\n0,1,2\n0.1,1,\n0.2,1,2\n0.3,1,2\n"),  # a block that was sent again
+        (HEAD, "0,1,2\r\n0.1,1,\r\n0.1,1,\r\n"),
+        ("received," + HEAD, "a,0,1,2\nb,0.1,1,2\nc,0.1,1,2\n"),  # the column that differs is not read
+    ],
+    ids=["one by one", "a block", "of Windows", "another column"],
+)
+def test_the_command_that_drops_repeated_rows_does_it_when_pasted(tmp_path: Path, head: str, rows: str) -> None:
+    path = tmp_path / "two words.csv"
+    path.write_text(head + rows, newline="")
+    with pytest.raises(InputError, match="exactly: leave") as refused:
+        read_table(path)
+    command = str(refused.value).rpartition("out: ")[2]
+    subprocess.run(command, shell=True, check=True)
+    times = read_table(tmp_path / "two words_once.csv").samples.time_ns
+    written = {round(1e9 * float(row.split(",")[head.split(",").index("time_s")])) for row in rows.split()}
+    assert times.tolist() == sorted(written)
+
+
+def test_rows_of_which_some_contradict_get_no_command(tmp_path: Path) -> None:
+    path = tmp_path / "t.csv"
+    path.write_text(HEAD + "0,1,2\n0,1,2\n0.1,1,2\n0.1,1,3\n")
+    with pytest.raises(InputError, match=r"sort the rows by time and leave repeated ones out$"):
+        read_table(path)
+
+
+@pytest.mark.parametrize(("content", "place", "reason"), REFUSED.values(), ids=REFUSED)
+def test_a_bad_csv_is_refused_with_place_and_reason(
+    tmp_path: Path, content: str | bytes, place: str, reason: str
+) -> None:
+    path = csv_file(tmp_path, content)
+    with pytest.raises(InputError) as caught:
+        read_table(path)
+    assert (caught.value.source, caught.value.place) == (str(path), place)
+    assert reason in caught.value.reason
+    assert "\n" not in str(caught.value)
+
+
+def test_all_that_keeps_an_export_from_being_a_table_is_said_at_once(tmp_path: Path) -> None:
+    export = "# TM export\nTime;RW_SPEED\n2026-09-01T00:00:00.000Z;20,5\n2026-09-01T00:00:00.125Z;20,5\n"
+    with pytest.raises(InputError) as caught:
+        read_table(csv_file(tmp_path, export))
+    assert "row 1 is a comment" in caught.value.reason
+    others = "semicolons between the columns, dates instead of seconds, decimal commas: docs/formats.md has one recipe"
+    assert f"; it also has {others}" in caught.value.reason
+
+
+PARQUET_REFUSED = {
+    "text": ({"time_s": [0.0], "speed_rad_s": ["fast"]}, "column speed_rad_s", "holds string, not numbers"),
+    "yes and no": ({"time_s": [0.0], "speed_rad_s": [True]}, "column speed_rad_s", "holds bool, not numbers"),
+    "no rows": ({"time_s": pa.array([], pa.float64()), "speed_rad_s": pa.array([], pa.float64())}, "", "no rows"),
+    "no time": ({"speed_rad_s": [1.0]}, "column time_s or time_ns", "is missing"),
+    "null time": ({"time_s": [0.0, None], "speed_rad_s": [1.0, 1.0]}, "row 2, column time_s", "is empty"),
+    "infinite": ({"time_s": [0.0, np.inf], "speed_rad_s": [1.0, 1.0]}, "row 2, column time_s", "inf is not a time"),
+    "nan time": ({"time_s": [0.0, np.nan], "speed_rad_s": [1.0, 1.0]}, "row 2, column time_s", "nan is not a time"),
+    "float ns": ({"time_ns": [0.0], "speed_rad_s": [1.0]}, "column time_ns", "holds double, not integers"),
+    "unsigned": ({"time_ns": pa.array([2**63], pa.uint64()), "speed_rad_s": [1.0]}, "column time_ns", "beyond"),
+    "equal times": ({"time_ns": [1, 1], "speed_rad_s": [1.0, 1.0]}, "row 2, column time_ns", "does not increase"),
+}
+
+
+@pytest.mark.parametrize(("columns", "place", "reason"), PARQUET_REFUSED.values(), ids=PARQUET_REFUSED)
+def test_a_bad_parquet_is_refused_with_place_and_reason(
+    tmp_path: Path, columns: dict[str, list[object]], place: str, reason: str
+) -> None:
+    path = tmp_path / "table.parquet"
+    pq.write_table(pa.table(columns), path)
+    with pytest.raises(InputError) as caught:
+        read_table(path)
+    assert (caught.value.source, caught.value.place) == (str(path), place)
+    assert reason in caught.value.reason
+
+
+def test_a_parquet_with_two_columns_of_one_name_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "table.parquet"
+    pq.write_table(pa.table([[0], [1.0], [2.0]], names=["time_ns", "speed_rad_s", "speed_rad_s"]), path)
+    with pytest.raises(InputError, match="column speed_rad_s: is there twice"):
+        read_table(path)
+
+
+def test_a_file_that_is_not_there_or_no_file_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="cannot be read: No such file"):
+        read_table(tmp_path / "nothing.csv")
+    with pytest.raises(InputError, match=r"is a folder; give the files in it$"):
+        read_table(tmp_path)
+    (tmp_path / "rwa-000001.mcap").touch()
+    with pytest.raises(InputError, match=r"is a folder; give the files in it: .*rwa-000001.mcap"):
+        read_table(tmp_path)
+
+
+@pytest.mark.parametrize("suffix", ["parquet", "mcap"])
+def test_a_suffix_that_lies_is_refused(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"table.{suffix}"
+    path.write_text(GOOD)
+    with pytest.raises(InputError, match=f"is no {suffix} file"):
+        file_format(path)
+
+
+def test_the_content_decides_where_the_suffix_says_nothing(tmp_path: Path) -> None:
+    written = tmp_path / "table.parquet"
+    pq.write_table(pa.table({"time_ns": [1], "speed_rad_s": [2.0]}), written)
+    renamed = written.rename(tmp_path / "table.csv")
+    assert read_table(renamed).samples.time_ns.tolist() == [1]
+
+
+# ---- fuzzing: any bytes give samples or an InputError, nothing else --------------------------------------------------
+
+csv_like = st.lists(
+    st.lists(
+        st.sampled_from(
+            ["time_s", "time_ns", "speed_rad_s", "friction_torque_Nm", "0", "1", "2.5", "", '"', "nan", "x"]
+        )
+        | st.floats().map(str)
+        | st.text(max_size=5),
+        max_size=4,
+    ).map(",".join),
+    max_size=6,
+).flatmap(lambda rows: st.sampled_from(["\n", "\r\n", "\r"]).map(lambda end: end.join(rows).encode("utf-8", "replace")))
+
+
+def read_or_refuse(path: Path) -> Samples | None:
+    """Return what the file holds; None where it is refused in the way that the command line can show."""
+    try:
+        return read_table(path).samples
+    except InputError as error:
+        return None if error.source == str(path) and error.reason else pytest.fail(f"names no file: {error}")
+
+
+@given(st.binary(max_size=200) | csv_like | csv_like.map(lambda rows: HEAD.encode() + rows))
+@in_one_folder
+def test_any_bytes_are_a_table_or_refused(tmp_path: Path, content: bytes) -> None:
+    samples = read_or_refuse(csv_file(tmp_path, content))
+    assert samples is None or (len(samples) > 0 and (np.diff(samples.time_ns) > 0).all())
+
+
+@given(st.data())
+@in_one_folder
+def test_a_damaged_parquet_is_a_table_or_refused(tmp_path: Path, data: st.DataObject) -> None:
+    path = tmp_path / "table.parquet"
+    pq.write_table(pa.table({"time_ns": range(50), "speed_rad_s": np.linspace(0, 1, 50)}), path)
+    content = bytearray(path.read_bytes())
+    for _ in range(data.draw(st.integers(1, 3))):
+        content[data.draw(st.integers(0, len(content) - 1))] ^= data.draw(st.integers(1, 255))
+    path.write_bytes(content[: data.draw(st.integers(0, len(content)))])
+    samples = read_or_refuse(path)
+    assert samples is None or (len(samples) > 0 and (np.diff(samples.time_ns) > 0).all())

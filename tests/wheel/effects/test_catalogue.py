@@ -1,0 +1,215 @@
+"""What the catalogue promises of every effect, whatever its family."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from rwa_monitor.errors import InputError
+from rwa_monitor.wheel.effects.base import Effect, MeanEffect, Parameter
+from rwa_monitor.wheel.effects.catalogue import CATALOGUE, MEAN_EFFECTS, build, mean_effects, register, to_block
+from rwa_monitor.wheel.effects.describe import describe, index, range_in_words
+from rwa_monitor.wheel.effects.noise_base import NoiseEffect
+from rwa_monitor.wheel.effects.switching_base import SwitchingEffect
+from rwa_monitor.wheel.wheel import EffectBlock, Wheel, built_in_wheel
+from tests.wheel.effects.records import rich_motion
+
+every_effect = pytest.mark.parametrize("effect", CATALOGUE.values(), ids=lambda effect: effect.name)
+
+# The unit that each ending of a parameter's name stands for.
+UNITS = {
+    "_Nm_s2_rad2": "N m s²/rad²",
+    "_Nm_s_rad": "N m s/rad",
+    "_Nm_s": "N m/s",
+    "_Nm": "N m",
+    "_kg_m2": "kg m²",
+    "_s_rad": "s/rad",
+    "_rad_s": "rad/s",
+    "_rad": "rad",
+    "_1_K": "1/K",
+    "_K": "K",
+    "_s": "s",
+}
+
+
+def test_the_catalogue_is_that_of_the_specification() -> None:
+    assert list(CATALOGUE) == sorted(CATALOGUE)
+    assert set(CATALOGUE) == {
+        *("stribeck", "presliding", "coulomb_asymmetry", "torque_bias", "viscous_asymmetry", "viscosity_temperature"),
+        *("sublinear_viscous", "quadratic_drag", "lubricant_lag", "run_in_drift", "load_dependence", "inertia_error"),
+        *("torque_constant_error", "torque_constant_temperature", "current_delay", "torque_ripple", "speed_dead_zone"),
+        *("speed_dependent_noise", "coloured_noise", "heavy_tailed_noise", "tachometer_quantisation"),
+        *("cage_instability", "extra_switching_system", "wrong_duration_law", "decaying_jump", "viscous_jump"),
+        *("speed_triggered_jumps", "saturating_drag"),
+    }
+
+
+@every_effect
+def test_it_explains_itself(effect: type[Effect]) -> None:
+    for text in (effect.title, effect.formula, effect.description, effect.signature, effect.separate_by, effect.source):
+        assert len(text.strip()) >= 5
+    for text in (effect.description, effect.signature, effect.separate_by, effect.source):
+        assert text.endswith("."), "sentences"
+        assert "  " not in text
+    assert effect.family in ("mean", "noise", "switching")
+    assert effect.__module__.endswith(f".{effect.name}"), "one file for each effect, of its name"
+
+
+@every_effect
+def test_its_formula_is_balanced_latex(effect: type[Effect]) -> None:
+    depth = 0
+    for before, char in zip(" " + effect.formula, effect.formula, strict=False):
+        depth += (char == "{" and before != "\\") - (char == "}" and before != "\\")
+        assert depth >= 0
+    assert depth == 0
+    assert effect.formula.count(r"\left") == effect.formula.count(r"\right")
+    assert "$" not in effect.formula
+
+
+@every_effect
+def test_what_it_is_confused_with_exists(effect: type[Effect]) -> None:
+    assert effect.confused_with
+    assert len(set(effect.confused_with)) == len(effect.confused_with)
+    for name in effect.confused_with:
+        assert name in CATALOGUE
+        assert name != effect.name
+
+
+@every_effect
+def test_what_it_needs_are_channels(effect: type[Effect]) -> None:
+    assert effect.needs <= {"motor_torque_Nm", "bearing_temperature_degC"}
+
+
+@every_effect
+def test_units_are_stated_and_agree_with_the_names(effect: type[Effect]) -> None:
+    for parameter in effect.parameters:
+        ending = next((ending for ending in UNITS if parameter.name.endswith(ending)), None)
+        assert parameter.unit == (UNITS[ending] if ending else "-"), parameter.name
+    names = [parameter.name for parameter in effect.parameters]
+    assert len(set(names)) == len(names)
+    if issubclass(effect, MeanEffect):
+        assert effect.strength_parameters()
+        assert all(parameter.name.startswith("strength") for parameter in effect.strength_parameters())
+
+
+@every_effect
+def test_typical_values_and_defaults_are_allowed(effect: type[Effect]) -> None:
+    typical = effect.typical()
+    for parameter in effect.parameters:
+        assert parameter.low <= parameter.typical <= parameter.high
+        assert parameter.low < parameter.high
+        if parameter.linear:
+            assert parameter.low <= 0 <= parameter.high, "a strength can be zero"
+        else:
+            assert math.isfinite(parameter.low)
+    needed = {p.name: typical.values[p.name] for p in effect.parameters if p.default is None}
+    effect(**needed)
+
+
+@every_effect
+@given(data=st.data())
+def test_bounds_are_respected(effect: type[Effect], data: st.DataObject) -> None:
+    parameter = data.draw(st.sampled_from(effect.parameters))
+    value = data.draw(st.floats(allow_nan=True, allow_infinity=True))
+    inside = math.isfinite(value) and parameter.low <= value <= parameter.high
+    if inside and (not parameter.choices or parameter.between or value in parameter.choices):
+        assert effect.typical(**{parameter.name: value}).values[parameter.name] == value
+    else:
+        with pytest.raises(InputError, match=parameter.name):
+            effect.typical(**{parameter.name: value})
+
+
+@every_effect
+def test_unknown_and_missing_parameters_are_refused(effect: type[Effect]) -> None:
+    with pytest.raises(InputError, match="unknown"):
+        effect.typical(nonsense=1.0)
+    for parameter in effect.parameters:
+        if parameter.default is None:
+            with pytest.raises(InputError, match=f"{parameter.name}: is missing"):
+                effect(**{p.name: p.typical for p in effect.parameters if p is not parameter})
+
+
+@every_effect
+def test_it_survives_the_way_through_a_wheel_file(effect: type[Effect]) -> None:
+    block = to_block(effect.typical())
+    wheel = built_in_wheel().model_copy(update={"effect": (block,)})
+    again = Wheel.from_toml(wheel.to_toml(), "test")
+    assert again.effect == (block,)
+    built = build(again.effect[0])
+    assert type(built) is effect
+    assert built.values == effect.typical().values
+    assert [type(e) for e in mean_effects(again)] == ([effect] if effect.family == "mean" else [])
+
+
+@every_effect
+def test_its_page_holds_all_it_says(effect: type[Effect]) -> None:
+    page = describe(effect)
+    assert page.startswith(f"# {effect.title}\n")
+    assert page.endswith("\n")
+    assert f"$${effect.formula}$$" in page
+    for text in (effect.description, effect.signature, effect.separate_by, effect.source):
+        assert text in page
+    for parameter in effect.parameters:
+        assert f"| `{parameter.name}` | {parameter.unit} |" in page
+    for name in effect.confused_with:
+        assert f"]({name}.md)" in page
+
+
+def test_the_index_lists_every_effect_once() -> None:
+    page = index(CATALOGUE.values())
+    assert [page.count(f"| [`{name}`]({name}.md) |") for name in CATALOGUE] == [1] * len(CATALOGUE)
+    assert page.index("## Mean") < page.index("[`stribeck`]") < page.index("## Noise") < page.index("## Switching")
+
+
+def test_the_page_words_every_kind_of_range() -> None:
+    assert range_in_words(Parameter("a", "-", -np.inf, np.inf, 0.0)) == "any"
+    assert range_in_words(Parameter("a", "-", 0.0, np.inf, 0.0)) == "≥ 0"
+    assert range_in_words(Parameter("a", "-", -np.inf, 2.0, 0.0)) == "≤ 2"
+    assert range_in_words(Parameter("a", "-", 0.5, 2.0, 1.0)) == "0.5 … 2"
+
+
+def test_an_unknown_effect_is_refused_with_the_names_there_are() -> None:
+    with pytest.raises(InputError, match=r"stribek: is not in the catalogue; did you mean 'stribeck'\?"):
+        build(EffectBlock(name="stribek", parameters={}))
+    with pytest.raises(InputError, match=r"moonlight: is not in the catalogue: .*stribeck"):
+        build(EffectBlock(name="moonlight", parameters={}))
+
+
+def test_the_example_of_the_wheel_file_loads() -> None:
+    """The example in the design: an exponent is not given there and has a default."""
+    block = EffectBlock(name="stribeck", parameters={"strength_Nm": 5.0e-4, "stribeck_speed_rad_s": 8.0})
+    (effect,) = mean_effects(built_in_wheel().model_copy(update={"effect": (block,)}))
+    torque, _ = effect.torque(rich_motion(512))
+    assert 0 < np.abs(torque).max() <= 5.0e-4
+
+
+def test_an_effect_from_outside_joins_the_catalogue_once() -> None:
+    class Outside(CATALOGUE["stribeck"]):  # type: ignore[misc]
+        """An effect of somebody else's package."""
+
+        name = "effect_of_another_package"
+
+    try:
+        assert register(Outside) is Outside
+        assert isinstance(
+            build(EffectBlock(name=Outside.name, parameters=to_block(Outside.typical()).parameters)), Outside
+        )
+        assert Outside in MEAN_EFFECTS.values()
+        with pytest.raises(TypeError, match="two effects have the name effect_of_another_package"):
+            register(Outside)
+    finally:
+        for family in (CATALOGUE, MEAN_EFFECTS):
+            family.pop(Outside.name, None)
+
+
+@pytest.mark.parametrize(
+    ("base", "missing"), [(MeanEffect, "columns"), (NoiseEffect, "apply"), (SwitchingEffect, "fit")]
+)
+def test_an_effect_without_what_its_family_asks_for_cannot_be_made(base: type[Effect], missing: str) -> None:
+    unfinished = type("Unfinished", (base,), {"name": "unfinished"})
+    with pytest.raises(TypeError, match=missing):
+        unfinished()

@@ -1,0 +1,224 @@
+"""What every mean effect of the catalogue must do, tried on all of them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise, product
+
+import numpy as np
+import pytest
+from scipy import optimize
+
+from rwa_monitor.wheel.effects.base import Channels, MeanEffect
+from rwa_monitor.wheel.effects.catalogue import MEAN_EFFECTS
+from tests.wheel.effects.records import mirrored, piece, rich_motion
+
+ALL = sorted(MEAN_EFFECTS.values(), key=lambda effect: effect.name)
+GRID = 60  # start values of a profiled shape: a dead zone's sum of squares is a staircase with many local minima
+every_mean_effect = pytest.mark.parametrize("effect", ALL, ids=lambda effect: effect.name)
+
+
+def shape_of(effect: MeanEffect) -> dict[str, float]:
+    return {parameter.name: effect.values[parameter.name] for parameter in effect.shape_parameters()}
+
+
+def typical_shape(effect: type[MeanEffect]) -> dict[str, float]:
+    return shape_of(effect.typical())
+
+
+def test_the_catalogue_holds_the_mean_effects_of_the_specification() -> None:
+    assert set(MEAN_EFFECTS) == {
+        *("stribeck", "presliding", "coulomb_asymmetry", "torque_bias", "viscous_asymmetry", "viscosity_temperature"),
+        *("sublinear_viscous", "quadratic_drag", "lubricant_lag", "run_in_drift", "load_dependence", "inertia_error"),
+        *("torque_constant_error", "torque_constant_temperature", "current_delay", "torque_ripple", "speed_dead_zone"),
+        "saturating_drag",
+    }
+
+
+@every_mean_effect
+def test_columns_have_one_for_each_strength_and_are_finite(effect: type[MeanEffect]) -> None:
+    channels = rich_motion(2048)
+    columns, _ = effect.columns(channels, typical_shape(effect))
+    assert columns.shape == (2048, len(effect.strength_parameters()))
+    assert columns.dtype == np.float64
+    assert np.isfinite(columns).all()
+    assert np.abs(columns).max() > 0, "a rich motion must show the effect"
+
+
+@every_mean_effect
+def test_zero_strength_changes_nothing(effect: type[MeanEffect]) -> None:
+    zero = {parameter.name: 0.0 for parameter in effect.strength_parameters()}
+    torque, _ = effect.typical(**zero).torque(rich_motion(1024))
+    assert np.array_equal(torque, np.zeros(1024))
+
+
+@every_mean_effect
+def test_torque_is_proportional_to_the_strengths(effect: type[MeanEffect]) -> None:
+    channels = rich_motion(1024)
+    typical = effect.typical()
+    doubled = effect.typical(**{p.name: 2 * typical.values[p.name] for p in effect.strength_parameters()})
+    np.testing.assert_allclose(doubled.torque(channels)[0], 2 * typical.torque(channels)[0], rtol=1e-14)
+
+
+@every_mean_effect
+@pytest.mark.parametrize("seed", range(3))
+def test_a_record_in_pieces_gives_the_same_bits(effect: type[MeanEffect], seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    channels = with_gaps(rich_motion(64 * 40, seed=seed), rng)
+    shape = typical_shape(effect)
+    whole, last = effect.columns(channels, shape)
+    cuts = [0, *sorted(64 * rng.choice(np.arange(1, 40), size=7, replace=False)), len(channels)]
+    parts, memory = [], None
+    for start, stop in pairwise(cuts):
+        part, memory = effect.columns(piece(channels, start, stop), shape, memory)
+        parts.append(part)
+    assert np.array_equal(np.concatenate(parts), whole, equal_nan=True)
+    assert (memory is None) == (last is None)
+    if memory is not None and last is not None:
+        assert np.array_equal(memory, last, equal_nan=True)
+
+
+def with_gaps(channels: Channels, rng: np.random.Generator) -> Channels:
+    """Return the record with 5 % of the slots unknown in every channel, the first ones among them."""
+    gone = rng.random(len(channels)) < 0.05
+    gone[:3] = True
+
+    def holes(values: np.ndarray) -> np.ndarray:
+        return np.where(gone, np.nan, values)
+
+    return replace(
+        channels,
+        speed_rad_s=holes(channels.speed_rad_s),
+        direction=holes(channels.direction),
+        acceleration_rad_s2=holes(channels.acceleration_rad_s2),
+        angle_rad=holes(channels.angle_rad),
+        motor_torque_Nm=holes(channels.motor_torque_Nm),
+        bearing_temperature_degC=holes(channels.bearing_temperature_degC),
+        good=~gone,
+    )
+
+
+@every_mean_effect
+def test_a_gap_hides_its_own_slots_only(effect: type[MeanEffect]) -> None:
+    channels = rich_motion(2048)
+    shape = typical_shape(effect)
+    holed = with_gaps(channels, np.random.default_rng(5))
+    columns, _ = effect.columns(holed, shape)
+    assert np.isfinite(columns[holed.good]).all()
+    if effect.name not in ("torque_bias", "run_in_drift"):  # these need no channel with gaps, or only the direction
+        assert np.isnan(columns[~holed.good]).all()
+
+
+@every_mean_effect
+def test_a_missing_channel_gives_nan_not_a_guess(effect: type[MeanEffect]) -> None:
+    bare = replace(rich_motion(256), **dict.fromkeys(effect.needs))
+    columns, _ = effect.columns(bare, typical_shape(effect))
+    assert np.isnan(columns).all() == bool(effect.needs)
+
+
+@every_mean_effect
+def test_parity_is_as_stated(effect: type[MeanEffect]) -> None:
+    channels = rich_motion(1024)
+    shape = typical_shape(effect)
+    there, _ = effect.columns(channels, shape)
+    back, _ = effect.columns(mirrored(channels), shape)
+    odd, even = np.allclose(back, -there, atol=1e-12), np.allclose(back, there, atol=1e-12)
+    assert (odd, even) == {"odd": (True, False), "even": (False, True), "none": (False, False)}[effect.parity]
+
+
+@every_mean_effect
+@pytest.mark.parametrize(("top_speed_rad_s", "period_s"), [(600.0, 0.125), (8.0, 0.005)], ids=["wheel", "joint"])
+def test_shape_bounds_stay_inside_the_physical_ones(
+    effect: type[MeanEffect], top_speed_rad_s: float, period_s: float
+) -> None:
+    bounds = effect.shape_bounds(rich_motion(4096, period_s, top_speed_rad_s))
+    assert list(bounds) == [parameter.name for parameter in effect.shape_parameters()]
+    for parameter in effect.shape_parameters():
+        low, high = bounds[parameter.name]
+        assert parameter.low <= low <= high <= parameter.high
+
+
+@every_mean_effect
+@pytest.mark.parametrize("noise_share", [0.0, 0.02], ids=["exact", "noisy"])
+def test_simulate_then_fit_gives_the_parameters_back(effect: type[MeanEffect], noise_share: float) -> None:
+    """Fit dry sign, slope and the effect together; the bound on the noisy fit is five standard deviations."""
+    rng = np.random.default_rng(3)
+    channels = rich_motion(8192)
+    truth = draw(effect, channels, rng)
+    torque, _ = truth.torque(channels)
+    noise = noise_share * np.sqrt(np.mean(torque**2))
+    base = np.stack([channels.direction * channels.dry_level_Nm, channels.speed_rad_s], axis=1)
+    y = base @ [1.0, 5.333e-6] + torque + noise * rng.normal(size=torque.size)
+    fitted, strengths, residual = fit_profiled(effect, channels, base, y)
+    expected = np.array([truth.values[p.name] for p in effect.strength_parameters()])
+    if noise_share == 0.0:
+        assert residual < 1e-3 * np.sqrt(np.mean(torque**2))
+        for name, value in shape_of(truth).items():
+            assert fitted[name] == pytest.approx(value, rel=2e-2)
+        np.testing.assert_allclose(strengths, expected, rtol=5e-2, atol=1e-3 * np.abs(expected).max())
+    else:
+        recovered = effect.columns(channels, fitted)[0] @ strengths
+        # The fitted torque may differ from the true one by the noise that so many parameters carry.
+        freedom = len(effect.parameters) + 2
+        apart = remove(recovered - torque, base)
+        assert np.sqrt(np.sum(apart**2)) < 5 * noise * np.sqrt(freedom)
+
+
+def draw(effect: type[MeanEffect], channels: Channels, rng: np.random.Generator) -> MeanEffect:
+    """Return an effect with strengths at twice the typical (within bounds) and shapes well inside what shows."""
+    values = {}
+    bounds = effect.shape_bounds(channels)
+    for parameter in effect.parameters:
+        if parameter.linear:
+            values[parameter.name] = np.clip(2 * (parameter.typical or 1e-4), parameter.low, parameter.high)
+        elif parameter.choices:
+            values[parameter.name] = parameter.typical
+        else:
+            low, high = bounds[parameter.name]
+            values[parameter.name] = float(np.exp(np.log(low) + rng.uniform(0.4, 0.6) * np.log(high / low)))
+    return effect(**values)
+
+
+def remove(values: np.ndarray, base: np.ndarray) -> np.ndarray:
+    """Return what is left of values after a least-squares fit of the base columns."""
+    scaled = base / np.linalg.norm(base, axis=0)
+    return values - scaled @ np.linalg.lstsq(scaled, values, rcond=None)[0]
+
+
+def fit_profiled(
+    effect: type[MeanEffect], channels: Channels, base: np.ndarray, y: np.ndarray
+) -> tuple[dict[str, float], np.ndarray, float]:
+    """Return shape, strengths and RMS residual of the least-squares fit with profiled shape parameters."""
+    discrete = [p for p in effect.shape_parameters() if p.choices]
+    continuous = [p for p in effect.shape_parameters() if not p.choices]
+    bounds = effect.shape_bounds(channels)
+
+    def solve(shape: dict[str, float]) -> tuple[float, np.ndarray]:
+        columns = effect.columns(channels, shape)[0]
+        left = np.stack([remove(c, base) for c in columns.T], axis=1)
+        norms = np.linalg.norm(left, axis=0)
+        norms[norms == 0] = 1.0
+        target = remove(y, base)
+        coefficients = np.linalg.lstsq(left / norms, target, rcond=None)[0]
+        return float(np.sqrt(np.mean((target - left / norms @ coefficients) ** 2))), coefficients / norms
+
+    best: tuple[float, dict[str, float]] = (np.inf, {})
+    options = [dict(zip([p.name for p in discrete], c, strict=True)) for c in product(*(p.choices for p in discrete))]
+    for fixed in options:
+        if not continuous:
+            best = min(best, (solve(fixed)[0], fixed), key=lambda item: item[0])
+            continue
+        (parameter,) = continuous
+        low, high = np.log(bounds[parameter.name])
+        grid = np.linspace(low, high, GRID)
+        scores = [solve({**fixed, parameter.name: float(np.exp(g))})[0] for g in grid]
+        at = int(np.argmin(scores))
+        found = optimize.minimize_scalar(
+            lambda g: solve({**fixed, parameter.name: float(np.exp(g))})[0],  # noqa: B023
+            bounds=(grid[max(at - 1, 0)], grid[min(at + 1, GRID - 1)]),
+            method="bounded",
+            options={"xatol": 1e-7},
+        )
+        best = min(best, (float(found.fun), {**fixed, parameter.name: float(np.exp(found.x))}), key=lambda i: i[0])
+    residual, strengths = solve(best[1])
+    return best[1], strengths, residual

@@ -1,0 +1,148 @@
+"""What every noise effect must do: simulate, be found with its parameters, not be seen where it is not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from rwa_monitor.wheel.effects.base import Channels
+from rwa_monitor.wheel.effects.catalogue import NOISE_EFFECTS
+from rwa_monitor.wheel.effects.noise_base import NoiseEffect
+from rwa_monitor.wheel.effects.tachometer_quantisation import error_of_step, lattice_step
+from tests.wheel.effects.records import rich_motion
+
+SIGMA_NM = 3.9e-5
+SLOTS = 20_000
+ALL = sorted(NOISE_EFFECTS.values(), key=lambda effect: effect.name)
+every_noise_effect = pytest.mark.parametrize("effect", ALL, ids=lambda effect: effect.name)
+
+# Strengths that a record of 20,000 samples shows beyond doubt.
+CASES: dict[str, dict[str, float]] = {
+    "coloured_noise": {"ar_coefficient": 0.5},
+    "heavy_tailed_noise": {"degrees_of_freedom": 4.0},
+    "speed_dependent_noise": {"strength_s_rad": 0.02},
+    "tachometer_quantisation": {"step_rad_s": 2e-3},
+    "cage_instability": {
+        "strength_Nm": 6e-5,
+        "noise_strength": 1.0,
+        "band_speed_rad_s": 60.0,
+        "band_half_width_rad_s": 10.0,
+        "burst_s": 30.0,
+        "quiet_s": 0.0,
+    },
+}
+
+
+def read(effect: NoiseEffect, channels: Channels) -> Channels:
+    """Return the channels as measured."""
+    return replace(channels, speed_rad_s=effect.read_speed(channels.speed_rad_s))
+
+
+def simulate(name: str, seed: int) -> tuple[NoiseEffect, Channels, np.ndarray]:
+    rng = np.random.default_rng(seed)
+    channels = rich_motion(SLOTS, seed=seed)
+    effect = NOISE_EFFECTS[name](**CASES[name])
+    return effect, read(effect, channels), effect.apply(SIGMA_NM * rng.normal(size=SLOTS), channels, rng)
+
+
+def test_the_catalogue_holds_the_noise_effects_of_the_specification() -> None:
+    assert set(NOISE_EFFECTS) == set(CASES)
+
+
+@every_noise_effect
+def test_it_is_found_in_its_own_noise_and_above_all_others(effect: type[NoiseEffect]) -> None:
+    for seed in range(5):
+        _, channels, noise = simulate(effect.name, seed)
+        gains = {other.name: other.fit(noise, channels, channels.good).penalised_gain for other in ALL}
+        assert max(gains, key=gains.__getitem__) == effect.name, gains
+        assert gains[effect.name] > 25
+
+
+@every_noise_effect
+def test_white_noise_shows_nothing(effect: type[NoiseEffect]) -> None:
+    rng = np.random.default_rng(11)
+    channels = rich_motion(SLOTS)
+    # Twice the gain is χ² with one degree of freedom (more where a band is searched: a bound for the scan): 25 is the
+    # acceptance threshold of the search.
+    gains = [effect.fit(SIGMA_NM * rng.normal(size=SLOTS), channels, channels.good).penalised_gain for _ in range(10)]
+    assert max(gains) < 10
+
+
+@every_noise_effect
+def test_simulate_then_fit_gives_the_parameters_back(effect: type[NoiseEffect]) -> None:
+    true, channels, noise = simulate(effect.name, 3)
+    fit = effect.fit(noise, channels, channels.good)
+    assert set(fit.values) == {parameter.name for parameter in effect.parameters}
+    for name in CASES[effect.name]:
+        if name in ("burst_s", "quiet_s"):  # the fit sees the average over bursts and pauses
+            continue
+        tolerance = max(5 * np.nan_to_num(fit.std[name]), 0.15 * true.values[name])
+        assert fit.values[name] == pytest.approx(true.values[name], abs=tolerance), name
+
+
+@every_noise_effect
+def test_fitted_values_build_the_effect(effect: type[NoiseEffect]) -> None:
+    _, channels, noise = simulate(effect.name, 1)
+    values = effect.fit(noise, channels, channels.good).values
+    built = effect(**values)
+    assert {name: built.values[name] for name in values} == values
+
+
+@pytest.mark.parametrize("name", ["coloured_noise", "heavy_tailed_noise"])
+def test_shape_of_the_law_changes_but_not_its_variance(name: str) -> None:
+    _, _, noise = simulate(name, 7)
+    # AR(1) with 0.5: the variance of the sample variance is (1+φ²)/(1-φ²) times that of white noise; t with ν = 4 has
+    # no fourth moment, so the bound is wide.
+    assert noise.std() == pytest.approx(SIGMA_NM, rel=0.1)
+
+
+@every_noise_effect
+def test_gaps_and_short_records_do_no_harm(effect: type[NoiseEffect]) -> None:
+    _, channels, noise = simulate(effect.name, 2)
+    good = np.random.default_rng(0).random(SLOTS) > 0.05
+    noise = np.where(good, noise, np.nan)
+    assert effect.fit(noise, channels, good).penalised_gain > 25
+    nothing = effect.fit(noise, channels, np.zeros(SLOTS, dtype=bool))
+    assert nothing.log_likelihood_gain == 0.0
+    still = effect.fit(np.zeros(SLOTS), channels, np.ones(SLOTS, dtype=bool))
+    assert still.log_likelihood_gain == 0.0
+
+
+def test_differenced_quantisation_has_half_negative_correlation_at_lag_two() -> None:
+    _, _, noise = simulate("tachometer_quantisation", 4)
+    white = SIGMA_NM**2
+    inner = noise[1:-1]
+    excess = inner.var() - white
+    assert np.mean(inner[2:] * inner[:-2]) / excess == pytest.approx(-0.5, abs=0.05)
+
+
+@pytest.mark.parametrize("step", [1e-3, 0.01, 2 * np.pi / 60])
+def test_a_lattice_is_found_to_its_last_digits(step: float) -> None:
+    assert lattice_step(step * np.rint(rich_motion(SLOTS).speed_rad_s / step)) == pytest.approx(step, rel=1e-6)
+
+
+@pytest.mark.parametrize("digits", [3, 6, 12])
+def test_the_step_of_a_lattice_is_as_sure_as_the_digits_of_its_readings(digits: int) -> None:
+    step = 2e-3 * np.pi
+    read_speed = np.round(np.rint(rich_motion(SLOTS).speed_rad_s / step) * step, digits + 3)
+    found = lattice_step(read_speed)
+    assert found is not None
+    error = error_of_step(read_speed, found)
+    assert abs(found - step) < 5.0 * error
+    assert 0.0 < error < 10.0 ** -(digits + 3) / np.sqrt(np.unique(read_speed).size)
+
+
+def test_readings_without_a_lattice_have_no_step() -> None:
+    assert lattice_step(rich_motion(SLOTS).speed_rad_s) is None
+
+
+def test_a_table_with_few_digits_is_not_taken_for_a_coarse_tachometer() -> None:
+    """White noise of the speed, written with five digits: the digits are a lattice, but not the cause of the noise."""
+    rng = np.random.default_rng(8)
+    true = rich_motion(SLOTS)
+    read_speed = np.round(true.speed_rad_s + 1e-3 * rng.normal(size=SLOTS), 5)
+    residual = -0.0117 * np.gradient(read_speed - true.speed_rad_s, true.sample_period_s)
+    fit = NOISE_EFFECTS["tachometer_quantisation"].fit(residual, replace(true, speed_rad_s=read_speed), true.good)
+    assert fit.log_likelihood_gain == 0.0

@@ -1,0 +1,222 @@
+"""What every switching effect must do: change simulated jumps as stated, be found, not be seen where it is not."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from rwa_monitor.errors import InputError
+from rwa_monitor.wheel.durations import Uniform
+from rwa_monitor.wheel.effects.catalogue import SWITCHING_EFFECTS
+from rwa_monitor.wheel.effects.switching_base import (
+    JumpClock,
+    Jumps,
+    Sojourns,
+    SwitchingEffect,
+    SwitchingEvidence,
+)
+from rwa_monitor.wheel.switching_systems import Realisation, simulate_system
+from rwa_monitor.wheel.wheel import SwitchingSystem, built_in_wheel
+from tests.wheel.effects.records import DRY_NM, rich_motion
+
+SLOTS = 40_000
+HURRY = 8  # the built-in wheel's systems, that much faster: some 60 jumps a record
+SIGMA_NM = 3.9e-5
+ALL = sorted(SWITCHING_EFFECTS.values(), key=lambda effect: effect.name)
+every_switching_effect = pytest.mark.parametrize("effect", ALL, ids=lambda effect: effect.name)
+
+CASES: dict[str, dict[str, float]] = {
+    "decaying_jump": {"strength": 0.5, "time_constant_s": 20.0},
+    "viscous_jump": {"strength_s_rad": 3e-3},
+    "extra_switching_system": {"strength_Nm": 4e-4, "rest_s": 150.0, "active_s": 50.0},
+    "wrong_duration_law": {"duration_factor": 0.3, "weibull_shape": 1.0},
+    "speed_triggered_jumps": {"strength_s_rad": 0.03},
+}
+
+
+def simulate(effect: SwitchingEffect | None, seed: int) -> SwitchingEvidence:
+    """Return what an exact detection and attribution would find in a record with the built-in wheel's systems."""
+    rng = np.random.default_rng(seed)
+    channels = rich_motion(SLOTS, seed=seed)
+    systems = {system.name: hurried(system) for system in built_in_wheel().fss}
+    index, size, odd = [], [], []
+    sojourns: dict[str, Sojourns] = {}
+    for name, system in systems.items():
+        found = run(effect, system, channels, rng)
+        index.append(found.jump_index)
+        size.append(DRY_NM * found.jump)
+        odd.append(np.zeros(found.jump_index.size, dtype=bool))
+        begins = found.jump_index[:-1]
+        sojourns[name] = Sojourns(begins, found.configuration[begins], np.diff(found.jump_index))
+    residual = SIGMA_NM * rng.normal(size=SLOTS)
+    if effect is not None:
+        extra = effect.extra_level(channels, rng)
+        at = np.flatnonzero(np.diff(extra)) + 1
+        index.append(at)
+        size.append(np.diff(extra)[at - 1])
+        odd.append(np.ones(at.size, dtype=bool))
+    order = np.argsort(np.concatenate(index), kind="stable")
+    jumps = Jumps(np.concatenate(index)[order].astype(np.int64), np.concatenate(size)[order])
+    if effect is not None:
+        residual = residual + effect.torque(channels, jumps)
+    return SwitchingEvidence(
+        residual_Nm=residual,
+        channels=channels,
+        good=channels.good,
+        jumps=jumps,
+        unattributed=np.concatenate(odd)[order] if odd else np.zeros(0, dtype=bool),
+        systems=systems,
+        sojourns=sojourns,
+    )
+
+
+@cache
+def record(name: str | None, seed: int) -> SwitchingEvidence:
+    """Return a record of a named effect at its strength above, or of none."""
+    return simulate(None if name is None else SWITCHING_EFFECTS[name](**CASES[name]), seed)
+
+
+def hurried(system: SwitchingSystem) -> SwitchingSystem:
+    laws = [Uniform(low=max(1, law.low // HURRY), high=law.high // HURRY) for law in system.durations]  # type: ignore[union-attr]
+    return system.model_copy(update={"durations": tuple(laws)})
+
+
+def run(
+    effect: SwitchingEffect | None, system: SwitchingSystem, channels: object, rng: np.random.Generator
+) -> Realisation:
+    if effect is None:
+        return simulate_system(system, SLOTS, rng)
+    changed = effect.change_system(system)
+    clock = effect.clock(channels)  # type: ignore[arg-type]
+    if clock is None:
+        return simulate_system(changed, SLOTS, rng)
+    return clock.read(simulate_system(changed, clock.slots, rng))
+
+
+def test_the_catalogue_holds_the_switching_effects_of_the_specification() -> None:
+    assert set(SWITCHING_EFFECTS) == set(CASES)
+
+
+@every_switching_effect
+def test_it_is_found_in_its_own_jumps(effect: type[SwitchingEffect]) -> None:
+    """Over five records: above the acceptance threshold on average, and first among all in at least four."""
+    first, gains = 0, []
+    for seed in range(5):
+        evidence = record(effect.name, seed)
+        fits = {other.name: other.fit(evidence).penalised_gain for other in ALL}
+        gains.append(fits[effect.name])
+        first += max(fits, key=fits.__getitem__) == effect.name
+    assert np.mean(gains) > 25, gains
+    assert first >= 4
+
+
+@every_switching_effect
+def test_the_known_laws_show_nothing(effect: type[SwitchingEffect]) -> None:
+    gains = [effect.fit(record(None, seed)).penalised_gain for seed in range(5)]
+    assert max(gains) < 12, gains
+
+
+@every_switching_effect
+def test_simulate_then_fit_gives_the_parameters_back(effect: type[SwitchingEffect]) -> None:
+    """The mean over five records, within five of its standard deviations or 10 %."""
+    fits = [effect.fit(record(effect.name, seed)) for seed in range(5)]
+    for name, value in CASES[effect.name].items():
+        found = np.array([fit.values[name] for fit in fits])
+        spread = found.std(ddof=1) / np.sqrt(found.size)
+        assert abs(found.mean() - value) < max(5 * spread, 0.1 * value), (name, found)
+
+
+@every_switching_effect
+def test_fitted_values_build_the_effect(effect: type[SwitchingEffect]) -> None:
+    values = effect.fit(record(effect.name, 1)).values
+    built = effect(**values)
+    assert {name: built.values[name] for name in values} == values
+
+
+@every_switching_effect
+def test_without_jumps_nothing_is_found(effect: type[SwitchingEffect]) -> None:
+    evidence = record(None, 0)
+    none = Jumps(np.zeros(0, dtype=np.int64), np.zeros(0))
+    bare = replace(evidence, jumps=none, unattributed=np.zeros(0, dtype=bool), sojourns={})
+    assert effect.fit(bare).log_likelihood_gain == 0.0
+
+
+@pytest.mark.parametrize("name", ["decaying_jump", "viscous_jump"])
+def test_zero_strength_changes_nothing(name: str) -> None:
+    effect = SWITCHING_EFFECTS[name]
+    zero = effect.typical(**{parameter.name: 0.0 for parameter in effect.strength_parameters()})
+    evidence = record(None, 0)
+    assert not zero.torque(evidence.channels, evidence.jumps).any()
+
+
+def test_a_decayed_jump_lies_between_its_neighbours() -> None:
+    evidence = record(None, 3)
+    effect = SWITCHING_EFFECTS["decaying_jump"](strength=1.0, time_constant_s=30.0)
+    level = 10 * DRY_NM + evidence.jumps.total(SLOTS)
+    relaxed = level + evidence.channels.direction * effect.torque(evidence.channels, evidence.jumps)
+    segment = evidence.jumps.segment(SLOTS)
+    before = np.concatenate([[level[0]], level[evidence.jumps.index - 1]])[segment]
+    assert (relaxed <= np.maximum(level, before) + 1e-15).all()
+    assert (relaxed >= np.minimum(level, before) - 1e-15).all()
+
+
+def test_jumps_count_from_the_first_slot_of_the_new_level() -> None:
+    jumps = Jumps(np.array([2, 5], dtype=np.int64), np.array([1.0, -0.25]))
+    assert jumps.segment(7).tolist() == [0, 0, 1, 1, 1, 2, 2]
+    assert jumps.total(7).tolist() == [0.0, 0.0, 1.0, 1.0, 1.0, 0.75, 0.75]
+
+
+def test_the_clock_of_the_record_changes_nothing() -> None:
+    system = built_in_wheel().fss[0]
+    clock = JumpClock.from_rate(np.ones(SLOTS))
+    assert clock.slots == SLOTS
+    plain = simulate_system(system, SLOTS, np.random.default_rng(1))
+    read = clock.read(plain)
+    assert np.array_equal(read.jump_index, plain.jump_index)
+    assert np.array_equal(read.friction, plain.friction)
+    assert clock.slot_in_record(1234) == 1234
+
+
+def test_a_fast_clock_brings_more_jumps() -> None:
+    system = built_in_wheel().fss[0]
+    rate = np.where(np.arange(SLOTS) < SLOTS // 2, 0.2, 1.8)
+    counts = np.zeros(2)
+    for seed in range(20):
+        clock = JumpClock.from_rate(rate)
+        read = clock.read(simulate_system(system, clock.slots, np.random.default_rng(seed)))
+        counts += np.histogram(read.jump_index, bins=[0, SLOTS // 2, SLOTS])[0]
+        assert np.array_equal(read.jump_index, np.unique(read.jump_index))
+    # Expected 1 : 9; the first half sees few, so the bound is wide.
+    assert 4 < counts[1] / counts[0] < 20
+
+
+def test_temperature_triggered_jumps_need_the_temperature() -> None:
+    effect = SWITCHING_EFFECTS["speed_triggered_jumps"](strength_s_rad=0.0, strength_1_K=0.1)
+    with pytest.raises(InputError, match="temperature"):
+        effect.clock(replace(rich_motion(256), bearing_temperature_degC=None))
+
+
+def test_a_relaxation_is_seen_behind_the_staircase_that_a_segmentation_makes_of_it() -> None:
+    """Each relaxing jump found as one jump and two steps back: the fit keeps the jump and drops the steps."""
+    true = record("decaying_jump", 2)
+    big = np.flatnonzero((np.diff(true.jumps.index, append=SLOTS) > 500) & (np.abs(true.jumps.size_Nm) > 4e-4))
+    index, size = [], []
+    for j in big:
+        for after, share in ((0, 1.0), (80, -0.2), (240, -0.2)):
+            index.append(true.jumps.index[j] + after)
+            size.append(share * true.jumps.size_Nm[j])
+    kept = Jumps(true.jumps.index[big], true.jumps.size_Nm[big])
+    stairs = Jumps(np.array(index, dtype=np.int64), np.array(size))
+    effect = SWITCHING_EFFECTS["decaying_jump"](strength=0.5, time_constant_s=20.0)
+    noise = SIGMA_NM * np.random.default_rng(0).normal(size=SLOTS)
+    friction = noise + effect.torque(true.channels, kept) + true.channels.direction * kept.total(SLOTS)
+    residual = friction - true.channels.direction * stairs.total(SLOTS)
+    fit = effect.fit(
+        replace(true, residual_Nm=residual, jumps=stairs, sojourns={}, unattributed=np.zeros(0, dtype=bool))
+    )
+    assert fit.values["strength"] == pytest.approx(0.5, abs=0.05)
+    assert fit.values["time_constant_s"] == pytest.approx(20.0, rel=0.1)
+    assert fit.penalised_gain > 100
