@@ -81,9 +81,13 @@ test-all: lint types layers ## the same with the tests that take long
 	@$(MAKE) pytest SELECTED=
 
 .PHONY: lint
-lint: $(VENV)/.installed-dev ## ruff: rules, then formatting
+lint: $(VENV)/.installed-dev size ## ruff: rules, then formatting; the size of the package
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
+
+.PHONY: size
+size: $(BIN)/python ## code lines and tokens by room, which must not grow
+	$(BIN)/python tools/size.py
 
 .PHONY: types
 types: $(VENV)/.installed-dev ## mypy --strict on the package and the benchmarks

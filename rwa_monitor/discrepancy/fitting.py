@@ -99,7 +99,7 @@ class Fitting:
         models = self._extended(current, effects)
         if not self.jumps and self.several and law_of(current).level_spread == 0.0:
             models.append(self._refined(self._annealed(current.terms, NO_JUMPS, law_of(current).apart)))
-        return sorted(models, key=lambda model: model.score)
+        return _in_order(models, effects)
 
     def replacements(self, model: Model, index: int, effects: Effects) -> list[Model]:
         """Return the model with another effect in the place of term `index`, of those that come near, best first."""
@@ -107,7 +107,7 @@ class Fitting:
         if not self.jumps:
             simpler = replace(simpler, law=model.law)
         allowed = [effect for effect in effects if effect.name not in model.names]
-        return sorted(self._extended(simpler, allowed, model.terms[index]), key=lambda one: one.score)
+        return _in_order(self._extended(simpler, allowed, model.terms[index]), effects)
 
     def without(self, model: Model, index: int) -> Model:
         """Return a model without term `index`, refitted from the full model's jumps."""
@@ -233,6 +233,18 @@ class Fitting:
             elif depends_on_level(term.effect):
                 terms[i] = make_term(self.problem, term.effect, term.shape, model.fit.level)
         return with_law(self.problem, replace(model, terms=tuple(terms)), law_of(model))
+
+
+def _in_order(models: Sequence[Model], effects: Effects) -> list[Model]:
+    """Return models, best first; those that the score does not set apart from the best with the plainest effect first.
+
+    One that follows the dry level is less plain than one that does not; then the order of the effects decides.
+    """
+    place = {effect.name: (depends_on_level(effect), number) for number, effect in enumerate(effects)}
+    ordered = sorted(models, key=lambda model: model.score)
+    near = [model for model in ordered if model.score < ordered[0].score + SETTLED]
+    near.sort(key=lambda model: place.get((model.names or ("",))[-1], (False, 0)))
+    return [*near, *ordered[len(near) :]]
 
 
 def _best_of_each(models: Sequence[Model]) -> list[Model]:

@@ -1,0 +1,74 @@
+"""Code lines and tokens of the package by room, without blanks, comments and docstrings; compiled sources counted too.
+
+`make size` prints a Markdown table, and exits with 1 where the package is larger than it was: the limits fall with
+every part that is taken away, and rise only with a capability. Tokens, so that nobody saves lines by packing them.
+"""
+
+from __future__ import annotations
+
+import ast
+import io
+import re
+import sys
+import tokenize
+from collections import defaultdict
+from pathlib import Path
+
+ROOT = Path(__file__).parent.parent / "rwa_monitor"
+MOST_FILES, MOST_LINES, MOST_TOKENS = 350, 35_000, 362_500
+LAYOUT = {
+    tokenize.COMMENT,
+    tokenize.NL,
+    tokenize.NEWLINE,
+    tokenize.INDENT,
+    tokenize.DEDENT,
+    tokenize.ENDMARKER,
+}
+DOCUMENTED = ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef
+
+
+def of_python(text: str) -> tuple[int, int]:
+    """Return code lines and tokens of a module."""
+    documented = [node for node in ast.walk(ast.parse(text)) if isinstance(node, DOCUMENTED)]
+    docstrings = [node.body[0] for node in documented if ast.get_docstring(node, clean=False) is not None]
+    left_out = {line for one in docstrings for line in range(one.lineno, (one.end_lineno or one.lineno) + 1)}
+    lines: set[int] = set()
+    tokens = 0
+    for token in tokenize.generate_tokens(io.StringIO(text).readline):
+        at = set(range(token.start[0], token.end[0] + 1)) - left_out
+        if token.type not in LAYOUT and at:
+            lines |= at
+            tokens += 1
+    return len(lines), tokens
+
+
+def of_cpp(text: str) -> tuple[int, int]:
+    """Return code lines and tokens of a compiled source."""
+    text = re.sub(r"//[^\n]*", "", re.sub(r"/\*.*?\*/", "", text, flags=re.DOTALL))
+    return sum(bool(line.strip()) for line in text.splitlines()), len(re.findall(r"\w+|[^\w\s]", text))
+
+
+def main() -> int:
+    """Print the table; return 1 where a limit is passed."""
+    rooms: dict[str, list[int]] = defaultdict(lambda: [0, 0, 0])
+    for path in sorted(ROOT.rglob("*")):
+        count = {".py": of_python, ".cpp": of_cpp, ".hpp": of_cpp}.get(path.suffix)
+        if count is None:
+            continue
+        parts = path.relative_to(ROOT).parts
+        lines, tokens = count(path.read_text(encoding="utf-8"))
+        for room in (parts[0] if len(parts) > 1 else "(top)", "sum"):
+            rooms[room] = [a + b for a, b in zip(rooms[room], (1, lines, tokens), strict=True)]
+    print("| room | files | code lines | tokens |\n|---|---|---|---|")
+    for room, counts in sorted(rooms.items(), key=lambda item: (item[0] == "sum", item[0])):
+        print(f"| {room} | " + " | ".join(f"{count:,}" for count in counts) + " |")
+    files, lines, tokens = rooms["sum"]
+    if files > MOST_FILES or lines > MOST_LINES or tokens > MOST_TOKENS:
+        limits = f"{MOST_FILES} files, {MOST_LINES:,} lines, {MOST_TOKENS:,} tokens"
+        print(f"the package has grown beyond {limits}: take something away", file=sys.stderr)
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
