@@ -30,7 +30,7 @@ from rwa_monitor.discrepancy.likelihood import NoiseLaw, Series
 from rwa_monitor.discrepancy.models import Model, law_of
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.score import Background, off_reversals, scored, with_exact_jumps, with_law
-from rwa_monitor.discrepancy.shape_profile import profile
+from rwa_monitor.discrepancy.shape_profile import profile, shape_limits
 from rwa_monitor.discrepancy.terms import Term, depends_on_level, make_term
 from rwa_monitor.discrepancy.testable import sort_out
 from rwa_monitor.samples import FloatArray, IntArray
@@ -46,6 +46,10 @@ STARTED: Final = 4  # candidates of each start that are tried, those that screen
 REFITTED: Final = 5  # candidates whose shapes and noise are refitted, of those that were segmented anew
 ROUNDS: Final = 4  # of shapes, noise and jumps in turn
 SETTLED: Final = 0.5  # of the score
+STEP: Final = 0.25  # of a column's range from one sample to the next: more is a step
+AT_STEP: Final = 8  # samples: a jump so near to a step may be that step
+MOST_TRIED: Final = 60  # thresholds
+FEWEST_CROSSED: Final = 3  # jumps at one speed that are no coincidence
 CALMER: Final = 0.9  # of the long-run variance: from there on what a model leaves is taken for the noise
 
 
@@ -164,10 +168,30 @@ class Fitting:
             scores = self.problem.each(partial(screened, beside, current.fit.level), missing)
             ranked = sorted(scores, key=lambda entry: entry[1])[:STARTED]
             tried += [(term, jumps) for term, score in ranked if score < most]
+        for effect in missing:
+            tried += self._at_thresholds(current, effect)
         started = self.problem.each(lambda entry: self._annealed((*current.terms, entry[0]), entry[1], law), tried)
         if self.jumps:
             started = _best_of_each(started)[:REFITTED]
         return _best_of_each(self.problem.each(lambda one: self._plainer_shape(self._refined(one)), started))
+
+    def _at_thresholds(self, current: Model, effect: type[MeanEffect]) -> list[tuple[Term, IntArray]]:
+        """Return an effect with a threshold of speed where it makes most of the jumps superfluous, and the others.
+
+        A profile over the threshold has no slope to follow: beside the true one no jump is explained. But the jumps
+        that crossing it makes lie at its speed.
+        """
+        problem, jumps, best = self.problem, current.fit.jumps, np.inf
+        found: list[tuple[Term, IntArray]] = []
+        tried = jumps[:: max(jumps.size // MOST_TRIED, 1)] if effect.threshold else NO_JUMPS
+        for speed in 0.5 * (problem.speed[tried - 1] + problem.speed[tried]):
+            low, high = shape_limits(problem, effect)[effect.threshold]
+            term = make_term(problem, effect, {effect.threshold: float(speed)}, None)
+            left = _off_steps(term, jumps)
+            if low <= speed <= high and jumps.size - left.size >= FEWEST_CROSSED:
+                score = Background.of(problem, current.terms, law_of(current), left).criterion_with(term)
+                best, found = min((best, found), (score, [(term, left)]), key=lambda one: one[0])
+        return found
 
     def _hiding_nothing(self, model: Model) -> NoiseLaw:
         """Return the law of noise in which nothing jumps: to noise that wanders jumps are outliers.
@@ -189,11 +213,12 @@ class Fitting:
         return plainer if plainer.score < model.score + EQUIVALENT_WITHIN else model
 
     def _annealed(self, terms: tuple[Term, ...], jumps: IntArray, law: NoiseLaw) -> Model:
-        """Return a model under a law of the noise, with jumps that are found when they are dear at first."""
-        model = with_law(self.problem, self._bare(terms, jumps), law)
+        """Return a model under a law of the noise with these jumps, or others found when they are dear at first."""
+        best = model = with_law(self.problem, self._bare(terms, jumps), law)
         for dear in ANNEALING if self.jumps else ():
             model = self._segmented(model, dear)
-        return model
+            best = min(best, model, key=lambda one: one.score)
+        return best
 
     def _bare(self, terms: tuple[Term, ...], jumps: IntArray) -> Model:
         nothing = np.zeros(self.problem.size)
@@ -223,16 +248,32 @@ class Fitting:
         return with_exact_jumps(self.problem, best) if self.jumps else best
 
     def _reshaped(self, model: Model) -> Model:
-        """Return a model whose terms each have the shape that is best beside the others, its jumps kept."""
-        terms = list(model.terms)
-        for i, term in enumerate(terms):
+        """Return a model whose terms each have the shape that is best beside the others.
+
+        Its jumps are kept, but for those where a term steps itself.
+        """
+        terms, jumps = list(model.terms), model.fit.jumps
+        for i, term in enumerate(model.terms):
             if term.shape:
-                others = (*terms[:i], *terms[i + 1 :])
-                beside = Background.of(self.problem, others, law_of(model), model.fit.jumps)
+                others, jumps = (*terms[:i], *terms[i + 1 :]), _off_steps(term, jumps)
+                beside = Background.of(self.problem, others, law_of(model), jumps)
                 terms[i], _ = profile(term.effect, beside, model.fit.level, around=term)
+                jumps = _off_steps(terms[i], jumps)
             elif depends_on_level(term.effect):
                 terms[i] = make_term(self.problem, term.effect, term.shape, model.fit.level)
-        return with_law(self.problem, replace(model, terms=tuple(terms)), law_of(model))
+        off_steps = replace(model, terms=tuple(terms), fit=replace(model.fit, jumps=jumps))
+        return with_law(self.problem, off_steps, law_of(model))
+
+
+def _off_steps(term: Term, jumps: IntArray) -> IntArray:
+    """Return the jumps that are not where a term steps itself, as at a threshold of the speed."""
+    if depends_on_level(term.effect):
+        return jumps
+    change = np.abs(np.diff(term.columns, axis=0))
+    steps = np.flatnonzero((change > STEP * np.ptp(term.columns, axis=0)).any(axis=1)) + 1
+    nearest = np.searchsorted(steps, jumps + AT_STEP, side="right") - np.searchsorted(steps, jumps - AT_STEP)
+    kept: IntArray = jumps[nearest == 0]
+    return kept
 
 
 def _in_order(models: Sequence[Model], effects: Effects) -> list[Model]:

@@ -1,6 +1,7 @@
 """Hypotheses of the search without a name in the catalogue: where one wins it is reported as unexplained.
 
-They compete with the catalogue's effects, so that those must do better. Two have a physics of their own:
+They compete with the catalogue's effects, so that those must do better. A step of the drag at a speed has no physics
+here; two have:
 
 Friction heats the bearing, and the lubricant thins: the slope of the drag over the speed then follows the power of the
 friction through a thermal lag of some ten minutes. Without a temperature channel that is no effect of the catalogue,
@@ -23,7 +24,7 @@ from scipy.signal import lfilter
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.samples import FloatArray
 from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Parameter
-from rwa_monitor.wheel.effects.resolution import duration, narrowed
+from rwa_monitor.wheel.effects.resolution import duration, narrowed, used_speed
 from rwa_monitor.wheel.effects.viscosity_temperature import ViscosityTemperature
 
 FASTEST_S: Final = 60.0  # time constants of a bearing in its housing: minutes (its rings) to hours (the wheel's case)
@@ -34,6 +35,7 @@ SCALE_RAD_S: Final = 100.0  # unit of the speed, so that all strengths are torqu
 FEWEST_REVERSALS: Final = 3  # of one or two the decay is a relaxation like any other
 SHORTEST_RAD: Final = 60.0  # some ten turns: what decays sooner is a bristle or a film of lubricant
 LONGEST_WAY_SHARE: Final = 0.5  # of the median angle from one reversal to the next: what lasts longer is a level
+STEPS_BETWEEN: Final = (0.02, 0.98)  # quantiles of the speed
 
 
 class UnnamedEffect(MeanEffect):
@@ -181,4 +183,30 @@ def angle_since_reversal(speed_rad_s: FloatArray, period_s: float) -> FloatArray
     return angle
 
 
-UNNAMED: Final[tuple[type[UnnamedEffect], ...]] = (HeatOfMotion, DecayAfterReversal)
+class StepInSpeed(UnnamedEffect):
+    """A drag that is another above a certain speed."""
+
+    name = "step_in_speed"
+    threshold = "speed_rad_s"
+    signature = "a drag that depends on |speed|"
+    parameters = (
+        Parameter("height_Nm", "N m", -np.inf, np.inf, 0.0, linear=True),
+        Parameter("speed_rad_s", "rad/s", 0.0, np.inf, 1.0),
+    )
+
+    @classmethod
+    def columns(
+        cls, channels: Channels, shape: Mapping[str, float], memory: Memory = None
+    ) -> tuple[FloatArray, Memory]:
+        """Return s above the speed of the step, zero below."""
+        del memory
+        return (channels.direction * (np.abs(channels.speed_rad_s) > shape["speed_rad_s"]))[:, None], None
+
+    @classmethod
+    def shape_bounds(cls, channels: Channels) -> dict[str, tuple[float, float]]:
+        """Return the bounds: a speed with samples on both its sides."""
+        low, high = np.quantile(used_speed(channels), STEPS_BETWEEN)
+        return {"speed_rad_s": (float(low), float(high))}
+
+
+UNNAMED: Final[tuple[type[UnnamedEffect], ...]] = (HeatOfMotion, DecayAfterReversal, StepInSpeed)

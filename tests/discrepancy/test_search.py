@@ -154,7 +154,7 @@ def test_a_breakaway_faster_than_the_samples_is_no_more_than_a_dead_zone(slots: 
 
 def test_a_threshold_of_speed_is_no_jump_at_each_of_its_crossings() -> None:
     def dead_zone(omega: np.ndarray, level: np.ndarray) -> np.ndarray:
-        return -0.3 * DRY_NM * np.sign(omega) * (np.abs(omega) < 40.0)
+        return -0.3 * DRY_NM * np.sign(omega) * (np.abs(omega) < 20.0)
 
     search = find_discrepancy([("dead zone", record(swing(), effect=dead_zone)[0])], WHEEL)
     assert [effect.name for effect in search.result.effects] == ["speed_dead_zone"]

@@ -180,6 +180,8 @@ class MeanEffect(Effect, ABC):
     family: ClassVar[Family] = "mean"
     # True where the columns depend on `Channels.dry_level_Nm`.
     uses_level: ClassVar[bool] = False
+    # Its shape parameter that is a speed at which the torque steps; "" without one.
+    threshold: ClassVar[str] = ""
     # What becomes of the torque when the same motion is made in the other direction: it flips ("odd", as friction
     # does), it stays ("even", as an offset does), or neither.
     parity: ClassVar[Literal["odd", "even", "none"]] = "odd"

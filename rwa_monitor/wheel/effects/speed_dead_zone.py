@@ -16,6 +16,7 @@ class SpeedDeadZone(MeanEffect):
     """Friction that is missing in a narrow band of speeds around zero."""
 
     name = "speed_dead_zone"
+    threshold = "dead_zone_rad_s"
     title = "Dead zone of the speed reading"
     formula = r"\tau = -\tau_0\, \operatorname{sign}(\omega) \text{ where } |\omega| < \omega_{dz}, \text{ else } 0"
     description = (
