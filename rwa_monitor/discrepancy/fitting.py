@@ -158,7 +158,9 @@ class Fitting:
     def _extended(self, current: Model, effects: Effects, instead: Term | None = None) -> list[Model]:
         """Return the model with each of the most promising effects added; `instead` of a term, those that come near."""
         law, missing = law_of(current), [effect for effect in effects if effect.name not in current.names]
-        starts = [*((law, jumps) for jumps in self._starts(current)), (self._hiding_nothing(current), NO_JUMPS)]
+        starts = [(law, jumps) for jumps in self._starts(current)]
+        if not self.jumps:  # slow noise hides what it could be
+            starts.append((replace(law, white=1.0, correlation=0.0), NO_JUMPS))
         tried: list[tuple[Term, IntArray]] = []
         for one, jumps in starts:
             beside = Background.of(self.problem, current.terms, one, jumps)
@@ -192,15 +194,6 @@ class Fitting:
                 score = Background.of(problem, current.terms, law_of(current), left).criterion_with(term)
                 best, found = min((best, found), (score, [(term, left)]), key=lambda one: one[0])
         return found
-
-    def _hiding_nothing(self, model: Model) -> NoiseLaw:
-        """Return the law of noise in which nothing jumps: to noise that wanders jumps are outliers.
-
-        Or, where nothing may jump, the law of white noise: slow noise hides what it could be.
-        """
-        if not self.jumps:
-            return replace(law_of(model), white=1.0, correlation=0.0)
-        return law_of(scored(self.problem, self._bare(model.terms, NO_JUMPS), model.law))
 
     def _plainer_shape(self, model: Model) -> Model:
         """Return a model whose last term has the shape that does as well with a part of it, where there is one."""
