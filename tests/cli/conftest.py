@@ -5,23 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner, Result
 
-from rwa_monitor.cli.main import main
 from rwa_monitor.simulation.datasets import scaled_wheel
 from rwa_monitor.telemetry.wheel_file import write_wheel
 from rwa_monitor.wheel.wheel import Window, built_in_wheel
+from tests.program import run
 
 WINDOW = 4000  # slots: large enough for a verdict, small enough for many tests
 SECONDS = 1250.0  # of a recording: two and a half windows
-
-
-def run(*arguments: object) -> Result:
-    """Run the program in this process; an exception that it does not handle is the test's."""
-    result = CliRunner().invoke(main, [str(argument) for argument in arguments])
-    if result.exception and not isinstance(result.exception, SystemExit):
-        raise result.exception
-    return result
 
 
 @pytest.fixture(scope="session")

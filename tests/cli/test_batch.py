@@ -23,7 +23,7 @@ from rwa_monitor.batch.tasks import Diagnose
 from rwa_monitor.errors import InputError, RwaMonitorError
 from rwa_monitor.messages import Diagnosis
 from rwa_monitor.telemetry.wheel_file import read_wheel
-from tests.cli.conftest import run
+from tests.program import command, run
 
 RECORDINGS = 5
 CLUSTER: dict[str, Any] = {
@@ -129,10 +129,8 @@ def test_a_default_installation_trains_and_diagnoses_many_recordings_in_processe
     path = os.pathsep.join([str(tmp_path / "first"), os.environ.get("PYTHONPATH", "")]).rstrip(os.pathsep)
 
     def bare(*arguments: object) -> subprocess.CompletedProcess[str]:
-        command = [sys.executable, "-m", "rwa_monitor", *map(str, arguments)]
-        return subprocess.run(
-            command, capture_output=True, text=True, check=False, env=os.environ | {"PYTHONPATH": path}
-        )
+        environment = os.environ | {"PYTHONPATH": path}
+        return subprocess.run(command(*arguments), capture_output=True, text=True, check=False, env=environment)
 
     trained = bare("train", fleet / "labels.csv", *wheel, "-o", tmp_path / "model.json", "--workers", 2)
     assert trained.returncode == 0, trained.stderr

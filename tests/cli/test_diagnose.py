@@ -15,7 +15,8 @@ from rwa_monitor.messages import Diagnosis
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND
 from rwa_monitor.switching.carried_state import CarriedState
 from rwa_monitor.wheel.wheel import built_in_wheel
-from tests.cli.conftest import WINDOW, run
+from tests.cli.conftest import WINDOW
+from tests.program import run
 
 MEASURED = os.environ.get("RWA_MEASURED_DATA")
 

@@ -11,7 +11,8 @@ from rwa_monitor.telemetry.labels import read_labels
 from rwa_monitor.telemetry.model_file import read_model
 from rwa_monitor.telemetry.table import read_table
 from rwa_monitor.telemetry.wheel_file import read_wheel
-from tests.cli.conftest import SECONDS, run
+from tests.cli.conftest import SECONDS
+from tests.program import run
 
 
 def simulate(files: Path, output: Path, seed: int) -> None:

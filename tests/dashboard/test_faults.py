@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import signal
 import subprocess
 import sys
@@ -28,6 +27,7 @@ from tests.dashboard.test_telemetry import with_friction
 from tests.history.support import diagnosis
 from tests.monitor.processes import Listener
 from tests.monitor.support import free_port
+from tests.program import command
 
 pytestmark = [pytest.mark.browser, pytest.mark.processes]
 
@@ -67,9 +67,8 @@ def script(text: str, argument: str) -> Iterator[subprocess.Popen[str]]:
 @contextmanager
 def monitor(port: int) -> Iterator[subprocess.Popen[str]]:
     """Run a real monitor that connects to a port."""
-    command = [sys.executable, "-m", "rwa_monitor", "run", "-e", f"tcp/127.0.0.1:{port}"]
-    with open(os.devnull, "w") as null:
-        process = subprocess.Popen(command, stdout=null, stderr=null, text=True)
+    words = command("run", "-e", f"tcp/127.0.0.1:{port}")
+    process = subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, text=True)
     try:
         yield process
     finally:

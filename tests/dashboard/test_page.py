@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import re
 import subprocess
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -22,6 +21,7 @@ from tests.dashboard.support import ask, expect, new_page, reporting, send_windo
 from tests.dashboard.test_recordings import RECORDING
 from tests.dashboard.test_telemetry import current, with_friction
 from tests.history.support import diagnosis, discrepancy
+from tests.program import command
 
 VIEWS = ("#/", "#/alarms", "#/recordings", "#/wheel/sat/wheel_2", "#/wheel/sat/nobody", f"#/replay/{RECORDING.name}")
 ALARM_MS = 120_000  # the demo's wheel fails some 50 s after its start; the machine may have much else to do
@@ -65,11 +65,8 @@ def test_changes_need_the_token_and_no_other_origin_or_host_is_served(session: z
 @pytest.mark.slow
 @pytest.mark.processes
 def test_an_operator_sees_the_demos_wheel_fail_and_acknowledges(chromium: Any, tmp_path: Path) -> None:
-    command = ["demo", "--no-browser", "--duration", "120", "--port", "0", "--record", str(tmp_path)]
-    demo = subprocess.Popen(
-        [sys.executable, "-m", "rwa_monitor", *command],
-        stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True,
-    )  # fmt: skip
+    words = command("demo", "--no-browser", "--duration", 120, "--port", 0, "--record", tmp_path)
+    demo = subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
     try:
         assert demo.stderr is not None
         address = next(match[1] for line in demo.stderr if (match := re.search(r"the page is at (\S+)", line)))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -13,6 +12,8 @@ from threading import Event
 from typing import Any
 
 import zenoh
+
+from tests.program import command
 
 PATIENCE_S = 200.0  # for what takes a second or two, but longer where all cores are busy
 
@@ -40,10 +41,6 @@ class Listener:
         statuses = self.kind("status")
         content: dict[str, Any] = json.loads(statuses[-1]) if statuses else {}
         return content
-
-
-def command(*arguments: str | Path) -> list[str]:
-    return [sys.executable, "-m", "rwa_monitor", *map(str, arguments)]
 
 
 @contextmanager

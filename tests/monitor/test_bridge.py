@@ -23,8 +23,9 @@ from rwa_monitor.telemetry.ccsds_example import FIRST_APID, example_decoding, pa
 from rwa_monitor.telemetry.ccsds_packets import PacketDecoder
 from rwa_monitor.telemetry.scenario_file import read_scenario
 from rwa_monitor.wheel.wheel import built_in_wheel
-from tests.monitor.processes import PATIENCE_S, Listener, command, process, wait_for
+from tests.monitor.processes import PATIENCE_S, Listener, process, wait_for
 from tests.monitor.support import free_port
+from tests.program import command
 from tests.telemetry import packets as made
 
 KEYS = {f"rwa/sat/wheel_{number}/samples": CHANNELS for number in (1, 2)}

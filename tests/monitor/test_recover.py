@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rwa_monitor.cli.main import main as program
 from rwa_monitor.errors import InputError
 from rwa_monitor.messages import samples_json
 from rwa_monitor.monitor.recording import file_bytes
@@ -19,6 +18,7 @@ from rwa_monitor.monitor.recording.writer import RecordingWriter
 from rwa_monitor.monitor.replay import replay
 from rwa_monitor.samples import IntArray, Samples
 from tests.monitor.recordings import write_file
+from tests.program import run
 
 
 def test_recover_saves_what_a_cut_file_holds(whole: tuple[Path, list[bytes]]) -> None:
@@ -38,11 +38,7 @@ def test_recover_saves_what_a_cut_file_holds(whole: tuple[Path, list[bytes]]) ->
 
 def recovered_messages(source: Path, target: Path) -> tuple[list[bytes], int]:
     """Run the command; return what it saved, and its exit code."""
-    code = 0
-    try:
-        program(["recover", str(source), "-o", str(target)], standalone_mode=True)
-    except SystemExit as ended:
-        code = int(ended.code or 0)
+    code = run("recover", source, "-o", target).exit_code
     saved = [message.data for message in read_recording(target).messages] if target.exists() else []
     target.unlink(missing_ok=True)
     return saved, code

@@ -34,7 +34,7 @@ from rwa_monitor.monitor.service import run
 from rwa_monitor.samples import Samples
 from rwa_monitor.telemetry.table import read_table
 from rwa_monitor.version import SOFTWARE
-from tests.monitor.processes import PATIENCE_S, Listener, command, process, wait_for, wait_until_it_monitors
+from tests.monitor.processes import PATIENCE_S, Listener, process, wait_for, wait_until_it_monitors
 from tests.monitor.support import (
     KEY,
     WINDOW,
@@ -45,6 +45,7 @@ from tests.monitor.support import (
     telemetry,
     wheel,
 )
+from tests.program import command
 
 STOP_S = 2.0  # the promise
 SLACK = 5.0

@@ -7,10 +7,8 @@ from pathlib import Path
 
 import pytest
 import zenoh
-from click.testing import CliRunner
 
 from rwa_monitor.batch.tasks import Diagnose
-from rwa_monitor.cli.main import main
 from rwa_monitor.errors import InputError
 from rwa_monitor.messages import Diagnosis, samples_json
 from rwa_monitor.monitor.bus import BusOptions, open_session
@@ -28,6 +26,7 @@ from tests.history.support import discrepancy
 from tests.monitor.processes import Listener, wait_for
 from tests.monitor.support import WINDOW, model, telemetry, wheel
 from tests.monitor.test_service import monitor
+from tests.program import run
 
 OWN, OTHER = ("sat", "wheel_2"), ("sat", "wheel_1")
 BATCH = 128
@@ -153,6 +152,6 @@ def test_a_folder_that_cannot_be_used_is_refused_before_anything_runs(
     if name is not None:
         (tmp_path / "sat").mkdir()
         (tmp_path / name).write_text(text)
-    result = CliRunner().invoke(main, ["run", "--wheel-folder", str(tmp_path)])
+    result = run("run", "--wheel-folder", tmp_path)
     assert result.exit_code == 2
     assert reason in result.stderr
