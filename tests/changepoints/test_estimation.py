@@ -130,7 +130,6 @@ def test_at_constant_speed_the_slope_is_unknown_without_a_prior_and_the_nominal_
     assert np.isinf(blind.viscous_std)
     assert np.isinf(blind.level_std).all()
     prior = nominal_slope_prior(built_in_wheel())
-    assert prior is not None
     fit = estimate(evidence, index, prior=prior)
     assert fit.viscous == pytest.approx(prior.mean)
     assert fit.viscous_std == pytest.approx(prior.std)

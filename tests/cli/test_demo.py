@@ -71,7 +71,6 @@ def test_the_demo_ends_cleanly_when_told_to(tmp_path: Path, number: signal.Signa
         command("demo", "--duration", 600, "--record", tmp_path / "recordings"),
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=tmp_path,
     )  # fmt: skip
-    assert demo.stderr is not None
     assert "recording in" in demo.stderr.readline()
     os.kill(demo.pid, number)
     stdout, stderr = demo.communicate(timeout=60)

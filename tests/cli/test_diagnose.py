@@ -97,8 +97,6 @@ def test_another_sample_period_is_said_with_each_window_and_at_the_end(files: Pa
 
 def test_why_derived_friction_is_masked_is_said(tmp_path: Path) -> None:
     wheel = built_in_wheel()
-    assert wheel.inertia_kg_m2 is not None
-    assert wheel.torque_constant_Nm_A is not None
     wheel = wheel.model_copy(update={"limits": wheel.limits.model_copy(update={"max_current_A": 1.5})})
     (tmp_path / "wheel.toml").write_text(wheel.to_toml())
     count, period_s = 4000, wheel.sample_period_s

@@ -128,7 +128,6 @@ def test_a_fault_of_the_program_is_not_hidden(monkeypatch: pytest.MonkeyPatch) -
 def test_a_reader_that_leaves_early_is_no_error_worth_a_word(tmp_path: Path) -> None:
     """`head` closes the pipe: no traceback and no complaint while Python shuts down."""
     producer = subprocess.Popen(command("--help"), stdout=subprocess.PIPE, stderr=subprocess.PIPE)
-    assert producer.stdout is not None
     producer.stdout.close()
     _, complaint = producer.communicate(timeout=60)
     assert complaint == b""

@@ -124,9 +124,6 @@ def test_a_growing_estimate_has_a_trend_that_reaches_the_next_limit() -> None:
     per_day = 2e-9 / 2000 * 86_400
     assert found.present
     assert found.slope_per_day == pytest.approx(per_day, abs=3 * found.slope_std_per_day)
-    assert found.reach is not None
     assert (found.reach.limit, found.reach.level) == (5.5e-6, "watch")
     # (5.5e-6 - 5.358e-6) / 2e-9 windows of 2,000 s from the last one.
-    assert found.reach.low_s is not None
-    assert found.reach.high_s is not None
     assert found.reach.low_s < 71 * 2000 < found.reach.high_s

@@ -57,7 +57,6 @@ def script(text: str, argument: str) -> Iterator[subprocess.Popen[str]]:
         [sys.executable, "-c", text, argument], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
     )
     try:
-        assert process.stdout is not None
         assert process.stdout.readline()
         yield process
     finally:
@@ -142,7 +141,6 @@ def test_a_monitor_that_is_killed_leaves_stale_wheels_and_an_alarm_until_it_is_b
             page.goto("about:blank")  # else it complains of a server that is not there, if it tries in between
         with serve(options, session) as running:  # what was raised outlives the dashboard
             alarm = monitor_alarm(running.address)
-            assert alarm is not None
             assert (alarm["phase"], alarm["closed_ns"]) == ("acknowledged", None)
             page.goto(f"{running.address}#/")
             with monitor(port):

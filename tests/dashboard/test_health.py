@@ -133,7 +133,6 @@ def test_who_asks_gets_the_later_of_what_monitor_and_dashboard_know(session: zen
             seen = json.dumps({"name": "Ann"}).encode()
             assert ask(running.address, "api/alarms/1/acknowledge", headers=TOKEN, body=seen)[0] == 200
             states = asked(session)[key].alarm_states
-            assert states is not None
             assert states["viscous"].acknowledged_by == "Ann"
             tell(2)  # changes no alarm: the monitor's is the later one
             assert asked(session)[key].window_end_ns == diagnosis(2).window_end_ns

@@ -287,7 +287,6 @@ class Rig:
 
     def stop_monitor(self) -> tuple[int | None, float]:
         """Stop it in order; return its exit code and how long it took [s]."""
-        assert self.monitor is not None
         assert self.monitor.pid is not None
         wait_for(lambda: self.monitor is None or not self.monitor.is_alive() or self._monitoring(), "the monitor")
         begin_s = time.monotonic()
@@ -300,7 +299,6 @@ class Rig:
         return b"monitoring" in self.log.read_bytes()[self._said_before :]
 
     def put(self, put: Put) -> None:
-        assert self._publisher_end is not None
         self._publisher_end.send(put)
         if put.pause_s:
             Event().wait(put.pause_s)
@@ -308,17 +306,14 @@ class Rig:
     # ---- faults ------------------------------------------------------------------------------------------------------
 
     def kill(self, process: BaseProcess | None) -> None:
-        assert process is not None
         process.kill()
         process.join()
 
     def pause_monitor(self) -> None:
-        assert self.monitor is not None
         assert self.monitor.pid is not None
         os.kill(self.monitor.pid, signal.SIGSTOP)
 
     def go_on_monitor(self) -> None:
-        assert self.monitor is not None
         assert self.monitor.pid is not None
         os.kill(self.monitor.pid, signal.SIGCONT)
 
@@ -342,7 +337,6 @@ class Rig:
 
     def fail_disk(self) -> None:
         """Make each write beyond the present size of the recording fail, as a broken disk would."""
-        assert self.monitor is not None
         assert self.monitor.pid is not None
         wait_for(lambda: any(self.recordings.glob("*.mcap")), "a recording")
         size = max(path.stat().st_size for path in self.recordings.glob("*.mcap"))
@@ -358,7 +352,6 @@ class Rig:
         self.flipped = path
 
     def mend_disk(self) -> None:
-        assert self.monitor is not None
         assert self.monitor.pid is not None
         with suppress(ProcessLookupError):
             resource.prlimit(self.monitor.pid, resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY,) * 2)

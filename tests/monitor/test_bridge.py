@@ -180,8 +180,6 @@ def test_noise_on_the_socket_leaves_the_bridge_at_work(running: UdpAddress, brid
 def described(folder: Path) -> tuple[Path, Path]:
     """Write the example's definition and a map of one wheel."""
     decoding = example_decoding({"rwa/sat/wheel_1/samples": CHANNELS})
-    assert decoding.map is not None
-    assert decoding.xtce is not None
     (folder / "map.toml").write_text(decoding.map.text)
     (folder / "wheel.xml").write_text(decoding.xtce.text)
     return folder / "wheel.xml", folder / "map.toml"
@@ -196,7 +194,6 @@ def test_only_loopback_is_listened_on_without_a_warning(tmp_path: Path) -> None:
         xtce, telemetry_map = described(tmp_path)
         address = f"{host}{free_udp().port}"
         with process("bridge", "--udp", address, "--xtce", xtce, "--map", telemetry_map) as child:
-            assert child.stderr is not None
             lines = [child.stderr.readline()]
             while "bridging UDP" not in lines[-1]:
                 lines.append(child.stderr.readline())
@@ -219,7 +216,6 @@ def test_from_simulated_packets_over_udp_to_the_bus(tmp_path: Path) -> None:
         process("bridge", "--udp", udp, *how) as child,
     ):
         listener = Listener(session)
-        assert child.stderr is not None
         assert f"bridging UDP 127.0.0.1 port {address.port}" in child.stderr.readline()
         sending = command("simulate", "publish", "--scenario", scenario, "--speed", "60", "--batch", "8", "--udp", udp)
         done = subprocess.run(sending, capture_output=True, text=True, check=True, timeout=100)

@@ -28,7 +28,6 @@ def topics_of(path: Path) -> Topics:
     found: Topics = {}
     with path.open("rb") as stream:
         for schema, channel, message in make_reader(stream, validate_crcs=True).iter_messages():
-            assert schema is not None
             content = json.loads(message.data)
             if not channel.topic.endswith("/samples"):  # long arrays, which have null for what was not measured
                 jsonschema.Draft202012Validator(without_types(json.loads(schema.data))).validate(content)

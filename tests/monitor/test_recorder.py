@@ -257,7 +257,6 @@ def test_what_was_on_the_disk_survives_a_kill_at_any_moment(tmp_path: Path) -> N
         with subprocess.Popen(
             [sys.executable, "-c", textwrap.dedent(KILLED), str(folder)], stdout=subprocess.PIPE, text=True
         ) as child:
-            assert child.stdout is not None
             for _ in range(int(rng.integers(1, 60))):
                 promised = int(child.stdout.readline())
             child.kill()

@@ -17,6 +17,7 @@ from rwa_monitor.monitor.recording.chain import recordings_of
 from rwa_monitor.monitor.recording.reader import RecordedMessage, Recording, read_recording
 from rwa_monitor.monitor.recording.recover import recover
 from rwa_monitor.monitor.replay import Report, replay
+from tests.monitor.support import adds_up, recorded
 
 REPLAY = Path(__file__).parents[2] / "replay"
 BY_NAME = {reference.name: reference for reference in references.REFERENCES}
@@ -63,16 +64,9 @@ def test_the_same_code_makes_the_same_bytes(tmp_path: Path) -> None:
 
 
 def test_samples_add_up_in_every_status_of_the_bad_day() -> None:
-    statuses = [
-        json.loads(message.data)
-        for path in recordings_of(REPLAY / "bad_day")
-        for message in read_recording(path).messages
-        if message.schema == "rwa.Status"
-    ]
+    statuses = [json.loads(payload) for payload in recorded(REPLAY / "bad_day", "rwa.Status")]
     assert len(statuses) > 5
-    for status in statuses:
-        parts = ("used", "masked", "late", "duplicate", "rejected", "queued")
-        assert status["samples_received"] == sum(status[f"samples_{part}"] for part in parts)
+    assert all(map(adds_up, statuses))
 
 
 # ---- what was tampered with ------------------------------------------------------------------------------------------

@@ -184,7 +184,6 @@ def strangers(own: Path, port: int, scratch: Path) -> dict[str, BusOptions]:
     )
     early = issued(own / "authority", scratch / "early", "simulated.wheel_1", not_before=yesterday + timedelta(days=2))
     unknown = leaf(own / "somebody", port, scratch)
-    assert unknown.config is not None
     text = unknown.config.read_text(encoding="utf-8")
     bare = scratch / "bare.json5"
     bare.write_text("\n".join(line for line in text.splitlines() if "own." not in line and "enable_mtls" not in line))

@@ -41,7 +41,6 @@ def matched(found: list[tuple[int, int, int]], jumps: list[tuple[int, int, int]]
 
 def detect(x: np.ndarray, z: np.ndarray, method: str, direction: int) -> Evidence:
     """Run stage 1 on SI values made of the normalised ones."""
-    assert WHEEL.nominal is not None
     speed = direction * x * WHEEL.nominal.nominal_speed_rad_s
     torque = direction * z * WHEEL.nominal.dry_torque_Nm
     accumulator = WindowAccumulator(WHEEL, method=method)  # type: ignore[arg-type]
