@@ -37,14 +37,9 @@ def test_every_command_has_a_help_that_says_what_it_does(words: list[str]) -> No
     assert first_sentence.endswith((".", "]"))
 
 
-def test_help_lists_every_command() -> None:
-    result = run("--help")
-    assert result.exit_code == 0
-    for name in COMMANDS:
-        assert f"\n  {name} " in result.stdout
-
-
-def test_version() -> None:
+def test_help_lists_every_command_and_the_version_is_said() -> None:
+    listed = run("--help").stdout
+    assert all(f"\n  {name} " in listed for name in COMMANDS)
     result = run("--version")
     assert (result.exit_code, result.stdout) == (0, f"rwa-monitor {__version__}\n")
 
@@ -104,19 +99,11 @@ def run_raising(error: BaseException, monkeypatch: pytest.MonkeyPatch) -> tuple[
     return result.exit_code, result.stderr
 
 
-def test_bad_input_is_one_line_even_where_the_reason_has_many(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_each_kind_of_error_has_its_exit_code_and_bad_input_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
     status, said = run_raising(InputError("a\nfile", "is\n  bad", "row 3"), monkeypatch)
-    assert status == 2
     (line,) = said.splitlines()
-    assert line.startswith("rwa-monitor: a")
-    assert "row 3: is" in line
-
-
-def test_a_failure_that_is_no_fault_of_the_input(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert (status, line.startswith("rwa-monitor: a"), "row 3: is" in line) == (2, True, True)
     assert run_raising(RwaMonitorError("the disk is full"), monkeypatch) == (1, "rwa-monitor: the disk is full\n")
-
-
-def test_an_interrupt(monkeypatch: pytest.MonkeyPatch) -> None:
     assert run_raising(KeyboardInterrupt(), monkeypatch)[0] == 130
 
 
