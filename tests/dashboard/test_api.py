@@ -16,12 +16,11 @@ from rwa_monitor.dashboard.trends import trends
 from rwa_monitor.history.alarms import Policy
 from rwa_monitor.history.store import History
 from rwa_monitor.messages import Changepoints, ProvisionalJump, samples_json
-from tests.dashboard.support import ask, reporting, send_windows, wait_until
+from tests.dashboard.support import RIGHT, ask, reporting, send_windows, wait_until
 from tests.dashboard.test_recordings import RECORDING
 from tests.dashboard.test_telemetry import with_friction
 from tests.history.support import START_NS, diagnosis, discrepancy
 
-RIGHT = {"Authorization": "Bearer right"}
 pytestmark = pytest.mark.processes
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator
 from pathlib import Path
 from threading import Event, Thread
 from typing import Any
@@ -15,26 +14,18 @@ import zenoh
 from rwa_monitor.dashboard.server import DashboardOptions, serve
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.messages import Diagnosis, Health, SamplesMessage, health_message, key_of
-from rwa_monitor.monitor.bus import BusOptions, open_session
 from rwa_monitor.monitor.publisher import publish
 from rwa_monitor.monitor.run_options import RunOptions
 from rwa_monitor.monitor.service import run
 from rwa_monitor.samples import Samples
 from rwa_monitor.wheel.wheel import Window, built_in_wheel
-from tests.dashboard.support import START_S, ask, send_windows, wait_until
+from tests.dashboard.support import START_S, acknowledge, send_windows, wait_until
 from tests.dashboard.test_telemetry import with_friction
 from tests.history.support import diagnosis
 
 WINDOW = 2_000
-TOKEN = {"Authorization": "Bearer right"}
 
 pytestmark = pytest.mark.processes
-
-
-@pytest.fixture
-def session() -> Iterator[zenoh.Session]:
-    with open_session(BusOptions()) as opened:
-        yield opened
 
 
 def asked(session: zenoh.Session, key: str = "rwa/**/health") -> dict[str, Health]:
@@ -93,8 +84,7 @@ def test_a_dashboard_tells_the_health_at_each_change_of_an_alarm(session: zenoh.
     with serve(DashboardOptions(0, tmp_path, token="right"), session) as running:
         send_windows(session, "wheel_1", failing=True)
         wait_until(lambda: phases() == [("active", None)], "the alarm on the bus")
-        seen = json.dumps({"name": "Ann"}).encode()
-        assert ask(running.address, "api/alarms/1/acknowledge", headers=TOKEN, body=seen)[0] == 200
+        assert acknowledge(running.address) == 200
         wait_until(lambda: phases()[1:] == [("acknowledged", "Ann")], "the acknowledgement on the bus")
         assert asked(session) == {"rwa/sat/wheel_1/health": heard[-1]}
         assert heard[-1].alarms == ["viscous"]
@@ -130,8 +120,7 @@ def test_who_asks_gets_the_later_of_what_monitor_and_dashboard_know(session: zen
             tell(0)
             tell(1)
             wait_until(lambda: asked(session)[key].alarm_states, "the alarm")
-            seen = json.dumps({"name": "Ann"}).encode()
-            assert ask(running.address, "api/alarms/1/acknowledge", headers=TOKEN, body=seen)[0] == 200
+            assert acknowledge(running.address) == 200
             states = asked(session)[key].alarm_states
             assert states["viscous"].acknowledged_by == "Ann"
             tell(2)  # changes no alarm: the monitor's is the later one

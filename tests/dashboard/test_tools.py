@@ -20,7 +20,7 @@ from rwa_monitor.dashboard.fleet import Fleet
 from rwa_monitor.dashboard.metrics import Family, metrics
 from rwa_monitor.dashboard.server import DashboardOptions, serve
 from rwa_monitor.errors import InputError
-from tests.dashboard.support import ask, reporting, send_windows, wait_until
+from tests.dashboard.support import acknowledge, reporting, send_windows, wait_until
 
 GRAFANA = Path("docs/integrations/grafana.json")
 NAME = r"[a-zA-Z_:][a-zA-Z0-9_:]*"
@@ -160,8 +160,7 @@ def test_each_change_of_an_alarm_is_posted_and_posted_again_until_it_is_taken(
         with serve(options, session) as running:
             send_windows(session, "wheel_1", failing=True)
             wait_until(lambda: other.taken, "the alarm at the webhook")
-            right = {"Authorization": "Bearer right"}
-            assert ask(running.address, "api/alarms/1/acknowledge", headers=right, body=b'{"name":"Ann"}')[0] == 200
+            assert acknowledge(running.address) == 200
             wait_until(lambda: len(other.taken) == 2, "the acknowledgement at the webhook")
     assert [(one["wheel"], one["name"], one["phase"]) for one in other.taken] == [
         ("wheel_1", "viscous", "active"),

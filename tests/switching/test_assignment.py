@@ -218,15 +218,6 @@ def test_scale_changes_no_attribution():
         assert accepted(assign(evidence, bare)[0]) == expected
 
 
-def test_is_deterministic_and_leaves_its_input_alone():
-    made = window(WHEEL, np.random.default_rng(32))
-    before = made.evidence.candidates.index.copy()
-    first, second = assign(made.evidence, WHEEL)[0], assign(made.evidence, WHEEL)[0]
-    assert first.log_score == second.log_score
-    assert np.array_equal(first.confidence, second.confidence)
-    assert np.array_equal(made.evidence.candidates.index, before)
-
-
 def test_sojourns_follow_from_the_jumps():
     rng = np.random.default_rng(33)
     for _ in range(10):
