@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import urllib.error
 import urllib.request
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from threading import Event, Thread
@@ -59,16 +59,6 @@ def ask(
 def acknowledge(address: str, alarm: int = 1) -> int:
     """Acknowledge an alarm as Ann; returns the status."""
     return ask(address, f"api/alarms/{alarm}/acknowledge", headers=RIGHT, body=b'{"name":"Ann"}')[0]
-
-
-def wait_until(condition: Callable[[], Any], what: str, wait_s: float = WAIT_S) -> Any:
-    """Wait for a condition, and return what it gives."""
-    pause = Event()
-    for _ in range(int(wait_s / 0.05)):
-        if found := condition():
-            return found
-        pause.wait(0.05)
-    pytest.fail(f"waited {wait_s:.0f} s for {what}")
 
 
 @contextmanager

@@ -21,11 +21,11 @@ from rwa_monitor.history.alarms import MONITOR_ALARM
 from rwa_monitor.history.store import History
 from rwa_monitor.messages import samples_json
 from rwa_monitor.monitor.bus import BusOptions, open_session
-from tests.dashboard.support import START_S, ask, expect, opened, reporting, send_windows, wait_until
+from tests.dashboard.support import START_S, ask, expect, opened, reporting, send_windows
 from tests.dashboard.test_recordings import RECORDING
 from tests.dashboard.test_telemetry import with_friction
 from tests.history.support import diagnosis
-from tests.monitor.processes import Listener
+from tests.monitor.processes import Listener, wait_for
 from tests.monitor.support import free_port
 from tests.program import command
 
@@ -112,14 +112,14 @@ def test_a_monitor_that_is_killed_leaves_stale_wheels_and_an_alarm_until_it_is_b
                 session.put("rwa/sat/wheel_1/samples", batch)
                 return "1 of 1 wheel reporting" in page.get_by_role("status").all_inner_texts()[-1]
 
-            wait_until(heard, "the monitor", START_S)
+            wait_for(heard, "the monitor", START_S)
 
         def monitor_alarm(address: str) -> dict[str, Any] | None:
             found = [alarm for alarm in ask(address, "api/alarms")[1] if alarm["name"] == MONITOR_ALARM]
             return found[0] if found else None
 
         process = stack.enter_context(monitor(port))
-        wait_until(speaks, "the monitor", START_S)  # its start may take longer than it may then be silent
+        wait_for(speaks, "the monitor", START_S)  # its start may take longer than it may then be silent
         with serve(options, session) as running:
             page.goto(running.address_with_token)
             send_until_heard()
@@ -146,7 +146,7 @@ def test_a_monitor_that_is_killed_leaves_stale_wheels_and_an_alarm_until_it_is_b
                 send_until_heard()
                 expect(page.locator(".wheel")).not_to_contain_text("stale")
                 expect(page.locator(".wheel")).not_to_contain_text("warning")
-                wait_until(lambda: (monitor_alarm(running.address) or {})["closed_ns"], "the end of the alarm")
+                wait_for(lambda: (monitor_alarm(running.address) or {})["closed_ns"], "the end of the alarm")
                 page.get_by_role("link", name="Alarms").click()
                 expect(page.get_by_text("✓ cleared")).to_be_visible()
 
@@ -181,7 +181,7 @@ def test_telemetry_of_one_wheel_that_stops_is_not_shown_as_current(
             # Should all of this stand still for a second, so does the other one's telemetry.
             return "No telemetry now" in rows["wheel_2"].inner_text() and "stale" not in rows["wheel_1"].inner_text()
 
-        wait_until(starved, "the wheel whose telemetry stopped, while that of the other one goes on")
+        wait_for(starved, "the wheel whose telemetry stopped, while that of the other one goes on")
         expect(rows["wheel_2"]).to_contain_text("stale: no telemetry for")
         rows["wheel_2"].click()
         expect(page.locator(".stale-note")).to_contain_text("This is the last known state, not the present one.")
@@ -190,7 +190,7 @@ def test_telemetry_of_one_wheel_that_stops_is_not_shown_as_current(
             send("wheel_2")
             return page.locator(".stale-note").count() == 0
 
-        wait_until(back, "the telemetry that is back")
+        wait_for(back, "the telemetry that is back")
 
 
 def test_a_bus_that_is_gone_is_said_until_it_is_back(chromium: Any, tmp_path: Path) -> None:
@@ -229,7 +229,7 @@ def test_a_locked_database_is_said_and_what_came_meanwhile_is_stored(
         expect(page.locator("#banner")).to_be_hidden()
         acknowledge(page)
         expect(page.get_by_text("Acknowledged by Ann")).to_be_visible()
-        wait_until(lambda: len(ask(running.address, "api/wheels/sat/wheel_1/windows")[1]) == 5, "all windows")
+        wait_for(lambda: len(ask(running.address, "api/wheels/sat/wheel_1/windows")[1]) == 5, "all windows")
 
 
 def test_a_database_that_is_removed_comes_back_with_what_was_acknowledged(
@@ -246,7 +246,7 @@ def test_a_database_that_is_removed_comes_back_with_what_was_acknowledged(
         acknowledge(page)
         expect(page.get_by_text("Acknowledged by Ann")).to_be_visible()
         path.unlink()
-        wait_until(path.exists, "the database")
+        wait_for(path.exists, "the database")
         # Where it cannot be put back, the page says so.
         put_in_the_way_of(path.parent)
         expect(page.locator("#banner")).to_contain_text("is gone, and cannot be put back")
@@ -321,4 +321,4 @@ def test_the_feed_says_what_is_wrong_in_its_beat(session: zenoh.Session, tmp_pat
             beats = [one for one in json.loads(socket.recv()) if one["key"] == "dashboard/beat"]
             return beats[-1]["message"]["notes"] if beats else []
 
-        assert "The bus is gone" in wait_until(told, "a note")[0]
+        assert "The bus is gone" in wait_for(told, "a note")[0]

@@ -18,9 +18,10 @@ from rwa_monitor.history.alarms import MONITOR_ALARM
 from rwa_monitor.history.records import MonitorWord
 from rwa_monitor.history.store import History
 from rwa_monitor.messages import samples_json
-from tests.dashboard.support import acknowledge, ask, expect, opened, reporting, send_windows, serious, wait_until
+from tests.dashboard.support import acknowledge, ask, expect, opened, reporting, send_windows, serious
 from tests.dashboard.test_telemetry import with_friction
 from tests.history.support import START_NS
+from tests.monitor.processes import wait_for
 
 HEARD = MonitorWord("sat", "wheel_1", silent=False, time_ns=START_NS)
 
@@ -102,15 +103,15 @@ def test_a_monitor_that_died_while_no_dashboard_was_there_is_told_and_a_later_wo
         reporting(session, "wheel_1", last_sample_ns=START_NS),
         History(tmp_path / HISTORY_NAME) as history,
     ):
-        wait_until(history.monitors, "the monitor that is heard")
+        wait_for(history.monitors, "the monitor that is heard")
     options = DashboardOptions(0, tmp_path, token="right", silent_s=3.0)
     with serve(options, session) as running:
-        (alarm,) = wait_until(lambda: alarms(running.address), "the alarm")
+        (alarm,) = wait_for(lambda: alarms(running.address), "the alarm")
         assert (alarm["phase"], alarm["raised_ns"]) == ("active", START_NS)
         assert "since this dashboard was started" in alarm["reason"]
         assert acknowledge(running.address, alarm["id"]) == 200
         with reporting(session, "wheel_1", last_sample_ns=START_NS):
-            wait_until(lambda: alarms(running.address)[0]["closed_ns"] == START_NS, "the end of the alarm")
+            wait_for(lambda: alarms(running.address)[0]["closed_ns"] == START_NS, "the end of the alarm")
 
 
 @pytest.mark.browser

@@ -16,10 +16,11 @@ from rwa_monitor.dashboard.server import DashboardOptions, Running, serve
 from rwa_monitor.messages import samples_json
 from rwa_monitor.samples import Samples
 from rwa_monitor.simulation.demo_satellite import FAILING
-from tests.dashboard.support import RIGHT, ask, expect, opened, reporting, send_windows, serious, status, wait_until
+from tests.dashboard.support import RIGHT, ask, expect, opened, reporting, send_windows, serious, status
 from tests.dashboard.test_recordings import RECORDING
 from tests.dashboard.test_telemetry import current, with_friction
 from tests.history.support import diagnosis, discrepancy
+from tests.monitor.processes import wait_for
 from tests.program import command
 
 VIEWS = ("#/", "#/alarms", "#/recordings", "#/wheel/sat/wheel_2", "#/wheel/sat/nobody", f"#/replay/{RECORDING.name}")
@@ -112,12 +113,12 @@ def replay_and_seek(page: Any) -> None:
     clock = page.locator("section .soft", has_text="spacecraft clock").first
     at_window = clock.inner_text()
     page.get_by_label("Position").fill("0")
-    wait_until(lambda: clock.inner_text() != at_window, "the replay to go back")
+    wait_for(lambda: clock.inner_text() != at_window, "the replay to go back")
     expect(page.get_by_text("The first window is being filled.")).to_be_visible()
     begin = clock.inner_text()
     page.get_by_role("combobox", name="Speed").select_option("10")
     page.get_by_role("button", name="Play").click()
-    wait_until(lambda: clock.inner_text() != begin, "the replay to go on")
+    wait_for(lambda: clock.inner_text() != begin, "the replay to go on")
     page.get_by_role("button", name="Pause").click()
     seconds = re.search(r"clock ([\d.]+) s, UTC unknown", begin)
     page.get_by_label("Go to").fill(seconds[1] if seconds else begin[:19])
@@ -182,7 +183,7 @@ def test_friction_that_is_derived_from_current_is_drawn(chromium: Any, session: 
             shown = content["samples"] if status == 200 else None
             return bool(shown) and sum(value is not None for value in shown["friction_torque_Nm"]) > 900
 
-        wait_until(derived, "friction of all samples but those at the ends")
+        wait_for(derived, "friction of all samples but those at the ends")
         page.goto(f"{running.address}#/wheel/sat/wheel_1")
         expect(page.get_by_role("img", name="friction [mN m] over time").first.locator("canvas")).to_be_visible()
         expect(page.get_by_text("none can be derived")).to_have_count(0)
@@ -263,7 +264,7 @@ def test_what_is_written_and_pressed_stays_while_the_alarm_changes(
         clock = page.locator("#clock")
         for _ in range(3):  # whatever redraws the page tells the time
             before = clock.inner_text()
-            wait_until(lambda before=before: clock.inner_text() != before, "the page to be drawn")  # type: ignore[misc]
+            wait_for(lambda before=before: clock.inner_text() != before, "the page to be drawn")  # type: ignore[misc]
         page.mouse.up()
         expect(page.get_by_text("Acknowledged by Ann")).to_be_visible()
         expect(page.get_by_text("probability 99 %, severity 1.2 ± 0.1.")).to_be_visible()

@@ -19,7 +19,7 @@ import socket
 import sys
 import time
 from collections import defaultdict
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
@@ -38,21 +38,13 @@ from rwa_monitor.monitor.recording.recorder import MAX_FILE_BYTES
 from rwa_monitor.monitor.run_options import RunOptions
 from rwa_monitor.monitor.service import run
 from tests.faults.history import Put, wheel
+from tests.monitor.processes import PATIENCE_S, wait_for
 from tests.monitor.support import free_port, model
 
-PATIENCE_S: Final = 200.0  # for what takes seconds, but longer where all cores are busy
 LEASE_MS: Final = 1_000  # a peer that is silent for longer is given up: pauses and outages last up to 1.6 s
 TMPFS_BYTES: Final = 80 * 2**20  # the recorder leaves 64 MiB to others
 processes = get_context("forkserver")
 processes.set_forkserver_preload(["tests.faults.preload"])
-
-
-def wait_for(condition: Callable[[], bool], what: str, patience_s: float = PATIENCE_S) -> None:
-    """Wait until a condition holds; an AssertionError says what was waited for in vain."""
-    end = time.monotonic() + patience_s
-    while not condition():
-        assert time.monotonic() < end, f"waited in vain for {what}"
-        Event().wait(0.01)
 
 
 # ---- in processes of their own ---------------------------------------------------------------------------------------

@@ -24,7 +24,8 @@ from rwa_monitor.monitor.replay import replay
 from rwa_monitor.samples import Samples
 from rwa_monitor.telemetry.table import table_writer
 from tests.faults.history import LOSING, MAX_DELAY_S, Fault, History, make_history, wheel
-from tests.faults.rig import Rig, wait_for
+from tests.faults.rig import Rig
+from tests.monitor.processes import wait_for
 from tests.monitor.support import diagnoses, model, said
 from tests.program import run
 

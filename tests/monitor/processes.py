@@ -20,11 +20,13 @@ from tests.program import command
 PATIENCE_S = 200.0  # for what takes a second or two, but longer where all cores are busy
 
 
-def wait_for(condition: Callable[[], bool], what: str) -> None:
-    end = time.monotonic() + PATIENCE_S
-    while not condition():
+def wait_for(condition: Callable[[], Any], what: str, patience_s: float = PATIENCE_S) -> Any:
+    """Wait until a condition holds, and return what it gives."""
+    end = time.monotonic() + patience_s
+    while not (found := condition()):
         assert time.monotonic() < end, f"waited in vain for {what}"
         Event().wait(0.02)
+    return found
 
 
 class Listener:

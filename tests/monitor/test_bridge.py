@@ -15,7 +15,7 @@ import pytest
 
 from rwa_monitor.errors import InputError, RwaMonitorError
 from rwa_monitor.messages import SamplesMessage
-from rwa_monitor.monitor.bridge import HOLD_S, Bridge, PacketSender, UdpAddress, listening, run_bridge
+from rwa_monitor.monitor.bridge import HOLD_S, Bridge, UdpAddress, listening, run_bridge
 from rwa_monitor.monitor.bus import BusOptions, open_session
 from rwa_monitor.samples import CHANNELS, Samples, concatenate
 from rwa_monitor.simulation.record import simulate
@@ -144,21 +144,6 @@ def running(bridge: Bridge) -> Iterator[UdpAddress]:
             stop.set()
             thread.join(PATIENCE_S)
             assert not thread.is_alive()
-
-
-def test_samples_come_through_a_socket_as_they_were_sent(
-    running: UdpAddress, bridge: Bridge, kept: dict[str, Kept]
-) -> None:
-    sent = made.samples(40)
-    sender = PacketSender(running, FIRST_APID)
-    for start in range(0, 40, 8):
-        sender.put(sent[start : start + 8])
-        wait_for(lambda stop=start + 8: bridge.samples >= stop, "samples")  # type: ignore[misc]
-    sender.close()
-    read = concatenate(kept["rwa/sat/wheel_1/samples"].batches)
-    assert np.abs(read.time_ns - sent.time_ns).max() <= 30
-    np.testing.assert_array_equal(np.isnan(read.speed_rad_s), np.isnan(sent.speed_rad_s))
-    assert (bridge.counts()["gaps"], bridge.counts()["bad"]) == (0, 0)
 
 
 def test_noise_on_the_socket_leaves_the_bridge_at_work(running: UdpAddress, bridge: Bridge) -> None:
