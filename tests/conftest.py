@@ -16,11 +16,11 @@ settings.load_profile("patient")
 
 # Files whose tests share something that takes seconds to make: each goes to one worker, which makes it once.
 SHARING = {
-    "test_model_error_shown.py",
-    "test_faults.py",
     "test_batch.py",
+    "test_faults.py",
     "test_foxglove.py",
     "test_identify.py",
+    "test_model_error_shown.py",
     "test_page.py",
     "test_paper_page.py",
     "test_site.py",
