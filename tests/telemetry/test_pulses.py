@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from rwa_monitor.errors import InputError
@@ -36,7 +36,6 @@ def test_the_mean_over_a_turn_is_the_speed_at_its_middle(per_turn: int, uneven: 
     assert_slowing(found.samples, 1e-5)
 
 
-@settings(max_examples=40)  # each sorts some thousand pulses
 @given(
     per_turn=st.sampled_from([1, 3, 24]),
     missed=st.sets(st.integers(3, 75), max_size=4),
