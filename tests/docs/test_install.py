@@ -30,6 +30,7 @@ class Absent:
         if name.partition(".")[0] in absent:
             raise ModuleNotFoundError(f"No module named {name!r}", name=name)
 sys.meta_path.insert(0, Absent())
+from rwa_monitor.cli.main import main
 main(prog_name="rwa-monitor")
 """
 PLACES = ["README.md", "docs/onboard.md", "docker/rwa-monitor.service", "Makefile", "docker/Dockerfile"]
