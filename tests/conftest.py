@@ -2,10 +2,43 @@
 
 from __future__ import annotations
 
+from typing import Any
+
+import pytest
 from hypothesis import HealthCheck, settings
+from xdist.scheduler import LoadScopeScheduling
 
 # A test on a busy machine takes as long as it takes: pytest-timeout ends one that hangs. The same examples at each run:
 # what fails here fails everywhere, and does not pass next time. Others are tried by --hypothesis-profile=explore.
 settings.register_profile("patient", deadline=None, suppress_health_check=[HealthCheck.too_slow], derandomize=True)
 settings.register_profile("explore", settings.get_profile("patient"), derandomize=False)
 settings.load_profile("patient")
+
+# Files whose tests share something that takes seconds to make: each goes to one worker, which makes it once.
+SHARING = {
+    "test_batch.py",
+    "test_faults.py",
+    "test_foxglove.py",
+    "test_identify.py",
+    "test_model_error_shown.py",
+    "test_page.py",
+    "test_paper_page.py",
+    "test_site.py",
+    "test_trends.py",
+}
+
+
+class BySharing(LoadScopeScheduling):
+    """Gives workers one test after the other, and the tests of a file that shares something together.
+
+    As `--dist loadgroup` would, whose groups xdist 3.8 does not find under pytest 9.
+    """
+
+    def _split_scope(self, nodeid: str) -> str:
+        file = nodeid.partition("::")[0]
+        return file if file.rpartition("/")[2] in SHARING else nodeid
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> LoadScopeScheduling:
+    return BySharing(config, log)

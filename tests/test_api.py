@@ -123,8 +123,6 @@ def test_a_hidden_effect_is_found_and_the_extended_wheel_has_it(wheel: rwa.Wheel
 
 def test_what_identify_learns_diagnoses_its_own_wheel(wheel: rwa.Wheel, telemetry: rwa.Telemetry) -> None:
     learned = rwa.identify({"healthy": telemetry.samples}, systems=False)
-    assert learned.wheel.nominal is not None
-    assert wheel.nominal is not None
     assert learned.wheel.nominal.viscous_Nm_s_rad == pytest.approx(wheel.nominal.viscous_Nm_s_rad, rel=0.01)
     assert learned.wheel.sample_period_s == wheel.sample_period_s
     assert learned.notes

@@ -13,10 +13,9 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from click.testing import CliRunner
 
-from rwa_monitor.cli.main import main
 from rwa_monitor.samples import FloatArray
+from tests.program import run
 
 SLOTS, PERIOD_S, NOMINAL_SPEED = 20_000, 0.125, 300.0
 DRY, VISCOUS, NOISE_STD = 1.6e-3, 5.333e-6, 3.9e-5  # N m, N m s/rad, N m
@@ -113,10 +112,10 @@ def test_anomalies_are_learned_from_labels_and_found(derived: bool, tmp_path: Pa
     (tmp_path / "wheel.toml").write_text(WHEEL)
     (tmp_path / "labels.csv").write_text("\n".join([",".join(["file", *FACTORS]), *rows[:TRAINED]]) + "\n")
     wheel, model = ["--wheel", str(tmp_path / "wheel.toml")], str(tmp_path / "model.json")
-    learned = CliRunner().invoke(main, ["train", str(tmp_path / "labels.csv"), *wheel, "-o", model, "--workers", "1"])
+    learned = run("train", tmp_path / "labels.csv", *wheel, "-o", model, "--workers", 1)
     assert learned.exit_code == 0, learned.stderr
     files = [str(tmp_path / name) for name in sorted(truth)[TRAINED:]]
-    judged = CliRunner().invoke(main, ["diagnose", *files, *wheel, "--model", model, "--json", "--workers", "1"])
+    judged = run("diagnose", *files, *wheel, "--model", model, "--json", "--workers", 1)
     assert judged.exit_code == 0, judged.stderr
     count: Counter[str] = Counter()
     for line in judged.stdout.splitlines():

@@ -223,13 +223,11 @@ def generate(case: Case) -> tuple[Samples, Wheel, Hidden]:
     """Draw the record of a case: what the search may see, and the truth."""
     rng = np.random.default_rng(case.seed)
     wheel = draw_wheel(case, rng)
-    assert wheel.nominal is not None
     unit = wheel.nominal.dry_torque_Nm
     motion = _motion(case, wheel, rng)
     level, jump_index = _level(case, motion, wheel, rng)
     sign = np.sign(motion.speed)
     base = sign * level + wheel.nominal.viscous_Nm_s_rad * motion.speed
-    assert wheel.inertia_kg_m2 is not None
     truth = replace(
         motion,
         level=level,
@@ -302,7 +300,6 @@ def _motion(case: Case, wheel: Wheel, rng: np.random.Generator) -> formulas.Trut
 
 def _level(case: Case, motion: formulas.Truth, wheel: Wheel, rng: np.random.Generator) -> tuple[Array, Any]:
     """Simulate the switching systems, changed as a hidden switching effect asks for."""
-    assert wheel.nominal is not None
     level = np.full(SAMPLES, 1.0)
     clock = np.arange(SAMPLES)
     systems = wheel.fss
@@ -376,7 +373,6 @@ def _tachometer(
         unit = float(np.sqrt(derived_noise_autocovariance(wheel, 1.0)[0]))
         step = float(rng.uniform(1.0, 3.0)) * std / unit * np.sqrt(12.0)
         return step * np.rint(truth.speed / step), step / np.sqrt(12.0)
-    assert wheel.nominal is not None
     error = wheel.nominal.nominal_speed_rad_s / 30_000.0
     return truth.speed + rng.normal(0, error, SAMPLES), error
 

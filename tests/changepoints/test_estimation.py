@@ -14,11 +14,10 @@ from rwa_monitor.changepoints.estimation import (
     jump_std,
     nominal_slope_prior,
 )
-from rwa_monitor.changepoints.running_sums import RunningSums
 from rwa_monitor.changepoints.stage_results import Evidence, NoiseEstimate
 from rwa_monitor.kernels.estimation import interval_bounds, slope_within
 from rwa_monitor.wheel.wheel import Wheel, built_in_wheel
-from tests.switching.assignment_windows import NO_CANDIDATES, NO_STRUCTURE
+from tests.switching.assignment_windows import NO_CANDIDATES, NO_STRUCTURE, sums_of
 
 SIGMA = 0.024  # the paper's noise, normalised
 WHITE = NoiseEstimate(SIGMA, SIGMA**2 * np.eye(1, 64)[0], 1.0)
@@ -26,9 +25,7 @@ WHITE = NoiseEstimate(SIGMA, SIGMA**2 * np.eye(1, 64)[0], 1.0)
 
 def _evidence(x, z, used=None, noise=WHITE):
     used = np.ones(z.size, dtype=np.bool_) if used is None else used
-    sums = RunningSums(x, z, used)
-    sums.extend(z.size)
-    return Evidence(z.size, z.size, int(used.sum()), NO_CANDIDATES, sums, noise, 20.0, NO_STRUCTURE)
+    return Evidence(z.size, z.size, int(used.sum()), NO_CANDIDATES, sums_of(x, z, used), noise, 20.0, NO_STRUCTURE)
 
 
 def _record(seed=1, n=2000, jumps=((600, 0.5), (1400, -0.3))):
@@ -130,7 +127,6 @@ def test_at_constant_speed_the_slope_is_unknown_without_a_prior_and_the_nominal_
     assert np.isinf(blind.viscous_std)
     assert np.isinf(blind.level_std).all()
     prior = nominal_slope_prior(built_in_wheel())
-    assert prior is not None
     fit = estimate(evidence, index, prior=prior)
     assert fit.viscous == pytest.approx(prior.mean)
     assert fit.viscous_std == pytest.approx(prior.std)

@@ -91,15 +91,6 @@ def test_any_cut_gives_the_same_evidence_and_events(seed, n, cuts, share, method
     assert others == events
 
 
-def test_sample_by_sample_is_the_same_as_all_at_once():
-    speed, torque, good = _telemetry(1, 2500, [(1300, 12.0), (1310, -12.0)])
-    whole, events = _gather(speed, torque, good)
-    single, others = _gather(speed, torque, good, np.arange(1, 2500))
-    assert _bytes(single) == _bytes(whole)
-    assert others == events
-    assert [event.index for event in events] == [1300, 1310]
-
-
 def test_a_window_with_far_too_many_peaks_is_pruned_alike_in_any_cut():
     rng = np.random.default_rng(21)
     speed, torque, good = _telemetry(21, 30_000)
@@ -153,20 +144,6 @@ def test_both_directions_and_a_zero_crossing(direction):
     assert evidence.candidates.index.tolist() == [3000, 11_000]
     np.testing.assert_allclose(evidence.candidates.jump / (SIGMA / TORQUE), [15.0, -10.0], atol=0.3)
     assert evidence.used == int((np.abs(speed) >= 1.0).sum())
-
-
-def test_reversing_the_direction_gives_the_same_bits():
-    speed, torque, good = _telemetry(4, 4000, [(2000, 10.0)])
-    assert _bytes(_gather(speed, torque, good)[0]) == _bytes(_gather(-speed, -torque, good)[0])
-
-
-def test_scaling_wheel_and_torque_alike_changes_nothing():
-    speed, torque, good = _telemetry(5, 4000, [(2000, 10.0)])
-    nominal = WHEEL.nominal.model_copy(update={"dry_torque_Nm": 4 * TORQUE, "viscous_Nm_s_rad": 4 * 5.333e-6})
-    noise = WHEEL.noise.model_copy(update={"friction_std_Nm": 4 * SIGMA})
-    big = WHEEL.model_copy(update={"nominal": nominal, "noise": noise})
-    there, _ = _gather(speed, 4.0 * torque, good, wheel=big)
-    assert _bytes(there) == _bytes(_gather(speed, torque, good)[0])  # a power of two: exact
 
 
 def test_a_viscous_coefficient_far_from_nominal_is_learned():

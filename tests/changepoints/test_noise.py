@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import signal, stats
 
-from rwa_monitor.changepoints.noise import ar_coefficient, estimate_noise, mean_variance_factor
+from rwa_monitor.changepoints.noise import ar_coefficient, estimate_noise
 from rwa_monitor.changepoints.outlier_model import OUTLIERS, estimate_tails
 from rwa_monitor.changepoints.stage_results import NoiseEstimate
 from rwa_monitor.kernels.noise import (
@@ -137,17 +137,6 @@ def test_gaussian_noise_has_light_tails_also_with_jumps_in_it():
     z = rng.standard_normal(N) + 15.0 * (np.arange(N) // 2000 % 2)
     tails = estimate_tails(quantiles_of(_histogram(np.maximum(np.diff(z) ** 2 / 2, 1e-300))), 1.0, N)
     assert tails.largest_outlier < 6.0
-
-
-def test_variance_of_a_mean_follows_the_colour():
-    phi = 0.5
-    noise = NoiseEstimate(1.0, phi ** np.arange(64.0), (1 + phi) / (1 - phi))
-    rng = np.random.default_rng(9)
-    for n in (1, 4, 50):
-        means = _ar(rng, phi, 20_000 * n).reshape(-1, n).mean(axis=1)
-        # 20,000 correlated means: a relative standard error of at most 3/√10,000.
-        assert mean_variance_factor(noise, np.array([float(n)]))[0] == pytest.approx(n * means.var(), rel=0.06)
-    assert mean_variance_factor(noise, np.array([1e6]))[0] == pytest.approx(3.0, rel=1e-3)
 
 
 @pytest.mark.parametrize("share", [0.9, 1.0])

@@ -7,13 +7,12 @@ from dataclasses import astuple, replace
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from scipy import stats
 
 from rwa_monitor.changepoints.tuning import Measured, check, information, tune
-from rwa_monitor.cli.main import main
 from rwa_monitor.errors import InputError
 from rwa_monitor.kernels.wglr import wglr
+from tests.program import run
 
 
 def test_the_paper_s_example_comes_out() -> None:
@@ -112,7 +111,7 @@ def test_a_jump_too_small_for_any_window_is_refused() -> None:
 
 def test_command_prints_settings_and_their_check() -> None:
     arguments = ["tune", "--missed", "0.001", "--run-length", "1e6", "--jump", "3", "--json"]
-    result = CliRunner().invoke(main, arguments, catch_exceptions=False)
+    result = run(*arguments)
     answer = json.loads(result.stdout)
     assert answer["half_width"] == 15
     assert answer["check"]["kept"]
@@ -121,7 +120,7 @@ def test_command_prints_settings_and_their_check() -> None:
 
 
 def test_the_text_gives_prediction_and_simulation() -> None:
-    result = CliRunner().invoke(main, ["tune", "--missed", "0.01", "--run-length", "1e4", "--jump", "3"])
+    result = run("tune", "--missed", "0.01", "--run-length", "1e4", "--jump", "3")
     assert result.exit_code == 0
     assert [line.split("  ")[0] for line in result.stdout.splitlines()][-3:] == ["predicted", "simulated", "wanted"]
     assert "between alarms" in result.stdout

@@ -5,23 +5,20 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner, Result
+from click.testing import Result
 
-from rwa_monitor.cli.main import main
 from rwa_monitor.simulation.datasets import scaled_wheel
 from rwa_monitor.telemetry.wheel_file import write_wheel
 from rwa_monitor.wheel.wheel import Window, built_in_wheel
+from tests.program import run
 
 WINDOW = 4000  # slots: large enough for a verdict, small enough for many tests
 SECONDS = 1250.0  # of a recording: two and a half windows
 
 
-def run(*arguments: object) -> Result:
-    """Run the program in this process; an exception that it does not handle is the test's."""
-    result = CliRunner().invoke(main, [str(argument) for argument in arguments])
-    if result.exception and not isinstance(result.exception, SystemExit):
-        raise result.exception
-    return result
+def simulate(scenario: Path, wheel: Path, seed: int, output: Path) -> None:
+    made = run("simulate", "recording", "--scenario", scenario, "--wheel", wheel, "--seed", seed, "-o", output)
+    assert (made.exit_code, made.stdout) == (0, ""), made.stderr
 
 
 @pytest.fixture(scope="session")
@@ -33,9 +30,11 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
     write_wheel(wheel.model_copy(update={"name": "small", "window": window}), folder / "wheel.toml")
     (folder / "scenario.toml").write_text(f"[scenario]\nduration_s = {SECONDS}\n[anomalies.dry]\nfactor = 1.45\n")
     for name in ("given.csv", "given.parquet"):
-        made = run(
-            "simulate", "recording", "--scenario", folder / "scenario.toml", "--wheel", folder / "wheel.toml",
-            "--seed", 5, "-o", folder / name,
-        )  # fmt: skip
-        assert made.exit_code == 0, made.stderr
+        simulate(folder / "scenario.toml", folder / "wheel.toml", 5, folder / name)
     return folder
+
+
+@pytest.fixture(scope="session")
+def diagnosed(files: Path) -> Result:
+    """What `diagnose --json` says of given.csv."""
+    return run("diagnose", files / "given.csv", "--wheel", files / "wheel.toml", "--json")

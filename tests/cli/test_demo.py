@@ -2,19 +2,17 @@
 
 from __future__ import annotations
 
-import os
 import re
 import signal
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
 from rwa_monitor.simulation.demo_satellite import same
 from rwa_monitor.wheel.wheel import Wheel
+from tests.program import command, run
 
-PROGRAM = [sys.executable, "-m", "rwa_monitor"]
 # Long enough for the failing wheel to be found (6 s a window, onset after three tenths), and for the search of the
 # wheel whose model lacks an effect: it begins after two windows and takes 13 s on two cores. Not for more.
 DURATION_S = 48
@@ -25,7 +23,7 @@ DURATION_S = 48
 def test_the_demo_finds_the_failing_wheel_and_the_hidden_effect_and_its_recording_replays(tmp_path: Path) -> None:
     record = tmp_path / "recordings"
     demo = subprocess.run(
-        [*PROGRAM, "demo", "--no-browser", "--duration", str(DURATION_S), "--record", str(record)],
+        command("demo", "--no-browser", "--duration", DURATION_S, "--record", record),
         capture_output=True, text=True, timeout=1000, check=False, cwd=tmp_path,
     )  # fmt: skip
     assert demo.returncode == 0, demo.stderr
@@ -60,21 +58,19 @@ def test_the_demo_finds_the_failing_wheel_and_the_hidden_effect_and_its_recordin
     assert demo.stdout.rstrip().endswith(f"To see it again: rwa-monitor dashboard --record {record}")
 
     verified = subprocess.run(
-        [*PROGRAM, "replay", "--verify", str(record)], capture_output=True, text=True, timeout=300, check=False
+        command("replay", "--verify", record), capture_output=True, text=True, timeout=300, check=False
     )
     assert verified.returncode == 0, verified.stdout + verified.stderr
 
 
 @pytest.mark.processes
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_the_demo_ends_cleanly_when_told_to(tmp_path: Path, number: signal.Signals) -> None:
+def test_the_demo_ends_cleanly_when_told_to(tmp_path: Path) -> None:
     demo = subprocess.Popen(
-        [*PROGRAM, "demo", "--duration", "600", "--record", str(tmp_path / "recordings")],
+        command("demo", "--duration", 600, "--record", tmp_path / "recordings"),
         stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=tmp_path,
     )  # fmt: skip
-    assert demo.stderr is not None
     assert "recording in" in demo.stderr.readline()
-    os.kill(demo.pid, number)
+    demo.send_signal(signal.SIGINT)
     stdout, stderr = demo.communicate(timeout=60)
     assert demo.returncode == 0, stderr
     assert "Traceback" not in stderr
@@ -83,6 +79,6 @@ def test_the_demo_ends_cleanly_when_told_to(tmp_path: Path, number: signal.Signa
 
 @pytest.mark.parametrize("words", [["--duration", "0"], ["--duration", "nan"], ["--port", "70000"], ["extra"]])
 def test_wrong_use(words: list[str]) -> None:
-    done = subprocess.run([*PROGRAM, "demo", *words], capture_output=True, text=True, timeout=60, check=False)
-    assert done.returncode == 2
-    assert done.stderr.count("\n") == 1
+    result = run("demo", *words)
+    assert result.exit_code == 2
+    assert result.stderr.count("\n") == 1

@@ -10,12 +10,14 @@ from typing import Any
 
 import numpy as np
 import pytest
+from click.testing import Result
 
 from rwa_monitor.messages import Diagnosis
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND
 from rwa_monitor.switching.carried_state import CarriedState
 from rwa_monitor.wheel.wheel import built_in_wheel
-from tests.cli.conftest import WINDOW, run
+from tests.cli.conftest import WINDOW, simulate
+from tests.program import run
 
 MEASURED = os.environ.get("RWA_MEASURED_DATA")
 
@@ -33,10 +35,9 @@ def without_source(diagnosis: dict[str, Any]) -> dict[str, Any]:
     return {name: value for name, value in diagnosis.items() if name != "source"}
 
 
-def test_one_line_for_each_window_and_the_last_one_marked_partial(files: Path) -> None:
-    result = run("diagnose", files / "given.csv", "--wheel", files / "wheel.toml", "--json")
-    assert (result.exit_code, result.stderr) == (0, "")
-    first, second, third = lines(result.stdout)
+def test_one_line_for_each_window_and_the_last_one_marked_partial(files: Path, diagnosed: Result) -> None:
+    assert (diagnosed.exit_code, diagnosed.stderr) == (0, "")
+    first, second, third = lines(diagnosed.stdout)
     assert [d["samples"] for d in (first, second, third)] == [WINDOW, WINDOW, WINDOW // 2]
     assert [d["partial"] for d in (first, second, third)] == [False, False, True]
     assert first["spacecraft"] == ""
@@ -47,12 +48,10 @@ def test_one_line_for_each_window_and_the_last_one_marked_partial(files: Path) -
     assert list(first["anomalies"]) == ["dry", "viscous", "fss_1", "fss_2"]
 
 
-def test_it_finds_what_the_scenario_did(files: Path) -> None:
-    result = run("diagnose", files / "given.csv", "--wheel", files / "wheel.toml", "--json")
+def test_it_finds_what_the_scenario_did(files: Path, diagnosed: Result) -> None:
     truth = json.loads((files / "given.csv.truth.json").read_text())
     assert truth["labels"] == {"dry": True, "viscous": False, "fss_1": False, "fss_2": False}
-    first, second, _ = lines(result.stdout)
-    for diagnosis in (first, second):
+    for diagnosis in lines(diagnosed.stdout)[:2]:
         assert diagnosis["verdict"] == "anomalous"
         assert diagnosis["anomalies"]["dry"]["active"] is True
         # To a fifth of what the anomaly adds: a short window tells base and switching systems apart only so well.
@@ -96,8 +95,6 @@ def test_another_sample_period_is_said_with_each_window_and_at_the_end(files: Pa
 
 def test_why_derived_friction_is_masked_is_said(tmp_path: Path) -> None:
     wheel = built_in_wheel()
-    assert wheel.inertia_kg_m2 is not None
-    assert wheel.torque_constant_Nm_A is not None
     wheel = wheel.model_copy(update={"limits": wheel.limits.model_copy(update={"max_current_A": 1.5})})
     (tmp_path / "wheel.toml").write_text(wheel.to_toml())
     count, period_s = 4000, wheel.sample_period_s
@@ -125,29 +122,20 @@ def test_why_derived_friction_is_masked_is_said(tmp_path: Path) -> None:
     assert int(said[1]) == int(said[2]) + 7
 
 
-def test_csv_and_parquet_give_the_same_bytes(files: Path) -> None:
-    from_csv, from_parquet = (
-        lines(run("diagnose", files / name, "--wheel", files / "wheel.toml", "--json").stdout)
-        for name in ("given.csv", "given.parquet")
-    )
-    assert json.dumps([without_source(d) for d in from_csv]) == json.dumps([without_source(d) for d in from_parquet])
-
-
-def test_files_are_diagnosed_in_the_order_given(files: Path) -> None:
-    names = [files / "given.parquet", files / "given.csv", files / "given.parquet"]
-    result = run("diagnose", *names, "--wheel", files / "wheel.toml", "--json")
-    assert [d["source"] for d in lines(result.stdout)] == [str(name) for name in names for _ in range(3)]
-
-
-def test_a_file_starts_with_an_empty_state_unless_it_is_carried(files: Path) -> None:
-    arguments = ("diagnose", files / "given.csv", files / "given.parquet", "--wheel", files / "wheel.toml", "--json")
-    empty = CarriedState.empty().sha256()
-    priors = [d["provenance"]["prior_sha256"] for d in lines(run(*arguments).stdout)]
-    assert priors[0] == priors[3] == empty
-    assert priors[1:3] == priors[4:6]
+def test_files_are_diagnosed_alike_in_the_order_given_each_from_an_empty_state_unless_it_is_carried(
+    files: Path, diagnosed: Result
+) -> None:
+    names = [files / "given.parquet", files / "given.csv"]
+    arguments = ("diagnose", *names, "--wheel", files / "wheel.toml", "--json")
+    found = lines(run(*arguments).stdout)
+    assert [d["source"] for d in found] == [str(name) for name in names for _ in range(3)]
+    alone = [without_source(d) for d in lines(diagnosed.stdout)]
+    assert json.dumps([without_source(d) for d in found]) == json.dumps(alone * 2)  # from a CSV and from a Parquet file
+    priors = [d["provenance"]["prior_sha256"] for d in found]
+    assert priors[0] == CarriedState.empty().sha256()
     carried = [d["provenance"]["prior_sha256"] for d in lines(run(*arguments, "--carry").stdout)]
     assert carried[:3] == priors[:3]
-    assert carried[3] not in (empty, *priors)
+    assert carried[3] not in priors
 
 
 def test_a_person_reads_verdict_and_reason_first(files: Path) -> None:
@@ -167,12 +155,9 @@ def test_the_method_of_the_paper(files: Path) -> None:
 
 
 def test_friction_is_derived_from_the_current_where_it_is_not_given(files: Path, tmp_path: Path) -> None:
-    (tmp_path / "scenario.toml").write_text("[scenario]\nduration_s = 1000.0\nfriction_given = false\n")
-    table = tmp_path / "derived.csv"
-    made = run(
-        "simulate", "recording", "--scenario", tmp_path / "scenario.toml", "--wheel", files / "wheel.toml", "-o", table
-    )
-    assert made.exit_code == 0
+    scenario, table = tmp_path / "scenario.toml", tmp_path / "derived.csv"
+    scenario.write_text("[scenario]\nduration_s = 1000.0\nfriction_given = false\n")
+    simulate(scenario, files / "wheel.toml", 0, table)
     assert "friction_torque_Nm" not in table.read_text().splitlines()[0]
     result = run("diagnose", table, "--wheel", files / "wheel.toml", "--json")
     assert result.exit_code == 0

@@ -5,12 +5,11 @@ from __future__ import annotations
 import json
 
 import pytest
-from click.testing import CliRunner
 
 import rwa_monitor as rwa
-from rwa_monitor.cli.main import main
 from rwa_monitor.telemetry.table import table_writer
 from rwa_monitor.telemetry.wheel_file import write_wheel
+from tests.program import run
 
 GROWING = "[anomalies.viscous]\nfactor = 1.5\nonset_s = 4000.0\ngrowth_s = 6000.0\n"
 
@@ -30,7 +29,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> tuple[str, str]:
 
 def test_the_last_lines_name_the_trend(recording: tuple[str, str]) -> None:
     table, wheel = recording
-    result = CliRunner().invoke(main, ["diagnose", table, "--wheel", wheel], catch_exceptions=False)
+    result = run("diagnose", table, "--wheel", wheel)
     assert result.exit_code == 0
     dry, viscous = result.stdout.rstrip().splitlines()[-2:]
     assert ": No trend of base dry friction in 10 windows" in dry
@@ -39,12 +38,12 @@ def test_the_last_lines_name_the_trend(recording: tuple[str, str]) -> None:
 
 def test_json_holds_diagnoses_only(recording: tuple[str, str]) -> None:
     table, wheel = recording
-    result = CliRunner().invoke(main, ["diagnose", table, "--wheel", wheel, "--json"], catch_exceptions=False)
+    result = run("diagnose", table, "--wheel", wheel, "--json")
     assert [json.loads(line)["samples"] for line in result.stdout.splitlines()] == [8_000] * 10
 
 
 def test_files_of_the_same_time_are_no_course(recording: tuple[str, str]) -> None:
     table, wheel = recording
-    result = CliRunner().invoke(main, ["diagnose", table, table, "--wheel", wheel], catch_exceptions=False)
+    result = run("diagnose", table, table, "--wheel", wheel)
     assert result.exit_code == 0
     assert "trend" not in result.stdout

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -12,8 +10,8 @@ import pytest
 
 from rwa_monitor.wheel.wheel import Limits, built_in_wheel
 from tests.discrepancy.simple import NOISE_NM, PERIOD_S, record, swing
+from tests.program import run
 
-PROGRAM = [sys.executable, "-m", "rwa_monitor", "discrepancy"]
 COUNT = 1500
 WHEEL = built_in_wheel()
 Columns = dict[str, np.ndarray]
@@ -22,15 +20,12 @@ Columns = dict[str, np.ndarray]
 def columns(seed: int = 0, count: int = COUNT, speed: np.ndarray | None = None) -> Columns:
     """A plain record as the columns of a table."""
     made, _ = record(swing(count) if speed is None else speed, jumps=(700,), seed=seed)
-    assert made.friction_torque_Nm is not None
     time = np.arange(count) * PERIOD_S
     return {"time_s": time, "speed_rad_s": made.speed_rad_s, "friction_torque_Nm": made.friction_torque_Nm}
 
 
 def with_current(table: Columns) -> Columns:
     """The same measured by current and voltage instead of friction."""
-    assert WHEEL.inertia_kg_m2 is not None
-    assert WHEEL.torque_constant_Nm_A is not None
     motor = table["friction_torque_Nm"] + WHEEL.inertia_kg_m2 * np.gradient(table["speed_rad_s"], PERIOD_S)
     current = motor / WHEEL.torque_constant_Nm_A
     voltage = 2.0 * current + WHEEL.torque_constant_Nm_A * table["speed_rad_s"]
@@ -46,11 +41,6 @@ def write(path: Path, table: Columns) -> Path:
         path, np.column_stack([*table.values()]), delimiter=",", header=",".join(table), comments="", fmt="%.12g"
     )
     return path
-
-
-def run(*arguments: object) -> subprocess.CompletedProcess[str]:
-    command = [*PROGRAM, *map(str, arguments)]
-    return subprocess.run(command, capture_output=True, text=True, timeout=500, check=False)
 
 
 def rpm(table: Columns) -> Columns:
@@ -85,8 +75,8 @@ def test_what_cannot_be_used_is_refused_in_one_sentence(case: str, tmp_path: Pat
     electric = {"winding_resistance_ohm": 2.0, "back_emf_constant_V_s_rad": WHEEL.torque_constant_Nm_A}
     wheel = WHEEL.model_copy(update={"limits": WHEEL.limits.model_copy(update=limits), **electric})
     (tmp_path / "wheel.toml").write_text(wheel.to_toml())
-    done = run(write(tmp_path / "t.csv", make()), "--json", "--wheel", tmp_path / "wheel.toml")
-    assert done.returncode == 2
+    done = run("discrepancy", write(tmp_path / "t.csv", make()), "--json", "--wheel", tmp_path / "wheel.toml")
+    assert done.exit_code == 2
     assert done.stdout == ""
     (line,) = done.stderr.strip().splitlines()
     assert "t.csv" in line
@@ -94,21 +84,23 @@ def test_what_cannot_be_used_is_refused_in_one_sentence(case: str, tmp_path: Pat
 
 
 @pytest.mark.parametrize("command", [["discrepancy"], ["identify", "-o", "learned.toml", "--no-systems"]])
-def test_motor_off_without_an_inertia_is_refused_in_one_sentence(command: list[str], tmp_path: Path) -> None:
+def test_motor_off_without_an_inertia_is_refused_in_one_sentence(
+    command: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     table = {name: columns()[name] for name in ("time_s", "speed_rad_s")}
     (tmp_path / "wheel.toml").write_text('[wheel]\nname = "bench"\nsample_period_s = 0.125\n')
     write(tmp_path / "t.csv", table)
-    words = [*PROGRAM[:-1], *command, "t.csv", "--wheel", "wheel.toml", "--motor-off"]
-    done = subprocess.run(words, capture_output=True, text=True, timeout=500, check=False, cwd=tmp_path)
-    assert done.returncode == 2
+    monkeypatch.chdir(tmp_path)
+    done = run(*command, "t.csv", "--wheel", "wheel.toml", "--motor-off")
+    assert done.exit_code == 2
     (line,) = done.stderr.strip().splitlines()
     assert "--motor-off: needs inertia_kg_m2 under [wheel]" in line
 
 
 def test_a_constant_speed_cannot_tell_and_says_what_it_lacks(tmp_path: Path) -> None:
     table = columns(speed=np.full(COUNT, 120.0))
-    done = run(write(tmp_path / "t.csv", table), "--json")
-    assert done.returncode == 0, done.stderr
+    done = run("discrepancy", write(tmp_path / "t.csv", table), "--json")
+    assert done.exit_code == 0, done.stderr
     report = json.loads(done.stdout)
     assert report["verdict"] == "untestable"
     assert {"stribeck", "sublinear_viscous", "viscosity_temperature"} <= {
@@ -122,8 +114,8 @@ def test_a_saturated_channel_is_no_discovery(tmp_path: Path) -> None:
     table = columns()
     limit = 0.5 * float(np.median(np.abs(table["friction_torque_Nm"])))
     table["friction_torque_Nm"] = np.clip(table["friction_torque_Nm"], -limit, limit)
-    done = run(write(tmp_path / "t.csv", table), "--json")
-    assert done.returncode == 2
+    done = run("discrepancy", write(tmp_path / "t.csv", table), "--json")
+    assert done.exit_code == 2
     assert "friction_torque_Nm" in done.stderr
     assert "saturated" in done.stderr
 
@@ -132,8 +124,8 @@ def test_a_current_at_its_end_stop_now_and_then_is_left_out_and_said(tmp_path: P
     table = with_current(columns())
     limit = float(np.quantile(np.abs(table["motor_current_A"]), 0.95))
     table["motor_current_A"] = np.clip(table["motor_current_A"], -limit, limit)
-    done = run(write(tmp_path / "t.csv", table), "--json")
-    assert done.returncode == 0, done.stderr
+    done = run("discrepancy", write(tmp_path / "t.csv", table), "--json")
+    assert done.exit_code == 0, done.stderr
     assert "motor_current_A is at its end stop in 5.0% of the samples; these are left out" in done.stderr
     assert json.loads(done.stdout)["verdict"] == "adequate"
 
@@ -142,19 +134,18 @@ def test_a_current_mostly_at_its_end_stop_is_refused_where_friction_hangs_on_it(
     table = with_current(columns())
     limit = float(np.quantile(np.abs(table["motor_current_A"]), 0.6))
     clipped = np.clip(table["motor_current_A"], -limit, limit)
-    done = run(write(tmp_path / "t.csv", {**table, "motor_current_A": clipped}), "--json")
-    assert done.returncode == 2
+    done = run("discrepancy", write(tmp_path / "t.csv", {**table, "motor_current_A": clipped}), "--json")
+    assert done.exit_code == 2
     assert "motor_current_A: is saturated: 40% of the values" in done.stderr
     given = {**columns(), "motor_current_A": clipped}
-    done = run(write(tmp_path / "given.csv", given), "--json")
-    assert done.returncode == 0, done.stderr
+    done = run("discrepancy", write(tmp_path / "given.csv", given), "--json")
+    assert done.exit_code == 0, done.stderr
     assert "the channel is not used" in done.stderr
     untested = {entry["effect"]: entry["missing"] for entry in json.loads(done.stdout)["untested"]}
     assert untested["torque_constant_error"] == "motor_torque_Nm"
 
 
 def test_unusual_friction_is_a_warning_and_two_recordings_are_one_report(tmp_path: Path) -> None:
-    assert WHEEL.nominal is not None
     dry, viscous = WHEEL.nominal.dry_torque_Nm / 8, WHEEL.nominal.viscous_Nm_s_rad / 8
     weaker = WHEEL.nominal.model_copy(update={"dry_torque_Nm": dry, "viscous_Nm_s_rad": viscous})
     (tmp_path / "wheel.toml").write_text(WHEEL.model_copy(update={"nominal": weaker}).to_toml())
@@ -163,8 +154,8 @@ def test_unusual_friction_is_a_warning_and_two_recordings_are_one_report(tmp_pat
         table = columns(seed, speed=swing(COUNT, period_s=90.0))
         table["friction_torque_Nm"] = table["friction_torque_Nm"] + 10 * NOISE_NM
         files.append(write(tmp_path / f"part{seed}.csv", table))
-    done = run(*files, "--json", "--wheel", tmp_path / "wheel.toml")
-    assert done.returncode == 0, done.stderr
+    done = run("discrepancy", *files, "--json", "--wheel", tmp_path / "wheel.toml")
+    assert done.exit_code == 0, done.stderr
     assert "part1.csv: friction is" in done.stderr
     report = json.loads(done.stdout)  # one object for both
     assert report["verdict"] == "inadequate"
@@ -180,7 +171,7 @@ def test_rpm_are_asked_about_without_limits(how: str, tmp_path: Path) -> None:
     table.pop("motor_voltage_V", None)  # it would say the same
     wheel = WHEEL.model_copy(update={"limits": Limits()})
     (tmp_path / "wheel.toml").write_text(wheel.to_toml())
-    done = run(write(tmp_path / "t.csv", table), "--no-diagnosis", "--wheel", tmp_path / "wheel.toml")
+    done = run("discrepancy", write(tmp_path / "t.csv", table), "--no-diagnosis", "--wheel", tmp_path / "wheel.toml")
     assert "in rpm?" in done.stderr
     # A bearing may have changed: where friction is given that is a question; an inertia has not.
-    assert done.returncode == (0 if how == "given" else 2)
+    assert done.exit_code == (0 if how == "given" else 2)

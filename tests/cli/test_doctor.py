@@ -17,8 +17,8 @@ from rwa_monitor.monitor.recording.recorder import FolderLock
 from rwa_monitor.monitor.state_recovery import Setup
 from rwa_monitor.monitor.wheel_set import WheelSet
 from rwa_monitor.wheel.wheel import built_in_wheel
-from tests.cli.conftest import run
 from tests.monitor.support import free_port
+from tests.program import run
 
 RECORDING = Path(__file__).parents[2] / "replay" / "nominal" / "rwa-000001.mcap"
 SETUP = Setup(WheelSet(built_in_wheel()), built_in_model(), "joint")

@@ -9,13 +9,11 @@ from pathlib import Path
 
 import click
 import pytest
-from click.testing import CliRunner
 
 from rwa_monitor import __version__
 from rwa_monitor.cli.main import COMMANDS, main
 from rwa_monitor.errors import InputError, RwaMonitorError
-
-PROGRAM = [sys.executable, "-m", "rwa_monitor"]
+from tests.program import command, run
 
 
 def all_commands() -> list[list[str]]:
@@ -23,31 +21,26 @@ def all_commands() -> list[list[str]]:
     context = click.Context(main)
     found = []
     for name in main.list_commands(context):
-        command = main.get_command(context, name)
+        group = main.get_command(context, name)
         found.append([name])
-        if isinstance(command, click.Group):
-            found += [[name, sub] for sub in command.list_commands(context)]
+        if isinstance(group, click.Group):
+            found += [[name, sub] for sub in group.list_commands(context)]
     return found
 
 
 @pytest.mark.parametrize("words", all_commands(), ids=" ".join)
 def test_every_command_has_a_help_that_says_what_it_does(words: list[str]) -> None:
-    result = CliRunner().invoke(main, [*words, "--help"])
+    result = run(*words, "--help")
     assert result.exit_code == 0
     assert result.stdout.startswith(f"Usage: rwa-monitor {' '.join(words)} ")
     _, first_sentence, *_ = (part.strip() for part in result.stdout.split("\n\n"))
     assert first_sentence.endswith((".", "]"))
 
 
-def test_help_lists_every_command() -> None:
-    result = CliRunner().invoke(main, ["--help"])
-    assert result.exit_code == 0
-    for name in COMMANDS:
-        assert f"\n  {name} " in result.stdout
-
-
-def test_version() -> None:
-    result = CliRunner().invoke(main, ["--version"])
+def test_help_lists_every_command_and_the_version_is_said() -> None:
+    listed = run("--help").stdout
+    assert all(f"\n  {name} " in listed for name in COMMANDS)
+    result = run("--version")
     assert (result.exit_code, result.stdout) == (0, f"rwa-monitor {__version__}\n")
 
 
@@ -77,7 +70,7 @@ def test_help_loads_nothing_heavy() -> None:
     ],
 )
 def test_wrong_use_is_one_line_and_exit_2(arguments: list[str], message: str) -> None:
-    result = CliRunner().invoke(main, arguments)
+    result = run(*arguments)
     assert result.exit_code == 2
     assert result.stdout == ""
     (line,) = result.stderr.splitlines()
@@ -86,7 +79,7 @@ def test_wrong_use_is_one_line_and_exit_2(arguments: list[str], message: str) ->
 
 
 def test_without_a_command_the_help_is_shown_and_it_is_wrong_use() -> None:
-    result = CliRunner().invoke(main, [])
+    result = run()
     assert result.exit_code == 2
     assert "Commands:" in result.stderr
 
@@ -102,25 +95,15 @@ def run_raising(error: BaseException, monkeypatch: pytest.MonkeyPatch) -> tuple[
         raise error
 
     monkeypatch.setattr(main, "get_command", lambda ctx, name: raising)
-    result = CliRunner().invoke(main, ["raising"])
-    if result.exception and not isinstance(result.exception, SystemExit):
-        raise result.exception
+    result = run("raising")
     return result.exit_code, result.stderr
 
 
-def test_bad_input_is_one_line_even_where_the_reason_has_many(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_each_kind_of_error_has_its_exit_code_and_bad_input_one_line(monkeypatch: pytest.MonkeyPatch) -> None:
     status, said = run_raising(InputError("a\nfile", "is\n  bad", "row 3"), monkeypatch)
-    assert status == 2
     (line,) = said.splitlines()
-    assert line.startswith("rwa-monitor: a")
-    assert "row 3: is" in line
-
-
-def test_a_failure_that_is_no_fault_of_the_input(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert (status, line.startswith("rwa-monitor: a"), "row 3: is" in line) == (2, True, True)
     assert run_raising(RwaMonitorError("the disk is full"), monkeypatch) == (1, "rwa-monitor: the disk is full\n")
-
-
-def test_an_interrupt(monkeypatch: pytest.MonkeyPatch) -> None:
     assert run_raising(KeyboardInterrupt(), monkeypatch)[0] == 130
 
 
@@ -131,8 +114,7 @@ def test_a_fault_of_the_program_is_not_hidden(monkeypatch: pytest.MonkeyPatch) -
 
 def test_a_reader_that_leaves_early_is_no_error_worth_a_word(tmp_path: Path) -> None:
     """`head` closes the pipe: no traceback and no complaint while Python shuts down."""
-    producer = subprocess.Popen([*PROGRAM, "--help"], stdout=subprocess.PIPE, stderr=subprocess.PIPE)
-    assert producer.stdout is not None
+    producer = subprocess.Popen(command("--help"), stdout=subprocess.PIPE, stderr=subprocess.PIPE)
     producer.stdout.close()
     _, complaint = producer.communicate(timeout=60)
     assert complaint == b""
@@ -145,9 +127,9 @@ def without_package(name: str, *arguments: str) -> subprocess.CompletedProcess[s
     return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
 
 
-@pytest.mark.parametrize("command", [["diagnose", "none.csv"], ["doctor"]])
-def test_a_package_that_is_missing_is_named_in_one_line(command: list[str]) -> None:
-    done = without_package("numpy", *command)
+@pytest.mark.parametrize("words", [["diagnose", "none.csv"], ["doctor"]])
+def test_a_package_that_is_missing_is_named_in_one_line(words: list[str]) -> None:
+    done = without_package("numpy", *words)
     assert (done.returncode, done.stdout) == (1, "")
     assert done.stderr == "rwa-monitor: the package numpy is missing: install rwa-monitor again, with pip install .\n"
 

@@ -12,15 +12,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rwa_monitor.cli.main import main
-from tests.cli.conftest import run
 from tests.monitor.support import free_port
+from tests.program import run
 
 
 def tuned(monkeypatch: pytest.MonkeyPatch, *words: str, **environment: str) -> str:
     """Return what `tune` prints; it has numbers as options and needs no file."""
     for name, value in environment.items():
         monkeypatch.setenv(name, value)
-    result = CliRunner().invoke(main, list(words))
+    result = run(*words)
     assert result.exit_code == 0, result.stderr
     return result.stdout
 

@@ -11,20 +11,13 @@ from rwa_monitor.telemetry.labels import read_labels
 from rwa_monitor.telemetry.model_file import read_model
 from rwa_monitor.telemetry.table import read_table
 from rwa_monitor.telemetry.wheel_file import read_wheel
-from tests.cli.conftest import SECONDS, run
-
-
-def simulate(files: Path, output: Path, seed: int) -> None:
-    made = run(
-        "simulate", "recording", "--scenario", files / "scenario.toml", "--wheel", files / "wheel.toml",
-        "--seed", seed, "-o", output,
-    )  # fmt: skip
-    assert (made.exit_code, made.stdout) == (0, "")
+from tests.cli.conftest import SECONDS, simulate
+from tests.program import run
 
 
 def test_the_same_seed_gives_the_same_bytes_and_another_one_does_not(files: Path, tmp_path: Path) -> None:
-    simulate(files, tmp_path / "again.csv", seed=5)
-    simulate(files, tmp_path / "other.csv", seed=6)
+    for seed, name in ((5, "again.csv"), (6, "other.csv")):
+        simulate(files / "scenario.toml", files / "wheel.toml", seed, tmp_path / name)
     given = (files / "given.csv").read_bytes()
     assert (tmp_path / "again.csv").read_bytes() == given
     assert (tmp_path / "other.csv").read_bytes() != given
@@ -57,7 +50,6 @@ def test_a_data_set_can_be_trained_on_and_the_model_used(tmp_path: Path) -> None
     made = run("simulate", "dataset", "--recipe", "paper", "--count", 10, "--seed", 2, "-o", tmp_path / "set")
     assert made.exit_code == 0
     labelled = read_labels(tmp_path / "set" / "labels.csv")
-    assert len(labelled) == 10
     assert [file.path.suffix for file in labelled] == [".parquet"] * 10
     wheel = f"{labelled[0].path}.wheel.toml"
     trained = run("train", tmp_path / "set" / "labels.csv", "--wheel", wheel, "-o", tmp_path / "model.json")
@@ -69,37 +61,9 @@ def test_a_data_set_can_be_trained_on_and_the_model_used(tmp_path: Path) -> None
     assert json.loads(used.stdout)["provenance"]["model_sha256"] == model.sha256()
 
 
-def test_training_again_gives_the_same_model(files: Path, tmp_path: Path) -> None:
-    healthy = tmp_path / "healthy.toml"
-    healthy.write_text(f"[scenario]\nduration_s = {SECONDS}\n")
-    rows = ["file,dry,viscous,fss_1,fss_2"]
-    for seed in range(4):
-        name = f"{seed}.parquet"
-        scenario = files / "scenario.toml" if seed % 2 else healthy
-        made = run(
-            "simulate", "recording", "--scenario", scenario, "--wheel", files / "wheel.toml", "--seed", seed,
-            "-o", tmp_path / name,
-        )  # fmt: skip
-        assert made.exit_code == 0
-        rows.append(f"{name},{seed % 2},0,0,0")
-    labels, model = tmp_path / "labels.csv", tmp_path / "model.json"
-    labels.write_text("\n".join(rows))
-    contents = []
-    for _ in range(2):
-        trained = run("train", labels, "--wheel", files / "wheel.toml", "-o", model)
-        assert trained.exit_code == 0, trained.stderr
-        contents.append(model.read_bytes())
-    assert contents[0] == contents[1]
-    assert read_model(model).trained.windows == 8  # two full windows of each file; the half one is left out
-
-
 def test_packets_are_diagnosed_as_the_table_is(files: Path, tmp_path: Path) -> None:
     packets = tmp_path / "day.ccsds"
-    made = run(
-        "simulate", "recording", "--scenario", files / "scenario.toml", "--wheel", files / "wheel.toml", "--seed", 5,
-        "-o", packets,
-    )  # fmt: skip
-    assert made.exit_code == 0, made.stderr
+    simulate(files / "scenario.toml", files / "wheel.toml", 5, packets)
     how = ("--xtce", f"{packets}.xtce.xml", "--map", f"{packets}.map.toml", "--wheel", files / "wheel.toml", "--json")
     diagnosed, table = run("diagnose", packets, *how), run("diagnose", files / "given.csv", *how)
     assert (diagnosed.exit_code, table.exit_code) == (0, 0), diagnosed.stderr

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import urllib.error
 import urllib.request
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from threading import Event, Thread
@@ -18,6 +18,7 @@ from rwa_monitor.messages import Status
 from tests.history.support import diagnosis
 
 CHROMIUM = Path("/usr/bin/chromium")
+RIGHT = {"Authorization": "Bearer right"}
 WAIT_MS = 20_000  # for what should be there at once: a busy machine is no fault of the page
 WAIT_S = WAIT_MS / 1000
 START_S = 120.0  # for a monitor to start and diagnose, on a machine that has much else to do
@@ -55,14 +56,9 @@ def ask(
             return error.code, error.read()
 
 
-def wait_until(condition: Callable[[], Any], what: str, wait_s: float = WAIT_S) -> Any:
-    """Wait for a condition, and return what it gives."""
-    pause = Event()
-    for _ in range(int(wait_s / 0.05)):
-        if found := condition():
-            return found
-        pause.wait(0.05)
-    pytest.fail(f"waited {wait_s:.0f} s for {what}")
+def acknowledge(address: str, alarm: int = 1) -> int:
+    """Acknowledge an alarm as Ann; returns the status."""
+    return ask(address, f"api/alarms/{alarm}/acknowledge", headers=RIGHT, body=b'{"name":"Ann"}')[0]
 
 
 @contextmanager
@@ -100,14 +96,17 @@ def browser() -> Iterator[Any]:
             started.close()
 
 
-def new_page(started: Any, width: int = 1280, **options: Any) -> tuple[Any, list[str]]:
-    """Open a page; returns it and the list to which its complaints go."""
+@contextmanager
+def opened(started: Any, width: int = 1280, complaint: str = "none", **options: Any) -> Iterator[Any]:
+    """Open a page, which may complain only of what holds a text: of nothing, unless it is given; of all, if empty."""
     page = started.new_page(viewport={"width": width, "height": 900}, **options)
     page.set_default_timeout(WAIT_MS)
     complaints: list[str] = []
     page.on("pageerror", lambda error: complaints.append(str(error)))
     page.on("console", lambda message: complaints.append(message.text) if message.type == "error" else None)
-    return page, complaints
+    yield page
+    assert [one for one in complaints if complaint not in one] == []
+    page.close()
 
 
 def serious(page: Any) -> list[Any]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 import signal
 import subprocess
 import sys
@@ -22,12 +21,13 @@ from rwa_monitor.history.alarms import MONITOR_ALARM
 from rwa_monitor.history.store import History
 from rwa_monitor.messages import samples_json
 from rwa_monitor.monitor.bus import BusOptions, open_session
-from tests.dashboard.support import START_S, ask, expect, new_page, reporting, send_windows, wait_until
+from tests.dashboard.support import START_S, ask, expect, opened, reporting, send_windows
 from tests.dashboard.test_recordings import RECORDING
 from tests.dashboard.test_telemetry import with_friction
 from tests.history.support import diagnosis
-from tests.monitor.processes import Listener
+from tests.monitor.processes import Listener, wait_for
 from tests.monitor.support import free_port
+from tests.program import command
 
 pytestmark = [pytest.mark.browser, pytest.mark.processes]
 
@@ -57,7 +57,6 @@ def script(text: str, argument: str) -> Iterator[subprocess.Popen[str]]:
         [sys.executable, "-c", text, argument], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
     )
     try:
-        assert process.stdout is not None
         assert process.stdout.readline()
         yield process
     finally:
@@ -67,9 +66,8 @@ def script(text: str, argument: str) -> Iterator[subprocess.Popen[str]]:
 @contextmanager
 def monitor(port: int) -> Iterator[subprocess.Popen[str]]:
     """Run a real monitor that connects to a port."""
-    command = [sys.executable, "-m", "rwa_monitor", "run", "-e", f"tcp/127.0.0.1:{port}"]
-    with open(os.devnull, "w") as null:
-        process = subprocess.Popen(command, stdout=null, stderr=null, text=True)
+    words = command("run", "-e", f"tcp/127.0.0.1:{port}")
+    process = subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, text=True)
     try:
         yield process
     finally:
@@ -99,8 +97,7 @@ def test_a_monitor_that_is_killed_leaves_stale_wheels_and_an_alarm_until_it_is_b
     bus = BusOptions(listen=(f"tcp/127.0.0.1:{port}",))
     options = DashboardOptions(free_port(), tmp_path, token="right", silent_s=8.0)
     batch = samples_json(with_friction(40), "satellite", 0)
-    page, complaints = new_page(chromium)
-    with ExitStack() as stack:
+    with ExitStack() as stack, opened(chromium) as page:
         session = stack.enter_context(open_session(bus))
 
         listener = Listener(session)
@@ -115,14 +112,14 @@ def test_a_monitor_that_is_killed_leaves_stale_wheels_and_an_alarm_until_it_is_b
                 session.put("rwa/sat/wheel_1/samples", batch)
                 return "1 of 1 wheel reporting" in page.get_by_role("status").all_inner_texts()[-1]
 
-            wait_until(heard, "the monitor", START_S)
+            wait_for(heard, "the monitor", START_S)
 
         def monitor_alarm(address: str) -> dict[str, Any] | None:
             found = [alarm for alarm in ask(address, "api/alarms")[1] if alarm["name"] == MONITOR_ALARM]
             return found[0] if found else None
 
         process = stack.enter_context(monitor(port))
-        wait_until(speaks, "the monitor", START_S)  # its start may take longer than it may then be silent
+        wait_for(speaks, "the monitor", START_S)  # its start may take longer than it may then be silent
         with serve(options, session) as running:
             page.goto(running.address_with_token)
             send_until_heard()
@@ -143,18 +140,15 @@ def test_a_monitor_that_is_killed_leaves_stale_wheels_and_an_alarm_until_it_is_b
             page.goto("about:blank")  # else it complains of a server that is not there, if it tries in between
         with serve(options, session) as running:  # what was raised outlives the dashboard
             alarm = monitor_alarm(running.address)
-            assert alarm is not None
             assert (alarm["phase"], alarm["closed_ns"]) == ("acknowledged", None)
             page.goto(f"{running.address}#/")
             with monitor(port):
                 send_until_heard()
                 expect(page.locator(".wheel")).not_to_contain_text("stale")
                 expect(page.locator(".wheel")).not_to_contain_text("warning")
-                wait_until(lambda: (monitor_alarm(running.address) or {})["closed_ns"], "the end of the alarm")
+                wait_for(lambda: (monitor_alarm(running.address) or {})["closed_ns"], "the end of the alarm")
                 page.get_by_role("link", name="Alarms").click()
                 expect(page.get_by_text("✓ cleared")).to_be_visible()
-        assert complaints == []
-        page.close()
 
 
 def test_telemetry_of_one_wheel_that_stops_is_not_shown_as_current(
@@ -168,10 +162,13 @@ def test_telemetry_of_one_wheel_that_stops_is_not_shown_as_current(
         session.put(f"rwa/sat/{wheel}/samples", samples_json(samples[batch : batch + 8], "satellite", batch))
         batch += 8
 
-    with serve(DashboardOptions(0, tmp_path), session) as running, reporting(session, "wheel_1", "wheel_2"):
+    with (
+        serve(DashboardOptions(0, tmp_path), session) as running,
+        reporting(session, "wheel_1", "wheel_2"),
+        opened(chromium, complaint="") as page,
+    ):
         for wheel in ("wheel_1", "wheel_2"):
             send_windows(session, wheel, failing=False)
-        page, _ = new_page(chromium)
         page.goto(running.address)
         rows = {wheel: page.locator(".wheel", has_text=wheel) for wheel in ("wheel_1", "wheel_2")}
         for _ in range(10):
@@ -184,7 +181,7 @@ def test_telemetry_of_one_wheel_that_stops_is_not_shown_as_current(
             # Should all of this stand still for a second, so does the other one's telemetry.
             return "No telemetry now" in rows["wheel_2"].inner_text() and "stale" not in rows["wheel_1"].inner_text()
 
-        wait_until(starved, "the wheel whose telemetry stopped, while that of the other one goes on")
+        wait_for(starved, "the wheel whose telemetry stopped, while that of the other one goes on")
         expect(rows["wheel_2"]).to_contain_text("stale: no telemetry for")
         rows["wheel_2"].click()
         expect(page.locator(".stale-note")).to_contain_text("This is the last known state, not the present one.")
@@ -193,17 +190,15 @@ def test_telemetry_of_one_wheel_that_stops_is_not_shown_as_current(
             send("wheel_2")
             return page.locator(".stale-note").count() == 0
 
-        wait_until(back, "the telemetry that is back")
-        page.close()
+        wait_for(back, "the telemetry that is back")
 
 
 def test_a_bus_that_is_gone_is_said_until_it_is_back(chromium: Any, tmp_path: Path) -> None:
     endpoint = f"tcp/127.0.0.1:{free_port()}"
-    with ExitStack() as stack:
+    with ExitStack() as stack, opened(chromium, complaint="") as page:
         first = stack.enter_context(script(ROUTER, endpoint))
         session = stack.enter_context(open_session(BusOptions(mode="client", connect=(endpoint,))))
         running = stack.enter_context(serve(DashboardOptions(0, tmp_path, connect=(endpoint,)), session))
-        page, _ = new_page(chromium)
         page.goto(running.address)
         expect(page.locator("#connection")).to_contain_text("connected")
         expect(page.locator("#banner")).to_be_hidden()
@@ -211,16 +206,17 @@ def test_a_bus_that_is_gone_is_said_until_it_is_back(chromium: Any, tmp_path: Pa
         expect(page.locator("#banner")).to_contain_text(f"The bus is gone: there is no connection to {endpoint}")
         with script(ROUTER, endpoint):
             expect(page.locator("#banner")).to_be_hidden()
-        page.close()
 
 
 def test_a_locked_database_is_said_and_what_came_meanwhile_is_stored(
     chromium: Any, session: zenoh.Session, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("rwa_monitor.history.database.BUSY_TIMEOUT_S", 0.2)
-    with serve(DashboardOptions(0, tmp_path, token="right"), session) as running:
+    with (
+        serve(DashboardOptions(0, tmp_path, token="right"), session) as running,
+        opened(chromium, complaint="") as page,
+    ):
         send_windows(session, "wheel_1", failing=True)
-        page, _ = new_page(chromium)
         page.goto(running.address_with_token)
         page.get_by_role("link", name="Alarms").click()
         expect(page.get_by_role("button", name="Acknowledge")).to_be_visible()
@@ -233,23 +229,24 @@ def test_a_locked_database_is_said_and_what_came_meanwhile_is_stored(
         expect(page.locator("#banner")).to_be_hidden()
         acknowledge(page)
         expect(page.get_by_text("Acknowledged by Ann")).to_be_visible()
-        wait_until(lambda: len(ask(running.address, "api/wheels/sat/wheel_1/windows")[1]) == 5, "all windows")
-        page.close()
+        wait_for(lambda: len(ask(running.address, "api/wheels/sat/wheel_1/windows")[1]) == 5, "all windows")
 
 
 def test_a_database_that_is_removed_comes_back_with_what_was_acknowledged(
     chromium: Any, session: zenoh.Session, tmp_path: Path
 ) -> None:
     path = tmp_path / "record" / HISTORY_NAME
-    with serve(DashboardOptions(0, path.parent, token="right"), session) as running:
+    with (
+        serve(DashboardOptions(0, path.parent, token="right"), session) as running,
+        opened(chromium, complaint="") as page,
+    ):
         send_windows(session, "wheel_1", failing=True)
-        page, _ = new_page(chromium)
         page.goto(running.address_with_token)
         page.get_by_role("link", name="Alarms").click()
         acknowledge(page)
         expect(page.get_by_text("Acknowledged by Ann")).to_be_visible()
         path.unlink()
-        wait_until(path.exists, "the database")
+        wait_for(path.exists, "the database")
         # Where it cannot be put back, the page says so.
         put_in_the_way_of(path.parent)
         expect(page.locator("#banner")).to_contain_text("is gone, and cannot be put back")
@@ -257,35 +254,35 @@ def test_a_database_that_is_removed_comes_back_with_what_was_acknowledged(
         expect(page.locator("#banner")).to_be_hidden()
         page.reload()
         expect(page.get_by_text("Acknowledged by Ann")).to_be_visible()
-        page.close()
     with History(path) as history:
         assert [line.person for alarm in history.alarms() for line in alarm.trail] == ["", "Ann"]
 
 
 def test_a_server_that_is_gone_is_said_and_found_again(chromium: Any, session: zenoh.Session, tmp_path: Path) -> None:
     options = DashboardOptions(free_port(), tmp_path, token="right")
-    page, _ = new_page(chromium)
-    with serve(options, session) as running:
-        send_windows(session, "wheel_1", failing=True)
-        page.goto(f"{running.address}#/wheel/sat/wheel_1")
-        expect(page.get_by_role("row", name="viscous")).to_contain_text("▲ active")
-    expect(page.locator("#banner")).to_contain_text("Disconnected from the dashboard's server")
-    expect(page.locator("#connection")).to_contain_text("○ disconnected")
-    assert "disconnected" in page.locator("body").get_attribute("class")
-    with serve(options, session):
-        expect(page.locator("#banner")).to_be_hidden()
-        expect(page.locator("#connection")).to_contain_text("● connected")
-        expect(page.get_by_role("row", name="viscous")).to_contain_text("▲ active")
-        expect(page.locator(".stale-note")).to_contain_text("stale, from the history")
-    page.close()
+    with opened(chromium, complaint="") as page:
+        with serve(options, session) as running:
+            send_windows(session, "wheel_1", failing=True)
+            page.goto(f"{running.address}#/wheel/sat/wheel_1")
+            expect(page.get_by_role("row", name="viscous")).to_contain_text("▲ active")
+        expect(page.locator("#banner")).to_contain_text("Disconnected from the dashboard's server")
+        expect(page.locator("#connection")).to_contain_text("○ disconnected")
+        assert "disconnected" in page.locator("body").get_attribute("class")
+        with serve(options, session):
+            expect(page.locator("#banner")).to_be_hidden()
+            expect(page.locator("#connection")).to_contain_text("● connected")
+            expect(page.get_by_role("row", name="viscous")).to_contain_text("▲ active")
+            expect(page.locator(".stale-note")).to_contain_text("stale, from the history")
 
 
 def test_a_wrong_token_is_said_and_can_be_mended_on_the_page(
     chromium: Any, session: zenoh.Session, tmp_path: Path
 ) -> None:
-    with serve(DashboardOptions(0, tmp_path, token="right"), session) as running:
+    with (
+        serve(DashboardOptions(0, tmp_path, token="right"), session) as running,
+        opened(chromium, complaint="") as page,
+    ):
         send_windows(session, "wheel_1", failing=True)
-        page, _ = new_page(chromium)
         page.goto(f"{running.address}#token=wrong")
         page.get_by_role("link", name="Alarms").click()
         acknowledge(page)
@@ -293,7 +290,6 @@ def test_a_wrong_token_is_said_and_can_be_mended_on_the_page(
         page.get_by_label("Token").fill("right")
         acknowledge(page)
         expect(page.get_by_text("Acknowledged by Ann")).to_be_visible()
-        page.close()
 
 
 def test_a_recording_that_is_cut_off_shows_what_is_left_and_says_so(
@@ -302,8 +298,7 @@ def test_a_recording_that_is_cut_off_shows_what_is_left_and_says_so(
     data = RECORDING.read_bytes()
     (tmp_path / "cut.mcap").write_bytes(data[: len(data) * 2 // 3])
     (tmp_path / "none.mcap").write_bytes(b"no recording")
-    with serve(DashboardOptions(0, tmp_path), session) as running:
-        page, _ = new_page(chromium)
+    with serve(DashboardOptions(0, tmp_path), session) as running, opened(chromium, complaint="") as page:
         page.goto(f"{running.address}#/recordings")
         page.get_by_role("link", name="cut.mcap").click()
         expect(page.get_by_text("Not all could be read")).to_contain_text("cannot be read")
@@ -311,7 +306,6 @@ def test_a_recording_that_is_cut_off_shows_what_is_left_and_says_so(
         expect(page.locator(".wheel").first).to_be_visible()
         page.goto(f"{running.address}#/replay/none.mcap")
         expect(page.get_by_role("alert").filter(has_text="cannot be opened")).to_contain_text("is no MCAP file")
-        page.close()
 
 
 def test_the_feed_says_what_is_wrong_in_its_beat(session: zenoh.Session, tmp_path: Path) -> None:
@@ -327,4 +321,4 @@ def test_the_feed_says_what_is_wrong_in_its_beat(session: zenoh.Session, tmp_pat
             beats = [one for one in json.loads(socket.recv()) if one["key"] == "dashboard/beat"]
             return beats[-1]["message"]["notes"] if beats else []
 
-        assert "The bus is gone" in wait_until(told, "a note")[0]
+        assert "The bus is gone" in wait_for(told, "a note")[0]

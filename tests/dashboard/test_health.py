@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator
 from pathlib import Path
 from threading import Event, Thread
 from typing import Any
@@ -15,26 +14,19 @@ import zenoh
 from rwa_monitor.dashboard.server import DashboardOptions, serve
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.messages import Diagnosis, Health, SamplesMessage, health_message, key_of
-from rwa_monitor.monitor.bus import BusOptions, open_session
 from rwa_monitor.monitor.publisher import publish
 from rwa_monitor.monitor.run_options import RunOptions
 from rwa_monitor.monitor.service import run
 from rwa_monitor.samples import Samples
 from rwa_monitor.wheel.wheel import Window, built_in_wheel
-from tests.dashboard.support import START_S, ask, send_windows, wait_until
+from tests.dashboard.support import START_S, acknowledge, send_windows
 from tests.dashboard.test_telemetry import with_friction
 from tests.history.support import diagnosis
+from tests.monitor.processes import wait_for
 
 WINDOW = 2_000
-TOKEN = {"Authorization": "Bearer right"}
 
 pytestmark = pytest.mark.processes
-
-
-@pytest.fixture
-def session() -> Iterator[zenoh.Session]:
-    with open_session(BusOptions()) as opened:
-        yield opened
 
 
 def asked(session: zenoh.Session, key: str = "rwa/**/health") -> dict[str, Health]:
@@ -57,7 +49,7 @@ def test_a_monitor_tells_the_health_at_each_close_and_the_last_one_to_who_asks(s
     monitor = Thread(target=run, args=(options, stop), kwargs={"session": session, "say": talk.append})
     monitor.start()
     try:
-        wait_until(lambda: any("monitoring" in line for line in talk), "the monitor")
+        wait_for(lambda: any("monitoring" in line for line in talk), "the monitor")
         telemetry: dict[str, Samples] = {
             key_of(SamplesMessage, "sat", name): with_friction(3 * WINDOW + 200) for name in names
         }
@@ -66,7 +58,7 @@ def test_a_monitor_tells_the_health_at_each_close_and_the_last_one_to_who_asks(s
         def closed() -> bool:
             return len([key for key, _ in heard if key.endswith("/health")]) >= 6
 
-        wait_until(closed, "six windows' health", START_S)
+        wait_for(closed, "six windows' health", START_S)
         for name in names:
             found = [json.loads(payload) for key, payload in heard if key == f"rwa/sat/{name}/diagnosis"]
             told = [payload for key, payload in heard if key == f"rwa/sat/{name}/health"]
@@ -92,15 +84,14 @@ def test_a_dashboard_tells_the_health_at_each_change_of_an_alarm(session: zenoh.
 
     with serve(DashboardOptions(0, tmp_path, token="right"), session) as running:
         send_windows(session, "wheel_1", failing=True)
-        wait_until(lambda: phases() == [("active", None)], "the alarm on the bus")
-        seen = json.dumps({"name": "Ann"}).encode()
-        assert ask(running.address, "api/alarms/1/acknowledge", headers=TOKEN, body=seen)[0] == 200
-        wait_until(lambda: phases()[1:] == [("acknowledged", "Ann")], "the acknowledgement on the bus")
+        wait_for(lambda: phases() == [("active", None)], "the alarm on the bus")
+        assert acknowledge(running.address) == 200
+        wait_for(lambda: phases()[1:] == [("acknowledged", "Ann")], "the acknowledgement on the bus")
         assert asked(session) == {"rwa/sat/wheel_1/health": heard[-1]}
         assert heard[-1].alarms == ["viscous"]
         for number in range(3, 6):
             session.put("rwa/sat/wheel_1/diagnosis", diagnosis(number).to_json())
-        wait_until(lambda: phases()[-1] == ("none", None), "the end of the alarm on the bus")
+        wait_for(lambda: phases()[-1] == ("none", None), "the end of the alarm on the bus")
         assert asked(session)["rwa/sat/wheel_1/health"].alarm_states == {}
         subscriber.undeclare()
 
@@ -129,11 +120,9 @@ def test_who_asks_gets_the_later_of_what_monitor_and_dashboard_know(session: zen
         try:
             tell(0)
             tell(1)
-            wait_until(lambda: asked(session)[key].alarm_states, "the alarm")
-            seen = json.dumps({"name": "Ann"}).encode()
-            assert ask(running.address, "api/alarms/1/acknowledge", headers=TOKEN, body=seen)[0] == 200
+            wait_for(lambda: asked(session)[key].alarm_states, "the alarm")
+            assert acknowledge(running.address) == 200
             states = asked(session)[key].alarm_states
-            assert states is not None
             assert states["viscous"].acknowledged_by == "Ann"
             tell(2)  # changes no alarm: the monitor's is the later one
             assert asked(session)[key].window_end_ns == diagnosis(2).window_end_ns

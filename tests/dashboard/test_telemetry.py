@@ -37,7 +37,6 @@ def current(n: int) -> Samples:
 @given(st.lists(st.integers(1, 199), max_size=12, unique=True))
 def test_friction_from_current_does_not_depend_on_the_messages(cuts: list[int]) -> None:
     whole = current(200)
-    assert WHEEL.torque_constant_Nm_A is not None
     expected = mended_friction(whole.speed_rad_s, WHEEL.torque_constant_Nm_A * whole.motor_current_A, WHEEL)
     derived = DerivedFriction(WHEEL)
     bounds = [0, *sorted(cuts), 200]
@@ -55,7 +54,6 @@ def test_a_gap_leaves_a_hole_and_what_cannot_be_derived_passes() -> None:
     derived = DerivedFriction(WHEEL)
     derived.add(whole[:100])
     after = derived.add(whole[200:])
-    assert after.friction_torque_Nm is not None
     assert np.isnan(after.friction_torque_Nm[0])
     assert np.isfinite(after.friction_torque_Nm[20])
     bare = Samples(whole.time_ns, whole.speed_rad_s)
@@ -75,17 +73,14 @@ def with_friction(n: int) -> Samples:
 def test_a_closed_window_has_its_curve_and_its_samples_are_let_go() -> None:
     known = Fleet(WheelSet(WHEEL))
     wheel = known.begin("sat", "wheel_1", [])
-    assert wheel is not None
     samples = with_friction(20_000)
     for begin in range(0, 20_000, 256):
         known.take_samples(wheel, samples[begin : begin + 256], 1, watched=False)
     window = diagnosis(0)
     _, curve = known.take(wheel, window, Received("rwa/sat/wheel_1/diagnosis", window.to_json(), 1))
-    assert curve is not None
     assert curve.key == "rwa/sat/wheel_1/evidence"
     assert wheel.open_window.count <= 4_000 + 256
     so_far = wheel.open_window.evidence_so_far(window, WHEEL)
-    assert so_far is not None
     assert so_far.open
     assert so_far.window_start_ns == window.window_end_ns
     # The jump, of 20 standard deviations, lies in the window before: here noise alone is left.
@@ -98,7 +93,6 @@ def test_open_windows_have_room_for_so_many_samples_and_a_page_goes_first(monkey
     wheels = [known.begin("sat", f"wheel_{n}", []) for n in range(3)]
     samples = with_friction(600)
     for wheel, watched in zip(wheels, (False, False, True), strict=True):
-        assert wheel is not None
         known.take_samples(wheel, samples, 1, watched=watched)
     assert [wheel.open_window.count for wheel in wheels if wheel] == [600, 0, 600]
 

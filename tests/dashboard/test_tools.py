@@ -20,7 +20,8 @@ from rwa_monitor.dashboard.fleet import Fleet
 from rwa_monitor.dashboard.metrics import Family, metrics
 from rwa_monitor.dashboard.server import DashboardOptions, serve
 from rwa_monitor.errors import InputError
-from tests.dashboard.support import ask, reporting, send_windows, wait_until
+from tests.dashboard.support import acknowledge, reporting, send_windows
+from tests.monitor.processes import wait_for
 
 GRAFANA = Path("docs/integrations/grafana.json")
 NAME = r"[a-zA-Z_:][a-zA-Z0-9_:]*"
@@ -75,8 +76,8 @@ def scraped(session: zenoh.Session, tmp_path: Path) -> Iterator[dict[str, dict[s
                 assert answer.headers["Content-Type"].startswith("text/plain; version=0.0.4")
                 return str(answer.read().decode())
 
-        wait_until(lambda: 'level="warning",phase="active"} 1.0' in text(), "the alarm in the metrics")
-        wait_until(lambda: text().count("rwa_monitor_slots_missed_total{") == 2, "both monitors in the metrics")
+        wait_for(lambda: 'level="warning",phase="active"} 1.0' in text(), "the alarm in the metrics")
+        wait_for(lambda: text().count("rwa_monitor_slots_missed_total{") == 2, "both monitors in the metrics")
         yield parse(text())
 
 
@@ -159,10 +160,9 @@ def test_each_change_of_an_alarm_is_posted_and_posted_again_until_it_is_taken(
         options = DashboardOptions(0, tmp_path, token="right", webhook=f"http://127.0.0.1:{other.server_port}/alarms")
         with serve(options, session) as running:
             send_windows(session, "wheel_1", failing=True)
-            wait_until(lambda: other.taken, "the alarm at the webhook")
-            right = {"Authorization": "Bearer right"}
-            assert ask(running.address, "api/alarms/1/acknowledge", headers=right, body=b'{"name":"Ann"}')[0] == 200
-            wait_until(lambda: len(other.taken) == 2, "the acknowledgement at the webhook")
+            wait_for(lambda: other.taken, "the alarm at the webhook")
+            assert acknowledge(running.address) == 200
+            wait_for(lambda: len(other.taken) == 2, "the acknowledgement at the webhook")
     assert [(one["wheel"], one["name"], one["phase"]) for one in other.taken] == [
         ("wheel_1", "viscous", "active"),
         ("wheel_1", "viscous", "acknowledged"),

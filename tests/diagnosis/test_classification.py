@@ -105,7 +105,6 @@ def test_uncertainty_leaves_the_prior() -> None:
     seen = features(dry=1.3, std=1e4)
     for name, probability in judged(seen).items():
         anomaly = MODEL.anomaly(name)
-        assert anomaly is not None
         assert probability == pytest.approx(anomaly.rate, abs=0.02)
     assert not any(entry.telling for entry in classify(seen, MODELS, NAMES, MODEL, EMPTY).anomalies)
 
@@ -200,7 +199,6 @@ def test_overlapping_windows_do_not_count_their_evidence_twice() -> None:
         share: classify(seen, MODELS, NAMES, MODEL, EMPTY, share).to_carry["viscous"] for share in (0.0, 0.5, 1.0)
     }
     model = MODEL.anomaly("viscous")
-    assert model is not None
     assert carried[0.0] == pytest.approx(model.rate, abs=0.02)
     low, high = sorted((carried[0.0], carried[1.0]))
     assert low < carried[0.5] < high
@@ -240,7 +238,6 @@ def test_unlike_anything_learned_is_said() -> None:
 @given(st.floats(-2, 6), st.floats(0, 3))
 def test_densities_are_finite_everywhere(value: float, std: float) -> None:
     for model in MODELS:
-        assert model is not None
         for levels in model.levels:
             if levels is not None:
                 assert np.isfinite(log_densities(levels, np.array([value]), np.array([std]))).all()

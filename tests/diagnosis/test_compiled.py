@@ -10,7 +10,6 @@ from scipy import special
 
 from rwa_monitor.changepoints.estimation import estimate
 from rwa_monitor.changepoints.noise import mean_variance_factor
-from rwa_monitor.changepoints.running_sums import RunningSums
 from rwa_monitor.changepoints.stage_results import Evidence, NoiseEstimate
 from rwa_monitor.diagnosis.adequacy import PERSISTENCE_LAGS, persistence
 from rwa_monitor.diagnosis.model import built_in_model
@@ -19,7 +18,7 @@ from rwa_monitor.kernels.adequacy import FEWEST_BLOCKS, LARGEST_BLOCK
 from rwa_monitor.kernels.laws import OTHER_SIZE, level_densities
 from rwa_monitor.kernels.segments import LEVEL_SCATTER, PREFERENCE, jumps_of, pair_moments
 from rwa_monitor.switching import segments
-from tests.switching.assignment_windows import NO_CANDIDATES, NO_STRUCTURE
+from tests.switching.assignment_windows import NO_CANDIDATES, NO_STRUCTURE, sums_of
 
 SLOTS, STD, SLOPE = 4_000, 0.05, 0.8
 INDEX = np.array([320, 1_003, 1_040, 2_500, 3_900])
@@ -35,15 +34,9 @@ def record() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return x, z, rng.random(SLOTS) > 0.1
 
 
-def _sums(x: np.ndarray, z: np.ndarray, used: np.ndarray) -> RunningSums:
-    sums = RunningSums(x, z, used)
-    sums.extend(x.size)
-    return sums
-
-
 def _evidence(x: np.ndarray, z: np.ndarray, used: np.ndarray) -> Evidence:
     noise, count = NoiseEstimate(STD, np.array([STD**2, 0.0]), 1.0), int(used.sum())
-    return Evidence(SLOTS, count, count, NO_CANDIDATES, _sums(x, z, used), noise, 20.0, NO_STRUCTURE)
+    return Evidence(SLOTS, count, count, NO_CANDIDATES, sums_of(x, z, used), noise, 20.0, NO_STRUCTURE)
 
 
 def _error(values: np.ndarray) -> float:
@@ -51,7 +44,7 @@ def _error(values: np.ndarray) -> float:
 
 
 def test_pair_moments_are_the_sums_between_all_pairs(record):
-    sums, nodes = _sums(*record), np.concatenate([[0], INDEX, [SLOTS]])
+    sums, nodes = sums_of(*record), np.concatenate([[0], INDEX, [SLOTS]])
     pairs = pair_moments(nodes, sums.arrays)
     first, last = np.triu_indices(nodes.size, k=1)
     assert pairs[:, first, last].tobytes() == sums.between(nodes[first], nodes[last]).table.tobytes()
@@ -60,7 +53,7 @@ def test_pair_moments_are_the_sums_between_all_pairs(record):
 
 def test_jumps_and_levels_are_those_of_the_samples(record):
     x, z, used = record
-    pairs = pair_moments(np.concatenate([[0], INDEX, [SLOTS]]), _sums(x, z, used).arrays)
+    pairs = pair_moments(np.concatenate([[0], INDEX, [SLOTS]]), sums_of(x, z, used).arrays)
     nodes = np.array([0, 1, 3, 6])  # the first and the third candidate are accepted
     borders = np.concatenate([[0], INDEX, [SLOTS]])
     residual = np.where(used, z - SLOPE * x, np.nan)
@@ -79,7 +72,7 @@ def test_jumps_and_levels_are_those_of_the_samples(record):
 def test_positions_are_refined_to_the_least_error(record):
     x, z, used = record
     index, reach = INDEX + np.array([7, -9, 5, 20, -3]), np.array([8, 16, 16, 32, 32])
-    refined = segments.refine(_sums(x, z, used), index, reach, SLOPE, STD**2)
+    refined = segments.refine(sums_of(x, z, used), index, reach, SLOPE, STD**2)
     residual, borders = z - SLOPE * x, np.concatenate([[0], index, [SLOTS]])
     for i, at in enumerate(index):
         left, right = borders[i], borders[i + 2]

@@ -28,10 +28,6 @@ def test_values_outside_count_in_the_end_bins() -> None:
     assert histogram(np.array([-5.0, 5.0, 7.0]), 0.0, 1.0, 4).tolist() == pytest.approx([1 / 3, 0, 0, 2 / 3])
 
 
-def test_no_values_give_an_empty_histogram() -> None:
-    assert histogram(np.zeros(0), 0.0, 1.0, 4).tolist() == [0.0] * 4
-
-
 @given(hnp.arrays(np.float64, st.integers(1, 50), elements=st.floats(-3, 3)), st.integers(1, 60))
 def test_histogram_is_normalised_and_ignores_order(values: np.ndarray, bins: int) -> None:
     counts = histogram(values, -1.0, 2.0, bins)

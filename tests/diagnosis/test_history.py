@@ -32,7 +32,6 @@ def over_windows(values: list[tuple[float, float]]) -> list[float]:
     tracked, found = None, []
     for value, std in values:
         seen = coefficient(VISCOUS, tracked)
-        assert seen is not None
         found.append(probability(seen, value, std))
         tracked = seen.after(value, std)
     return found
@@ -93,14 +92,12 @@ def test_windows_that_do_not_show_the_value_leave_it_with_the_hazard(windows: in
 
 def test_a_value_that_jumped_is_followed_at_once() -> None:
     after = before().after(1.25, 0.004)
-    assert after is not None
     assert after.mean == pytest.approx(1.25, abs=0.01)
     assert after.std < 0.02
 
 
 def test_what_does_not_show_the_value_does_not_move_it_far() -> None:
     after = before().after(1.25, LEVELS.reach)
-    assert after is not None
     assert after.mean == pytest.approx(1.0, abs=0.005)
     assert after.held < 0.98
 

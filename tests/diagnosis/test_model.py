@@ -143,10 +143,8 @@ def test_an_unknown_system_is_judged_by_what_the_wheel_file_states() -> None:
     wheel = wheel.model_copy(update={"fss": (stranger, silent)})
     _, _, stated, unknown = models_for(wheel, built_in_model())
     assert unknown is None
-    assert stated is not None
     assert stated.levels[0] is None
     levels = stated.levels[1]
-    assert levels is not None
     assert levels.anomalous is None
     assert levels.nominal_low < 0.3
     assert levels.nominal_high > 0.6
@@ -157,7 +155,6 @@ def test_a_system_of_the_same_name_with_other_friction_is_not_taken_for_the_lear
     rest, active = FrictionRange(low=0.0, high=0.0), FrictionRange(low=2.0, high=3.0)
     other = wheel.fss[0].model_copy(update={"friction": (rest, active)})
     learned = built_in_model().anomaly("fss_1")
-    assert learned is not None
     assert learned.serves(wheel.fss[0])
     assert not learned.serves(other)
     assert not learned.serves(wheel.fss[1])

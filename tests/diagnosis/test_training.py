@@ -61,8 +61,6 @@ def test_the_learned_bands_are_those_of_the_friction_laws() -> None:
     assert second is not None
     for anomaly, q, low, high, factor in ((first, 1, 0.3, 0.6, 1.6), (second, 2, 0.8, 1.2, 1.4)):
         levels = anomaly.levels[q]
-        assert levels is not None
-        assert levels.anomalous is not None
         assert (levels.nominal.low, levels.nominal.high) == pytest.approx((low, high), abs=0.01)
         assert (levels.anomalous.low, levels.anomalous.high) == pytest.approx((factor * low, factor * high), abs=0.02)
         # The median of n values of a range scatters by width / (2 √n): 0.02 here; four of them.
@@ -73,7 +71,6 @@ def test_strays_do_not_widen_a_band() -> None:
     rng = np.random.default_rng(4)
     value = np.concatenate([1.0 + 0.03 * rng.standard_normal(200), [1.5, 2.0, 0.2, 1.6]])
     levels = fit_levels(value, np.full(204, 1e-3), np.zeros(204, dtype=bool), 0.05)
-    assert levels is not None
     assert levels.nominal.middle == pytest.approx(1.0, abs=0.01)
     assert levels.nominal.soft == pytest.approx(0.03, rel=0.2)
     assert levels.stray == pytest.approx(4 / 204)
@@ -95,7 +92,6 @@ def test_strays_beside_a_range_do_not_widen_it(seed: int) -> None:
         np.append(labels, np.ones(300)) > 0,
         0.02,
     )
-    assert levels is not None
     # The outermost of 300 values lies within 0.2·7/300 of the end with a probability of e^-7.
     assert (levels.nominal.low, levels.nominal.high) == pytest.approx((0.4, 0.6), abs=0.005)
     assert levels.stray == pytest.approx(7 / 307, abs=2 / 307)
@@ -126,7 +122,6 @@ def test_the_linear_machine_separates_what_a_line_separates() -> None:
     anomalous = np.arange(60) % 2 == 0
     values = [np.array([1.3 if ill else 1.0]) + 0.02 * rng.standard_normal(1) for ill in anomalous]
     svm = train_svm(values, anomalous, bins=0)
-    assert svm is not None
     threshold = svm.low - svm.bias / svm.weights[0] * (svm.high - svm.low)
     assert 1.05 < threshold < 1.25
     assert train_svm(values, np.zeros(60, dtype=bool), bins=0) is None

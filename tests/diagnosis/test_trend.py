@@ -50,7 +50,6 @@ def test_courses_without_a_trend_are_announced_no_oftener_than_stated(scatter: S
     for _ in range(courses):
         std = drawn_std(windows, rng)
         found = find_trend(middles(windows), 100.0 + std * rng.standard_normal(windows) + scatter(windows, rng), std)
-        assert found is not None
         announced += found.p_value < level
     # Three standard errors of a binomial count above its mean.
     assert announced <= courses * level + 3 * np.sqrt(courses * level)
@@ -73,7 +72,6 @@ def test_the_interval_of_the_time_to_a_limit_holds_it_as_often_as_it_says() -> N
         value, std, truth = fleet_course(rng)
         seen = 16
         found = find_trend(middles(FLEET_WINDOWS)[:seen], value[:seen], std[:seen])
-        assert found is not None
         reach = found.reach(1.3)
         if reach is not None:
             announced += 1
@@ -88,7 +86,6 @@ def test_a_growth_is_found_with_its_slope_and_its_beginning() -> None:
     std = np.full(40, 0.01)
     truth = 1.0 + 0.02 * np.maximum(np.arange(40) - 20.0, 0.0)
     found = find_trend(middles(40), truth + std * rng.standard_normal(40), std)
-    assert found is not None
     assert found.present
     assert found.p_value < 1e-12
     assert abs(found.slope - 0.02 / WINDOW_S) < 4 * found.slope_std
@@ -132,7 +129,6 @@ def test_windows_that_show_nothing_are_left_out() -> None:
     value[hidden], std[hidden[:1]] = np.nan, np.nan
     more = find_trend(middles(20), value, std)
     assert less is not None
-    assert more is not None
     assert more.windows == 17
     same(less, more)
 
@@ -145,24 +141,18 @@ def test_too_few_windows_say_nothing() -> None:
 def test_a_limit_that_is_passed_is_reached_now_and_one_behind_never() -> None:
     std = np.full(20, 0.01)
     found = find_trend(middles(20), 1.0 + 0.05 * np.arange(20), std)
-    assert found is not None
     passed = found.reach(1.5)
-    assert passed is not None
     assert passed.low_s == passed.time_s == passed.high_s == middles(20)[-1]
     ahead = found.reach(3.0)
-    assert ahead is not None
     assert ahead.low_s <= ahead.time_s <= ahead.high_s
     assert ahead.time_s == pytest.approx(40.5 * WINDOW_S, rel=0.01)
     falling = find_trend(middles(20), 1.0 - 0.05 * np.arange(20), std)
-    assert falling is not None
     below = falling.reach(-0.5)
-    assert below is not None
     assert below.time_s == pytest.approx(30.5 * WINDOW_S, rel=0.01)
 
 
 def test_without_a_trend_there_is_no_time_to_a_limit() -> None:
     found = find_trend(middles(20), np.tile([1.0, 1.1], 10), np.full(20, 0.1))
-    assert found is not None
     assert found.p_value > SIGNIFICANCE
     assert found.reach(1.2) is None
 

@@ -69,20 +69,14 @@ def test_what_is_simulated_is_diagnosed(factors: dict[str, float]) -> None:
         (diagnosis.base_dry, 1.6e-3 * factors.get("dry", 1.0)),
         (diagnosis.viscous, 5.333e-6 * factors.get("viscous", 1.0)),
     ):
-        assert value.value is not None
-        assert value.std is not None
         assert abs(value.value - truth) < 4.0 * value.std
         assert value.std < 5e-3 * truth
     for name in factors:
         anomaly = diagnosis.anomaly(name)
         assert anomaly.probability > 0.9
-        assert anomaly.estimate is not None
-        assert anomaly.nominal_high is not None
-        assert anomaly.nominal_low is not None
         # The ranges of a system overlap: its highest configuration alone may look nominal, all sojourns do not.
         nominal = 0.5 * (anomaly.nominal_low + anomaly.nominal_high)
         assert anomaly.estimate > (anomaly.nominal_high if name in ("dry", "viscous") else nominal)
-        assert anomaly.severity is not None
         assert 0.0 <= anomaly.severity < 2.0
         assert diagnosis.explanation.startswith(diagnosis.reason)
 
@@ -91,8 +85,6 @@ def test_what_is_simulated_is_diagnosed(factors: dict[str, float]) -> None:
 def test_where_a_system_never_rests_the_rest_is_probability(factors: dict[str, float]) -> None:
     diagnosis, _ = diagnose(*telemetry(5, **factors))
     assert not diagnosis.features.base_known
-    assert diagnosis.base_dry.value is not None
-    assert diagnosis.base_dry.std is not None
     truth = 1.6e-3 * factors.get("dry", 1.0)
     assert abs(diagnosis.base_dry.value - truth) < 3.0 * diagnosis.base_dry.std
     assert active(diagnosis) == set(factors)
@@ -153,8 +145,6 @@ def test_reversing_the_direction_of_rotation_changes_nothing(factors: dict[str, 
 def test_a_wheel_with_all_torques_scaled_gets_the_same_judgement(scale: float) -> None:
     """Powers of two change no digit; other scales change rounding only."""
     wheel = built_in_wheel()
-    assert wheel.nominal is not None
-    assert wheel.noise.friction_std_Nm is not None
     nominal = wheel.nominal.model_copy(
         update={
             "dry_torque_Nm": scale * wheel.nominal.dry_torque_Nm,
@@ -170,7 +160,6 @@ def test_a_wheel_with_all_torques_scaled_gets_the_same_judgement(scale: float) -
         assert two.probability == pytest.approx(one.probability, rel=1e-6, abs=1e-9)
         assert two.severity == pytest.approx(one.severity, rel=1e-6, abs=1e-9)
     assert other.base_dry.value is not None
-    assert plain.base_dry.value is not None
     assert other.base_dry.value == pytest.approx(scale * plain.base_dry.value, rel=1e-9)
 
 
@@ -180,8 +169,6 @@ def test_more_dry_friction_shifts_the_base_and_nothing_else() -> None:
     plain, shifted = diagnose(speed, torque)[0], diagnose(speed, torque + np.sign(speed) * shift)[0]
     assert [c.index for c in shifted.changepoints] == [c.index for c in plain.changepoints]
     assert [c.fss for c in shifted.changepoints] == [c.fss for c in plain.changepoints]
-    assert shifted.base_dry.value is not None
-    assert plain.base_dry.value is not None
     assert shifted.base_dry.value - plain.base_dry.value == pytest.approx(shift, abs=1e-6 * 1.6)
     assert shifted.viscous.value == pytest.approx(plain.viscous.value, rel=1e-4)
     assert active(shifted) == {"dry"}
@@ -246,8 +233,6 @@ def test_an_unknown_system_is_judged_by_the_wheel_file() -> None:
     assert healthy.verdict == "nominal"
     assert active(ill) == {"cage"}
     cage = ill.anomaly("cage")
-    assert cage.estimate is not None
-    assert cage.nominal_high is not None
     # Nothing was learned to compare with: 1 lies 40 % of the healthy friction above its bound, 1.6 mN m in the middle.
     assert cage.severity == pytest.approx((cage.estimate - cage.nominal_high) / (0.4 * 1.6e-3), rel=1e-6)
 
@@ -301,7 +286,6 @@ def test_earlier_windows_are_named_and_used() -> None:
     assert second.prior_sha256 == state.sha256()
     assert after.windows == 2
     assert state.probability["dry"] < 0.01
-    assert state.base_dry is not None
     assert state.base_dry.mean == pytest.approx(1.0, abs=0.01)
     assert "1 earlier window" in second.explanation
 
@@ -314,22 +298,16 @@ def test_a_slowly_growing_anomaly_does_not_become_the_new_normal() -> None:
         verdicts.append((factor, diagnosis.verdict, "dry" in active(diagnosis)))
     assert all(verdict == "nominal" for factor, verdict, _ in verdicts if factor <= 1.04)
     assert all(dry for factor, _, dry in verdicts if factor >= 1.2)
-    assert state.base_dry is not None
     assert state.base_dry.mean == pytest.approx(1.3, abs=0.03)
 
 
 @pytest.mark.parametrize(("name", "factor"), [("dry", 1.2), ("dry", 1.5), ("viscous", 1.1), ("viscous", 1.3)])
 def test_severity_is_that_of_the_true_coefficient_within_its_interval(name: str, factor: float) -> None:
     learned = MODEL.anomaly(name)
-    assert learned is not None
     levels = learned.levels[0]
-    assert levels is not None
-    assert levels.median is not None
     width = levels.median - levels.nominal_high
     for seed in range(40, 44):
         found = diagnose(*telemetry(seed, **{name: factor}))[0].anomaly(name)
-        assert found.severity is not None
-        assert found.severity_std is not None
         assert found.severity_std > 0.0
         true = max(0.0, (factor - levels.nominal_high) / width)
         # Four standard deviations: one of 16 fails by chance once in a thousand runs; the seeds are fixed.
@@ -362,8 +340,6 @@ def test_where_a_system_shows_two_of_three_configurations_the_stories_are_weighe
         level[start : start + 12_000] += first
     level[30_000:30_060] += 0.45
     nominal, noise = wheel.nominal, wheel.noise.friction_std_Nm
-    assert nominal is not None
-    assert noise is not None
     torque = nominal.dry_torque_Nm * level + nominal.viscous_Nm_s_rad * speed + noise * rng.standard_normal(slots)
     diagnosis, _ = diagnose(speed, torque, wheel=wheel)
     (second,) = [system for system in diagnosis.fss if system.name == "fss_2"]

@@ -18,9 +18,8 @@ from typing import Any, Final
 import pytest
 import yaml
 import zenoh
-from click.testing import CliRunner
 
-from rwa_monitor.cli.main import main
+from tests.program import run
 
 DOCKER: Final = Path(__file__).parents[2] / "docker"
 TEXT: Final = (DOCKER / "compose.yaml").read_text(encoding="utf-8")
@@ -103,7 +102,6 @@ def test_its_image_is_pinned_by_digest(name: str) -> None:
 
 def test_the_image_is_built_on_the_base_that_compose_names() -> None:
     base = re.search(r"^ARG BASE=(\S+)$", (DOCKER / "Dockerfile").read_text(encoding="utf-8"), re.MULTILINE)
-    assert base is not None
     assert SERVICES["monitor_1"]["build"]["args"]["BASE"] == f"${{PYTHON_IMAGE:-{base[1]}}}"
 
 
@@ -127,9 +125,9 @@ def test_all_that_was_asked_for_is_there() -> None:
 def test_its_command_is_understood(name: str) -> None:
     """An option that the program does not have is refused before --help is answered."""
     words = SERVICES[name]["command"]
-    answer = CliRunner().invoke(main, [*words, "--help"])
+    answer = run(*words, "--help")
     assert answer.exit_code == 0, answer.output
-    assert CliRunner().invoke(main, [*words, "--no-such-option", "--help"]).exit_code == 2  # the control
+    assert run(*words, "--no-such-option", "--help").exit_code == 2  # the control
 
 
 def test_the_shards_are_complete_and_keep_their_recordings_apart() -> None:

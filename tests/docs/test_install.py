@@ -13,13 +13,12 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
-from click.testing import CliRunner
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
 
 from benchmarks.speed.live import free_endpoint
 from rwa_monitor.cli import doctor
-from rwa_monitor.cli.main import main
+from tests.program import run
 
 ROOT = Path(__file__).parents[2]
 # A program that finds no package but those of a lock: what its first argument lists is not there.
@@ -87,7 +86,7 @@ def test_the_doctor_misses_nothing_that_a_monitor_does_without(
     missing: str, found: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(doctor, "_missing", lambda names: [missing] if missing in names else [])
-    (line,) = (line for line in CliRunner().invoke(main, ["doctor"]).output.splitlines() if " packages:" in line)
+    (line,) = (line for line in run("doctor").output.splitlines() if " packages:" in line)
     assert line.startswith(found)
     assert missing in line
 

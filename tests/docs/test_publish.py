@@ -38,7 +38,6 @@ def test_the_publisher_of_the_page_loses_nothing_to_a_monitor_that_comes_late(tm
         open_session(BusOptions(mode="router", listen=(endpoint,))) as session,
         subprocess.Popen(publisher, stdout=subprocess.PIPE, text=True) as sender,
     ):
-        assert sender.stdout is not None
         assert [next(sender.stdout).strip() for _ in range(2)] == ["sent 1", "sent 2"]  # nobody listens yet
         listener = Listener(session)
         with process("run", "-m", "client", "-e", endpoint, "--wheels", "rwa/sat-1/*/samples"):

@@ -197,7 +197,6 @@ class _Maker:
         samples = simulate(scenario, wheel(), self.rng).samples
         if "bad_data" in self.kinds:
             samples = spoiled(samples, int(self.rng.integers(2**31)))
-            assert samples.friction_torque_Nm is not None
             speed, friction = samples.speed_rad_s.copy(), samples.friction_torque_Nm.copy()
             start = int(self.rng.integers(0, len(samples) - 200))
             friction[start : start + 100] = friction[start]  # a sensor that hangs

@@ -19,7 +19,7 @@ import socket
 import sys
 import time
 from collections import defaultdict
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
@@ -38,21 +38,13 @@ from rwa_monitor.monitor.recording.recorder import MAX_FILE_BYTES
 from rwa_monitor.monitor.run_options import RunOptions
 from rwa_monitor.monitor.service import run
 from tests.faults.history import Put, wheel
+from tests.monitor.processes import PATIENCE_S, wait_for
 from tests.monitor.support import free_port, model
 
-PATIENCE_S: Final = 200.0  # for what takes seconds, but longer where all cores are busy
 LEASE_MS: Final = 1_000  # a peer that is silent for longer is given up: pauses and outages last up to 1.6 s
 TMPFS_BYTES: Final = 80 * 2**20  # the recorder leaves 64 MiB to others
 processes = get_context("forkserver")
 processes.set_forkserver_preload(["tests.faults.preload"])
-
-
-def wait_for(condition: Callable[[], bool], what: str, patience_s: float = PATIENCE_S) -> None:
-    """Wait until a condition holds; an AssertionError says what was waited for in vain."""
-    end = time.monotonic() + patience_s
-    while not condition():
-        assert time.monotonic() < end, f"waited in vain for {what}"
-        Event().wait(0.01)
 
 
 # ---- in processes of their own ---------------------------------------------------------------------------------------
@@ -287,7 +279,6 @@ class Rig:
 
     def stop_monitor(self) -> tuple[int | None, float]:
         """Stop it in order; return its exit code and how long it took [s]."""
-        assert self.monitor is not None
         assert self.monitor.pid is not None
         wait_for(lambda: self.monitor is None or not self.monitor.is_alive() or self._monitoring(), "the monitor")
         begin_s = time.monotonic()
@@ -300,7 +291,6 @@ class Rig:
         return b"monitoring" in self.log.read_bytes()[self._said_before :]
 
     def put(self, put: Put) -> None:
-        assert self._publisher_end is not None
         self._publisher_end.send(put)
         if put.pause_s:
             Event().wait(put.pause_s)
@@ -308,17 +298,14 @@ class Rig:
     # ---- faults ------------------------------------------------------------------------------------------------------
 
     def kill(self, process: BaseProcess | None) -> None:
-        assert process is not None
         process.kill()
         process.join()
 
     def pause_monitor(self) -> None:
-        assert self.monitor is not None
         assert self.monitor.pid is not None
         os.kill(self.monitor.pid, signal.SIGSTOP)
 
     def go_on_monitor(self) -> None:
-        assert self.monitor is not None
         assert self.monitor.pid is not None
         os.kill(self.monitor.pid, signal.SIGCONT)
 
@@ -342,7 +329,6 @@ class Rig:
 
     def fail_disk(self) -> None:
         """Make each write beyond the present size of the recording fail, as a broken disk would."""
-        assert self.monitor is not None
         assert self.monitor.pid is not None
         wait_for(lambda: any(self.recordings.glob("*.mcap")), "a recording")
         size = max(path.stat().st_size for path in self.recordings.glob("*.mcap"))
@@ -358,7 +344,6 @@ class Rig:
         self.flipped = path
 
     def mend_disk(self) -> None:
-        assert self.monitor is not None
         assert self.monitor.pid is not None
         with suppress(ProcessLookupError):
             resource.prlimit(self.monitor.pid, resource.RLIMIT_FSIZE, (resource.RLIM_INFINITY,) * 2)

@@ -13,9 +13,7 @@ from threading import Event
 from typing import Any, Final
 
 import numpy as np
-from click.testing import CliRunner
 
-from rwa_monitor.cli.diagnose import command as diagnose
 from rwa_monitor.messages import SamplesMessage, dump_json
 from rwa_monitor.monitor.core import WheelCore
 from rwa_monitor.monitor.ingest.sequencer import Counts
@@ -26,8 +24,10 @@ from rwa_monitor.monitor.replay import replay
 from rwa_monitor.samples import Samples
 from rwa_monitor.telemetry.table import table_writer
 from tests.faults.history import LOSING, MAX_DELAY_S, Fault, History, make_history, wheel
-from tests.faults.rig import Rig, wait_for
+from tests.faults.rig import Rig
+from tests.monitor.processes import wait_for
 from tests.monitor.support import diagnoses, model, said
+from tests.program import run
 
 # In these histories the monitor must be there from the beginning; in the others the bus may be first.
 NEEDS_MONITOR: Final = frozenset({"second_publisher", "disk_fails", *LOSING})
@@ -347,7 +347,9 @@ def _ask_diagnose(folder: Path, samples: Samples, name: str, expected: list[byte
     table, wheel_file = folder / f"{name}.parquet", folder / "wheel.toml"
     table_writer(table)(samples, table)
     wheel_file.write_text(wheel().to_toml())
-    result = CliRunner().invoke(diagnose, [str(table), "--wheel", str(wheel_file), "--json"])
+    result = run("diagnose", table, "--wheel", wheel_file, "--json")
+    if result.exit_code != 0:
+        outcome.problems.append(f"{name}: `diagnose` ends with {result.exit_code} on the table: {result.stderr}")
     lines = [json.loads(line) for line in result.stdout.splitlines()]
     said_of_table = [_as_on_the_bus(line, name) for line in lines[: len(expected)]]
     if said_of_table != expected:

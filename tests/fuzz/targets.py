@@ -292,7 +292,6 @@ def read_a_map(data: bytes) -> None:
 
 
 def text_of(file: TextFile | None) -> bytes:
-    assert file is not None
     return file.text.encode()
 
 

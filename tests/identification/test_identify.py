@@ -47,8 +47,6 @@ def learned() -> Wheel:
 
 def test_nominal_friction_and_noise_come_back(learned: Wheel) -> None:
     true = built_in_wheel()
-    assert learned.nominal is not None
-    assert true.nominal is not None
     assert true.noise.friction_std_Nm is not None
     assert learned.nominal.dry_torque_Nm == pytest.approx(true.nominal.dry_torque_Nm, rel=2e-3)
     assert learned.nominal.viscous_Nm_s_rad == pytest.approx(true.nominal.viscous_Nm_s_rad, rel=2e-3)
@@ -90,8 +88,6 @@ def test_what_the_temperature_does_is_no_switching_system() -> None:
     assert not any("temperature" in note for note in known.notes)
     assert known.wheel.effect == (block,)
     true = built_in_wheel().nominal
-    assert true is not None
-    assert known.wheel.nominal is not None
     assert known.wheel.nominal.viscous_Nm_s_rad == pytest.approx(true.viscous_Nm_s_rad, rel=2e-3)
 
 
@@ -137,7 +133,6 @@ def test_recordings_may_differ_a_little_in_their_base_dry_friction() -> None:
         shift_Nm = rng.normal(0.0, 0.02 * 1.6e-3) * np.sign(samples.speed_rad_s)
         shifted.append((name, replace(samples, friction_torque_Nm=samples.friction_torque_Nm + shift_Nm)))
     learned = identify(shifted, Wheel(name="bare", sample_period_s=0.125))
-    assert learned.wheel.nominal is not None
     # Eight recordings: a standard error of 0.7 %; the lowest of them lies 2.8 % below the mean on average.
     assert abs(learned.wheel.nominal.dry_torque_Nm / 1.6e-3 - 1.0) < 3.0 * 0.007
     assert len(learned.wheel.fss) == 2
@@ -174,7 +169,6 @@ def test_a_wheel_without_its_systems_is_not_called_anomalous_by_their_jumps(seed
 
 def test_a_reversed_sign_is_refused() -> None:
     name, samples = recordings(1, seed=5)[0]
-    assert samples.friction_torque_Nm is not None
     wrong = Samples(samples.time_ns, samples.speed_rad_s, -samples.friction_torque_Nm)
     with pytest.raises(InputError, match="negative"):
         identify([(name, wrong)], Wheel(name="reversed", sample_period_s=0.125), systems=False)
@@ -254,8 +248,6 @@ def test_no_wheel_is_written_that_calls_its_own_recordings_anomalous(
 def in_motion(**changes: float) -> tuple[list[tuple[str, Samples]], Wheel]:
     """1000 s of one healthy wheel that swings between 30 and 270 rad/s, by its current; factors change channels."""
     wheel = built_in_wheel().model_copy(update={"nominal": None, "fss": (), "limits": Limits()})
-    assert wheel.inertia_kg_m2 is not None
-    assert wheel.torque_constant_Nm_A is not None
     rng = np.random.default_rng(50020)
     time = np.arange(8000) * 0.125
     speed = 150.0 + 100.0 * np.sin(2 * np.pi * time / 600.0) + 20.0 * np.sin(2 * np.pi * time / 130.0)
@@ -292,7 +284,6 @@ def test_what_is_asked_is_what_is_wrong(changes: dict[str, float], question: str
 def test_nothing_is_asked_where_all_is_right() -> None:
     recordings, wheel = in_motion()
     learned = identify(recordings, wheel, systems=False)
-    assert learned.wheel.nominal is not None
     assert learned.wheel.nominal.viscous_Nm_s_rad == pytest.approx(5.3e-6, rel=0.02)
     assert not any("?" in note for note in learned.notes)
 

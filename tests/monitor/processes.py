@@ -1,27 +1,32 @@
-"""What tests of the whole service share: processes, and somebody who listens to them."""
+"""What tests of the whole service share: monitors in processes and threads, and somebody who listens to them."""
 
 from __future__ import annotations
 
 import json
 import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from threading import Event
+from threading import Event, Thread
 from typing import Any
 
 import zenoh
 
+from rwa_monitor.monitor.run_options import RunOptions
+from rwa_monitor.monitor.service import run
+from tests.program import command
+
 PATIENCE_S = 200.0  # for what takes a second or two, but longer where all cores are busy
 
 
-def wait_for(condition: Callable[[], bool], what: str) -> None:
-    end = time.monotonic() + PATIENCE_S
-    while not condition():
+def wait_for(condition: Callable[[], Any], what: str, patience_s: float = PATIENCE_S) -> Any:
+    """Wait until a condition holds, and return what it gives."""
+    end = time.monotonic() + patience_s
+    while not (found := condition()):
         assert time.monotonic() < end, f"waited in vain for {what}"
         Event().wait(0.02)
+    return found
 
 
 class Listener:
@@ -42,10 +47,6 @@ class Listener:
         return content
 
 
-def command(*arguments: str | Path) -> list[str]:
-    return [sys.executable, "-m", "rwa_monitor", *map(str, arguments)]
-
-
 @contextmanager
 def process(*arguments: str | Path) -> Iterator[subprocess.Popen[str]]:
     with subprocess.Popen(command(*arguments), stderr=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as child:
@@ -57,8 +58,31 @@ def process(*arguments: str | Path) -> Iterator[subprocess.Popen[str]]:
 
 
 def wait_until_it_monitors(child: subprocess.Popen[str]) -> None:
-    assert child.stderr is not None
     for line in child.stderr:
         if "monitoring" in line:
             return
     raise AssertionError("the monitor ended")
+
+
+@contextmanager
+def monitor(session: zenoh.Session, run_options: RunOptions) -> Iterator[list[str]]:
+    """Run the monitor in a thread on an embedded session; yields what it says to its user."""
+    stop, talk, failed = Event(), [], []
+
+    def target() -> None:
+        try:
+            run(run_options, stop, session=session, say=talk.append)
+        except BaseException as error:  # noqa: BLE001 - told to the test below
+            failed.append(error)
+
+    thread = Thread(target=target)
+    thread.start()
+    try:
+        wait_for(lambda: bool(failed) or any("monitoring" in line for line in talk), "the monitor")
+        yield talk
+    finally:
+        stop.set()
+        thread.join(PATIENCE_S)
+        assert not thread.is_alive()
+    if failed:
+        raise failed[0]

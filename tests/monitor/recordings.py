@@ -1,13 +1,16 @@
-"""Recordings of random messages, for the tests that cut, flip, recover and follow them."""
+"""Recordings of random messages, for the tests that cut, flip, recover and follow them; or written again."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from itertools import count
 from pathlib import Path
 
 import numpy as np
+from mcap.writer import Writer
 
 from rwa_monitor.monitor.recording.chain import file_sha256
+from rwa_monitor.monitor.recording.reader import RecordedMessage, read_recording
 from rwa_monitor.monitor.recording.writer import RecordingWriter
 
 TOPICS = ("rwa/sat/a/samples", "rwa/sat/b/samples")
@@ -27,3 +30,29 @@ def write_file(path: Path, messages: int = 400, flush_every: int = 40) -> list[b
     writer.close()
     assert writer.sha256 == file_sha256(path)
     return payloads
+
+
+def rewrite(
+    source: Path,
+    target: Path,
+    change: Callable[[RecordedMessage], bytes | None] = lambda message: message.data,
+    attached: Callable[[str, bytes], bytes] = lambda name, data: data,
+) -> None:
+    """Write a recording again, every checksum right, with messages changed, or left out (None), and attachments."""
+    recording = read_recording(source)
+    with target.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        for name, data in recording.attachments.items():
+            writer.add_attachment(0, 0, name, "", attached(name, data))
+        channels: dict[tuple[str, str], int] = {}
+        for message in recording.messages:
+            data = change(message)
+            if data is None:
+                continue
+            place = (message.topic, message.schema)
+            if place not in channels:
+                schema = writer.register_schema(message.schema, "", b"")
+                channels[place] = writer.register_channel(message.topic, "json", schema)
+            writer.add_message(channels[place], message.log_time, data, message.publish_time)
+        writer.finish()  # type: ignore[no-untyped-call]

@@ -4,17 +4,23 @@ from __future__ import annotations
 
 import socket
 from collections.abc import Iterator, Sequence
+from dataclasses import asdict
 from functools import cache
 from itertools import pairwise
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from benchmarks.references import reference_wheel
 from rwa_monitor.diagnosis.model import Model, built_in_model
 from rwa_monitor.messages import Diagnosis
+from rwa_monitor.monitor.checkpoint import Checkpoint
 from rwa_monitor.monitor.core import WheelCore
 from rwa_monitor.monitor.events import Event
+from rwa_monitor.monitor.ingest.sequencer import Counts
 from rwa_monitor.monitor.outputs import outputs_of
+from rwa_monitor.monitor.recording.chain import read_chain
 from rwa_monitor.samples import Samples
 from rwa_monitor.simulation.record import simulate
 from rwa_monitor.simulation.scenario import Scenario
@@ -82,6 +88,28 @@ def said(events: Sequence[Event]) -> list[tuple[str, bytes]]:
 
 def diagnoses(messages: Sequence[tuple[str, bytes]]) -> list[bytes]:
     return [payload for key, payload in messages if key.endswith("/" + Diagnosis.kind)]
+
+
+def adds_up(counts: Counts | dict[str, Any]) -> bool:
+    """Tell whether each sample received is in one of the parts, of a core's counts or of a status."""
+    of = counts if isinstance(counts, dict) else {f"samples_{name}": value for name, value in asdict(counts).items()}
+    parts = ("used", "masked", "late", "duplicate", "rejected", "queued")
+    return bool(of["samples_received"] == sum(of[f"samples_{part}"] for part in parts))
+
+
+def resumed(data: bytes, of_wheel: Wheel) -> WheelCore:
+    """Return the core of a checkpoint's bytes."""
+    return WheelCore.resume(Checkpoint.from_json(data, "test"), of_wheel, model(), method="joint")
+
+
+def recorded(folder: Path, schema: str = Diagnosis.schema_name(), name: str = "") -> list[bytes]:
+    """Return the payloads of a kind in a chain of recordings, of one wheel or all."""
+    return [
+        message.data
+        for recording in read_chain(folder)
+        for message in recording.messages
+        if message.schema == schema and name in ("", message.topic.split("/")[2])
+    ]
 
 
 def batch_diagnoses(samples: Samples, of_wheel: Wheel, whole: bool = True) -> list[bytes]:

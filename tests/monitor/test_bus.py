@@ -10,6 +10,7 @@ from threading import Thread
 from typing import Literal
 
 import pytest
+import zenoh
 
 from rwa_monitor.errors import InputError, RwaMonitorError
 from rwa_monitor.monitor.bus import BusOptions, Inbox, MonitorBus, open_session, session_config
@@ -17,6 +18,9 @@ from rwa_monitor.monitor.ingest.backfill import MAX_ASKED, PAUSES_S, TIMEOUT_S, 
 from rwa_monitor.monitor.publisher import ReliablePublisher
 from tests.monitor.processes import wait_for
 from tests.monitor.support import KEY, free_port
+
+# Before which message, from which number on; what takes a message that was found, and the end.
+Question = tuple[Arrival, int, Callable[[Arrival], None], Callable[[], None]]
 
 
 def setting(options: BusOptions, key: str) -> object:
@@ -105,11 +109,13 @@ class History:
     """Publishers whose history is asked for; answers when told to."""
 
     def __init__(self) -> None:
-        self.asked: list[tuple[Arrival, int, Callable[[Arrival], None], Callable[[], None]]] = []
+        self.asked: list[Question] = []
         self.now_s = 0.0
 
-    def backfill(self, max_bytes: int = 1_000) -> Backfill:
-        return Backfill(lambda *question: self.asked.append(question), max_bytes, lambda: self.now_s)
+
+def asking(max_bytes: int = 1_000) -> tuple[History, Backfill]:
+    history = History()
+    return history, Backfill(lambda *question: history.asked.append(question), max_bytes, lambda: history.now_s)
 
 
 def arrivals(source: str, numbers: range) -> list[Arrival]:
@@ -123,17 +129,21 @@ def drained(backfill: Backfill, waiting: deque[Arrival]) -> list[Arrival]:
     return out
 
 
+def answer(question: Question, *found: Arrival) -> None:
+    for message in found:
+        question[2](message)
+    question[3]()
+
+
 def test_a_publisher_that_is_heard_late_is_asked_for_what_it_sent_before_and_others_pass() -> None:
-    history = History()
-    backfill = history.backfill()
+    history, backfill = asking()
     late, other = arrivals("late", range(8)), arrivals("other", range(2))
     assert drained(backfill, deque([late[5], other[0], late[6], other[1]])) == other
     ((before, first, found, finished),) = history.asked
     assert (before, first) == (late[5], 0)
     for message in (*late[3:5], *late[:4]):  # in any order, some twice
         found(message)
-    assert drained(backfill, deque()) == []
-    assert len(backfill) == 2
+    assert (drained(backfill, deque()), len(backfill)) == ([], 2)
     finished()
     assert drained(backfill, deque([late[7]])) == late
     assert len(history.asked) == 1
@@ -141,28 +151,22 @@ def test_a_publisher_that_is_heard_late_is_asked_for_what_it_sent_before_and_oth
 
 
 def test_a_gap_is_asked_for_again_until_it_is_closed() -> None:
-    history = History()
-    backfill = history.backfill()
+    history, backfill = asking()
     sent = arrivals("one", range(9))
     assert drained(backfill, deque([*sent[:2], *sent[4:6], sent[8]])) == sent[:2]
-    history.asked[0][3]()  # no answer: the connection is gone
+    answer(history.asked[0])  # with nothing: the connection is gone
     assert drained(backfill, deque()) == []
     history.now_s += PAUSES_S[0]
     assert drained(backfill, deque()) == []
-    for message in sent[2:4]:
-        history.asked[1][2](message)
-    history.asked[1][3]()
+    answer(history.asked[1], *sent[2:4])
     assert drained(backfill, deque()) == sent[2:6]  # and the next gap is found
-    for message in sent[6:8]:
-        history.asked[2][2](message)
-    history.asked[2][3]()
+    answer(history.asked[2], *sent[6:8])
     assert drained(backfill, deque()) == sent[6:]
     assert [(before.number, first) for before, first, _, _ in history.asked] == [(4, 2), (4, 2), (8, 6)]
 
 
 def test_what_a_publisher_no_longer_has_costs_a_wait_and_is_counted() -> None:
-    history = History()
-    backfill = history.backfill()
+    history, backfill = asking()
     sent = arrivals("one", range(9))
     out = drained(backfill, deque([sent[0], *sent[6:]]))
     while history.now_s < 2.0 * (sum(PAUSES_S) + (len(PAUSES_S) + 1) * TIMEOUT_S):  # nobody answers
@@ -174,13 +178,11 @@ def test_what_a_publisher_no_longer_has_costs_a_wait_and_is_counted() -> None:
 
 
 def test_what_waits_for_a_history_is_bounded() -> None:
-    history = History()
-    backfill = history.backfill(max_bytes=20)
+    history, backfill = asking(20)
     waiting = deque(arrivals("late", range(1, 100)))
     assert drained(backfill, waiting) == []
     assert len(waiting) == 96  # 3 messages of 7 bytes are more than 20
-    history.asked[0][2](arrivals("late", range(1))[0])
-    history.asked[0][3]()
+    answer(history.asked[0], *arrivals("late", range(1)))
     assert drained(backfill, waiting) == arrivals("late", range(100))
 
 
@@ -190,18 +192,16 @@ def fleet_of(publishers: int, kept: int) -> dict[str, list[Arrival]]:
 
 
 def test_of_a_fleet_a_few_publishers_are_asked_at_a_time_and_no_more_while_answers_lie_here() -> None:
-    history, kept = History(), 20
-    backfill = history.backfill(max_bytes=500 * len(b"payload"))  # fewer than that many publishers keep
+    kept = 20
+    history, backfill = asking(500 * len(b"payload"))  # fewer than that many publishers keep
     fleet = fleet_of(200, kept)
     out = drained(backfill, deque(sent[kept] for sent in fleet.values()))
     answered = 0
     while len(out) < 200 * (kept + 1):
         asked = history.asked[answered:]
         assert 0 < len(asked) <= MAX_ASKED
-        for before, first, found, finished in asked:
-            for message in fleet[before.source][first:kept]:
-                found(message)
-            finished()
+        for question in asked:
+            answer(question, *fleet[question[0].source][question[1] : kept])
         answered += len(asked)
         for _ in range(2 * kept):  # what two of them kept; the others' answers are still here
             message = backfill.take(lambda: None)
@@ -214,8 +214,7 @@ def test_of_a_fleet_a_few_publishers_are_asked_at_a_time_and_no_more_while_answe
 
 
 def test_a_publisher_is_asked_also_while_messages_of_others_flow() -> None:
-    history = History()
-    backfill = history.backfill()
+    history, backfill = asking()
     late, flowing = arrivals("late", range(3)), deque(arrivals("other", range(100)))
     flowing.insert(1, late[2])
     for _ in range(3):
@@ -224,8 +223,7 @@ def test_a_publisher_is_asked_also_while_messages_of_others_flow() -> None:
 
 
 def test_publishers_that_do_not_answer_let_others_be_asked() -> None:
-    history = History()
-    backfill = history.backfill(max_bytes=10_000)
+    history, backfill = asking(10_000)
     fleet = fleet_of(3 * MAX_ASKED, 1)
     assert drained(backfill, deque(sent[1] for sent in fleet.values())) == []
     assert len(history.asked) == MAX_ASKED
@@ -235,30 +233,20 @@ def test_publishers_that_do_not_answer_let_others_be_asked() -> None:
 
 
 def test_what_was_dropped_is_asked_for_although_nothing_follows() -> None:
-    history = History()
-    backfill = history.backfill()
+    history, backfill = asking()
     sent = arrivals("one", range(9))
     assert drained(backfill, deque(sent[:3])) == sent[:3]
     backfill.miss(sent[8])
     backfill.miss(sent[1])  # has arrived since
-    ((before, first, found, finished),) = history.asked
-    assert (before.number, first) == (9, 3)
-    for message in sent[3:]:
-        found(message)
-    finished()
+    (question,) = history.asked
+    assert (question[0].number, question[1]) == (9, 3)
+    answer(question, *sent[3:])
     assert drained(backfill, deque()) == sent[3:]
     assert (len(backfill), len(history.asked), backfill.missed) == (0, 1, {})
 
 
-def answer(question: tuple[Arrival, int, Callable[[Arrival], None], Callable[[], None]], *found: Arrival) -> None:
-    for message in found:
-        question[2](message)
-    question[3]()
-
-
 def test_what_could_not_be_read_is_asked_for_again_and_what_follows_waits_for_it() -> None:
-    history = History()
-    backfill = history.backfill()
+    history, backfill = asking()
     sent, other = arrivals("one", range(8)), arrivals("other", range(3))
     assert drained(backfill, deque([*sent[:3], other[0]])) == [*sent[:3], other[0]]
     assert backfill.ask_again(sent[2])
@@ -273,11 +261,9 @@ def test_what_could_not_be_read_is_asked_for_again_and_what_follows_waits_for_it
 
 
 def test_what_could_not_be_read_may_be_followed_by_a_gap_that_was_found_before() -> None:
-    history = History()
-    backfill = history.backfill(max_bytes=1_000)
+    history, backfill = asking()
     sent = arrivals("one", range(9))
-    waiting = deque([*sent[2:5], sent[7]])
-    assert drained(backfill, waiting) == []
+    assert drained(backfill, deque([*sent[2:5], sent[7]])) == []
     answer(history.asked[0], *sent[:2])
     # The first is read while those after it lie ready, and the next gap is known.
     assert backfill.take(lambda: None) == sent[0]
@@ -293,8 +279,7 @@ def test_what_could_not_be_read_may_be_followed_by_a_gap_that_was_found_before()
 
 @pytest.mark.parametrize("answers", ["nobody", "without it", "as bad"])
 def test_what_cannot_be_read_twice_is_given_out_as_it_is_and_its_publisher_not_asked_again(answers: str) -> None:
-    history = History()
-    backfill = history.backfill()
+    history, backfill = asking()
     sent = arrivals("one", range(5))
     assert drained(backfill, deque(sent[:2])) == sent[:2]
     assert backfill.ask_again(sent[1])
@@ -311,8 +296,7 @@ def test_what_cannot_be_read_twice_is_given_out_as_it_is_and_its_publisher_not_a
 
 
 def test_one_that_comes_again_and_cannot_be_read_does_not_let_all_after_it_be_asked_for() -> None:
-    history = History()
-    backfill = history.backfill()
+    history, backfill = asking()
     sent = arrivals("one", range(8))
     assert drained(backfill, deque(sent[:6])) == sent[:6]
     assert backfill.ask_again(sent[1])
@@ -322,8 +306,7 @@ def test_one_that_comes_again_and_cannot_be_read_does_not_let_all_after_it_be_as
 
 
 def test_who_does_not_number_messages_cannot_be_asked_again() -> None:
-    history = History()
-    backfill = history.backfill()
+    history, backfill = asking()
     assert not backfill.ask_again(Arrival("key", b"payload"))
     assert history.asked == []
 
@@ -349,34 +332,36 @@ def test_a_bus_whose_inbox_overflows_gets_everything_in_the_end() -> None:
     assert bus.missed == {}
 
 
+def hears(listening: zenoh.Session, sending: zenoh.Session) -> bool:
+    """Send a message from one session, and tell whether it arrives at the other."""
+    heard: list[bytes] = []
+    with (
+        listening.declare_subscriber("rwa/**", lambda sample: heard.append(sample.payload.to_bytes())),
+        sending.declare_publisher(KEY) as publisher,
+    ):
+        wait_for(lambda: bool(publisher.matching_status.matching), "a match")
+        publisher.put(b"a message")
+        wait_for(lambda: bool(heard), "the message")
+    return heard == [b"a message"]
+
+
 @pytest.mark.parametrize("mode", ["router", "peer"])
 def test_those_who_only_connect_hear_each_other_through_whoever_listens(mode: Literal["router", "peer"]) -> None:
     """As peers behind a router they would be silently deaf to each other."""
     endpoint = f"tcp/127.0.0.1:{free_port()}"
-    heard: list[bytes] = []
+    only_connected = BusOptions(connect=(endpoint,))
     with (
         open_session(BusOptions(mode=mode, listen=(endpoint,))),
-        open_session(BusOptions(connect=(endpoint,))) as one,
-        open_session(BusOptions(connect=(endpoint,))) as other,
-        one.declare_subscriber("rwa/**", lambda sample: heard.append(sample.payload.to_bytes())),
-        other.declare_publisher("rwa/sat/wheel_1/samples") as publisher,
+        open_session(only_connected) as one,
+        open_session(only_connected) as other,
     ):
-        wait_for(lambda: bool(publisher.matching_status.matching), "a match")
-        publisher.put(b"a message")
-        wait_for(lambda: bool(heard), "the message")
-    assert heard == [b"a message"]
+        assert hears(one, other)
 
 
 def test_who_only_connects_waits_for_whoever_comes_late() -> None:
     endpoint = f"tcp/127.0.0.1:{free_port()}"
-    heard: list[bytes] = []
     with (
         open_session(BusOptions(connect=(endpoint,))) as early,
-        early.declare_subscriber("rwa/**", lambda sample: heard.append(sample.payload.to_bytes())),
         open_session(BusOptions(mode="router", listen=(endpoint,))) as late,
-        late.declare_publisher("rwa/sat/wheel_1/samples") as publisher,
     ):
-        wait_for(lambda: bool(publisher.matching_status.matching), "a match")
-        publisher.put(b"a message")
-        wait_for(lambda: bool(heard), "the message")
-    assert heard == [b"a message"]
+        assert hears(early, late)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from base64 import b64encode
 from dataclasses import replace
+from functools import cache
 
 import hypothesis.strategies as st
 import numpy as np
@@ -12,13 +13,13 @@ import pytest
 from hypothesis import given, settings
 
 from rwa_monitor.errors import InputError
-from rwa_monitor.monitor.checkpoint import Checkpoint, SlotsState
+from rwa_monitor.monitor.checkpoint import SlotsState
 from rwa_monitor.monitor.core import WheelCore, diagnose_samples
 from rwa_monitor.monitor.events import ChannelMissing, EpochStarted, SensorFault, WindowDiagnosed
-from rwa_monitor.samples import Samples, concatenate
+from rwa_monitor.samples import Samples
 from rwa_monitor.switching.carried_state import CarriedState
 from rwa_monitor.wheel.wheel import Wheel
-from tests.monitor.support import WINDOW, model, pieces, run_core, said, spoiled, telemetry, wheel
+from tests.monitor.support import WINDOW, model, pieces, resumed, run_core, said, spoiled, telemetry, wheel
 
 ROWS = 3_400
 # window, hop, effects, friction given: all ways in which a core works.
@@ -62,15 +63,11 @@ def messages(core: WheelCore, parts: list[Samples]) -> list[tuple[str, bytes]]:
     return said([*run_core(core, parts), *core.finish()])
 
 
-_WHOLE: dict[str, list[tuple[str, bytes]]] = {}
-
-
+@cache
 def whole(kind: str) -> list[tuple[str, bytes]]:
     """Return what a core says that gets everything at once."""
-    if kind not in _WHOLE:
-        of_wheel, samples = case(kind)
-        _WHOLE[kind] = messages(WheelCore(of_wheel, model()), [samples])
-    return _WHOLE[kind]
+    of_wheel, samples = case(kind)
+    return messages(WheelCore(of_wheel, model()), [samples])
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -96,12 +93,6 @@ def test_messages_cut_anyhow_give_the_same_bytes(kind: str, cuts: list[int]) -> 
     assert messages(WheelCore(of_wheel, model()), parts) == whole(kind)
 
 
-def test_one_sample_at_a_time_gives_the_same_bytes() -> None:
-    of_wheel, samples = case("derived")
-    parts = list(pieces(samples, list(range(len(samples)))))
-    assert messages(WheelCore(of_wheel, model()), parts) == whole("derived")
-
-
 @pytest.mark.parametrize("kind", KINDS)
 @settings(max_examples=6, deadline=None)
 @given(cuts=st.lists(st.integers(1, 30), min_size=1, max_size=3))
@@ -113,7 +104,7 @@ def test_a_core_resumed_from_a_checkpoint_gives_the_same_bytes(kind: str, cuts: 
     for number, part in enumerate(parts):
         if number in cuts:
             data = core.checkpoint().to_json()
-            core = WheelCore.resume(Checkpoint.from_json(data, "test"), of_wheel, model(), method="joint")
+            core = resumed(data, of_wheel)
             assert core.checkpoint().to_json() == data
         events += core.feed(part, "p", number)
     assert said([*events, *core.finish()]) == whole(kind)
@@ -143,8 +134,7 @@ def test_a_checkpoint_of_before_windows_kept_their_samples_is_understood() -> No
         update={"slots": slots, "windows": now.windows.model_copy(update={"gathered": None}), "screen": now.screen}
     )
     assert len(slots.values["speed_rad_s"]) > len(now.slots.values["speed_rad_s"])
-    resumed = WheelCore.resume(Checkpoint.from_json(before.to_json(), "test"), of_wheel, model(), method="joint")
-    assert messages(resumed, parts[1:]) == messages(core, parts[1:])
+    assert messages(resumed(before.to_json(), of_wheel), parts[1:]) == messages(core, parts[1:])
 
 
 def test_a_checkpoint_of_before_samples_were_written_as_bytes_is_understood_and_a_damaged_one_refused() -> None:
@@ -160,12 +150,11 @@ def test_a_checkpoint_of_before_samples_were_written_as_bytes_is_understood_and_
         name: [None if np.isnan(value) else value for value in getattr(gathered, name).tolist()] for name in ("x", "z")
     }
 
-    def read(samples: dict[str, object]) -> Checkpoint:
+    def read(samples: dict[str, object]) -> WheelCore:
         windows = content["windows"] | {"gathered": [window | samples]}
-        return Checkpoint.from_json(json.dumps(content | {"version": 1, "windows": windows}).encode(), "test")
+        return resumed(json.dumps(content | {"version": 1, "windows": windows}).encode(), of_wheel)
 
-    resumed = WheelCore.resume(read(listed), of_wheel, model(), method="joint")
-    assert messages(resumed, parts[1:]) == messages(core, parts[1:])
+    assert messages(read(listed), parts[1:]) == messages(core, parts[1:])
     endless = b64encode(np.array([np.inf]).tobytes()).decode()
     for damaged in (window["x"][:-1], "AAAA", endless, "0.5", [0.1, "?"], [[0.1]], [10**400], {}, None):
         with pytest.raises(InputError, match=r"gathered.*x"):
@@ -179,12 +168,10 @@ def test_a_checkpoint_keeps_the_messages_that_wait() -> None:
     for number in (0, 2, 3):
         core.feed(parts[number], "p", number)
     core.feed(parts[1], "other", 0)
-    resumed = WheelCore.resume(
-        Checkpoint.from_json(core.checkpoint().to_json(), "test"), wheel(), model(), method="joint"
-    )
-    assert resumed.counts == core.counts
-    resumed.feed(parts[1], "p", 1)
-    assert (resumed.counts.used, resumed.counts.rejected) == (400, 100)
+    again = resumed(core.checkpoint().to_json(), wheel())
+    assert again.counts == core.counts
+    again.feed(parts[1], "p", 1)
+    assert (again.counts.used, again.counts.rejected) == (400, 100)
 
 
 def test_a_checkpoint_that_counts_something_else_or_beyond_all_bounds_is_refused() -> None:
@@ -192,22 +179,20 @@ def test_a_checkpoint_that_counts_something_else_or_beyond_all_bounds_is_refused
     core.feed(telemetry(WINDOW)[:200])
     whole = json.loads(core.checkpoint().to_json())
     for key, value in (("counts", {"__class__": 1}), ("counts", {"used": -1}), ("counts", {"used": 2**60})):
-        data = json.dumps(whole | {key: value}).encode()
         with pytest.raises(InputError, match="counts"):
-            WheelCore.resume(Checkpoint.from_json(data, "test"), wheel(), model(), method="joint")
+            resumed(json.dumps(whole | {key: value}).encode(), wheel())
     for part, field in (("slots", "begin"), ("windows", "done"), ("grid", "origin_ns"), ("grid", "frontier")):
-        data = json.dumps(whole | {part: whole[part] | {field: 2**64}}).encode()
         with pytest.raises(InputError, match=field):
-            Checkpoint.from_json(data, "test")
+            resumed(json.dumps(whole | {part: whole[part] | {field: 2**64}}).encode(), wheel())
 
 
 def test_a_checkpoint_of_another_wheel_is_refused() -> None:
     core = WheelCore(wheel(effects=True), model())
     core.feed(telemetry(500))
     with pytest.raises(InputError, match="does not fit"):
-        WheelCore.resume(core.checkpoint(), wheel(), model(), method="joint")
+        resumed(core.checkpoint().to_json(), wheel())
     with pytest.raises(InputError, match="counts"):
-        Checkpoint.from_json(b'{"version":1,"source":"","said_missing":false}', "test")
+        resumed(b'{"version":1,"source":"","said_missing":false}', wheel())
 
 
 # ---- when windows close ----------------------------------------------------------------------------------------------
@@ -306,8 +291,6 @@ def test_without_friction_and_constants_there_is_one_clear_error() -> None:
 def test_motor_torque_serves_as_well_as_current() -> None:
     samples = telemetry(1_500, given=False)
     constant = wheel().torque_constant_Nm_A
-    assert samples.motor_current_A is not None
-    assert constant is not None
     torque = Samples(samples.time_ns, samples.speed_rad_s, motor_torque_Nm=constant * samples.motor_current_A)
     current = Samples(samples.time_ns, samples.speed_rad_s, motor_current_A=samples.motor_current_A)
     plain = said(list(diagnose_samples(current, wheel(), model())))
@@ -327,7 +310,6 @@ def test_effects_of_an_extended_wheel_are_taken_out_of_the_friction() -> None:
     """Friction with a Stribeck term, seen with a wheel that knows it, is friction without, seen without."""
     plain = telemetry(WINDOW)
     strength, scale = 5e-4, 8.0
-    assert plain.friction_torque_Nm is not None
     stribeck = strength * np.exp(-np.abs(plain.speed_rad_s / scale)) * np.sign(plain.speed_rad_s)
     tables = wheel().to_tables()
     tables["effect"] = [
@@ -349,9 +331,3 @@ def test_a_core_goes_on_after_its_end() -> None:
     first = [*core.feed(samples[:700]), *core.finish()]
     second = [*core.feed(samples[700:]), *core.finish()]
     assert [event.diagnosis.slots for event in closed([*first, *second])] == [700, WINDOW, 2 * WINDOW - 700 - WINDOW]
-
-
-def test_joined_parts_are_the_whole() -> None:
-    samples = telemetry(500)
-    parts = list(pieces(samples, [100, 250]))
-    np.testing.assert_array_equal(concatenate(parts).speed_rad_s, samples.speed_rad_s)

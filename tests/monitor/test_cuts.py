@@ -14,11 +14,10 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings
 
-from rwa_monitor.monitor.checkpoint import Checkpoint
 from rwa_monitor.monitor.core import WheelCore
 from rwa_monitor.samples import Samples
 from rwa_monitor.wheel.wheel import Wheel
-from tests.monitor.support import WINDOW, model, pieces, said, telemetry, wheel
+from tests.monitor.support import WINDOW, model, pieces, resumed, said, telemetry, wheel
 
 ROWS = 3_600
 PLACES = 24  # stretches in which something is wrong
@@ -91,8 +90,7 @@ def test_disordered_telemetry_says_the_same_in_any_messages(
     core, events = WheelCore(of_wheel, model()), []
     for number, part in enumerate(pieces(samples, [min(cut, len(samples)) for cut in cuts])):
         if number in restarts:
-            data = core.checkpoint().to_json()
-            core = WheelCore.resume(Checkpoint.from_json(data, "test"), of_wheel, model(), method="joint")
+            core = resumed(core.checkpoint().to_json(), of_wheel)
         events += core.feed(part)
     assert said([*events, *core.finish()]) == whole
     assert core.counts == counts

@@ -8,16 +8,15 @@ from typing import Any
 
 import jsonschema
 import pytest
-from click.testing import CliRunner
 from mcap.reader import make_reader
 
-from rwa_monitor.cli.foxglove import command
 from rwa_monitor.errors import InputError
 from rwa_monitor.messages import Diagnosis, Health, HealthAlarm, health_message
 from rwa_monitor.monitor.recording.foxglove_file import write_foxglove
 from rwa_monitor.monitor.recording.reader import read_recording
 from rwa_monitor.reporting.foxglove import Translator, View, schemas
 from rwa_monitor.reporting.foxglove_layout import Seen, layout
+from tests.program import run
 
 REPLAY = Path("replay")
 KEY = "rwa/reference/wheel_1"
@@ -29,7 +28,6 @@ def topics_of(path: Path) -> Topics:
     found: Topics = {}
     with path.open("rb") as stream:
         for schema, channel, message in make_reader(stream, validate_crcs=True).iter_messages():
-            assert schema is not None
             content = json.loads(message.data)
             if not channel.topic.endswith("/samples"):  # long arrays, which have null for what was not measured
                 jsonschema.Draft202012Validator(without_types(json.loads(schema.data))).validate(content)
@@ -51,7 +49,7 @@ def without_types(schema: dict[str, Any]) -> dict[str, Any]:
 @pytest.fixture(scope="module", params=["two_anomalies", "bad_day", "dry", "nominal"])
 def written(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Topics, Any]:
     source, target = REPLAY / request.param, tmp_path_factory.mktemp("foxglove") / "out.mcap"
-    result = CliRunner().invoke(command, [str(source), "-o", str(target)])
+    result = run("foxglove", source, "-o", target)
     assert result.exit_code == 0, result.output
     return source, topics_of(target), json.loads((target.parent / "out.layout.json").read_bytes())
 
@@ -110,6 +108,14 @@ def test_diagnoses_and_trouble_are_lines_of_the_log(written: tuple[Path, Topics,
         if status["last_error"]:
             assert [line["level"] for line in log if line["message"] == status["last_error"]] == [3]
     assert {line["name"] for line in log} == {"reference/wheel_1"}
+
+
+def test_of_a_recording_that_is_cut_what_is_left_is_written_and_the_exit_code_is_3(tmp_path: Path) -> None:
+    data = (REPLAY / "nominal" / "rwa-000001.mcap").read_bytes()
+    (tmp_path / "cut.mcap").write_bytes(data[: len(data) // 2])
+    result = run("foxglove", tmp_path / "cut.mcap", "-o", tmp_path / "out.mcap")
+    assert result.exit_code == 3, result.output
+    assert topics_of(tmp_path / "out.mcap")[f"{KEY}/telemetry"]
 
 
 def test_foxglove_can_read_every_schema() -> None:

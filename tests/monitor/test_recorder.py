@@ -6,6 +6,7 @@ import subprocess
 import sys
 import textwrap
 import zlib
+from collections.abc import Callable, Iterator
 from itertools import pairwise
 from pathlib import Path
 
@@ -16,22 +17,35 @@ from rwa_monitor.errors import InputError
 from rwa_monitor.monitor.recording import recorder as recorder_module
 from rwa_monitor.monitor.recording.chain import file_sha256, recordings_of
 from rwa_monitor.monitor.recording.reader import last_settings, read_recording
-from rwa_monitor.monitor.recording.recorder import MAX_FILE_AGE_S, FolderLock, Predecessor, Recorder
+from rwa_monitor.monitor.recording.recorder import MAX_FILE_AGE_S, FolderLock, Recorder
 from rwa_monitor.monitor.recording.recover import recover
 from rwa_monitor.monitor.recording.writer import RecordingWriter
 from tests.monitor.recordings import TOPICS
 
+Checkpoints = dict[str, Callable[[], bytes]]
 
-def recorder(folder: Path, predecessor: Predecessor | None = None, max_file_bytes: int = 10**7) -> Recorder:
+
+def recorder(folder: Path, max_file_bytes: int = 10**7, max_total_bytes: int | None = None) -> Recorder:
     return Recorder(
         folder,
         wheel_toml="",
         model_json="",
         settings={"method": "joint"},
-        predecessor=predecessor,
+        predecessor=None,
         wall_ns=lambda: 1,
         max_file_bytes=max_file_bytes,
+        max_total_bytes=max_total_bytes,
     )
+
+
+def fed(writing: Recorder, messages: int, size: int, checkpoints: Checkpoints | None = None) -> Iterator[int]:
+    """Record random messages, one each 1.5 s, with checkpoints of later files; yields their numbers, and ends it."""
+    rng = np.random.default_rng(1)
+    for number in range(messages):
+        writing.input(TOPICS[0], "rwa.Samples", number.to_bytes(4, "big") + rng.bytes(size), number)
+        writing.tend(number * 1.5, lambda: checkpoints or {})
+        yield number
+    writing.close(messages * 1.5)
 
 
 def test_a_second_is_all_that_is_not_on_the_disk(tmp_path: Path) -> None:
@@ -51,11 +65,7 @@ def test_a_second_is_all_that_is_not_on_the_disk(tmp_path: Path) -> None:
 def test_files_follow_each_other_with_name_and_hash(tmp_path: Path) -> None:
     writing = recorder(tmp_path, max_file_bytes=20_000)
     writing.begin({"sat/a": lambda: b'{"n":0}'}, now_s=0.0)
-    rng = np.random.default_rng(1)
-    for number in range(100):
-        writing.input(TOPICS[0], "rwa.Samples", rng.bytes(1_000), number)
-        writing.tend(number * 1.5, lambda: {"sat/a": lambda: b'{"n":1}'})
-    writing.close(200.0)
+    assert len(list(fed(writing, 100, 1_000, {"sat/a": lambda: b'{"n":1}'}))) == 100
     files = recordings_of(tmp_path)
     assert len(files) > 3
     for before, after in pairwise(files):
@@ -92,23 +102,10 @@ def test_a_recording_ends_when_it_is_old_and_the_next_one_goes_on(tmp_path: Path
 
 def test_the_oldest_files_are_deleted_to_keep_a_limit(tmp_path: Path) -> None:
     limit = 3_000_000
-    writing = Recorder(
-        tmp_path,
-        wheel_toml="",
-        model_json="",
-        settings={},
-        predecessor=None,
-        wall_ns=lambda: 1,
-        max_file_bytes=200_000,
-        max_total_bytes=limit,
-    )
+    writing = recorder(tmp_path, max_file_bytes=200_000, max_total_bytes=limit)
     writing.begin({}, now_s=0.0)
-    rng = np.random.default_rng(1)
-    for number in range(400):
-        writing.input(TOPICS[0], "rwa.Samples", number.to_bytes(4, "big") + rng.bytes(20_000), number)
-        writing.tend(number * 1.5, dict)
+    for _ in fed(writing, 400, 20_000):
         assert sum(path.stat().st_size for path in recordings_of(tmp_path)) <= limit
-    writing.close(600.0)
     kept = [message.data for path in recordings_of(tmp_path) for message in read_recording(path).messages]
     numbers = [int.from_bytes(data[:4], "big") for data in kept]
     assert numbers == list(range(numbers[0], 400))  # the latest ones, without a hole
@@ -119,11 +116,7 @@ def test_checkpoints_larger_than_a_file_should_be_do_not_fill_the_disk_alone(tmp
     writing = recorder(tmp_path, max_file_bytes=20_000)
     checkpoints = {"sat/a": lambda: b"0" * 100_000}
     writing.begin(checkpoints, now_s=0.0)
-    rng = np.random.default_rng(1)
-    for number in range(400):
-        writing.input(TOPICS[0], "rwa.Samples", rng.bytes(1_000), number)
-        writing.tend(number * 1.5, lambda: checkpoints)
-    writing.close(600.0)
+    assert len(list(fed(writing, 400, 1_000, checkpoints))) == 400
     assert 2 <= len(recordings_of(tmp_path)) <= 5
 
 
@@ -257,7 +250,6 @@ def test_what_was_on_the_disk_survives_a_kill_at_any_moment(tmp_path: Path) -> N
         with subprocess.Popen(
             [sys.executable, "-c", textwrap.dedent(KILLED), str(folder)], stdout=subprocess.PIPE, text=True
         ) as child:
-            assert child.stdout is not None
             for _ in range(int(rng.integers(1, 60))):
                 promised = int(child.stdout.readline())
             child.kill()

@@ -8,7 +8,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rwa_monitor.cli.main import main as program
 from rwa_monitor.errors import InputError
 from rwa_monitor.messages import samples_json
 from rwa_monitor.monitor.recording import file_bytes
@@ -19,6 +18,7 @@ from rwa_monitor.monitor.recording.writer import RecordingWriter
 from rwa_monitor.monitor.replay import replay
 from rwa_monitor.samples import IntArray, Samples
 from tests.monitor.recordings import write_file
+from tests.program import run
 
 
 def test_recover_saves_what_a_cut_file_holds(whole: tuple[Path, list[bytes]]) -> None:
@@ -38,29 +38,30 @@ def test_recover_saves_what_a_cut_file_holds(whole: tuple[Path, list[bytes]]) ->
 
 def recovered_messages(source: Path, target: Path) -> tuple[list[bytes], int]:
     """Run the command; return what it saved, and its exit code."""
-    code = 0
-    try:
-        program(["recover", str(source), "-o", str(target)], standalone_mode=True)
-    except SystemExit as ended:
-        code = int(ended.code or 0)
+    code = run("recover", source, "-o", target).exit_code
     saved = [message.data for message in read_recording(target).messages] if target.exists() else []
     target.unlink(missing_ok=True)
     return saved, code
 
 
-def test_recover_on_every_cut_of_a_small_file_gives_true_messages_and_exit_3(tmp_path: Path) -> None:
+# Of the places in a file, every so many: `make test` takes a share of them, `make test-all` each.
+each_place = pytest.mark.parametrize("step", [13, pytest.param(1, marks=pytest.mark.slow)])
+
+
+@each_place
+def test_recover_on_every_cut_of_a_small_file_gives_true_messages_and_exit_3(tmp_path: Path, step: int) -> None:
     path, cut, target = tmp_path / "small.mcap", tmp_path / "cut.mcap", tmp_path / "saved.mcap"
     payloads = write_file(path, messages=4, flush_every=2)
     data = path.read_bytes()
-    counts = []
-    for length in range(8, len(data)):
+    counts = {}
+    for number, length in enumerate(sorted({*range(8, len(data), step), *range(len(data) - 60, len(data))})):
         cut.write_bytes(data[:length])
         recording = read_recording(cut)
         got = [message.data for message in recording.messages]
         assert got == payloads[: len(got)]
         assert not recording.finished
-        counts.append(len(got))
-        if length % 997:
+        counts[length] = len(got)
+        if number % 97:
             continue
         recovery = recover(cut, target)
         assert recovery.lost
@@ -68,21 +69,22 @@ def test_recover_on_every_cut_of_a_small_file_gives_true_messages_and_exit_3(tmp
         assert saved.finished
         assert [message.data for message in saved.messages] == got
         target.unlink()
-    assert counts == sorted(counts)
-    assert set(counts) == {0, 2, 4}
-    for length in (9, len(data) // 2, len(data) - 1):
+    assert list(counts.values()) == sorted(counts.values())
+    assert set(counts.values()) == {0, 2, 4}
+    for length in (8, list(counts)[len(counts) // 2], len(data) - 1):
         cut.write_bytes(data[:length])
-        assert recovered_messages(cut, target) == (payloads[: counts[length - 8]], 3)
+        assert recovered_messages(cut, target) == (payloads[: counts[length]], 3)
     assert recovered_messages(path, target) == (payloads, 0)
 
 
-def test_recover_on_every_flipped_byte_of_a_small_file_gives_only_true_messages(tmp_path: Path) -> None:
+@each_place
+def test_recover_on_every_flipped_byte_of_a_small_file_gives_only_true_messages(tmp_path: Path, step: int) -> None:
     path, damaged, target = tmp_path / "small.mcap", tmp_path / "damaged.mcap", tmp_path / "saved.mcap"
     payloads = write_file(path, messages=4, flush_every=2)
     data = path.read_bytes()
     rng = np.random.default_rng(3)
     summary = data.index(b"rwa.Status", len(data) // 4)  # from there on it only repeats: every seventh byte will do
-    for position in (*range(8, summary), *range(summary, len(data), 7)):
+    for number, position in enumerate((*range(8, summary, step), *range(summary, len(data), 7 * step))):
         broken = bytearray(data)
         broken[position] ^= 1 << int(rng.integers(8))
         damaged.write_bytes(broken)
@@ -90,7 +92,7 @@ def test_recover_on_every_flipped_byte_of_a_small_file_gives_only_true_messages(
         got = [message.data for message in recording.messages]
         assert got in (payloads, payloads[:2], payloads[2:])
         assert recording.problems or got == payloads
-        if position % 997:
+        if number % 97:
             continue
         recovery = recover(damaged, target)
         assert [message.data for message in read_recording(target).messages] == got

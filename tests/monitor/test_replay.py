@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -14,9 +13,11 @@ from benchmarks import references
 from rwa_monitor.errors import InputError
 from rwa_monitor.messages import Diagnosis
 from rwa_monitor.monitor.recording.chain import recordings_of
-from rwa_monitor.monitor.recording.reader import RecordedMessage, Recording, read_recording
+from rwa_monitor.monitor.recording.reader import RecordedMessage
 from rwa_monitor.monitor.recording.recover import recover
 from rwa_monitor.monitor.replay import Report, replay
+from tests.monitor.recordings import rewrite
+from tests.monitor.support import adds_up, recorded
 
 REPLAY = Path(__file__).parents[2] / "replay"
 BY_NAME = {reference.name: reference for reference in references.REFERENCES}
@@ -63,41 +64,12 @@ def test_the_same_code_makes_the_same_bytes(tmp_path: Path) -> None:
 
 
 def test_samples_add_up_in_every_status_of_the_bad_day() -> None:
-    statuses = [
-        json.loads(message.data)
-        for path in recordings_of(REPLAY / "bad_day")
-        for message in read_recording(path).messages
-        if message.schema == "rwa.Status"
-    ]
+    statuses = [json.loads(payload) for payload in recorded(REPLAY / "bad_day", "rwa.Status")]
     assert len(statuses) > 5
-    for status in statuses:
-        parts = ("used", "masked", "late", "duplicate", "rejected", "queued")
-        assert status["samples_received"] == sum(status[f"samples_{part}"] for part in parts)
+    assert all(map(adds_up, statuses))
 
 
 # ---- what was tampered with ------------------------------------------------------------------------------------------
-
-
-def rewrite(path: Path, change: Callable[[RecordedMessage], bytes | None]) -> None:
-    """Write a recording again with some messages changed, or left out where `change` returns None."""
-    recording: Recording = read_recording(path)
-    with path.open("wb") as file:
-        writer = Writer(file)
-        writer.start()
-        for name, data in recording.attachments.items():
-            writer.add_attachment(0, 0, name, "", data)
-        schemas: dict[str, int] = {}
-        channels: dict[str, int] = {}
-        for message in recording.messages:
-            data = change(message)
-            if data is None:
-                continue
-            if message.schema not in schemas:
-                schemas[message.schema] = writer.register_schema(message.schema, "", b"")
-            if message.topic not in channels:
-                channels[message.topic] = writer.register_channel(message.topic, "json", schemas[message.schema])
-            writer.add_message(channels[message.topic], message.log_time, data, message.publish_time)
-        writer.finish()  # type: ignore[no-untyped-call]
 
 
 @pytest.fixture
@@ -112,7 +84,7 @@ def is_diagnosis(message: RecordedMessage) -> bool:
 
 
 def test_an_untouched_copy_written_again_is_equal(copy: Path) -> None:
-    rewrite(copy, lambda message: message.data)
+    rewrite(copy, copy, lambda message: message.data)
     report = replay(copy)
     assert report.equal
     # Another processor may differ from the one that made the references in the last bits, with either of them.
@@ -126,7 +98,7 @@ def test_a_changed_diagnosis_is_found_and_counted_by_field(copy: Path) -> None:
             content["fit"]["rmse_Nm"] *= 1.0 + 1e-7
         return json.dumps(content).encode()
 
-    rewrite(copy, change)
+    rewrite(copy, copy, change)
     report = replay(copy)
     assert not report.equal
     assert report.fields == {"fit.rmse_Nm": 3}
@@ -141,7 +113,7 @@ def test_the_last_bits_may_differ_but_are_told(copy: Path) -> None:
             content["fit"]["rmse_Nm"] *= 1.0 + 1e-12
         return json.dumps(content, separators=(",", ":")).encode()
 
-    rewrite(copy, change)
+    rewrite(copy, copy, change)
     report = replay(copy)
     assert report.equal
     assert not report.bytes_equal
@@ -157,7 +129,7 @@ def test_a_missing_diagnosis_is_found(copy: Path) -> None:
             return None
         return message.data
 
-    rewrite(copy, change)
+    rewrite(copy, copy, change)
     assert not replay(copy).equal
 
 
@@ -169,12 +141,12 @@ def test_a_missing_input_is_found(copy: Path) -> None:
         inputs += message.schema == "rwa.Samples"
         return None if message.schema == "rwa.Samples" and inputs == 15 else message.data
 
-    rewrite(copy, change)
+    rewrite(copy, copy, change)
     assert not replay(copy).equal
 
 
 def test_a_recording_without_a_window_is_no_success(copy: Path) -> None:
-    rewrite(copy, lambda message: None)
+    rewrite(copy, copy, lambda message: None)
     report = replay(copy)
     assert not report.equal
     assert "nothing could be compared" in report.short()

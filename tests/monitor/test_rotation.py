@@ -29,7 +29,7 @@ from rwa_monitor.monitor.recording.reader import last_settings
 from rwa_monitor.monitor.recording.recorder import MAX_FILE_AGE_S, Recorder
 from rwa_monitor.monitor.replay import replay
 from rwa_monitor.monitor.run_options import RunOptions
-from tests.monitor.support import WINDOW, model, telemetry, wheel
+from tests.monitor.support import WINDOW, model, recorded, telemetry, wheel
 
 WHEELS: Final = ("wheel_1", "wheel_2", "wheel_3", "wheel_4")
 BATCH: Final = 128  # samples of a message
@@ -125,12 +125,8 @@ def is_between(folder: Path) -> bool:
 
 def check(folder: Path) -> None:
     """Check that a chain holds each diagnosis once, as `diagnose` would say it, and that each recording replays."""
-    recorded: dict[str, list[bytes]] = {name: [] for name in WHEELS}
-    for recording in read_chain(folder):
-        for message in recording.messages:
-            if message.schema == Diagnosis.schema_name():
-                recorded[message.topic.split("/")[2]].append(message.data)
-    assert {name: tuple(found) for name, found in recorded.items()} == {name: expected(name) for name in WHEELS}
+    for name in WHEELS:
+        assert tuple(recorded(folder, name=name)) == expected(name)
     report = replay(folder)
     assert report.equal, report.long()
     assert report.bytes_equal
@@ -227,13 +223,7 @@ def test_what_a_power_cut_takes_of_the_file_that_is_begun_comes_again(tmp_path: 
         with recordings_of(folder)[-1].open("r+b") as file:
             file.truncate(stays)
         go_on(start(folder))
-        recorded = [
-            message.data
-            for recording in read_chain(folder)
-            for message in recording.messages
-            if message.topic == "rwa/sat/wheel_1/diagnosis"
-        ]
-        assert tuple(recorded) == expected("wheel_1")
+        assert tuple(recorded(folder, name="wheel_1")) == expected("wheel_1")
         assert not replay(folder).differences
 
 
@@ -250,13 +240,7 @@ def test_a_checkpoint_damaged_while_the_wheels_come_over_costs_nothing(tmp_path:
     (folder / path.name).write_bytes(data)
     assert "cannot be read" in go_on(start(folder)).talk[0]
     for name in WHEELS:
-        recorded = [
-            message.data
-            for recording in read_chain(folder)
-            for message in recording.messages
-            if message.topic == f"rwa/sat/{name}/diagnosis"
-        ]
-        assert tuple(recorded) == expected(name)
+        assert tuple(recorded(folder, name=name)) == expected(name)
 
 
 def test_the_file_before_stays_until_all_wheels_have_come_over(tmp_path: Path, start: type[Run]) -> None:

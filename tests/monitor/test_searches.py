@@ -6,7 +6,7 @@ import errno
 import json
 import signal
 import threading
-import time
+from collections.abc import Iterator
 from multiprocessing import active_children
 from multiprocessing.context import SpawnProcess
 from multiprocessing.process import BaseProcess
@@ -61,60 +61,52 @@ def batches(samples: Samples) -> list[bytes]:
 
 def wait_for_output(searches: Searches) -> list[Discrepancy]:
     """Poll until an answer is there."""
-    end_s = time.monotonic() + LIMIT_S
-    while time.monotonic() < end_s:
-        outputs = searches.poll()
-        if outputs:
-            return [Discrepancy.parse(output.payload, output.key) for output in outputs]
-        Event().wait(0.05)
-    raise AssertionError("no answer in time")
+    outputs = wait_for(searches.poll, "an answer", LIMIT_S)
+    return [Discrepancy.parse(output.payload, output.key) for output in outputs]
+
+
+@pytest.fixture
+def said() -> list[str]:
+    return []
+
+
+@pytest.fixture
+def searches(tmp_path: Path, said: list[str]) -> Iterator[Searches]:
+    made = Searches(WheelSet(small_wheel()), tmp_path, said.append)
+    yield made
+    made.close()
 
 
 @pytest.mark.slow
-def test_two_inadequate_windows_are_searched_once(tmp_path: Path) -> None:
-    said: list[str] = []
-    searches = Searches(WheelSet(small_wheel()), tmp_path, said.append)
-    try:
-        searches.take_diagnosis("sat", "a", adequate=False)
-        for payload in batches(telemetry(1)):
-            searches.take_input("sat", "a", payload)
-        searches.take_diagnosis("sat", "a", adequate=False)
-        (message,) = wait_for_output(searches)
-        assert message.verdict == "inadequate"
-        assert message.effects[0].name == "quadratic_drag"
-        folder = tmp_path / "discrepancy" / "sat" / "a"
-        assert Wheel.from_toml((folder / "extended_wheel.toml").read_text(), "x").effect[0].name == "quadratic_drag"
-        assert (folder / "report.html").read_text().startswith("<!doctype html>")
-        searches.take_diagnosis("sat", "a", adequate=False)
-        assert searches.poll() == []
-    finally:
-        searches.close()
+def test_two_inadequate_windows_are_searched_once(searches: Searches, tmp_path: Path) -> None:
+    searches.take_diagnosis("sat", "a", adequate=False)
+    for payload in batches(telemetry(1)):
+        searches.take_input("sat", "a", payload)
+    searches.take_diagnosis("sat", "a", adequate=False)
+    (message,) = wait_for_output(searches)
+    assert message.verdict == "inadequate"
+    assert message.effects[0].name == "quadratic_drag"
+    folder = tmp_path / "discrepancy" / "sat" / "a"
+    assert Wheel.from_toml((folder / "extended_wheel.toml").read_text(), "x").effect[0].name == "quadratic_drag"
+    assert (folder / "report.html").read_text().startswith("<!doctype html>")
+    searches.take_diagnosis("sat", "a", adequate=False)
+    assert searches.poll() == []
 
 
-def test_an_adequate_window_in_between_starts_again(tmp_path: Path) -> None:
-    searches = Searches(WheelSet(small_wheel()), tmp_path, lambda _: None)
+def test_an_adequate_window_in_between_starts_again(searches: Searches) -> None:
     for adequate in (False, True, False):
         searches.take_diagnosis("sat", "a", adequate=adequate)
         searches.take_input("sat", "a", b"{}")
     assert searches.poll() == []
-    searches.close()
 
 
-def test_samples_that_cannot_be_searched_are_told_and_nothing_is_published(tmp_path: Path) -> None:
-    said: list[str] = []
-    searches = Searches(WheelSet(small_wheel()), tmp_path, said.append)
-    try:
-        searches.take_diagnosis("sat", "a", adequate=False)
-        few = Samples(np.arange(5) * 125_000_000, np.full(5, 100.0), np.full(5, 1e-3))
-        searches.take_input("sat", "a", samples_json(few, "p", 0))
-        searches.take_diagnosis("sat", "a", adequate=False)
-        end_s = time.monotonic() + LIMIT_S
-        while not any("could not be made" in line for line in said) and time.monotonic() < end_s:
-            assert searches.poll() == []
-            Event().wait(0.05)
-        assert "only 5 good samples" in said[-1]
-    finally:
-        searches.close()
+def test_samples_that_cannot_be_searched_are_told_and_nothing_is_published(searches: Searches, said: list[str]) -> None:
+    searches.take_diagnosis("sat", "a", adequate=False)
+    few = Samples(np.arange(5) * 125_000_000, np.full(5, 100.0), np.full(5, 1e-3))
+    searches.take_input("sat", "a", samples_json(few, "p", 0))
+    searches.take_diagnosis("sat", "a", adequate=False)
+    wait_for(lambda: searches.poll() != [] or any("could not be made" in line for line in said), "the word", LIMIT_S)
+    assert "only 5 good samples" in said[-1]
 
 
 def begun(searches: Searches, copies: int = 1) -> BaseProcess:
@@ -129,24 +121,19 @@ def begun(searches: Searches, copies: int = 1) -> BaseProcess:
     return child
 
 
-def test_nobody_waits_until_the_process_takes_its_samples(tmp_path: Path) -> None:
-    searches = Searches(WheelSet(small_wheel()), tmp_path, lambda _: None)
-    try:
-        begun(searches, copies=20)  # more than a pipe holds: its process takes them when it has imported what it needs
-        assert [thread.name for thread in threading.enumerate()].count(HAND_OVER) == 1
-    finally:
-        searches.close()
+def test_nobody_waits_until_the_process_takes_its_samples(searches: Searches) -> None:
+    begun(searches, copies=20)  # more than a pipe holds: its process takes them when it has imported what it needs
+    assert [thread.name for thread in threading.enumerate()].count(HAND_OVER) == 1
+    searches.close()
     wait_for(lambda: HAND_OVER not in {thread.name for thread in threading.enumerate()}, "the thread to end")
 
 
 def test_where_no_process_can_be_started_that_is_said_and_the_next_one_is_tried(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    searches: Searches, said: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def refused(_: object) -> None:
         raise BlockingIOError(errno.EAGAIN, "Resource temporarily unavailable")
 
-    said: list[str] = []
-    searches = Searches(WheelSet(small_wheel()), tmp_path, said.append)
     with monkeypatch.context() as patched:
         patched.setattr(SpawnProcess, "start", refused)
         for _ in range(2):
@@ -154,28 +141,21 @@ def test_where_no_process_can_be_started_that_is_said_and_the_next_one_is_tried(
             searches.take_input("sat", "a", b"{}")
         assert searches.poll() == []
         assert said[-1] == "sat/a: no process for a discrepancy search: Resource temporarily unavailable"
-    try:
-        searches.take_diagnosis("sat", "a", adequate=True)
-        begun(searches)
-    finally:
-        searches.close()
+    searches.take_diagnosis("sat", "a", adequate=True)
+    begun(searches)
 
 
-def test_close_ends_a_running_search_at_once(tmp_path: Path) -> None:
-    searches = Searches(WheelSet(small_wheel()), tmp_path, lambda _: None)
+def test_close_ends_a_running_search_at_once(searches: Searches) -> None:
     child = begun(searches)
     searches.close()
     child.join(LIMIT_S)
     assert child.exitcode == -signal.SIGKILL  # it was not waited for until it had its answer
 
 
-def test_a_search_whose_process_is_killed_is_told(tmp_path: Path) -> None:
-    said: list[str] = []
-    searches = Searches(WheelSet(small_wheel()), tmp_path, said.append)
+def test_a_search_whose_process_is_killed_is_told(searches: Searches, said: list[str]) -> None:
     begun(searches).kill()  # as the system does where memory is short
     wait_for(lambda: searches.poll() == [] and "ended without an answer" in said[-1], "the word that it has ended")
     assert said[-1] == "a discrepancy search ended without an answer (exit code -9)"
-    searches.close()
 
 
 @pytest.mark.slow

@@ -9,7 +9,7 @@ import signal
 import subprocess
 import time
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -26,25 +26,27 @@ from rwa_monitor.messages import SamplesMessage, samples_json
 from rwa_monitor.monitor.bus import BusOptions, open_session
 from rwa_monitor.monitor.ingest.backfill import Arrival, arrival_of
 from rwa_monitor.monitor.publisher import ReliablePublisher, SamplesPublisher, publish
-from rwa_monitor.monitor.recording.chain import read_chain, recordings_of
-from rwa_monitor.monitor.recording.reader import read_recording
+from rwa_monitor.monitor.recording.chain import read_chain
 from rwa_monitor.monitor.replay import replay, replay_to_bus
 from rwa_monitor.monitor.run_options import RunOptions
 from rwa_monitor.monitor.service import run
 from rwa_monitor.samples import Samples
 from rwa_monitor.telemetry.table import read_table
 from rwa_monitor.version import SOFTWARE
-from tests.monitor.processes import PATIENCE_S, Listener, command, process, wait_for, wait_until_it_monitors
+from tests.monitor.processes import PATIENCE_S, Listener, monitor, process, wait_for, wait_until_it_monitors
 from tests.monitor.support import (
     KEY,
     WINDOW,
+    adds_up,
     batch_diagnoses,
     free_port,
     model,
+    recorded,
     spoiled,
     telemetry,
     wheel,
 )
+from tests.program import command
 
 STOP_S = 2.0  # the promise
 SLACK = 5.0
@@ -52,35 +54,6 @@ SLACK = 5.0
 
 def options(**changes: Any) -> RunOptions:
     return RunOptions(**{"wheel": wheel(), "model": model(), "status_period_s": 0.05, **changes})
-
-
-@contextmanager
-def monitor(session: zenoh.Session, run_options: RunOptions) -> Iterator[list[str]]:
-    """Run the monitor in a thread on an embedded session; yields what it says to its user."""
-    stop, talk, failed = Event(), [], []
-
-    def target() -> None:
-        try:
-            run(run_options, stop, session=session, say=talk.append)
-        except BaseException as error:  # noqa: BLE001 - told to the test below
-            failed.append(error)
-
-    thread = Thread(target=target)
-    thread.start()
-    try:
-        wait_for(lambda: bool(failed) or any("monitoring" in line for line in talk), "the monitor")
-        yield talk
-    finally:
-        stop.set()
-        thread.join(PATIENCE_S)
-        assert not thread.is_alive()
-    if failed:
-        raise failed[0]
-
-
-def adds_up(status: dict[str, Any]) -> bool:
-    parts = ("used", "masked", "late", "duplicate", "rejected", "queued")
-    return bool(status["samples_received"] == sum(status[f"samples_{part}"] for part in parts))
 
 
 def statuses(listener: Listener) -> dict[str, dict[str, Any]]:
@@ -91,16 +64,16 @@ def statuses(listener: Listener) -> dict[str, dict[str, Any]]:
 # ---- in one process, on an embedded bus ------------------------------------------------------------------------------
 
 
-def test_an_embedded_monitor_says_what_the_batch_says_and_its_recording_replays(tmp_path: Path) -> None:
+def test_an_embedded_monitor_says_what_the_batch_says_and_its_recording_replays(
+    session: zenoh.Session, listener: Listener, tmp_path: Path
+) -> None:
     telemetries = {f"rwa/sat/wheel_{n}/samples": spoiled(telemetry(3 * WINDOW, n), n) for n in (1, 2)}
-    with open_session(BusOptions()) as session:
-        listener = Listener(session)
-        with monitor(session, options(record=tmp_path)) as talk:
-            sent = publish(telemetries, session, speed=math.inf, linger_s=0.0)
-            wait_for(lambda: len(listener.kind("diagnosis")) >= 4, "four diagnoses")
-            replies = {str(reply.ok.key_expr): reply.ok.payload.to_bytes() for reply in session.get("rwa/**/health")}
-            wait_for(lambda: sum(s["samples_received"] for s in statuses(listener).values()) == sent, "all samples")
-        latest = statuses(listener)
+    with monitor(session, options(record=tmp_path)) as talk:
+        sent = publish(telemetries, session, speed=math.inf, linger_s=0.0)
+        wait_for(lambda: len(listener.kind("diagnosis")) >= 4, "four diagnoses")
+        replies = {str(reply.ok.key_expr): reply.ok.payload.to_bytes() for reply in session.get("rwa/**/health")}
+        wait_for(lambda: sum(s["samples_received"] for s in statuses(listener).values()) == sent, "all samples")
+    latest = statuses(listener)
     assert sent == sum(len(samples) for samples in telemetries.values())
     assert sum(status["samples_received"] for status in latest.values()) == sent
     assert all(adds_up(status) for status in latest.values())
@@ -141,27 +114,28 @@ BAD = (
 )
 
 
-def test_bad_messages_are_counted_recorded_and_change_nothing(tmp_path: Path) -> None:
+def test_bad_messages_are_counted_recorded_and_change_nothing(
+    session: zenoh.Session, listener: Listener, tmp_path: Path
+) -> None:
     samples = telemetry(2 * WINDOW + 1)
-    with open_session(BusOptions()) as session:
-        listener = Listener(session)
-        with monitor(session, options(record=tmp_path)):
-            publisher = SamplesPublisher(session, KEY)
-            for start in range(0, len(samples), 100):
-                publisher.put(samples[start : start + 100])
-                session.put(KEY, BAD[start // 100 % len(BAD)], congestion_control=zenoh.CongestionControl.BLOCK)
-            wait_for(lambda: len(listener.kind("diagnosis")) >= 2, "both windows")
-            wait_for(lambda: listener.status().get("messages_rejected") == 21, "all bad messages")
-            publisher.close()
-        assert listener.status()["last_error"]
+    with monitor(session, options(record=tmp_path)):
+        publisher = SamplesPublisher(session, KEY)
+        for start in range(0, len(samples), 100):
+            publisher.put(samples[start : start + 100])
+            session.put(KEY, BAD[start // 100 % len(BAD)], congestion_control=zenoh.CongestionControl.BLOCK)
+        wait_for(lambda: len(listener.kind("diagnosis")) >= 2, "both windows")
+        wait_for(lambda: listener.status().get("messages_rejected") == 21, "all bad messages")
+        publisher.close()
+    assert listener.status()["last_error"]
     assert listener.kind("diagnosis") == batch_diagnoses(samples, wheel())
-    (path,) = recordings_of(tmp_path)
-    refused = [message.data for message in read_recording(path).messages if message.topic == f"{KEY}/refused"]
+    refused = recorded(tmp_path, "rwa.Refused")
     assert sorted(refused) == sorted(BAD[number % len(BAD)] for number in range(21))
     assert replay(tmp_path).bytes_equal
 
 
-def test_what_is_damaged_on_its_way_is_asked_for_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_is_damaged_on_its_way_is_asked_for_again(
+    session: zenoh.Session, listener: Listener, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     samples, damaged = telemetry(2 * WINDOW + 1), {1, 4, 5, 9}
 
     def arrives(sample: zenoh.Sample) -> Arrival:
@@ -172,81 +146,71 @@ def test_what_is_damaged_on_its_way_is_asked_for_again(tmp_path: Path, monkeypat
         return arrival._replace(payload=arrival.payload[:-300] + b"\x91" + arrival.payload[:299])
 
     monkeypatch.setattr("rwa_monitor.monitor.bus.arrival_of", arrives)
-    with open_session(BusOptions()) as session:
-        listener = Listener(session)
-        with monitor(session, options(record=tmp_path)):
-            publisher = SamplesPublisher(session, KEY)
-            for start in range(0, len(samples), 100):
-                publisher.put(samples[start : start + 100])
-            wait_for(lambda: len(listener.kind("diagnosis")) >= 2, "both windows")
-            wait_for(lambda: listener.status().get("samples_received") == len(samples), "all samples")
-            publisher.close()
-        status = listener.status()
+    with monitor(session, options(record=tmp_path)):
+        publisher = SamplesPublisher(session, KEY)
+        for start in range(0, len(samples), 100):
+            publisher.put(samples[start : start + 100])
+        wait_for(lambda: len(listener.kind("diagnosis")) >= 2, "both windows")
+        wait_for(lambda: listener.status().get("samples_received") == len(samples), "all samples")
+        publisher.close()
+    status = listener.status()
     assert (status["samples_used"], status["messages_rejected"], status["messages_missed"]) == (len(samples), 0, 0)
     assert status["last_error"] is None
     assert listener.kind("diagnosis") == batch_diagnoses(samples, wheel())
     assert replay(tmp_path).bytes_equal
 
 
-def test_who_always_writes_what_cannot_be_read_is_refused_and_holds_up_nobody(tmp_path: Path) -> None:
+def test_who_always_writes_what_cannot_be_read_is_refused_and_holds_up_nobody(
+    session: zenoh.Session, listener: Listener, tmp_path: Path
+) -> None:
     samples = telemetry(WINDOW + 1)
-    with open_session(BusOptions()) as session:
-        listener = Listener(session)
-        with monitor(session, options(record=tmp_path)):
-            publisher = SamplesPublisher(session, KEY)
-            broken = ReliablePublisher(session, KEY)
-            for start in range(0, len(samples), 50):
-                broken.put(b"\x91" * (start + 1))
-                publisher.put(samples[start : start + 50])
-            wait_for(lambda: len(listener.kind("diagnosis")) >= 1, "the window")
-            wait_for(lambda: listener.status().get("messages_rejected") == 21, "all bad messages")
-            publisher.close()
-            broken.close()
+    with monitor(session, options(record=tmp_path)):
+        publisher = SamplesPublisher(session, KEY)
+        broken = ReliablePublisher(session, KEY)
+        for start in range(0, len(samples), 50):
+            broken.put(b"\x91" * (start + 1))
+            publisher.put(samples[start : start + 50])
+        wait_for(lambda: len(listener.kind("diagnosis")) >= 1, "the window")
+        wait_for(lambda: listener.status().get("messages_rejected") == 21, "all bad messages")
+        publisher.close()
+        broken.close()
     assert listener.kind("diagnosis") == batch_diagnoses(samples, wheel())
-    (path,) = recordings_of(tmp_path)
-    refused = [message.data for message in read_recording(path).messages if message.topic == f"{KEY}/refused"]
+    refused = recorded(tmp_path, "rwa.Refused")
     assert refused == [b"\x91" * (start + 1) for start in range(0, len(samples), 50)]
 
 
-def test_a_sensor_that_jumps_again_and_again_is_told_once_a_window() -> None:
+def test_a_sensor_that_jumps_again_and_again_is_told_once_a_window(session: zenoh.Session, listener: Listener) -> None:
     samples = telemetry(2 * WINDOW + 100)
-    assert samples.friction_torque_Nm is not None
     friction = samples.friction_torque_Nm.copy()
     friction[40::20] *= 40.0
-    with open_session(BusOptions()) as session:
-        listener = Listener(session)
-        with monitor(session, options()) as talk:
-            publish({KEY: replace(samples, friction_torque_Nm=friction)}, session, speed=math.inf, linger_s=0.0)
-            wait_for(lambda: len(listener.kind("diagnosis")) == 2, "two diagnoses")
-            wait_for(lambda: listener.status().get("samples_masked", 0) > 2 * WINDOW // 20 - 10, "the masked samples")
-            assert "stands out" in listener.status()["last_error"]
+    with monitor(session, options()) as talk:
+        publish({KEY: replace(samples, friction_torque_Nm=friction)}, session, speed=math.inf, linger_s=0.0)
+        wait_for(lambda: len(listener.kind("diagnosis")) == 2, "two diagnoses")
+        wait_for(lambda: listener.status().get("samples_masked", 0) > 2 * WINDOW // 20 - 10, "the masked samples")
+        assert "stands out" in listener.status()["last_error"]
     assert adds_up(listener.status())
     assert 2 <= sum("stands out" in line for line in talk) <= 3
 
 
-def test_a_wild_time_is_not_told_as_that_of_the_latest_sample() -> None:
+def test_a_wild_time_is_not_told_as_that_of_the_latest_sample(session: zenoh.Session, listener: Listener) -> None:
     samples = telemetry(200)
     wild = Samples(np.array([1_801_000_000_000_000_000]), np.ones(1), np.ones(1))
-    with open_session(BusOptions()) as session:
-        listener = Listener(session)
-        with monitor(session, options()):
-            publisher = SamplesPublisher(session, KEY)
-            publisher.put(samples)
-            publisher.put(wild)
-            wait_for(lambda: listener.status().get("samples_received") == 201, "all samples")
-            publisher.close()
+    with monitor(session, options()):
+        publisher = SamplesPublisher(session, KEY)
+        publisher.put(samples)
+        publisher.put(wild)
+        wait_for(lambda: listener.status().get("samples_received") == 201, "all samples")
+        publisher.close()
     assert listener.status()["last_sample_ns"] == int(samples.time_ns[-1])
 
 
-def test_a_wheel_that_cannot_be_served_is_told_in_its_status() -> None:
+def test_a_wheel_that_cannot_be_served_is_told_in_its_status(session: zenoh.Session, listener: Listener) -> None:
     samples = Samples(np.arange(50) * 125_000_000, np.ones(50))
-    with open_session(BusOptions()) as session:
-        listener = Listener(session)
-        with monitor(session, options()) as talk:
-            publish({KEY: samples}, session, speed=math.inf, batch_samples=10, linger_s=0.0)
-            wait_for(lambda: listener.status().get("messages_rejected") == 5, "five refusals")
-            session.put(KEY, b'{"time_ns":[1],"speed_rad_s":[1.0],"friction_torque_nm":[1.0]}')
-            wait_for(lambda: listener.status().get("messages_rejected") == 6, "one more")
+    with monitor(session, options()) as talk:
+        publish({KEY: samples}, session, speed=math.inf, batch_samples=10, linger_s=0.0)
+        wait_for(lambda: listener.status().get("messages_rejected") == 5, "five refusals")
+        session.put(KEY, b'{"time_ns":[1],"speed_rad_s":[1.0],"friction_torque_nm":[1.0]}')
+        wait_for(lambda: listener.status().get("messages_rejected") == 6, "one more")
     assert "friction_torque_nm: did you mean friction_torque_Nm?" in listener.status()["last_error"]
     assert sum("friction_torque_Nm is missing" in line for line in talk) == 2  # once, not five times; and the other
 
@@ -284,23 +248,20 @@ def test_monitors_apart_by_their_keys_serve_each_wheel_once_and_none_that_is_nob
 
 
 def test_a_recording_is_published_again_as_it_was(tmp_path: Path) -> None:
-    samples = telemetry(2 * WINDOW + 1)
-    with open_session(BusOptions()) as session:
-        with monitor(session, options(record=tmp_path / "one")):
-            listener = Listener(session)
-            publish({KEY: samples}, session, speed=math.inf, linger_s=0.0)
-            wait_for(lambda: len(listener.kind("diagnosis")) >= 2, "both windows")
-        before = listener.kind("diagnosis")
-    with open_session(BusOptions()) as session:
-        listener = Listener(session)
-        with monitor(session, options(record=tmp_path / "two")):
-            assert replay_to_bus(tmp_path / "one", session, speed=math.inf) == math.ceil(len(samples) / 256)
-            wait_for(lambda: len(listener.kind("diagnosis")) >= 2, "both windows again")
+    samples, before, again = telemetry(2 * WINDOW + 1), tmp_path / "before", tmp_path / "again"
+    with open_session(BusOptions()) as session, monitor(session, options(record=before)):
+        first = Listener(session)
+        publish({KEY: samples}, session, speed=math.inf, linger_s=0.0)
+        wait_for(lambda: len(first.kind("diagnosis")) >= 2, "both windows")
+    with open_session(BusOptions()) as session, monitor(session, options(record=again)):
+        second = Listener(session)
+        assert replay_to_bus(before, session, speed=math.inf) == math.ceil(len(samples) / 256)
+        wait_for(lambda: len(second.kind("diagnosis")) >= 2, "both windows again")
         last_ns = int(samples.time_ns[-1])
-        assert replay_to_bus(tmp_path / "one", session, speed=math.inf, from_ns=last_ns) == 1
+        assert replay_to_bus(before, session, speed=math.inf, from_ns=last_ns) == 1
         with pytest.raises(InputError, match="the recordings hold nothing so late: they end at"):
-            replay_to_bus(tmp_path / "one", session, speed=math.inf, from_ns=last_ns + 1)
-    assert listener.kind("diagnosis") == before
+            replay_to_bus(before, session, speed=math.inf, from_ns=last_ns + 1)
+    assert second.kind("diagnosis") == first.kind("diagnosis")
 
 
 def test_a_folder_that_another_monitor_uses_is_refused(tmp_path: Path) -> None:
@@ -330,11 +291,9 @@ def test_two_processes_over_tcp_say_what_the_batch_says(tmp_path: Path, wheel_fi
             wait_for(lambda: _windows_told(session) == 2, "both windows")
         child.send_signal(signal.SIGTERM)
         assert child.wait(PATIENCE_S) == 0
-    (path,) = recordings_of(folder)
-    recording = read_recording(path)
-    recorded = [message.data for message in recording.messages if message.schema == "rwa.Diagnosis"]
-    assert recorded == batch_diagnoses(read_table(table).samples, wheel())
+    (recording,) = read_chain(folder)
     assert recording.finished
+    assert recorded(folder) == batch_diagnoses(read_table(table).samples, wheel())
     assert replay(folder).bytes_equal
 
 
@@ -375,13 +334,7 @@ def test_a_monitor_that_is_killed_at_any_moment_goes_on_where_it_was(tmp_path: P
     assert report.equal, report.long()
     assert report.bytes_equal
     # In the chain of recordings each diagnosis stands once, on the bus at least once and always in the same bytes.
-    recorded = [
-        message.data
-        for path in recordings_of(folder)
-        for message in read_recording(path).messages
-        if message.schema == "rwa.Diagnosis"
-    ]
-    assert recorded == expected
+    assert recorded(folder) == expected
     assert adds_up(listener.status())
     assert listener.status()["messages_missed"] == 0
 

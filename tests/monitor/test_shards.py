@@ -15,8 +15,9 @@ from rwa_monitor.monitor.publisher import SamplesPublisher
 from rwa_monitor.monitor.replay import replay
 from rwa_monitor.samples import Samples
 from rwa_monitor.telemetry.table import read_table
-from tests.monitor.processes import PATIENCE_S, Listener, command, process, wait_for, wait_until_it_monitors
+from tests.monitor.processes import PATIENCE_S, Listener, process, wait_for, wait_until_it_monitors
 from tests.monitor.support import WINDOW, free_port, model, telemetry, wheel
+from tests.program import command
 
 WHEELS = 4  # of which two belong to each shard of two
 WINDOWS = 4

@@ -22,8 +22,9 @@ from rwa_monitor.monitor.recording.recorder import FolderLock
 from rwa_monitor.monitor.run_options import RunOptions
 from rwa_monitor.monitor.service import run
 from rwa_monitor.monitor.supervisor import Supervisor
-from tests.monitor.processes import Listener, command, process, wait_for, wait_until_it_monitors
+from tests.monitor.processes import Listener, process, wait_for, wait_until_it_monitors
 from tests.monitor.support import KEY, free_port, model, telemetry, wheel
+from tests.program import command
 
 SILENCE_S = 0.9  # WATCHDOG_USEC of these tests; a sign of life comes every third of it
 QUIET_S = 1.5

@@ -54,7 +54,6 @@ def test_nothing_grows_on_wheels_that_lack_it(fleet: list[Course], name: str) ->
         if name in course.windows[0].scenario.anomalies:
             continue
         trend = coefficient_trend(name, course.estimates[name], 1e9)
-        assert trend is not None
         assert not trend.trend.present, trend.sentence()
         assert trend.reach is None
         assert trend.sentence().startswith("No trend of ")
@@ -69,9 +68,7 @@ def test_a_growth_is_found_and_its_limit_told_beforehand(fleet: list[Course], wh
     limit = healthy * (1.0 + share * (FLEET_SEVERITIES[name] - 1.0))
     anomaly = course.windows[0].scenario.anomalies[name]
     trend = coefficient_trend(name, course.estimates[name][:seen], limit)
-    assert trend is not None
     assert trend.trend.present, trend.sentence()
-    assert trend.reach is not None
     assert trend.reach.low_s <= anomaly.onset_s + share * anomaly.growth_s <= trend.reach.high_s
     assert "grows by" in trend.sentence()
     document = json.loads(json.dumps(trend.document()))
@@ -87,11 +84,8 @@ def test_times_since_1970_lose_nothing(fleet: list[Course]) -> None:
         replace(e, window_start_ns=epoch_ns + e.window_start_ns, window_end_ns=epoch_ns + e.window_end_ns)
         for e in plain
     ]
-    assert plain[0].value is not None
     limit = 10.0 * plain[0].value
     one, other = coefficient_trend("dry", plain, limit), coefficient_trend("dry", late, limit)
-    assert one is not None
-    assert other is not None
     assert one.reach == other.reach
     assert other.at_ns(1.5) == epoch_ns + 1_500_000_000
     assert other.at_ns(float("inf")) is None
@@ -135,7 +129,6 @@ def growing(step: float) -> list[FrictionEstimate]:
 )
 def test_the_sentence_names_the_limit_and_its_time(step: float, limit: float | None, end: str) -> None:
     trend = coefficient_trend("dry", growing(step), limit)
-    assert trend is not None
     course = "grows" if step > 0 else "falls"
     told = rf"Base dry friction {course} by 0\.24\d mN m a day \(± \S+ µN m, p < 1e-09\) and {end}"
     assert re.fullmatch(told, trend.sentence()), trend.sentence()

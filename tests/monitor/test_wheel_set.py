@@ -7,16 +7,14 @@ from pathlib import Path
 
 import pytest
 import zenoh
-from click.testing import CliRunner
 
 from rwa_monitor.batch.tasks import Diagnose
-from rwa_monitor.cli.main import main
 from rwa_monitor.errors import InputError
 from rwa_monitor.messages import Diagnosis, samples_json
 from rwa_monitor.monitor.bus import BusOptions, open_session
 from rwa_monitor.monitor.core import WheelCore
 from rwa_monitor.monitor.outputs import outputs_of
-from rwa_monitor.monitor.recording.chain import read_chain, recordings_of
+from rwa_monitor.monitor.recording.chain import recordings_of
 from rwa_monitor.monitor.replay import replay
 from rwa_monitor.monitor.run_options import RunOptions
 from rwa_monitor.monitor.searches import jobs_of
@@ -25,9 +23,9 @@ from rwa_monitor.samples import Samples
 from rwa_monitor.telemetry.wheel_file import read_wheel_folder, write_wheel
 from rwa_monitor.wheel.wheel import Wheel
 from tests.history.support import discrepancy
-from tests.monitor.processes import Listener, wait_for
-from tests.monitor.support import WINDOW, model, telemetry, wheel
-from tests.monitor.test_service import monitor
+from tests.monitor.processes import Listener, monitor, wait_for
+from tests.monitor.support import WINDOW, model, recorded, telemetry, wheel
+from tests.program import run
 
 OWN, OTHER = ("sat", "wheel_2"), ("sat", "wheel_1")
 BATCH = 128
@@ -75,17 +73,13 @@ def test_each_wheel_goes_by_its_own_file_and_only_the_one_whose_file_changed_sta
     assert not any("wheel_2: has no wheel file of its own" in line for line in talk)
     assert any("another wheel file, model or method of sat/wheel_2: begun anew" in line for line in talk)
 
-    recorded: dict[str, list[bytes]] = {name: [] for name in both}
-    for recording in read_chain(tmp_path):
-        for message in recording.messages:
-            if message.schema == Diagnosis.schema_name():
-                recorded[message.topic.split("/")[2]].append(message.data)
     changed = [
         *expected("wheel_2", before["wheel_2"], wheel(WINDOW // 2)),
         *expected("wheel_2", after["wheel_2"], wheel(WINDOW // 4)),
     ]
     assert len(changed) == 2 + 5  # of 3 and 6 windows, the last one is closed by a sample beyond it
-    assert recorded == {"wheel_1": expected("wheel_1", both["wheel_1"], wheel()), "wheel_2": changed}
+    assert recorded(tmp_path, name="wheel_1") == expected("wheel_1", both["wheel_1"], wheel())
+    assert recorded(tmp_path, name="wheel_2") == changed
     report = replay(tmp_path)
     assert report.equal, report.long()
     assert report.bytes_equal
@@ -153,6 +147,6 @@ def test_a_folder_that_cannot_be_used_is_refused_before_anything_runs(
     if name is not None:
         (tmp_path / "sat").mkdir()
         (tmp_path / name).write_text(text)
-    result = CliRunner().invoke(main, ["run", "--wheel-folder", str(tmp_path)])
+    result = run("run", "--wheel-folder", tmp_path)
     assert result.exit_code == 2
     assert reason in result.stderr

@@ -62,7 +62,6 @@ def router(own: Path, scratch: Path) -> Iterator[int]:
     process = subprocess.Popen(
         [sys.executable, "-c", ROUTER_PY, str(config)], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
     )
-    assert process.stdout is not None
     try:
         assert process.stdout.readline() == "router is up\n"
         yield port

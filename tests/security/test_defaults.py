@@ -21,6 +21,7 @@ from rwa_monitor.cli.options import warn_if_alone
 from rwa_monitor.errors import InputError
 from rwa_monitor.monitor.bus import MAX_CONFIG_BYTES, MAX_CONFIG_DEPTH, BusOptions, open_session, session_config
 from tests.monitor.processes import wait_for
+from tests.program import command
 
 PACKAGE = Path(rwa_monitor.__file__).parent
 
@@ -35,9 +36,7 @@ def setting(options: BusOptions, key: str) -> object:
 @contextmanager
 def program(folder: Path, *words: str, until: str) -> Iterator[psutil.Process]:
     """Run the program in a process of its own until it has said something."""
-    process = subprocess.Popen(
-        [sys.executable, "-m", "rwa_monitor", *words], stderr=subprocess.PIPE, text=True, cwd=folder
-    )
+    process = subprocess.Popen(command(*words), stderr=subprocess.PIPE, text=True, cwd=folder)
     assert process.stderr is not None
     try:
         assert any(until in line for line in process.stderr), "it ended"

@@ -7,7 +7,6 @@ import subprocess
 from pathlib import Path
 
 import pytest
-from mcap.writer import CompressionType, Writer
 
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.errors import InputError
@@ -19,6 +18,7 @@ from rwa_monitor.telemetry.model_file import read_model
 from rwa_monitor.telemetry.scenario_file import read_scenario
 from rwa_monitor.telemetry.wheel_file import read_wheel
 from rwa_monitor.wheel.wheel import built_in_wheel
+from tests.monitor.recordings import rewrite
 
 REFERENCE = Path(__file__).parents[2] / "replay" / "nominal" / "rwa-000001.mcap"
 FILES = {
@@ -46,28 +46,6 @@ def test_a_file_beside_which_its_hash_lies_must_have_it(name: str, tmp_path: Pat
             read(path)
 
 
-def rewritten(target: Path, name: str, change: tuple[bytes, bytes]) -> None:
-    """Write the reference again with one attachment changed, and every checksum right."""
-    recording = read_recording(REFERENCE)
-    assert change[0] in recording.attachments[name]
-    recording.attachments[name] = recording.attachments[name].replace(*change)
-    with target.open("wb") as file:
-        writer = Writer(file, compression=CompressionType.ZSTD)
-        writer.start()
-        for attachment, data in recording.attachments.items():
-            if attachment != "channels.json":
-                writer.add_attachment(0, 0, attachment, "", data)
-        channels: dict[tuple[str, str], int] = {}
-        for message in recording.messages:
-            place = (message.topic, message.schema)
-            if place not in channels:
-                channels[place] = writer.register_channel(
-                    message.topic, "json", writer.register_schema(message.schema, "", b"")
-                )
-            writer.add_message(channels[place], message.log_time, message.data, message.publish_time)
-        writer.finish()
-
-
 @pytest.mark.parametrize(
     ("name", "change"),
     [
@@ -78,10 +56,12 @@ def rewritten(target: Path, name: str, change: tuple[bytes, bytes]) -> None:
 def test_a_recording_with_another_wheel_or_model_does_not_replay(
     name: str, change: tuple[bytes, bytes], tmp_path: Path
 ) -> None:
-    rewritten(tmp_path / "same.mcap", name, (change[0], change[0]))
-    assert replay(tmp_path / "same.mcap").equal  # the control
-    rewritten(tmp_path / "other.mcap", name, change)
-    report = replay(tmp_path / "other.mcap")
+    same, other = tmp_path / "same.mcap", tmp_path / "other.mcap"
+    rewrite(REFERENCE, same)
+    assert replay(same).equal  # the control
+    assert change[0] in read_recording(REFERENCE).attachments[name]
+    rewrite(REFERENCE, other, attached=lambda which, data: data.replace(*change) if which == name else data)
+    report = replay(other)
     assert not report.equal
     hashed = "wheel_sha256" if name == "wheel.toml" else "model_sha256"
     assert any(hashed in field for field in report.fields), report.fields

@@ -37,7 +37,7 @@ from rwa_monitor.telemetry.scenario_file import read_scenario
 from rwa_monitor.telemetry.table import read_table
 from rwa_monitor.telemetry.wheel_file import read_wheel
 from rwa_monitor.wheel.wheel import MAX_WHEEL_FILE_BYTES
-from tests.cli.conftest import run
+from tests.program import run
 
 DEEP = 100_000
 READERS: dict[str, tuple[Callable[[Path], object], int]] = {

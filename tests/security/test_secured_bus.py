@@ -10,7 +10,6 @@ import json
 import signal
 import stat
 import subprocess
-import sys
 import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
@@ -31,6 +30,7 @@ from rwa_monitor.monitor.recording.chain import recordings_of
 from rwa_monitor.monitor.recording.reader import read_recording
 from tests.monitor.processes import wait_for
 from tests.monitor.support import WINDOW, batch_diagnoses, telemetry, wheel
+from tests.program import command
 from tests.security.rig import DOCKER, NAMES, certificates, issued, leaf, make_certificates, router
 
 pytestmark = pytest.mark.processes
@@ -184,7 +184,6 @@ def strangers(own: Path, port: int, scratch: Path) -> dict[str, BusOptions]:
     )
     early = issued(own / "authority", scratch / "early", "simulated.wheel_1", not_before=yesterday + timedelta(days=2))
     unknown = leaf(own / "somebody", port, scratch)
-    assert unknown.config is not None
     text = unknown.config.read_text(encoding="utf-8")
     bare = scratch / "bare.json5"
     bare.write_text("\n".join(line for line in text.splitlines() if "own." not in line and "enable_mtls" not in line))
@@ -251,8 +250,8 @@ def test_run_simulate_and_a_dashboard_work_over_the_secured_bus(issued_by_us: Pa
 
         def program(name: str, *words: str) -> subprocess.Popen[str]:
             options = leaf(issued_by_us / name, port, tmp_path)
-            command = [*words, "-c", str(options.config), "-e", options.connect[0]]
-            return subprocess.Popen([sys.executable, "-m", "rwa_monitor", *command], stderr=subprocess.PIPE, text=True)
+            joined = command(*words, "-c", options.config, "-e", options.connect[0])
+            return subprocess.Popen(joined, stderr=subprocess.PIPE, text=True)
 
         with bus.join("dashboard") as dashboard, bus.join("simulated.wheel_1") as satellite:
             subscriber = ext.declare_advanced_subscriber(

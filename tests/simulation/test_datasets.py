@@ -30,11 +30,14 @@ def means(recipe, count, **settings):
     return list(generate(recipe, count, 17, **settings))
 
 
-def test_paper_has_26_changepoints_plus_minus_10():
+def test_paper_has_26_changepoints_plus_minus_10_in_either_direction():
     """150 windows: the mean's spread is 10/√150 = 0.8, that of the standard deviation 0.6; bounds are three of them."""
-    counts = [int(window.telemetry.truth.changepoints.visible.sum()) for window in generate("paper", 150, 23)]
+    truths = [window.telemetry.truth for window in generate("paper", 150, 23)]
+    counts = [int(truth.changepoints.visible.sum()) for truth in truths]
     assert np.mean(counts) == pytest.approx(26.0, abs=2.5)
     assert np.std(counts) == pytest.approx(10.0, abs=1.8)
+    # The share of positive speed is symmetric about one half; of 150 windows its mean has a spread of at most 0.04.
+    assert np.mean([np.mean(truth.speed_rad_s > 0) for truth in truths]) == pytest.approx(0.5, abs=0.12)
 
 
 def test_paper_and_mild_have_the_papers_noise_and_statuses():
@@ -128,12 +131,6 @@ def test_a_record_depends_on_seed_and_number_only():
     assert many[0].wheel != many[1].wheel
     assert next(generate("mild", 1, 8)).wheel != many[0].wheel
     assert list(generate("mild", 0, 7)) == []
-
-
-def test_direction_of_rotation_is_drawn_evenly():
-    """The share of positive speed is symmetric about one half; of 60 windows its mean has a spread of at most 0.065."""
-    share = [np.mean(window.telemetry.truth.speed_rad_s > 0) for window in generate("mild", 60, 29)]
-    assert np.mean(share) == pytest.approx(0.5, abs=0.2)
 
 
 def test_labels_and_truth_can_be_written():

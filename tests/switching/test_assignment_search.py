@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
@@ -227,15 +226,3 @@ def test_pruning_is_said_and_still_gives_a_whole_path():
     assert result.pruned
     assert result.paths[0].actions.size == 40
     assert search(problem, paths=4, margin=30.0, budget=4000).paths[0].score >= result.paths[0].score
-
-
-def test_two_hundred_candidates_and_three_systems(capsys):
-    rng = np.random.default_rng(9)
-    problem = random_problem(rng, (SHORT, LONG, FREE), 200)
-    begin = time.process_time()
-    result = search(problem, paths=16, margin=14.0, budget=4000)
-    took = time.process_time() - begin
-    with capsys.disabled():
-        print(f"\n  200 candidates, 3 systems: {took:.2f} s, {result.states} entries, pruned: {result.pruned}", end="")
-    assert result.paths[0].actions.size == 200
-    assert took < 5.0  # of processor time; a second is the aim

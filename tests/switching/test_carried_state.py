@@ -121,7 +121,6 @@ def test_filter_of_a_constant_shrinks_to_the_steady_state_of_its_drift() -> None
 def test_a_window_that_does_not_show_a_value_only_widens_it() -> None:
     before = Tracked(mean=1.0, std=0.01, windows=3)
     after = follow(before, 1.6, 0.01, known=False)
-    assert after is not None
     assert after.mean == 1.0
     assert after.std > 0.01
     assert after.windows == 3
@@ -166,7 +165,6 @@ def test_friction_of_configurations_is_remembered_and_forgotten() -> None:
     for _ in range(200):
         state = _next(state)
     memory = state.fss[0].friction[1]
-    assert memory is not None
     assert memory.mean == pytest.approx(0.45)
     assert memory.count == pytest.approx(1.0 / (1.0 - 0.95), rel=1e-3)  # the sum of a geometric series
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rwa_monitor.changepoints.running_sums import RunningSums
 from rwa_monitor.changepoints.stage_results import REJECTED, UNATTRIBUTED, Candidates, FlatStory
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.kernels.assignment import add_agreement, tell
@@ -15,6 +14,7 @@ from rwa_monitor.kernels.segments import pair_moments
 from rwa_monitor.switching import segments
 from rwa_monitor.switching.assignment_search import NO_SYSTEM, REJECT, Path, Problem, search, step_of
 from tests.switching.assignment_problems import LONG, SHORT, random_path, random_problem
+from tests.switching.assignment_windows import sums_of
 
 
 def plain_story(problem: Problem, path: Path, index: np.ndarray) -> tuple[list[list[int]], list[list[int]], list[int]]:
@@ -82,8 +82,7 @@ def test_levels_signs_and_chains_are_those_of_the_samples():
     x, used = rng.uniform(0.3, 1.0, slots), rng.random(slots) > 0.1
     level = np.array([1.0, 1.5, 1.5, 1.2, 1.4])[np.searchsorted(index, np.arange(slots), side="right")]
     z = level + 0.8 * x + 0.02 * rng.standard_normal(slots)
-    sums = RunningSums(x, z, used)
-    sums.extend(slots)
+    sums = sums_of(x, z, used)
     accepted = np.array([0, 2, 3])
     nodes = segments.nodes_of(accepted, index.size)
     assert nodes.tolist() == [0, 1, 3, 4, 5]
@@ -107,8 +106,7 @@ def test_levels_signs_and_chains_are_those_of_the_samples():
 def test_levels_without_samples_leave_the_sign_to_the_contrast():
     x, used = np.ones(300), np.ones(300, dtype=np.bool_)
     used[100:200] = False
-    sums = RunningSums(x, np.where(np.arange(300) < 150, 1.0, 2.0), used)
-    sums.extend(300)
+    sums = sums_of(x, np.where(np.arange(300) < 150, 1.0, 2.0), used)
     index, nodes = np.array([100, 200]), np.array([0, 1, 2, 3])
     pairs = pair_moments(np.array([0, 100, 200, 300]), sums.arrays)
     candidates = Candidates(index, np.full(2, 16), np.full(2, 50.0), np.array([0.5, 0.5]))

@@ -46,7 +46,6 @@ def with_map(text: str, xtce: str | None = None) -> Decoding:
 def with_xtce(old: str, new: str) -> Decoding:
     """Return the example with its definition changed in one place."""
     plain = decoding()
-    assert plain.xtce is not None
     assert old in plain.xtce.text
     return Decoding(plain.map, TextFile("x.xml", plain.xtce.text.replace(old, new, 1)))
 

@@ -90,7 +90,6 @@ def test_a_definition_of_another_house_days_rpm_kelvin_and_splines(tmp_path: Pat
 def test_several_wheels_in_one_file_and_one_packet(tmp_path: Path) -> None:
     keys = {f"rwa/sat/w{number}/samples": CHANNELS for number in range(3)}
     decoding = example_decoding(keys)
-    assert decoding.map is not None
     # A fourth wheel looks at the packets of the first.
     again = decoding.map.text.split("[[wheel]]")[1].replace('"w0"', '"w3"')
     decoding = Decoding(TextFile("m", decoding.map.text + "[[wheel]]" + again), decoding.xtce)

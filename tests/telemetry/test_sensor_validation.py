@@ -18,7 +18,7 @@ from rwa_monitor.simulation.record import simulate
 from rwa_monitor.simulation.scenario import Scenario
 from rwa_monitor.telemetry.sensor_validation import Channel, friction_limit, speed_limit
 from rwa_monitor.wheel.wheel import built_in_wheel
-from tests.monitor.support import diagnoses, model, said
+from tests.monitor.support import adds_up, diagnoses, model, said
 
 SLOTS = 80_000
 FROM = 30_000  # where a fault begins
@@ -43,10 +43,7 @@ def diagnosed(samples: Samples) -> tuple[WindowDiagnosed, WheelCore, list[Event]
     core = WheelCore(built_in_wheel(), model())
     events = [*core.feed(samples), *core.finish()]
     window = next(event for event in events if isinstance(event, WindowDiagnosed))
-    counts = core.counts
-    assert counts.received == sum(
-        (counts.used, counts.masked, counts.late, counts.duplicate, counts.rejected, counts.queued)
-    )
+    assert adds_up(core.counts)
     return window, core, events
 
 
@@ -151,7 +148,6 @@ def test_a_wrong_unit_beyond_the_limits_is_counted_and_leaves_an_inconclusive_wi
 @pytest.mark.parametrize("factor", [-1.0, 1e-3])
 def test_friction_of_the_wrong_sign_or_in_kilo_units_is_unlike_anything_learned(factor: float) -> None:
     samples = telemetry("given")
-    assert samples.friction_torque_Nm is not None
     window, _, _ = diagnosed(replace(samples, friction_torque_Nm=factor * samples.friction_torque_Nm))
     assert window.diagnosis.verdict == "inconclusive"
     assert "unlike anything learned" in window.diagnosis.reason
@@ -159,7 +155,6 @@ def test_friction_of_the_wrong_sign_or_in_kilo_units_is_unlike_anything_learned(
 
 def test_friction_in_milli_units_is_never_nominal() -> None:
     samples = telemetry("given")
-    assert samples.friction_torque_Nm is not None
     window, _, _ = diagnosed(replace(samples, friction_torque_Nm=1e3 * samples.friction_torque_Nm))
     assert window.diagnosis.verdict in {"anomalous", "inconclusive"}
 

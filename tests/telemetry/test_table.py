@@ -41,7 +41,6 @@ def test_reads_a_plain_table(tmp_path: Path) -> None:
     table = read_table(csv_file(tmp_path, GOOD))
     assert table.samples.time_ns.tolist() == [0, 125_000_000]
     assert table.samples.speed_rad_s.tolist() == [100.0, 101.0]
-    assert table.samples.friction_torque_Nm is not None
     assert table.samples.friction_torque_Nm.tolist() == [0.0016, 0.0017]
     assert table.samples.motor_current_A is None
     assert table.ignored_columns == ()

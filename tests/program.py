@@ -1,0 +1,32 @@
+"""The program as tests run it: in this process, or in one of its own as a user does."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+from click.testing import CliRunner, Result
+
+from rwa_monitor.cli.main import main
+
+
+def run(*words: object) -> Result:
+    """Run the program in this process, with its own exit codes; an exception that it does not handle is the test's.
+
+    Always by the program itself: a command on its own returns its exit code, and click makes 0 of that.
+    """
+    result = CliRunner().invoke(main, [str(word) for word in words])
+    if result.exception and not isinstance(result.exception, SystemExit):
+        raise result.exception
+    return result
+
+
+def command(*words: object) -> list[str]:
+    """Return the command line of the program in a process of its own."""
+    return [sys.executable, "-m", "rwa_monitor", *map(str, words)]
+
+
+def done(*words: object, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
+    """Run the program in a process of its own until it ends."""
+    return subprocess.run(command(*words), capture_output=True, text=True, timeout=500, check=False, cwd=cwd)
