@@ -22,7 +22,7 @@ from rwa_monitor.discrepancy.formulas import describe, formulas
 from rwa_monitor.discrepancy.gain import BLOCKS, HeldOut, held_out, held_out_without_jumps, on_other_recordings
 from rwa_monitor.discrepancy.jump_terms import JUMP_TERMS, DelayTerm
 from rwa_monitor.discrepancy.known_effects import known_delay, records_of
-from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN, NoiseLaw, Series, fit_noise
+from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN, Series, fit_noise
 from rwa_monitor.discrepancy.mapper import Mapper, in_turn
 from rwa_monitor.discrepancy.models import Found, Growth, Model, SearchResult, law_of
 from rwa_monitor.discrepancy.noise_effects import noise_effects
@@ -256,14 +256,15 @@ def _without_jumps(
 ) -> _Explained | None:
     """Search without jumps; None where a model with jumps is more likely by as much as an effect must be.
 
-    A free curve over the speed is as good as any law of it: where even that is less likely, nothing is searched.
+    Beside what is named with jumps, a free curve over the speed is as good as any law of it: where even that is less
+    likely, nothing is searched.
     """
     most = np.inf
     if jumping is not None:
         jumps = jumping.fit.jumps.size
         if jumps * SHORTEST_SEGMENTS <= problem.size:
             most = jumping.score + ACCEPT_GAIN
-        if not problem.has_noise or _least_score(problem, law_of(jumping)) > most:
+        if not problem.has_noise or _least_score(problem, jumping) > most:
             return None
     progress("laws without jumps")
     approach = Fitting(problem, jumps=False)
@@ -276,10 +277,13 @@ def _without_jumps(
     return _with_formula(approach, explained, complete.score, progress) if leftover is not None else explained
 
 
-def _least_score(problem: Problem, law: NoiseLaw) -> float:
-    """Return a score below which no law of the speed without jumps comes: that of a free curve which costs nothing."""
-    series = Series.of(problem)
-    rows, low, high = regressors(series, ())
+def _least_score(problem: Problem, jumping: Model) -> float:
+    """Return a score below which no law of the speed without jumps comes beside the effects of a model with jumps.
+
+    It is that of a free curve which costs nothing.
+    """
+    series, law = Series.of(problem), law_of(jumping)
+    rows, low, high = regressors(series, jumping.terms)
     curve = speed_curve(series)
     free = np.full(curve.shape[0], np.inf)
     rows, low, high = np.vstack([rows, curve]), np.append(low, -free), np.append(high, free)

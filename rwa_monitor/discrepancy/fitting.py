@@ -33,7 +33,7 @@ from rwa_monitor.discrepancy.score import Background, off_reversals, scored, wit
 from rwa_monitor.discrepancy.shape_profile import profile, shape_limits
 from rwa_monitor.discrepancy.terms import Term, depends_on_level, make_term
 from rwa_monitor.discrepancy.testable import sort_out
-from rwa_monitor.samples import FloatArray, IntArray
+from rwa_monitor.samples import IntArray
 from rwa_monitor.wheel.effects.base import MeanEffect
 
 Progress = Callable[[str], None]
@@ -49,7 +49,7 @@ SETTLED: Final = 0.5  # of the score
 STEP: Final = 0.25  # of a column's range from one sample to the next: more is a step
 AT_STEP: Final = 8  # samples: a jump so near to a step may be that step
 MOST_TRIED: Final = 60  # thresholds
-FEWEST_CROSSED: Final = 3  # jumps at one speed that are no coincidence
+FEWEST_CROSSED: Final = 2  # jumps at one speed: one is no threshold
 CALMER: Final = 0.9  # of the long-run variance: from there on what a model leaves is taken for the noise
 
 
@@ -89,9 +89,11 @@ class Fitting:
         return sort_out(problem, known, effects, base.fit.level)
 
     def settled(self, model: Model) -> Model:
-        """Return an accepted model; what it leaves is the noise that prices jumps, where that is calmer."""
+        """Return an accepted model fitted to the end; what it leaves prices jumps from now on, where that is calmer."""
+        if not self.jumps:  # shapes and a law of several parameters settle slowly
+            return min(model, self._refined(model), key=lambda one: one.score)
         calmer = with_noise_of(self.problem, model.fit.residual)
-        if self.jumps and calmer.noise.long_run_variance < CALMER * self.problem.noise.long_run_variance:
+        if calmer.noise.long_run_variance < CALMER * self.problem.noise.long_run_variance:
             self.problem = calmer
         return model
 
@@ -145,7 +147,7 @@ class Fitting:
             beside = Background.of(self.problem, chosen, law_of(model), model.fit.jumps)
             most = beside.criterion_with(term) + EQUIVALENT_WITHIN
             others = [effect for effect in effects if effect.name not in model.names]
-            tried = self.problem.each(partial(screened, beside, model.fit.level), others)
+            tried = self.problem.each(partial(profile, beside, model.fit.level), others)
             names += [one.effect.name for one, score in tried if score < most]
         return names
 
@@ -167,7 +169,7 @@ class Fitting:
             most = np.inf
             if instead is not None:
                 most = 0.5 * (beside.criterion_with() + beside.criterion_with(instead))
-            scores = self.problem.each(partial(screened, beside, current.fit.level), missing)
+            scores = self.problem.each(partial(profile, beside, current.fit.level), missing)
             ranked = sorted(scores, key=lambda entry: entry[1])[:STARTED]
             tried += [(term, jumps) for term, score in ranked if score < most]
         for effect in missing:
@@ -250,7 +252,7 @@ class Fitting:
             if term.shape:
                 others, jumps = (*terms[:i], *terms[i + 1 :]), _off_steps(term, jumps)
                 beside = Background.of(self.problem, others, law_of(model), jumps)
-                terms[i], _ = profile(term.effect, beside, model.fit.level, around=term)
+                terms[i], _ = profile(beside, model.fit.level, term.effect, around=term)
                 jumps = _off_steps(terms[i], jumps)
             elif depends_on_level(term.effect):
                 terms[i] = make_term(self.problem, term.effect, term.shape, model.fit.level)
@@ -287,8 +289,3 @@ def _best_of_each(models: Sequence[Model]) -> list[Model]:
     for model in sorted(models, key=lambda one: one.score):
         best.setdefault(model.names[-1], model)
     return list(best.values())
-
-
-def screened(beside: Background, level: FloatArray, effect: type[MeanEffect]) -> tuple[Term, float]:
-    """Return an effect at the shape that is best beside what is in a model already, and the score there."""
-    return profile(effect, beside, level)

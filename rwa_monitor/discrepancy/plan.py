@@ -184,7 +184,7 @@ def _typical_jump(model: Model, wheel: Wheel) -> float:
 def _separation(laid_out: Problem, torque: FloatArray, rival: str, level: FloatArray) -> float:
     """Return what the best imitation by `rival` ("": none) leaves of a torque, over 2σ²."""
     beside = _noiseless(laid_out, torque + level, np.flatnonzero(np.diff(level)) + 1)
-    equations = beside.equations_with(*([profile(MEAN_EFFECTS[rival], beside, level)[0]] if rival else []))
+    equations = beside.equations_with(*([profile(beside, level, MEAN_EFFECTS[rival])[0]] if rival else []))
     return float(equations.rss(equations.solve()[0])) / (2 * laid_out.noise.long_run_variance)
 
 
@@ -207,7 +207,7 @@ def _expected_torque(
         return make_term(laid_out, effect, model.terms[index].shape, level).columns @ model.strengths(index)
     # A rival: fitted to what the strongest found effect makes in the recorded data.
     known = model.terms[0].columns @ model.strengths(0)
-    fitted, _ = profile(effect, _noiseless(problem, known + model.fit.level.mean()), model.fit.level)
+    fitted, _ = profile(_noiseless(problem, known + model.fit.level.mean()), model.fit.level, effect)
     design = np.column_stack([np.ones(problem.size), problem.speed, fitted.columns])
     strengths = np.clip(np.linalg.lstsq(design, known, rcond=None)[0][2:], fitted.low, fitted.high)
     imitation = fitted.columns @ strengths

@@ -91,6 +91,7 @@ CHANNELS: Final = ("friction_torque_Nm", "motor_current_A", "motor_torque_Nm")
 SATURATED_SHARE: Final = 0.2  # of the values at the ends of their range: too many to do without them
 FEWEST_AT_END: Final = 20  # samples: fewer change nothing
 LEAST_SHARE: Final = 0.005
+NEIGHBOURS: Final = 33  # samples: two at the end stop are a share of 6 %, where noise is cut at 1.5 standard deviations
 DISTINCT_SHARE: Final = 0.5  # of the values between the ends: a measurement with noise in it
 
 
@@ -134,7 +135,7 @@ def without_end_stops(samples: Samples, source: str) -> Samples:
     for name, values, stopped in _saturated(samples):
         share = float(np.mean(stopped))
         if share <= SATURATED_SHARE:
-            samples = replace(samples, **{name: np.where(stopped, np.nan, values)})
+            samples = replace(samples, **{name: np.where(stopped | _among(stopped), np.nan, values)})
         elif name == "friction_torque_Nm" or samples.friction_torque_Nm is None:
             words = f"is saturated: {share:.0%} of the values, at many speeds, are its largest or its smallest"
             raise InputError(source, words, name)
@@ -144,11 +145,16 @@ def without_end_stops(samples: Samples, source: str) -> Samples:
     return samples
 
 
+def _among(stopped: BoolArray) -> BoolArray:
+    """Return which samples lie where several neighbours are at the end stop: what is not is there by its noise."""
+    return np.convolve(stopped, np.ones(NEIGHBOURS), "same") > 1.0
+
+
 def end_stops_in_words(samples: Samples) -> list[str]:
     """Say for each channel that reads its end stop how often it does, and what becomes of it."""
     return [
         f"{name} is at its end stop in {np.mean(stopped):.1%} of the samples; "
-        + ("these are left out" if np.mean(stopped) <= SATURATED_SHARE else "the channel is not used")
+        + ("left out, with those among them" if np.mean(stopped) <= SATURATED_SHARE else "the channel is not used")
         for name, _, stopped in _saturated(samples)
     ]
 

@@ -249,7 +249,7 @@ def _left_out(measured: Samples, without_stops: Samples, known_why: Mapping[str,
     known = int(np.count_nonzero(after))
     reasons = {
         "without a value of speed or torque": int(np.count_nonzero(~before)),
-        "at the end stop of a channel": int(np.count_nonzero(before & ~after)),
+        "at the end stop of a channel, or among such": int(np.count_nonzero(before & ~after)),
         **known_why,
         "beside gaps and ends, where friction cannot be derived": known - used - sum(known_why.values()),
     }

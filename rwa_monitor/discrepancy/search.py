@@ -76,7 +76,7 @@ def grow(
         ladder.append(pruned)
         if pruned.score >= current.score:
             break
-    final = prune(fitting, min(ladder, key=lambda model: model.score))
+    final = fitting.settled(prune(fitting, min(ladder, key=lambda model: model.score)))
     ladder = [*(model for model in ladder if len(model.terms) < len(final.terms)), final]
     of_final = known[1] if known is not None and known[0] is final else None
     return Growth(tuple(ladder), tuple(testable), tuple(untestable), best_rejected, rejected, of_final)

@@ -8,7 +8,7 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from scipy import optimize
@@ -21,13 +21,15 @@ from rwa_monitor.wheel.effects.base import MeanEffect, Parameter
 
 FEW_CHOICES: Final = 3  # of a discrete shape parameter: so few are tried again in each refinement
 GRID_POINTS: Final = 9  # per continuous shape parameter; the profile is then refined between neighbours
+EVALUATIONS: Final = 20  # per continuous shape parameter; models are refitted several times
+SETTLED: Final = 0.1  # of the criterion
 LOG_SPACING_FROM: Final = 8.0  # ratio of bounds from which a shape parameter is spaced in logarithm
 
 
 def profile(
-    effect: type[MeanEffect],
     background: Background,
     level: FloatArray | None,
+    effect: type[MeanEffect],
     around: Term | None = None,
     fixed: Mapping[str, float] | None = None,
 ) -> tuple[Term, float]:
@@ -58,10 +60,9 @@ def profile(
         return cache[values]
 
     best = min(grid, key=lambda values: evaluate(values)[1])
-    continuous = [i for i, axis in enumerate(axes) if axis.refine]
-    for _ in range(2 if len(continuous) > 1 else 1):
-        for i in continuous:
-            best = _refine(axes[i], i, best, lambda values: evaluate(values)[1])
+    continuous = [i for i, axis in enumerate(axes) if axis.refine and len(axis.points) > 1]
+    if continuous:
+        best = _refine(axes, continuous, best, lambda values: evaluate(values)[1])
     return evaluate(best)
 
 
@@ -73,6 +74,14 @@ class _Axis:
     points: tuple[float, ...]
     refine: bool
     logarithmic: bool
+
+    def scale(self, value: float) -> float:
+        """Return a value on the scale that it is refined on."""
+        return float(np.log(value)) if self.logarithmic else value
+
+    def value(self, scaled: float) -> float:
+        """Return the value at a place on that scale."""
+        return float(np.exp(scaled)) if self.logarithmic else scaled
 
 
 def shape_limits(problem: Problem, effect: type[MeanEffect]) -> dict[str, tuple[float, float]]:
@@ -123,21 +132,35 @@ def _axis(parameter: Parameter, low: float, high: float, around: Term | None, re
 
 
 def _refine(
-    axis: _Axis, position: int, best: tuple[float, ...], cost: Callable[[tuple[float, ...]], float]
+    axes: list[_Axis], positions: list[int], best: tuple[float, ...], cost: Callable[[tuple[float, ...]], float]
 ) -> tuple[float, ...]:
-    """Minimise along one axis between the neighbours of the best point."""
-    points = sorted({*axis.points, best[position]})
-    at = points.index(best[position])
-    low, high = points[max(at - 1, 0)], points[min(at + 1, len(points) - 1)]
-    to = np.log if axis.logarithmic else (lambda value: value)
-    back = np.exp if axis.logarithmic else (lambda value: value)
+    """Minimise along several axes at once: shapes that trade with each other lie on a ridge, across all axes.
 
-    def along(u: float) -> float:
-        return cost((*best[:position], float(back(u)), *best[position + 1 :]))
+    J. A. Nelder, R. Mead, The Computer Journal 7, 1965.
+    """
+    start = np.array([axes[i].scale(best[i]) for i in positions])
+    bounds, steps = [], []
+    for i, at in zip(positions, start, strict=True):
+        low, high = (axes[i].scale(axes[i].points[end]) for end in (0, -1))
+        half_a_cell = 0.5 * (high - low) / (len(axes[i].points) - 1)
+        bounds.append((low, high))
+        steps.append(half_a_cell if at < 0.5 * (low + high) else -half_a_cell)
 
-    found = optimize.minimize_scalar(along, bounds=(to(low), to(high)), method="bounded", options={"maxiter": 12})
-    value = float(back(found.x))
-    better = (*best[:position], value, *best[position + 1 :])
+    def shaped(u: FloatArray) -> tuple[float, ...]:
+        values = list(best)
+        for i, at in zip(positions, u.tolist(), strict=True):
+            values[i] = axes[i].value(at)
+        return tuple(values)
+
+    options: Any = {
+        "initial_simplex": np.vstack([start, start + np.diag(steps)]),
+        "maxfev": EVALUATIONS * len(positions),
+        "fatol": SETTLED,
+        "xatol": np.inf,
+    }
+    minimize: Any = optimize.minimize
+    found = minimize(lambda u: cost(shaped(u)), start, method="Nelder-Mead", bounds=bounds, options=options)
+    better = shaped(found.x)
     return better if cost(better) < cost(best) else best
 
 

@@ -126,7 +126,7 @@ def test_a_current_at_its_end_stop_now_and_then_is_left_out_and_said(tmp_path: P
     table["motor_current_A"] = np.clip(table["motor_current_A"], -limit, limit)
     done = run("discrepancy", write(tmp_path / "t.csv", table), "--json")
     assert done.exit_code == 0, done.stderr
-    assert "motor_current_A is at its end stop in 5.0% of the samples; these are left out" in done.stderr
+    assert "motor_current_A is at its end stop in 5.0% of the samples; left out, with those among them" in done.stderr
     assert json.loads(done.stdout)["verdict"] == "adequate"
 
 

@@ -241,10 +241,10 @@ def test_the_profile_finds_structure_and_constants(law: str) -> None:
     problem = problem_with(hidden)
     background = Background.of(problem, (), NoiseLaw(), np.array([1500]))
     candidates = [law for law in formulas(problem) if issubclass(law, Formula) and law.variable == "speed"]
-    scores = {candidate: profile(candidate, background, None) for candidate in candidates}
+    scores = {candidate: profile(background, None, candidate) for candidate in candidates}
     best = min(scores, key=lambda candidate: scores[candidate][1])
     assert best is truth
-    term, _ = profile(best, background, None, around=scores[best][0])
+    term, _ = profile(background, None, best, around=scores[best][0])
     for name, value in shape.items():
         assert term.shape[name] == pytest.approx(value, rel=0.2)
         low, high = shape_limits(problem, best)[name]
