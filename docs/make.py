@@ -123,7 +123,7 @@ def _record(scene: Scenario) -> Telemetry:
     return simulate(scene, built_in_wheel(), np.random.default_rng(7))
 
 
-# ---- the picture of the README ---------------------------------------------------------------------------------------
+# ---- the picture of the first page -----------------------------------------------------------------------------------
 
 
 def draw_overview(file: Path) -> None:

@@ -175,7 +175,7 @@ def _peak(problem: Problem, base: Fit, at: FloatArray, whole: float, flips: bool
 def _spectrum(at: FloatArray, values: FloatArray, whole: float) -> tuple[FloatArray, FloatArray]:
     """Return the power over the angle, and its orders, two for each that the range of the angle resolves."""
     per_turn = min(CELLS_PER_PERIOD * MAX_HARMONIC, int(MOST_CELLS / whole))
-    size = fft.next_fast_len(int(2 * whole * per_turn), real=True)
+    size = fft.next_fast_len(max(int(2 * whole * per_turn), 1), real=True)
     cells = np.bincount(((at - at.min()) * per_turn).astype(np.int64), values, size)
     power = np.abs(fft.rfft(cells)) ** 2
     order = np.arange(power.size) * per_turn / size

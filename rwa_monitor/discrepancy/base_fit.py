@@ -12,7 +12,7 @@ does not pass for jumps.
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Final
 
@@ -25,7 +25,6 @@ from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.record import Record
 from rwa_monitor.discrepancy.segmentation import segment
 from rwa_monitor.errors import InputError
-from rwa_monitor.kernels.segmentation import centred_sums, segment_sums
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 from rwa_monitor.wheel.wheel import Wheel
 
@@ -35,8 +34,7 @@ JUMP_PENALTY: Final = 3.0  # times log N, for place, size and sign of a jump (Zh
 ANNEALING: Final = (8.0, 3.0, 1.0, 1.0, 1.0, 1.0)
 CONVERGED: Final = 0.1  # change of the criterion
 TUKEY: Final = 4.685  # scales of the residual: 95 % efficient for Gaussian noise (Huber, Robust Statistics, 1981)
-MOST_MEMORY: Final = 4.0  # times that of the filter: more is a law that is missing
-MIN_USED: Final = 40  # fewer moving samples cannot tell a law of the speed from their noise
+MIN_USED: Final = 30  # fewer moving samples cannot tell a law of the speed from their noise
 HEAVY_SHARE: Final = 1e-3  # of samples beyond four standard deviations; Gaussian noise has 6e-5
 NEAR_CROSSING: Final = 20  # samples: bristles and balls take a few slots to turn over
 LONG_LAG_SHARE: Final = 0.02  # of the record: a lag of a few per cent of a sojourn or more
@@ -58,8 +56,6 @@ class Fit:
         float64 (n,) [N m].
     rss
         Σ residual² [N² m²].
-    criterion
-        J; lower is better.
     """
 
     jumps: IntArray
@@ -67,7 +63,6 @@ class Fit:
     level: FloatArray
     residual: FloatArray
     rss: float
-    criterion: float
 
 
 def make_problem(records: Sequence[Record], wheel: Wheel, each: Mapper = in_turn) -> Problem:
@@ -95,8 +90,7 @@ def make_problem(records: Sequence[Record], wheel: Wheel, each: Mapper = in_turn
     if any(record.friction_is_derived for record in records):
         problem = replace(problem, derivative_taps=speed_noise_taps(wheel))
     # In a short record the slope alone, as fast as the motion, would pass for coloured noise, and hide every jump.
-    free = np.full(1, np.inf)
-    slope = robust_coefficients(problem, speed[:, None], -free, free)[0]
+    slope = robust_coefficients(problem, speed[:, None])[0]
     problem = with_noise_of(problem, z - slope * speed)
     problem = _with_noise_of_rest(problem)
     problem = _clip(problem)
@@ -105,17 +99,21 @@ def make_problem(records: Sequence[Record], wheel: Wheel, each: Mapper = in_turn
 
 
 def _memory(problem: Problem) -> float:
-    """Return the long-run over the single variance of derived friction: that of the filter, or more as it is seen."""
+    """Return the long-run over the single variance of derived friction: as it is seen, but not above the filter's.
+
+    Where the noise of the torque is more than that of the slope, the filter does not show; more than it is a law that
+    is missing.
+    """
     taps = problem.derivative_taps
     covariance = np.correlate(taps, taps, "full")[taps.size - 1 :]
     of_filter = long_run_variance(covariance) / float(covariance[0])
     seen = problem.noise.long_run_variance / problem.noise.std**2
-    return float(np.clip(seen, of_filter, MOST_MEMORY * of_filter))
+    return float(np.clip(seen, 1.0, of_filter))
 
 
 def _with_noise_of_rest(problem: Problem) -> Problem:
     """Estimate the noise from what a first fit leaves, not from the signal."""
-    return with_noise_of(problem, fit(problem, np.zeros((problem.size, 0))).residual)
+    return with_noise_of(problem, fit(problem).residual)
 
 
 def with_noise_of(problem: Problem, residual: FloatArray) -> Problem:
@@ -133,7 +131,7 @@ def _clip(problem: Problem) -> Problem:
     Tails are everywhere: what stands out only around a change of direction is friction, and is left as it is.
     """
     far = distance_to_crossings(problem, np.arange(problem.size)) > NEAR_CROSSING
-    slope = fit(problem, np.zeros((problem.size, 0))).coefficients[0] * problem.speed
+    slope = fit(problem).coefficients[0] * problem.speed
     clipped = problem.z.copy()
     for a, b in zip(problem.starts[:-1], problem.starts[1:], strict=True):
         if b > a:
@@ -144,14 +142,7 @@ def _clip(problem: Problem) -> Problem:
     return replace(problem, z=clipped, clipped_share=share) if share > HEAVY_SHARE else problem
 
 
-def fit(
-    problem: Problem,
-    columns: FloatArray,
-    bounds: tuple[FloatArray, FloatArray] | None = None,
-    start: Sequence[IntArray] = (),
-    parameters: float = 0,
-    name: Hashable = None,
-) -> Fit:
+def fit(problem: Problem, columns: FloatArray | None = None) -> Fit:
     """Fit levels, jumps, viscous friction and the coefficients of `columns`.
 
     Parameters
@@ -160,49 +151,31 @@ def fit(
         The data.
     columns
         float64 (n, p), columns already multiplied by s.
-    bounds
-        Lowest and highest coefficient of each column.
-    start
-        Jump sets to start from, besides the robust start.
-    parameters
-        Parameters beyond viscous friction that the criterion is charged for: their number, or more where they are dear.
-    name
-        Says which columns these are: jumps found for columns of the same name are not looked for again. None: of no
-        other call.
     """
-    name = object() if name is None else name
-    design = np.column_stack([problem.speed, columns])
-    low = np.concatenate([[-np.inf], np.full(columns.shape[1], -np.inf) if bounds is None else bounds[0]])
-    high = np.concatenate([[np.inf], np.full(columns.shape[1], np.inf) if bounds is None else bounds[1]])
-    penalty = JUMP_PENALTY * problem.log_size * problem.noise.long_run_variance
-    moments = Moments.of(design, problem.z)
-    sums = _sums_of_records(problem, moments)
-    best: tuple[float, FloatArray, IntArray] | None = None
-    starts: Sequence[IntArray | None] = start or [None]
-    for first in starts:
-        if first is None:
-            coefficients = robust_coefficients(problem, design, low, high)
-        else:
-            equations = moments.within(segment_starts(problem, first))
-            coefficients = solve_bounded(problem, equations.gram, equations.moment, low, high)
-        previous = np.inf
-        for expensive in ANNEALING:
-            key = name, expensive * penalty, coefficients.tobytes()
-            known = problem.jumps.get(problem.z, key)
-            if known is None:
-                known = _segment_left(sums, coefficients, expensive * penalty)
-                problem.jumps.put(problem.z, key, known)
-            jumps = known
-            equations = moments.within(segment_starts(problem, jumps))
-            coefficients = solve_bounded(problem, equations.gram, equations.moment, low, high)
-            criterion = _criterion(problem, equations.rss(coefficients), jumps, parameters)
-            if best is None or criterion < best[0]:
-                best = criterion, coefficients, jumps
-            if expensive == 1.0 and previous - criterion < CONVERGED:
-                break
-            previous = criterion
+    design = problem.speed[:, None] if columns is None else np.column_stack([problem.speed, columns])
+    coefficients, best, least, previous = robust_coefficients(problem, design), None, np.inf, np.inf
+    for dear in ANNEALING:
+        jumps = segment_records(problem, problem.z - design @ coefficients, dear * jump_price(problem))
+        coefficients = least_squares(problem, design, jumps)
+        fitted = _finish(problem, design, coefficients, jumps)
+        reached = criterion(problem, fitted)
+        if reached < least:
+            best, least = fitted, reached
+        if dear == 1.0 and previous - reached < CONVERGED:
+            break
+        previous = reached
     assert best is not None
-    return _finish(problem, design, *best[1:], parameters)
+    return best
+
+
+def jump_price(problem: Problem) -> float:
+    """Return what a jump must lower the sum of squares by [N² m²]."""
+    return JUMP_PENALTY * problem.log_size * problem.noise.long_run_variance
+
+
+def criterion(problem: Problem, fitted: Fit) -> float:
+    """Return J but for the price of the coefficients; lower is better."""
+    return fitted.rss / problem.noise.long_run_variance + problem.log_size * JUMP_PENALTY * fitted.jumps.size
 
 
 def segment_starts(problem: Problem, jumps: IntArray) -> IntArray:
@@ -219,14 +192,12 @@ def remove_levels(values: FloatArray, first: IntArray) -> FloatArray:
     return inner
 
 
-def least_squares(
-    problem: Problem, design: FloatArray, jumps: IntArray, low: FloatArray, high: FloatArray
-) -> FloatArray:
-    """Return the bounded least-squares coefficients for given jumps, levels eliminated."""
+def least_squares(problem: Problem, design: FloatArray, jumps: IntArray) -> FloatArray:
+    """Return the least-squares coefficients for given jumps, levels eliminated."""
     first = segment_starts(problem, jumps)
     inner = remove_levels(design, first)
-    gram, moment = inner.T @ inner, inner.T @ remove_levels(problem.z, first)
-    return solve_bounded(problem, gram, moment, low, high)
+    free = np.full(design.shape[1], np.inf)
+    return solve_bounded(problem, inner.T @ inner, inner.T @ remove_levels(problem.z, first), -free, free)
 
 
 def solve_bounded(
@@ -279,20 +250,21 @@ def long_lag(problem: Problem) -> int:
     return max(int(LONG_LAG_SHARE * problem.size / len(problem.records)), 8)
 
 
-def robust_coefficients(problem: Problem, design: FloatArray, low: FloatArray, high: FloatArray) -> FloatArray:
+def robust_coefficients(problem: Problem, design: FloatArray) -> FloatArray:
     """Return start coefficients from differences over a long lag, in which jumps are outliers (Tukey's loss)."""
+    free = np.full(design.shape[1], np.inf)
     lag = long_lag(problem)
     same = same_record(problem, lag)
     rise, z = design[lag:] - design[:-lag], problem.z[lag:] - problem.z[:-lag]
     if not same.all():
         rise, z = rise[same], z[same]
     if z.size < 10:
-        return least_squares(problem, design, np.zeros(0, dtype=np.int64), low, high)
+        return least_squares(problem, design, np.zeros(0, dtype=np.int64))
     weight = np.ones(z.size)
     coefficients = np.zeros(design.shape[1])
     for _ in range(12):
         weighted = rise * weight[:, None]
-        coefficients = solve_bounded(problem, rise.T @ weighted, weighted.T @ z, low, high)
+        coefficients = solve_bounded(problem, rise.T @ weighted, weighted.T @ z, -free, free)
         residual = z - rise @ coefficients
         scale = max(float(np.median(np.abs(residual))) / 0.6745, 1e-300)
         weight = weight_by_size(residual, TUKEY * scale)
@@ -308,11 +280,7 @@ def weight_by_size(residual: FloatArray, reach: float) -> FloatArray:
 def sharp_jumps(problem: Problem, fitted: Fit, reach: int = 48, threshold: float = 30.0) -> IntArray:
     """Return the jumps that are steps at close range too, not pieces of a smooth change cut into steps."""
     kept = []
-    values = (
-        problem.z - fitted.coefficients[0] * problem.speed
-        if fitted.coefficients.size == 1
-        else (fitted.level + fitted.residual)
-    )
+    values = fitted.level + fitted.residual
     borders = np.concatenate([problem.starts, fitted.jumps])
     for jump in fitted.jumps:
         before = max(int(borders[borders < jump].max(initial=0)), jump - reach)
@@ -354,21 +322,19 @@ def jump_sets(problem: Problem, fitted: Fit) -> list[IntArray]:
 
 def strong_jumps(problem: Problem, fitted: Fit) -> IntArray:
     """Return the jumps of the level and residual that are worth many times their price: what no smooth effect makes."""
-    price = ANNEALING[0] * JUMP_PENALTY * problem.log_size * problem.noise.long_run_variance
-    return segment_records(problem, fitted.level + fitted.residual, price)
+    return segment_records(problem, fitted.level + fitted.residual, ANNEALING[0] * jump_price(problem))
 
 
 def strong_level(problem: Problem, level: FloatArray) -> FloatArray:
     """Return a level, float64 (n,), with only its strong jumps left [N m]."""
-    price = ANNEALING[0] * JUMP_PENALTY * problem.log_size * problem.noise.long_run_variance
-    jumps = segment_records(problem, level, price)
+    jumps = segment_records(problem, level, ANNEALING[0] * jump_price(problem))
     return level - remove_levels(level, segment_starts(problem, jumps))
 
 
 def levels(problem: Problem, values: FloatArray) -> FloatArray:
     """Return the piecewise constant levels of what a model leaves, float64 (n,), jumps at their full price [N m]."""
-    price = JUMP_PENALTY * problem.log_size * problem.noise.long_run_variance
-    return values - remove_levels(values, segment_starts(problem, segment_records(problem, values, price)))
+    jumps = segment_records(problem, values, jump_price(problem))
+    return values - remove_levels(values, segment_starts(problem, jumps))
 
 
 def segment_records(problem: Problem, values: FloatArray, penalty: float) -> IntArray:
@@ -381,79 +347,7 @@ def segment_records(problem: Problem, values: FloatArray, penalty: float) -> Int
     return np.concatenate(found).astype(np.int64)
 
 
-def _sums_of_records(problem: Problem, moments: Moments) -> list[tuple[int, FloatArray]]:
-    """Return, for each record, its first joined index and the running sums there of columns and data."""
-    borders = zip(problem.starts[:-1], problem.starts[1:], strict=True)
-    return [(int(a), np.ascontiguousarray(moments.running[:, a : b + 1])) for a, b in borders if b > a]
-
-
-def _segment_left(sums: Sequence[tuple[int, FloatArray]], coefficients: FloatArray, penalty: float) -> IntArray:
-    """Segment what a model leaves of each record, given their running sums; joined indices."""
-    factors = np.append(-coefficients, 1.0)
-    found = [segment_sums(of_one, factors, penalty) + begin for begin, of_one in sums]
-    return np.concatenate(found).astype(np.int64)
-
-
-def _finish(problem: Problem, design: FloatArray, coefficients: FloatArray, jumps: IntArray, parameters: float) -> Fit:
+def _finish(problem: Problem, design: FloatArray, coefficients: FloatArray, jumps: IntArray) -> Fit:
     rest = problem.z - design @ coefficients
-    first = segment_starts(problem, jumps)
-    residual = remove_levels(rest, first)
-    rss = float(residual @ residual)
-    return Fit(jumps, coefficients, rest - residual, residual, rss, _criterion(problem, rss, jumps, parameters))
-
-
-def _criterion(problem: Problem, rss: float, jumps: IntArray, parameters: float) -> float:
-    return rss / problem.noise.long_run_variance + problem.log_size * (JUMP_PENALTY * jumps.size + parameters)
-
-
-# ---- sums that give the normal equations for any set of jumps --------------------------------------------------------
-
-
-@dataclass(frozen=True, slots=True)
-class Moments:
-    """Sums of columns and data, less their means, in which running sums lose few digits.
-
-    Attributes
-    ----------
-    products
-        float64 (p + 1, p + 1), Σ of the products of all columns and, last, the data.
-    running
-        float64 (p + 1, n + 1), running sums of the same.
-    """
-
-    products: FloatArray
-    running: FloatArray
-
-    @classmethod
-    def of(cls, design: FloatArray, z: FloatArray) -> Moments:
-        """Sum up a design, float64 (n, p), and the data, float64 (n,)."""
-        rows = np.concatenate([design.T, z[None, :]])
-        running = np.empty((rows.shape[0], z.size + 1))
-        if rows.flags.c_contiguous:
-            rows -= rows.mean(axis=1, keepdims=True)
-            running[:, 0] = 0.0
-            np.cumsum(rows, axis=1, out=running[:, 1:])
-        else:  # rows that lie beside one another, sample by sample: numpy sums them up ten times more slowly
-            centred_sums(rows.T, running)
-        return cls(rows @ rows.T, running)
-
-    def within(self, first: IntArray) -> NormalEquations:
-        """Return the normal equations with each segment's mean removed; `first` holds the first index of each."""
-        edges = np.append(first, self.running.shape[1] - 1)
-        sums = np.diff(self.running[:, edges], axis=1)
-        inner = self.products - (sums / np.diff(edges)) @ sums.T
-        return NormalEquations(inner[:-1, :-1], inner[:-1, -1], float(inner[-1, -1]))
-
-
-@dataclass(frozen=True, slots=True)
-class NormalEquations:
-    """Gram matrix, float64 (p, p), moments, float64 (p,), and the sum of squares of the data."""
-
-    gram: FloatArray
-    moment: FloatArray
-    zz: float
-
-    def rss(self, coefficients: FloatArray) -> float:
-        """Return the residual sum of squares with these coefficients, float64 (p,)."""
-        left = self.zz - 2 * coefficients @ self.moment + coefficients @ self.gram @ coefficients
-        return max(float(left), 0.0)
+    residual = remove_levels(rest, segment_starts(problem, jumps))
+    return Fit(jumps, coefficients, rest - residual, residual, float(residual @ residual))

@@ -29,6 +29,7 @@ UNEVEN_SHARE: Final = 0.1  # of the steps; fewer are single late samples
 FINEST: Final = 8  # slots in a median step; rows that are closer still share one, and the first counts
 LONGEST_BRIDGE: Final = 4.0  # median steps between two rows over which values are interpolated
 NEAR_PERIOD: Final = (0.8, 1.25)  # median step over the wheel's period: so near, that period is kept
+WINDOW_SHARE: Final = 0.1  # of a recording, that a slope of the speed reaches over at most
 LEAST_HALF: Final = 2  # rows to each side from which dω/dt is told
 MOST_HALF: Final = 200
 MAX_GAP_FACTOR: Final = 4  # a record may hold at most this many slots per sample; sparser ones are wrong files
@@ -95,9 +96,20 @@ def as_measured(
         If the motor is off, friction is not given, and the wheel has no inertia.
     """
     (searched, notes), (others, of_others) = _stretches(recordings, wheel), _stretches(held_out, wheel)
-    fitted = _on_one_grid([*searched, *others], wheel)
+    fitted = _on_one_grid([*searched, *others], _with_short_window([*searched, *others], wheel))
     count, notes = len(searched), [*notes, *of_others, *fitted.notes]
     return replace(fitted, recordings=fitted.recordings[:count], notes=notes, held_out=fitted.recordings[count:])
+
+
+def _with_short_window(recordings: Sequence[tuple[str, Samples]], wheel: Wheel) -> Wheel:
+    """Return a wheel whose window for dω/dt, where its file states none, is a small part of the longest recording."""
+    derivative = wheel.friction.derivative
+    longest_s = max((float(np.sum(_steps_s(samples))) for _, samples in recordings), default=np.inf)
+    if "window_s" in derivative.model_fields_set or derivative.window_s <= WINDOW_SHARE * longest_s:
+        return wheel
+    derivative = derivative.model_copy(update={"window_s": WINDOW_SHARE * longest_s})
+    friction = wheel.friction.model_copy(update={"derivative": derivative})
+    return wheel.model_copy(update={"friction": friction})
 
 
 def _on_one_grid(recordings: Sequence[tuple[str, Samples]], wheel: Wheel) -> Bench:

@@ -1,14 +1,13 @@
-"""What a search has worked out before and meets again, as far as there is room: columns, places of jumps, levels."""
+"""What a search has worked out before and meets again, as far as there is room: columns, levels."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Hashable
 from typing import Any, Final, TypeVar
 
-from rwa_monitor.samples import FloatArray, IntArray
+from rwa_monitor.samples import FloatArray
 
 CACHE_BYTES: Final = 400_000_000
-JUMP_CACHE_BYTES: Final = 50_000_000
 RECENT: Final = 4  # values that are kept: those of the models that are extended just now
 
 Value = TypeVar("Value")
@@ -30,26 +29,6 @@ class ColumnCache:
         if columns.nbytes <= self._room:
             self._columns[key] = columns
             self._room -= columns.nbytes
-
-
-class JumpCache:
-    """Jumps already found, by all that decides them: one model is segmented from many starts, which soon meet."""
-
-    def __init__(self) -> None:
-        # With the data by identity: an array that is held cannot give its place to another.
-        self._jumps: dict[Hashable, tuple[FloatArray, IntArray]] = {}
-        self._bytes = 0
-
-    def get(self, z: FloatArray, key: Hashable) -> IntArray | None:
-        """Return the jumps in `z` less a model, or None where they are not kept."""
-        kept = self._jumps.get((id(z), key))
-        return None if kept is None else kept[1]
-
-    def put(self, z: FloatArray, key: Hashable, jumps: IntArray) -> None:
-        """Keep jumps as long as there is room."""
-        if self._bytes + jumps.nbytes <= JUMP_CACHE_BYTES:
-            self._jumps[id(z), key] = z, jumps
-            self._bytes += jumps.nbytes
 
 
 class RecentCache:

@@ -92,7 +92,8 @@ def derived_friction(
     friction = friction + bias
     # What a step of torque makes of it is no bend that a polynomial knows.
     rounding = torque_balance.rounding_error(speed, torque, wheel, CORNER_WINDOWS, soft=False)
-    typical = wheel.nominal.dry_torque_Nm if wheel.nominal else float(np.nanmedian(np.abs(friction)))
+    known = np.abs(friction[np.isfinite(friction)])
+    typical = wheel.nominal.dry_torque_Nm if wheel.nominal else float(np.median(known)) if known.size else 0.0
     agreed = np.abs(rounding + bias) <= max(sigma, torque_balance.LEAST_ERROR * typical)
     stepped = (rounding != 0.0) & ~agreed
     if hole < WIDE_HALF:

@@ -149,7 +149,7 @@ def find_discrepancy(
     at_base = found.ladder[0]
     if named is not None:  # the base model knows of none: it is judged on what is measured
         base = prepare(records_of(recordings, wheel), wheel)
-        at_base = Model((), fit(base, np.zeros((base.size, 0))))
+        at_base = Model((), fit(base))
         scores = (held_out(base, at_base), *scores)
     names = tuple(name for name, _ in held_out_recordings)
     gain = replace(_gain(problem, at_base, found.ladder[-1], scores), held_out=names)
@@ -313,7 +313,7 @@ def _by_angle(
     """
     if not problem.has_noise:
         return problem, candidates, None
-    base = fit(problem, np.zeros((problem.size, 0)))
+    base = fit(problem)
     line = angle_line(problem, base)
     if line is not None and line.flips:
         return prepare(line.taken_from(problem.records), wheel, problem.each), candidates, line
@@ -449,7 +449,7 @@ def prepare(records: Sequence[Record], wheel: Wheel, each: Mapper = in_turn) -> 
         If too few samples are in motion.
     """
     problem = make_problem(records, wheel, each)
-    base = fit(problem, np.zeros((problem.size, 0)))
+    base = fit(problem)
     if base.coefficients[0] > 0:
         problem = replace(problem, lowest_viscous=0.0)
     return with_angle_drift(problem, base)

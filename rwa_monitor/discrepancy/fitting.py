@@ -73,7 +73,7 @@ class Fitting:
         """Return the model with dry and viscous friction alone."""
         if not self.jumps:
             return self._refined(self._annealed((), NO_JUMPS, NoiseLaw()))
-        start = Model((), fit(self.problem, np.zeros((self.problem.size, 0))))
+        start = Model((), fit(self.problem))
         return with_exact_jumps(self.problem, scored(self.problem, off_reversals(self.problem, start)))
 
     def sort_out(self, effects: Effects, base: Model) -> tuple[list[type[MeanEffect]], list[tuple[str, str]]]:
@@ -177,7 +177,8 @@ class Fitting:
         started = self.problem.each(lambda entry: self._annealed((*current.terms, entry[0]), entry[1], law), tried)
         if self.jumps:
             started = _best_of_each(started)[:REFITTED]
-        return _best_of_each(self.problem.each(lambda one: self._plainer_shape(self._refined(one)), started))
+        refined = self.problem.each(lambda one: self._plainer_shape(self._refined(one)), started)
+        return _best_of_each([one for one in refined if _is_possible(one)])
 
     def _at_thresholds(self, current: Model, effect: type[MeanEffect]) -> list[tuple[Term, IntArray]]:
         """Return an effect with a threshold of speed where it makes most of the jumps superfluous, and the others.
@@ -217,7 +218,7 @@ class Fitting:
 
     def _bare(self, terms: tuple[Term, ...], jumps: IntArray) -> Model:
         nothing = np.zeros(self.problem.size)
-        return Model(terms, Fit(jumps, np.zeros(0), nothing, nothing, 0.0, np.inf))
+        return Model(terms, Fit(jumps, np.zeros(0), nothing, nothing, 0.0))
 
     def _segmented(self, model: Model, dear: float = 1.0) -> Model:
         """Return a model with the best jumps beside its coefficients, in white noise of as much long-run variance."""
@@ -258,6 +259,11 @@ class Fitting:
                 terms[i] = make_term(self.problem, term.effect, term.shape, model.fit.level)
         off_steps = replace(model, terms=tuple(terms), fit=replace(model.fit, jumps=jumps))
         return with_law(self.problem, off_steps, law_of(model))
+
+
+def _is_possible(model: Model) -> bool:
+    """Return whether the strengths of the last term are what physics lets them be."""
+    return model.terms[-1].effect.is_possible(model.strengths(-1), float(model.fit.coefficients[0]))
 
 
 def _off_steps(term: Term, jumps: IntArray) -> IntArray:

@@ -292,8 +292,10 @@ class Equations:
 
     def solve(self) -> tuple[FloatArray, float]:
         """Return the coefficients within their bounds, and the deviance with the best scale."""
-        scale = np.sqrt(np.maximum(self.gram.diagonal(), SMALLEST))
-        gram, moment = self.gram / np.outer(scale, scale), self.moment / scale
+        squares = self.gram.diagonal()
+        left = squares > SMALLEST  # of the others, levels leave nothing: they have no strength
+        scale = np.sqrt(np.where(left, squares, 1.0))
+        gram, moment = self.gram / np.outer(scale, scale), np.where(left, self.moment / scale, 0.0)
         factor, failed = linalg.lapack.dpotrf(gram)
         if failed or factor.diagonal().min() < LEAST_PIVOT:
             solution = np.linalg.lstsq(gram, moment, rcond=1e-12)[0]
@@ -329,7 +331,10 @@ def fit_noise(
     again = again and start.correlation < LONG_MEMORY
     plain = NoiseLaw(level_spread=start.level_spread)
     starts = [start] if again or start == plain else [start, plain]  # slow noise hides a law that it could be, too
-    best, least = min((_round(series, rows, low, high, one, again) for one in starts), key=lambda one: one[1])
+    tried = [(start, _least(series, rows, low, high, start))]
+    best, least = min(
+        [*tried, *(_round(series, rows, low, high, one, again) for one in starts)], key=lambda one: one[1]
+    )
     for _ in range(ROUNDS - 1):
         law, score = _round(series, rows, low, high, best, again)
         if score > least - SETTLED:
@@ -338,13 +343,18 @@ def fit_noise(
     return best, least
 
 
+def _least(series: Series, rows: FloatArray, low: FloatArray, high: FloatArray, law: NoiseLaw) -> float:
+    """Return the score of a noise law with the coefficients that are best under it."""
+    return Equations.of(series, rows, low, high, law).solve()[1] + law.price(series.size)
+
+
 def _round(
     series: Series, rows: FloatArray, low: FloatArray, high: FloatArray, start: NoiseLaw, again: bool
 ) -> tuple[NoiseLaw, float]:
     """Fit coefficients under a noise law, and the noise to what they leave; return it and the score with it."""
     coefficients, _ = Equations.of(series, rows, low, high, start).solve()
     law = _noise_of(replace(series, friction=series.friction - coefficients @ rows).in_part(), start, again)
-    return law, Equations.of(series, rows, low, high, law).solve()[1] + law.price(series.size)
+    return law, _least(series, rows, low, high, law)
 
 
 def _noise_of(series: Series, start: NoiseLaw, again: bool) -> NoiseLaw:
@@ -352,7 +362,7 @@ def _noise_of(series: Series, start: NoiseLaw, again: bool) -> NoiseLaw:
     free = np.full(2, np.inf)
 
     def score(law: NoiseLaw) -> float:
-        return Equations.of(series, series.base, -free, free, law).solve()[1] + law.price(series.size)
+        return _least(series, series.base, -free, free, law)
 
     law = replace(start, white=1.0, correlation=0.0)
     best, least = law, score(law)

@@ -11,7 +11,7 @@ from typing import Final
 
 import numpy as np
 
-from rwa_monitor.discrepancy.caches import ColumnCache, JumpCache, RecentCache
+from rwa_monitor.discrepancy.caches import ColumnCache, RecentCache
 from rwa_monitor.discrepancy.mapper import Mapper, in_turn
 from rwa_monitor.discrepancy.noise import Noise
 from rwa_monitor.discrepancy.record import Record
@@ -74,7 +74,6 @@ class Problem:
     noise: Noise
     nominal_viscous: float | None
     columns: ColumnCache = field(default_factory=ColumnCache)
-    jumps: JumpCache = field(default_factory=JumpCache)
     recent: RecentCache = field(default_factory=RecentCache)
     derivative_taps: FloatArray = field(default_factory=lambda: np.ones(1))
     memory: float = 1.0
@@ -93,7 +92,7 @@ class Problem:
 
         What refers to itself in a circle is freed late, and the columns kept for a search may have 400 MB.
         """
-        return replace(self, columns=ColumnCache(), jumps=JumpCache(), recent=RecentCache())
+        return replace(self, columns=ColumnCache(), recent=RecentCache())
 
     @property
     def size(self) -> int:

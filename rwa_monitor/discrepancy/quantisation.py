@@ -70,8 +70,8 @@ def without_steps(records: Sequence[Record], wheel: Wheel) -> list[Record]:
         return kept
     problem = make_problem(kept, wheel)
     problem = replace(problem, z=problem.z_measured)
-    base = fit(problem, np.zeros((problem.size, 0)))
-    return _drawn(problem, _expected(problem, base), lambda drawn: fit(drawn, np.zeros((drawn.size, 0))))
+    base = fit(problem)
+    return _drawn(problem, _expected(problem, base), fit)
 
 
 def _may_matter(record: Record) -> bool:

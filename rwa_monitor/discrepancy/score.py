@@ -226,4 +226,4 @@ def _fit(problem: Problem, series: Series, rows: FloatArray, coefficients: Float
     residual = rest - coefficients[0]
     if fit.jumps.size or law.level_spread > 0.0:
         residual = remove_levels(rest, segment_starts(problem, fit.jumps))
-    return Fit(fit.jumps, coefficients[1:], rest - residual, residual, float(residual @ residual), fit.criterion)
+    return Fit(fit.jumps, coefficients[1:], rest - residual, residual, float(residual @ residual))

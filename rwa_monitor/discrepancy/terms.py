@@ -24,9 +24,7 @@ from rwa_monitor.samples import FloatArray
 from rwa_monitor.wheel.effects.base import Channels, MeanEffect
 from rwa_monitor.wheel.effects.torque_ripple import TorqueRipple
 
-ROBUST_PAIRS: Final = 8_000  # differences that the robust start looks at, evenly spread
 TINY: Final = 1e-100  # of what is divided by
-ROBUST_ROUNDS: Final = 5  # reweightings; the shape only starts the fit
 
 
 @dataclass(frozen=True, slots=True)
@@ -191,7 +189,8 @@ def make_term_with(
     low, high = (np.array([getattr(p, end) for p in strengths]) for end in ("low", "high"))
     if not issubclass(effect, UnnamedEffect):
         # No part of the friction is larger than all of it: parts that cancel each other fit anything.
-        most = problem.largest_friction_Nm / np.maximum(np.abs(columns).max(axis=0, initial=0.0), TINY)
+        share = max(effect.largest_share(record.channels) for record in problem.records)
+        most = share * problem.largest_friction_Nm / np.maximum(np.abs(columns).max(axis=0, initial=0.0), TINY)
         low, high = np.maximum(low, -most), np.minimum(high, most)
     return Term(effect, dict(shape), columns, low, high, price=_price(problem, effect, shape))
 

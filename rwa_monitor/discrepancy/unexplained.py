@@ -26,6 +26,7 @@ from rwa_monitor.discrepancy.unnamed import UNNAMED, UnnamedEffect
 from rwa_monitor.samples import FloatArray
 
 EXPLAINED_SHARE: Final = 0.7  # of what a free curve gains: a law that gains so much with fewer numbers is kept
+NEARLY_ALL: Final = 0.9  # of the sum of squares that a free curve explains
 BESIDE_SHARE: Final = 0.1  # of the gain of what has no name that a name beside it must reach: no law is exact
 FEWEST_SAMPLES: Final = 4  # for each height of a curve: with fewer it follows the noise
 FEWEST_STEPS: Final = 6  # of the level: a jump or two too many is chance
@@ -65,8 +66,12 @@ def judge_leftover(fitting: Fitting, found: SearchResult) -> tuple[SearchResult,
     terms = tuple(model.terms[i] for i in kept)
     reduced = fitting.refitted(terms, best)
     alone = fitting.refitted((*terms, curve), best, [best.fit.jumps])
+    # A curve over the same quantity makes any law needless, the right one, too.
     if reduced.score - model.score > EXPLAINED_SHARE * (reduced.score - alone.score):
-        return found, unexplained, best  # a curve over the same quantity makes any law needless, the right one, too
+        return found, unexplained, best
+    fits = reduced.fit.rss, model.fit.rss, alone.fit.rss
+    if fits[0] > fits[1] and fits[0] - fits[1] > NEARLY_ALL * (fits[0] - fits[2]):
+        return found, unexplained, best  # what it lacks shows because the noise is far less
     left = tuple(entry for entry in found.found if entry.name in reduced.names)
     return replace(found, ladder=(*shorter(found.ladder, reduced), reduced), found=left), unexplained, best
 
@@ -107,7 +112,7 @@ def _repeated(
     powers = [float(np.mean(mean**2)) for mean in folds]
     period = periods[next(i for i, power in enumerate(powers) if power >= FOLDED_SHARE * max(powers))]
     # A peak is as wide as a period more or less in the record: a short rub shows its period better.
-    near = period * (1.0 + period / float(np.ptp(time_s)) * np.linspace(-0.5, 0.5, 2 * FOLD_BINS + 1))
+    near = period * (1.0 + min(period / float(np.ptp(time_s)), 1.0) * np.linspace(-0.5, 0.5, 2 * FOLD_BINS + 1))
     folds = [_fold(time_s, residual, one) for one in near]
     best = int(np.argmax([float(np.mean(mean**2)) for mean in folds]))
     return float(near[best]), folds[best], residual

@@ -94,8 +94,7 @@ def all_views(problem: Problem, base: Model, extended: Model) -> list[View]:
 def base_residual(problem: Problem, extended: Model) -> FloatArray:
     """Return what the base law leaves with the extended model's jumps, s·torque [N m], float64 (n,)."""
     design = problem.speed[:, None]
-    unbounded = np.full(1, np.inf)
-    slope = least_squares(problem, design, extended.fit.jumps, -unbounded, unbounded)
+    slope = least_squares(problem, design, extended.fit.jumps)
     return remove_levels(problem.z - design @ slope, segment_starts(problem, extended.fit.jumps))
 
 

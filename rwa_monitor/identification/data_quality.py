@@ -9,7 +9,7 @@ from typing import Final
 
 import numpy as np
 
-from rwa_monitor.discrepancy.base_fit import Fit, fit
+from rwa_monitor.discrepancy.base_fit import Fit, criterion, fit
 from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.errors import InputError
@@ -76,7 +76,7 @@ def with_temperature(problem: Problem, fitted: Fit, base: float) -> list[str]:
     viscous, slope = follows.coefficients.tolist()
     # Lubricants get thinner when they get warmer.
     falls = -slope * float(np.std(problem.speed * temperature))
-    if fitted.criterion - follows.criterion < ACCEPT_GAIN or falls < SMALLEST_SWING * base:
+    if criterion(problem, fitted) - criterion(problem, follows) < ACCEPT_GAIN or falls < SMALLEST_SWING * base:
         return []
     share = 100.0 * slope / max(viscous, 1e-300)
     note = (

@@ -103,7 +103,7 @@ def identify(recordings: Sequence[tuple[str, Samples]], start: Wheel, *, systems
     problem = make_problem(
         [without_known_effects(make_record(samples, bare, name), start) for name, samples in recordings], bare
     )
-    fitted = fit(problem, np.zeros((problem.size, 0)))
+    fitted = fit(problem)
     viscous = float(fitted.coefficients[0])
     names = ", ".join(name for name, _ in recordings)
     if viscous < 0:

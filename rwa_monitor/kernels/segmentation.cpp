@@ -458,22 +458,6 @@ Table<std::int64_t, 1> optimal_lines(Matrix<const double> sums, double penalty) 
     return Table<std::int64_t, 1>::from(std::move(found));
 }
 
-// Subtract each column's mean in place and write its running sums to a row.
-void centred_sums(Matrix<double> samples, Matrix<double> running) {
-    const std::int64_t count = samples.extent(0), columns = samples.extent(1);
-    std::vector<double> mean(columns), sum(columns);
-    for (std::int64_t k = 0; k < count; ++k) {
-        for (std::int64_t i = 0; i < columns; ++i) mean[i] += samples(k, i);
-    }
-    for (std::int64_t i = 0; i < columns; ++i) {
-        mean[i] /= static_cast<double>(count);
-        running(i, 0) = 0.0;
-    }
-    for (std::int64_t k = 0; k < count; ++k) {
-        for (std::int64_t i = 0; i < columns; ++i) running(i, k + 1) = sum[i] += samples(k, i) -= mean[i];
-    }
-}
-
 // The running sums x, z, xx, xz, zz, (5, n): what every detection of changepoints must do, for the benchmark.
 void five_sums(Vector<const double> x, Vector<const double> z, Matrix<double> out) {
     double sx = 0.0, sz = 0.0, sxx = 0.0, sxz = 0.0, szz = 0.0;
@@ -494,7 +478,6 @@ void bind_segmentation(nanobind::module_& module) {
     kernel(module, "decafs", &decafs);
     kernel(module, "segment_sums", &segment_sums);
     kernel(module, "optimal_lines", &optimal_lines);
-    kernel(module, "centred_sums", &centred_sums);
     kernel(module, "five_sums", &five_sums);
 }
 

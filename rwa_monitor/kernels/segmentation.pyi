@@ -29,8 +29,5 @@ def optimal_lines(sums: FloatArray, penalty: float) -> IntArray:
     `sums`, float64 (6, blocks + 1), are running sums of 1, x, z, x², xz and z²; `penalty` is the cost of one more line.
     """
 
-def centred_sums(samples: FloatArray, running: FloatArray) -> None:
-    """Subtract each column's mean from `samples`, (n, p); write its running sums to `running`, (p, n + 1)."""
-
 def five_sums(x: FloatArray, z: FloatArray, out: FloatArray) -> None:
     """Write the five running sums x, z, xx, xz, zz to `out`, float64 (5, n)."""

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from rwa_monitor.discrepancy.base_fit import fit
 from rwa_monitor.discrepancy.find import find_discrepancy
 from rwa_monitor.discrepancy.finished_search import Search
 from rwa_monitor.discrepancy.fitting import Fitting
@@ -233,13 +232,14 @@ def held_out_oracles(search: Search, hidden: Hidden) -> tuple[Model, Model] | No
     problem, jumps = search.problem, _true_jumps(search.problem, hidden)
     columns = np.stack([t[problem.slot] * problem.sign for t in hidden.torque.values()], axis=1)
     free = np.full(columns.shape[1], np.inf)
-    torque = Model((Term(_TrueForm, {}, columns, -free, free),), fit(problem, columns, start=jumps))
+    fitting = Fitting(problem, jumps=True)
+    base = fitting.base()
+    torque = fitting.refitted((Term(_TrueForm, {}, columns, -free, free),), base, jumps)
     if not set(hidden.torque) <= SEARCHED.keys():
         return torque, torque
     level = hidden.level[problem.slot]
     terms = [make_term(problem, SEARCHED[name], _true_shape(problem, name, hidden), level) for name in hidden.torque]
-    fitting = Fitting(problem, jumps=True)
-    return torque, fitting.refitted(terms, fitting.base(), jumps)
+    return torque, fitting.refitted(terms, base, jumps)
 
 
 def _true_shape(problem: Problem, name: str, hidden: Hidden) -> dict[str, float]:

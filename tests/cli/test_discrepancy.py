@@ -48,7 +48,7 @@ def rpm(table: Columns) -> Columns:
 
 
 REFUSED = {
-    "too short": (lambda: columns(count=30, speed=swing(30)), "at least 40"),
+    "too short": (lambda: columns(count=20, speed=swing(20)), "at least 30"),
     "nothing to derive friction from": (
         lambda: {name: columns()[name] for name in ("time_s", "speed_rad_s")},
         "friction cannot be derived: the table has none of friction_torque_Nm, motor_torque_Nm, motor_current_A",

@@ -72,7 +72,7 @@ def test_noise_and_a_line_in_time_are_none_over_the_angle(seed: int) -> None:
     assert samples.friction_torque_Nm is not None
     samples = Samples(samples.time_ns, samples.speed_rad_s, samples.friction_torque_Nm + hum)
     problem = prepare([make_record(samples, WHEEL, "hum")], WHEEL)
-    assert angle_line(problem, fit(problem, np.zeros((problem.size, 0)))) is None
+    assert angle_line(problem, fit(problem)) is None
 
 
 def test_in_one_direction_a_line_of_whole_order_is_left_to_the_ripple() -> None:

@@ -24,12 +24,13 @@ from rwa_monitor.discrepancy.extended import extended_wheel
 from rwa_monitor.discrepancy.find import CANDIDATES, find_discrepancy
 from rwa_monitor.discrepancy.finished_search import Search
 from rwa_monitor.discrepancy.plausible import shown_inertia
+from rwa_monitor.discrepancy.record import make_record
 from rwa_monitor.errors import InputError
 from rwa_monitor.identification.identify import identify
 from rwa_monitor.samples import Samples, concatenate
 from rwa_monitor.telemetry.table import read_table
 from rwa_monitor.wheel.torque_balance import torque_per_ampere
-from rwa_monitor.wheel.wheel import FrictionFilter, Wheel
+from rwa_monitor.wheel.wheel import Derivative, FrictionFilter, Wheel
 from tests.discrepancy.simple import Array
 
 OFF = FrictionFilter(motor_off=True)
@@ -90,6 +91,17 @@ def test_a_wheel_with_its_motor_off_shows_its_drag_from_time_and_speed_alone() -
     untested = dict(search.result.untested)
     for name in ("inertia_error", "torque_constant_error", "current_delay"):
         assert SCALED_ONLY in untested[name]
+
+
+def test_a_run_down_within_the_usual_window_of_the_derivative_is_read_with_a_shorter_one() -> None:
+    time, friction = 0.01 * np.arange(160), 0.04 * np.ones(160)  # 1.6 s
+    speed = 40.0 - np.cumsum(friction) * 0.01 / 0.005 + 1e-3 * np.random.default_rng(5).normal(size=160)
+    table, wheel = [("short", samples(time, speed))], bench(0.005, 0.01)
+    made = as_measured(table, wheel)
+    assert made.wheel.friction.derivative.window_s == pytest.approx(0.159)
+    assert np.count_nonzero(make_record(made.recordings[0][1], made.wheel, "short").used) > 130
+    stated = FrictionFilter(derivative=Derivative(window_s=2.0), motor_off=True)
+    assert as_measured(table, wheel.model_copy(update={"friction": stated})).wheel.friction == stated
 
 
 def test_without_an_inertia_a_run_down_is_refused_with_its_name() -> None:

@@ -145,6 +145,27 @@ def test_a_bound_that_is_met_exactly_is_kept() -> None:
     assert solution == pytest.approx([1.5, 0.0])
 
 
+def test_a_regressor_of_which_levels_leave_nothing_has_no_strength() -> None:
+    rows, target = np.vstack([np.arange(5.0), np.zeros(5)]), 2.0 * np.arange(5.0) + np.array([1.0, -1.0, 1.0, 0.0, 0.0])
+    products = np.vstack([target, rows]) @ np.vstack([target, rows]).T
+    products[0, 2] = products[2, 0] = 1e-18  # of rounding
+    solution, _ = Equations(products[1:, 1:], products[1:, 0], products[0, 0], -FREE, FREE, 5, 0.0).solve()
+    assert solution == pytest.approx([2.0 + 1.0 / 30.0, 0.0])
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_law_of_the_noise_is_left_for_a_likelier_one_alone(seed: int) -> None:
+    record, rng = series(600, seed), np.random.default_rng([8, seed])
+    record = replace(record, friction=record.base.T @ [40.0, 0.1] + np.cumsum(rng.normal(size=600)))
+    for start in (
+        NoiseLaw(),
+        NoiseLaw(white=0.01, correlation=0.99),
+        NoiseLaw(white=0.5, correlation=0.2, growth=-1.0),
+    ):
+        at_start = Equations.of(record, record.base, np.zeros(2), FREE, start).solve()[1] + start.price(record.size)
+        assert fit_noise(record, record.base, np.zeros(2), FREE, start)[1] <= at_start
+
+
 @pytest.mark.parametrize(("correlation", "white"), [(0.9, 0.5), (0.98, 0.1), (0.6, 0.02)])
 def test_noise_is_found_as_it_was_made(correlation: float, white: float) -> None:
     found = []

@@ -49,7 +49,7 @@ def named(level: FloatArray, speed: FloatArray, seed: int) -> list[str]:
     time_ns = (np.arange(COUNT) * round(PERIOD_S * 1e9)).astype(np.int64)
     samples = Samples(time_ns=time_ns, speed_rad_s=speed, friction_torque_Nm=friction)
     problem = make_problem([make_record(samples, KNOWN, "jumps")], KNOWN)
-    model = Model((), fit(problem, np.zeros((problem.size, 0))))
+    model = Model((), fit(problem))
     return [effect.name for effect in switching_effects(problem, model, KNOWN)]
 
 

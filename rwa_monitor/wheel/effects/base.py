@@ -222,6 +222,19 @@ class MeanEffect(Effect, ABC):
         return {parameter.name: (parameter.low, parameter.high) for parameter in cls.shape_parameters()}
 
     @classmethod
+    def largest_share(cls, channels: Channels) -> float:
+        """Return the largest part of the friction that the effect may be in this record; 1 where nothing says less."""
+        del channels
+        return 1.0
+
+    @classmethod
+    def is_possible(cls, strengths: FloatArray, viscous_Nm_s_rad: float) -> bool:
+        """Return whether physics lets the fitted strengths be, beside that viscous friction: a bound is no finding."""
+        del viscous_Nm_s_rad
+        limits = [(parameter.low, parameter.high) for parameter in cls.strength_parameters()]
+        return all(one == 0.0 or one not in ends for one, ends in zip(strengths.tolist(), limits, strict=True))
+
+    @classmethod
     def reach_between(cls, channels: Channels) -> dict[str, float]:
         """Return by how much a discrete shape parameter may be off a choice before this record shows it; by name.
 

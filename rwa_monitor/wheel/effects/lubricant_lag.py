@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Final
 
 import numpy as np
 
@@ -11,6 +12,9 @@ from rwa_monitor.samples import FloatArray
 from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Parameter
 from rwa_monitor.wheel.effects.columns import stack
 from rwa_monitor.wheel.effects.resolution import duration, narrowed
+
+MOST_TRAILING: Final = 5.0  # of the viscous friction: a working assumption
+FASTEST_S: Final = 10.0  # of a lubricant, see `source`; what is faster is the drive's
 
 
 class LubricantLag(MeanEffect):
@@ -50,7 +54,12 @@ class LubricantLag(MeanEffect):
 
     @classmethod
     def shape_bounds(cls, channels: Channels) -> dict[str, tuple[float, float]]:
-        """From ten slots (shorter: like dω/dt) to the length of the record (longer: like ω and a drift)."""
+        """From 10 s, or ten slots (shorter: like dω/dt), to the record's length (longer: like ω and a drift)."""
         bounds = super().shape_bounds(channels)
-        low, high = 10.0 * channels.sample_period_s, duration(channels)
+        low, high = max(10.0 * channels.sample_period_s, FASTEST_S), duration(channels)
         return {**bounds, "time_constant_s": narrowed(bounds["time_constant_s"], low, high)}
+
+    @classmethod
+    def is_possible(cls, strengths: FloatArray, viscous_Nm_s_rad: float) -> bool:
+        """What trails is a part of the viscous friction, or little more: drag hardly falls while the speed rises."""
+        return float(strengths[0]) >= -MOST_TRAILING * viscous_Nm_s_rad

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Final
 
 import numpy as np
 
@@ -10,6 +11,8 @@ from rwa_monitor.samples import FloatArray
 from rwa_monitor.wheel.effects.base import Channels, MeanEffect, Memory, Parameter
 from rwa_monitor.wheel.effects.columns import stack
 from rwa_monitor.wheel.effects.resolution import duration, narrowed
+
+HOUR_S: Final = 3600.0
 
 
 class RunInDrift(MeanEffect):
@@ -55,3 +58,8 @@ class RunInDrift(MeanEffect):
         bounds = super().shape_bounds(channels)
         length = duration(channels)
         return {**bounds, "time_constant_s": narrowed(bounds["time_constant_s"], 0.05 * length, 10.0 * length)}
+
+    @classmethod
+    def largest_share(cls, channels: Channels) -> float:
+        """All of the friction within an hour: the catalogue's is slower (see `source`: hours and longer)."""
+        return min(duration(channels) / HOUR_S, 1.0)

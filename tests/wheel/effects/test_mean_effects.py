@@ -36,6 +36,30 @@ def test_the_catalogue_holds_the_mean_effects_of_the_specification() -> None:
 
 
 @every_mean_effect
+def test_a_strength_at_the_end_of_its_range_is_no_finding(effect: type[MeanEffect]) -> None:
+    viscous = 5.333e-6
+    inside = np.array([parameter.typical for parameter in effect.strength_parameters()])
+    assert effect.is_possible(inside, viscous)
+    assert effect.is_possible(np.zeros(inside.size), viscous)
+    for i, parameter in enumerate(effect.strength_parameters()):
+        if np.isfinite(parameter.high):
+            assert not effect.is_possible(np.where(np.arange(inside.size) == i, parameter.high, inside), viscous)
+
+
+def test_drag_that_trails_is_not_many_times_the_viscous_friction() -> None:
+    lag = MEAN_EFFECTS["lubricant_lag"]
+    assert lag.is_possible(np.array([-1.1e-5]), 5.333e-6)
+    assert not lag.is_possible(np.array([-6e-3]), 3.8e-5)
+
+
+def test_friction_runs_in_over_an_hour_or_longer() -> None:
+    drift = MEAN_EFFECTS["run_in_drift"]
+    channels = rich_motion(2048)
+    assert drift.largest_share(channels) == pytest.approx(2048 * channels.sample_period_s / 3600.0)
+    assert drift.largest_share(replace(channels, sample_period_s=60.0)) == 1.0
+
+
+@every_mean_effect
 def test_columns_have_one_for_each_strength_and_are_finite(effect: type[MeanEffect]) -> None:
     channels = rich_motion(2048)
     columns, _ = effect.columns(channels, typical_shape(effect))
