@@ -61,6 +61,9 @@ def grow(
         rivals = fitting.extensions(current, testable)
         if not rivals:
             break
+        if len(rivals[0].terms) > len(current.terms):  # or its jumps are what the current model lacks
+            simpler = fitting.without(rivals[0], len(current.terms))
+            current = ladder[-1] = min(current, simpler, key=lambda model: model.score)
         gain = current.score - rivals[0].score
         if gain < least_gain and _wanders(current):  # of two laws, neither alone may explain what wanders
             pairs = [pair for one in rivals[:TRIED_IN_PAIRS] for pair in fitting.extensions(one, testable)]
