@@ -22,6 +22,7 @@ from rwa_monitor.discrepancy.record import Record
 from rwa_monitor.discrepancy.unnamed import UnnamedEffect
 from rwa_monitor.samples import FloatArray
 from rwa_monitor.wheel.effects.base import Channels, MeanEffect
+from rwa_monitor.wheel.effects.formula import Formula
 from rwa_monitor.wheel.effects.torque_ripple import TorqueRipple
 
 TINY: Final = 1e-100  # of what is divided by
@@ -183,6 +184,9 @@ def make_term_with(
     if columns is None:
         by_angle = issubclass(effect, TorqueRipple) or getattr(effect, "variable", "") == "angle"
         channels = [record.undrifted if by_angle else record.channels for record in problem.records]
+        if issubclass(effect, (Formula, UnnamedEffect)):  # of any form: of that of the noise that both share, too
+            steady = [_steady_speed(record) for record in problem.records]
+            channels = [replace(one, speed_rad_s=speed) for one, speed in zip(channels, steady, strict=True)]
         columns = _evaluate(problem, effect, shape, channels)
         if keep and not depends_on_level(effect):
             problem.columns.put(key, columns)
