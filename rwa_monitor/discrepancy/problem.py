@@ -60,7 +60,7 @@ class Problem:
     top_speed
         Largest speed [rad/s].
     largest_friction_Nm
-        Largest |friction| as measured [N m]; infinite where none is: a manoeuvre that is only planned.
+        Range of the friction as measured, zero in it [N m]; infinite where none is: a manoeuvre that is only planned.
     """
 
     records: tuple[Record, ...]
@@ -85,7 +85,8 @@ class Problem:
     def __post_init__(self) -> None:
         """Note what every solution asks for."""
         object.__setattr__(self, "top_speed", float(self.speed.max(initial=0.0)))
-        object.__setattr__(self, "largest_friction_Nm", float(np.abs(self.z_measured).max(initial=0.0)) or np.inf)
+        range_Nm = self.z_measured.max(initial=0.0) - self.z_measured.min(initial=0.0)
+        object.__setattr__(self, "largest_friction_Nm", float(range_Nm) or np.inf)
 
     def with_empty_caches(self) -> Problem:
         """Return the same data with caches of their own: for what is kept in a cache of these.
