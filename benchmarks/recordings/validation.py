@@ -21,9 +21,9 @@ from scipy.io import loadmat
 from scipy.signal import butter, filtfilt, find_peaks
 
 
-def git_show(source: str, path: str) -> bytes:
-    """Return the bytes of a file at the head of a repository."""
-    return subprocess.run(["git", "-C", source, "show", f"HEAD:{path}"], check=True, capture_output=True).stdout
+def git_show(source: str, path: str, revision: str = "HEAD") -> bytes:
+    """Return the bytes of a file of a repository, at its head where no revision is given."""
+    return subprocess.run(["git", "-C", source, "show", f"{revision}:{path}"], check=True, capture_output=True).stdout
 
 
 def git_list(source: str, under: str) -> list[str]:
