@@ -75,9 +75,9 @@ OFFSET: Final = """\
   the {accept:.0f} that are asked for: neither named nor excluded. On joint 1 one jump of the level within
   the first second takes its place (0.26 N m would remain without a jump), so that an offset is not excluded there."""
 COLOUR: Final = """\
-- **Coloured noise.** Where the last column of the second table is large, a slow wave and noise look alike. One likelihood
-  decides, with the noise as an autoregression that is fitted anew under every candidate: effects that change faster
-  than the noise forgets are told from it (joint 3)."""
+- **Coloured noise.** Where the last column of the second table is large, a slow wave and noise look alike. One
+  likelihood decides, with the noise as an autoregression that is fitted anew under every candidate: effects that change
+  faster than the noise forgets are told from it (joint 3)."""
 OFFSET_HEAD: Final = (
     "joint",
     "offset over its error",
