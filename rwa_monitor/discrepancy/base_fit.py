@@ -4,7 +4,7 @@ The sign is folded in: with z = s·y and columns s·φ, z = level(t) + Σ coeffi
 Fitting alternates exact segmentation of what the columns leave (FPOP) with least squares for the coefficients shared
 by all segments, and minimises the penalised criterion
 
-    J = RSS/σ² + 3 log N · jumps + log N · parameters
+    J = RSS/σ² + 3 log N · jumps
 
 σ² is the largest variance that a mean of this noise shows at any length, times that length, so that coloured noise
 does not pass for jumps.
@@ -174,7 +174,7 @@ def jump_price(problem: Problem) -> float:
 
 
 def criterion(problem: Problem, fitted: Fit) -> float:
-    """Return J but for the price of the coefficients; lower is better."""
+    """Return J of a fit; lower is better."""
     return fitted.rss / problem.noise.long_run_variance + problem.log_size * JUMP_PENALTY * fitted.jumps.size
 
 

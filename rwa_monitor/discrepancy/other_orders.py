@@ -40,7 +40,9 @@ def with_other_orders(problem: Problem, model: Model, index: int, order: Paramet
     if reach is None:
         return order  # so many turns tell an order from its neighbours
     low, high = shape_limits(problem, TorqueRipple)[ORDER]
-    near = order.value + reach * np.arange(-WIDTHS, WIDTHS + 0.5 / PER_WIDTH, 1.0 / PER_WIDTH)
+    # Where most of the way is within a part of a turn, peaks are as narrow as the order is known, and not as a line.
+    step = reach / PER_WIDTH if order.std is None else min(reach / PER_WIDTH, 0.5 * order.std)
+    near = order.value + np.arange(-WIDTHS * reach, WIDTHS * reach + 0.5 * step, step)
     tried = np.unique(np.concatenate([near, np.arange(1.0, MAX_HARMONIC + 1.0)]))
     tried = tried[(tried >= low) & (tried <= high)]
     others = tuple(term for i, term in enumerate(model.terms) if i != index)

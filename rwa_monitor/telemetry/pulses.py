@@ -58,8 +58,8 @@ def speed_of_pulses(pulses: Samples, pulses_per_turn: int, source: str) -> Turni
     """Return the speed of a wheel from the times of pulses.
 
     Steps between pulses are regular where they are about the median of those around. Between regular ones the number
-    of pulses that belong there follows from the time: what came less was missed, what came more is left out. Those are
-    told where they are single, three pulses or more from each other.
+    of pulses that belong there follows from the time: what came less was missed, what came more is left out. Both are
+    detected where they are single, three pulses or more from each other.
 
     Parameters
     ----------

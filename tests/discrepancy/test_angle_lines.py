@@ -113,7 +113,7 @@ def test_orders_that_look_alike_over_the_angles_travelled_are_told_together() ->
     rng = np.random.default_rng(50114)
     speed = to_and_fro(0.06, rng)
     speed[COUNT // 2 : COUNT // 2 + 80] += 2 * np.pi / (80 * PERIOD_S)  # a turn further, and on as before
-    found = find_discrepancy([("ripple", record(speed, 20.0, 0.0, 1.3e-5, rng))], WHEEL)
+    found = find_discrepancy([("ripple", record(speed, 20.0, 0.0, 1.5e-5, rng))], WHEEL)
     (ripple,) = found.result.effects
     told = ripple.parameters["harmonic"]
     assert told.std is None
