@@ -274,7 +274,7 @@ def _without_jumps(
         return None
     problem = with_noise_of(problem, complete.fit.residual)
     explained = _Explained(problem, found, leftover, complete, jumps=False)
-    return _with_formula(approach, explained, complete.score, progress) if leftover is not None else explained
+    return _with_formula(approach, explained, effects, progress) if leftover is not None else explained
 
 
 def _least_score(problem: Problem, jumping: Model) -> float:
@@ -385,16 +385,26 @@ def _explain(problem: Problem, candidates: Sequence[type[MeanEffect]], progress:
     found, leftover, complete = judge_leftover(approach, found)
     found, leftover = without_unnamed(approach, found, leftover)
     explained = _Explained(problem, found, leftover, complete)
-    return _with_formula(approach, explained, complete.score, progress) if leftover is not None else explained
+    return _with_formula(approach, explained, candidates, progress) if leftover is not None else explained
 
 
-def _with_formula(approach: Fitting, explained: _Explained, score_of_curve: float, progress: Progress) -> _Explained:
-    """Give what a free curve explains a formula, where one is as good; see `formulas`."""
+def _with_formula(
+    approach: Fitting, explained: _Explained, effects: Sequence[type[MeanEffect]], progress: Progress
+) -> _Explained:
+    """Give what a free curve explains a law, where one is as good: an effect that is as good as any formula, or that.
+
+    Something is missing, as the curve shows: an effect need not prove that again.
+    """
     progress("a formula for what has no name")
     found = explained.found
-    shown, _ = approach.sort_out(formulas(explained.problem), found.ladder[0])
-    models = approach.extensions(found.ladder[-1], shown)
-    if not models or models[0].score > score_of_curve + EQUIVALENT_WITHIN:
+    most = explained.complete.score + EQUIVALENT_WITHIN
+    laws, _ = approach.sort_out(formulas(explained.problem), found.ladder[0])
+    named, _ = approach.sort_out([effect for effect in effects if effect.name in CATALOGUE], found.ladder[0])
+    models = [one for one in approach.extensions(found.ladder[-1], laws) if one.score <= most]
+    most = min(most, models[0].score + EQUIVALENT_WITHIN) if models else most
+    by_name = [one for one in approach.extensions(found.ladder[-1], named) if one.score <= most]
+    models = [one for one in by_name or models if len(one.terms) > len(found.ladder[-1].terms)]
+    if not models:
         return explained
     near = [model.names[-1] for model in models[1:] if model.score - models[0].score < EQUIVALENT_WITHIN]
     best = prune(approach, models[0], keep_last=True)  # what was named may have stood in for a part of it

@@ -50,6 +50,7 @@ STEP: Final = 0.25  # of a column's range from one sample to the next: more is a
 AT_STEP: Final = 8  # samples: a jump so near to a step may be that step
 MOST_TRIED: Final = 60  # thresholds
 FEWEST_CROSSED: Final = 2  # jumps at one speed: one is no threshold
+WORSE: Final = 1.1  # of the sum of squares: slow noise lets the right law leave a few per cent more by chance
 CALMER: Final = 0.9  # of the long-run variance: from there on what a model leaves is taken for the noise
 
 
@@ -178,7 +179,7 @@ class Fitting:
         if self.jumps:
             started = _best_of_each(started)[:REFITTED]
         refined = self.problem.each(lambda one: self._plainer_shape(self._refined(one)), started)
-        return _best_of_each([one for one in refined if _is_possible(one)])
+        return _best_of_each([one for one in refined if _is_possible(one) and _explains(one, current)])
 
     def _at_thresholds(self, current: Model, effect: type[MeanEffect]) -> list[tuple[Term, IntArray]]:
         """Return an effect with a threshold of speed where it makes most of the jumps superfluous, and the others.
@@ -264,6 +265,15 @@ class Fitting:
 def _is_possible(model: Model) -> bool:
     """Return whether the strengths of the last term are what physics lets them be."""
     return model.terms[-1].effect.is_possible(model.strengths(-1), float(model.fit.coefficients[0]))
+
+
+def _explains(model: Model, current: Model) -> bool:
+    """Return whether a model with as many jumps leaves no more than the current one does.
+
+    Beside noise that remembers for long, only what neighbouring samples differ by is likely or not: a law may fit that
+    and predict a slow friction that is not there.
+    """
+    return model.fit.jumps.size < current.fit.jumps.size or model.fit.rss <= WORSE * current.fit.rss
 
 
 def _off_steps(term: Term, jumps: IntArray) -> IntArray:
