@@ -16,7 +16,8 @@ from typing import Final
 import numpy as np
 
 from benchmarks.page import NONE, add_output_option, page, put_out, section, table
-from rwa_monitor.discrepancy.find import find_discrepancy, prepare
+from rwa_monitor.discrepancy.explanation import prepare
+from rwa_monitor.discrepancy.find import find_discrepancy
 from rwa_monitor.discrepancy.finished_search import Search
 from rwa_monitor.discrepancy.fitting import Fitting
 from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN

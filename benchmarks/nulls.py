@@ -20,8 +20,9 @@ from typing import Any, Final
 import numpy as np
 
 from rwa_monitor.discrepancy.cage import largest_burst_gain
-from rwa_monitor.discrepancy.find import CANDIDATES, prepare
+from rwa_monitor.discrepancy.explanation import prepare
 from rwa_monitor.discrepancy.fitting import Fitting
+from rwa_monitor.discrepancy.hypotheses import CANDIDATES
 from rwa_monitor.discrepancy.noise_effects import largest_noise_gain
 from rwa_monitor.discrepancy.record import make_record
 from rwa_monitor.discrepancy.search import search

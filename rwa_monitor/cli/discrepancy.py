@@ -246,7 +246,7 @@ def _print_details(found: Search) -> None:
 
     from rwa_monitor.discrepancy.bench import SCALED_ONLY
     from rwa_monitor.discrepancy.extended import extend, laws_in_words
-    from rwa_monitor.discrepancy.find import CANDIDATES
+    from rwa_monitor.discrepancy.hypotheses import CANDIDATES
     from rwa_monitor.discrepancy.quantisation import steps_in_words
     from rwa_monitor.discrepancy.record import left_out_in_words
     from rwa_monitor.discrepancy.report import absent_effects, noise_gains, p_in_words

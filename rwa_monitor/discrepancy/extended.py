@@ -37,7 +37,6 @@ COMMENTS: Final[dict[Treatment, str]] = {
     "absent": "the wheel file has no nominal friction; identify would learn it",
 }
 
-DRIFTS: Final = frozenset({"run_in_drift"})  # effects that change with time alone, as a fault does that grows
 CAUTION: Final = "What an effect here explains is no longer seen as a fault: the records must be of a healthy wheel."
 CAUTION_LOSS: Final = "It does worse than the file without the effects on held-out data: do not use it."
 CAUTION_SIMULATED: Final = (
@@ -122,7 +121,7 @@ class Extension:
 
     def to_toml(self) -> str:
         """Write the wheel file, with the comment and a warning on top."""
-        drifts = any(block.name in DRIFTS for block in self.wheel.effect)
+        drifts = any(effect_class(block.name).changes_with_time for block in self.wheel.effect)
         caution = f"{CAUTION} {CAUTION_DRIFT}" if drifts else CAUTION
         caution = f"{CAUTION_SIMULATED}\n# {caution}" if self.simulated.is_a_loss else caution
         caution = f"{CAUTION_LOSS}\n# {caution}" if self.is_a_loss else caution

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Final
 
-from rwa_monitor.discrepancy.find import CANDIDATES
 from rwa_monitor.discrepancy.finished_search import Search
+from rwa_monitor.discrepancy.hypotheses import CANDIDATES
 from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN
 from rwa_monitor.discrepancy.plan import DECIDES, PlannedManoeuvre, rank_for_untested, rank_manoeuvres
 from rwa_monitor.discrepancy.result import Unexplained

@@ -8,8 +8,8 @@ import jinja2
 
 from rwa_monitor.discrepancy import engineering
 from rwa_monitor.discrepancy.extended import extend, laws_in_words
-from rwa_monitor.discrepancy.find import CANDIDATES, candidates
 from rwa_monitor.discrepancy.finished_search import Search, ladder
+from rwa_monitor.discrepancy.hypotheses import CANDIDATES, candidates
 from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN
 from rwa_monitor.discrepancy.next_flight import plan
 from rwa_monitor.discrepancy.p_values import built_in_nulls
@@ -24,7 +24,6 @@ from rwa_monitor.wheel.effects.catalogue import effect_class
 
 KINDS: Final = {"mean": "a torque", "noise": "of the noise", "switching": "of the jumps"}
 PROPER: Final = "Stribeck"  # a name: it keeps its capital
-OF_ONE_RECORDING: Final = ("run_in_drift", "torque_ripple")  # in its own time, at its own angle
 SURE_P: Final = 1e-4  # below which a view's test calls its deviation no chance
 
 
@@ -53,7 +52,7 @@ def sentence(result: DiscrepancyResult) -> str:
 
 def _loss_in_words(result: DiscrepancyResult, gain: Gain) -> str:
     """Say first what an extension does not do: hold on data that it was not fitted to."""
-    own = [effect.name for effect in result.effects if effect.name in OF_ONE_RECORDING and gain.held_out]
+    own = [effect.name for effect in result.effects if effect_class(effect.name).of_one_recording and gain.held_out]
     where = f"On {', '.join(gain.held_out)}" if gain.held_out else "On blocks left out in turn"
     return (
         f"{where} what was found does not hold: the RMSE goes from {gain.rmse_base_Nm:.4g} to"

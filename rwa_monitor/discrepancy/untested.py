@@ -15,12 +15,15 @@ from typing import Final
 import numpy as np
 
 from rwa_monitor.discrepancy.base_fit import remove_levels, segment_starts
+from rwa_monitor.discrepancy.jump_terms import JUMP_TERMS
 from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN
-from rwa_monitor.discrepancy.models import Model
+from rwa_monitor.discrepancy.models import Model, SearchResult
 from rwa_monitor.discrepancy.problem import Problem
+from rwa_monitor.discrepancy.result import FoundEffect
 from rwa_monitor.discrepancy.shape_profile import middle_shape
 from rwa_monitor.discrepancy.terms import available, depends_on_level, make_term
 from rwa_monitor.wheel.effects.base import MeanEffect
+from rwa_monitor.wheel.effects.catalogue import CATALOGUE
 from rwa_monitor.wheel.effects.wrong_duration_law import FEWEST_SOJOURNS
 from rwa_monitor.wheel.wheel import Wheel
 
@@ -30,6 +33,7 @@ TOO_LARGE: Final = 0.3  # of the RMS of all friction: an effect that must be lar
 TOO_LARGE_AT_PEAK: Final = 1.0
 
 FRICTION_NOT_DERIVED: Final = "motor_current_A instead of friction_torque_Nm"
+NO_JUMPS: Final = "jumps of the friction: none is seen here"
 NO_SYSTEMS: Final = "fss: the switching systems in the wheel file"
 
 
@@ -147,3 +151,35 @@ def untested_others(problem: Problem, model: Model, wheel: Wheel) -> list[tuple[
     if jumps < FEWEST_SOJOURNS:
         missing.append(("speed_triggered_jumps", few))
     return missing
+
+
+def untested(
+    problem: Problem,
+    found: SearchResult,
+    mean: Sequence[FoundEffect],
+    wheel: Wheel,
+    tried: Sequence[type[MeanEffect]],
+    not_shown: Sequence[type[MeanEffect]],
+) -> dict[str, str]:
+    """Return what the records could not test, and what is missing, by name; none that was named or could stand for one.
+
+    Parameters
+    ----------
+    problem, found, mean, wheel
+        The data and the answer, its mean effects as they are reported.
+    tried, not_shown
+        Effects that the motion can show, and those that it cannot.
+    """
+    model = found.ladder[-1]
+    missing = [entry for entry in found.untestable if entry[0] in CATALOGUE]
+    missing += [*too_weak_to_show(problem, model, tried), *untested_others(problem, model, wheel)]
+    named = {name for effect in mean for name in (effect.name, *effect.equivalent)}
+    listed: dict[str, str] = {}
+    for name, what in missing:
+        if name not in named:
+            listed.setdefault(name, what)
+    for effect in not_shown:
+        listed.setdefault(effect.name, as_a_part(effect.separate_by))
+    if not model.fit.jumps.size:
+        listed |= {term.name: NO_JUMPS for term in JUMP_TERMS if term.name in listed}
+    return listed

@@ -8,7 +8,7 @@ from typing import Final
 import numpy as np
 from scipy.signal import lfilter
 
-from rwa_monitor.discrepancy.find import prepare
+from rwa_monitor.discrepancy.explanation import prepare
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.record import make_record
 from rwa_monitor.samples import Samples

@@ -7,8 +7,9 @@ import pytest
 
 from rwa_monitor.discrepancy.angle_lines import angle_line
 from rwa_monitor.discrepancy.base_fit import fit
+from rwa_monitor.discrepancy.explanation import prepare
 from rwa_monitor.discrepancy.extended import extend
-from rwa_monitor.discrepancy.find import find_discrepancy, prepare
+from rwa_monitor.discrepancy.find import find_discrepancy
 from rwa_monitor.discrepancy.next_flight import plan
 from rwa_monitor.discrepancy.record import make_record
 from rwa_monitor.samples import Samples

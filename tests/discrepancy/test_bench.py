@@ -21,8 +21,9 @@ from rwa_monitor.discrepancy.bench import (
     with_turns,
 )
 from rwa_monitor.discrepancy.extended import extended_wheel
-from rwa_monitor.discrepancy.find import CANDIDATES, find_discrepancy
+from rwa_monitor.discrepancy.find import find_discrepancy
 from rwa_monitor.discrepancy.finished_search import Search
+from rwa_monitor.discrepancy.hypotheses import CANDIDATES
 from rwa_monitor.discrepancy.plausible import shown_inertia
 from rwa_monitor.discrepancy.record import make_record
 from rwa_monitor.errors import InputError

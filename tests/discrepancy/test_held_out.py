@@ -7,8 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from rwa_monitor.discrepancy.explanation import prepare
 from rwa_monitor.discrepancy.extended import extend, laws_in_words
-from rwa_monitor.discrepancy.find import find_discrepancy, prepare, with_search_again
+from rwa_monitor.discrepancy.find import find_discrepancy, with_search_again
 from rwa_monitor.discrepancy.finished_search import Search
 from rwa_monitor.discrepancy.gain import HeldOut, on_other_recordings
 from rwa_monitor.discrepancy.record import make_record

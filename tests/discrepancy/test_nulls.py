@@ -15,8 +15,9 @@ from hypothesis import strategies as st
 from scipy import stats
 
 from benchmarks.nulls import null_gains
-from rwa_monitor.discrepancy.find import CANDIDATES, prepare
+from rwa_monitor.discrepancy.explanation import prepare
 from rwa_monitor.discrepancy.fitting import Fitting
+from rwa_monitor.discrepancy.hypotheses import CANDIDATES
 from rwa_monitor.discrepancy.p_values import Nulls, built_in_nulls
 from rwa_monitor.discrepancy.record import make_record
 from rwa_monitor.discrepancy.search import search

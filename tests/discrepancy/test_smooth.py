@@ -15,9 +15,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rwa_monitor.discrepancy.find import candidates, find_discrepancy
+from rwa_monitor.discrepancy.find import find_discrepancy
 from rwa_monitor.discrepancy.finished_search import Search
 from rwa_monitor.discrepancy.fitting import Fitting
+from rwa_monitor.discrepancy.hypotheses import candidates
 from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN
 from rwa_monitor.discrepancy.search import search
 from rwa_monitor.discrepancy.terms import make_term

@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rwa_monitor.discrepancy.find import find_discrepancy, prepare
+from rwa_monitor.discrepancy.explanation import prepare
+from rwa_monitor.discrepancy.find import find_discrepancy
 from rwa_monitor.discrepancy.fitting import Fitting
 from rwa_monitor.discrepancy.record import make_record
 from rwa_monitor.discrepancy.result import ParameterValue

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rwa_monitor.discrepancy.find import CANDIDATES, find_discrepancy
+from rwa_monitor.discrepancy.find import find_discrepancy
 from rwa_monitor.discrepancy.finished_search import Search
+from rwa_monitor.discrepancy.hypotheses import CANDIDATES
 from rwa_monitor.discrepancy.next_flight import TELLS_NOTHING, plan
 from rwa_monitor.discrepancy.report import absent_effects, html, sentence
 from rwa_monitor.discrepancy.untested import detectable_strengths, not_testable

@@ -130,6 +130,14 @@ class Effect:
     source: ClassVar[str]
     needs: ClassVar[frozenset[str]] = frozenset()  # optional channels: "motor_torque_Nm", "bearing_temperature_degC"
     parameters: ClassVar[tuple[Parameter, ...]] = ()
+    # True where what it leaves follows the acceleration, so that a curve over that shows the same.
+    follows_acceleration: ClassVar[bool] = False
+    # True where it changes with time alone, as a fault does that grows.
+    changes_with_time: ClassVar[bool] = False
+    # True where it follows a recording's own time or angle: its strength says nothing of another recording.
+    of_one_recording: ClassVar[bool] = False
+    # True where it comes and goes, so that friction seems to wander.
+    comes_and_goes: ClassVar[bool] = False
 
     def __init__(self, **values: float) -> None:
         known = {parameter.name: parameter for parameter in self.parameters}
@@ -185,6 +193,12 @@ class MeanEffect(Effect, ABC):
     # What becomes of the torque when the same motion is made in the other direction: it flips ("odd", as friction
     # does), it stays ("even", as an offset does), or neither.
     parity: ClassVar[Literal["odd", "even", "none"]] = "odd"
+    # True where the torque changes with time or temperature while the speed stays as it is.
+    shows_at_one_speed: ClassVar[bool] = False
+    # True where the first strength is a part of the viscous friction.
+    is_part_of_viscous: ClassVar[bool] = False
+    # The effect that it looks like at one speed where a channel of that one is not measured; "" without one.
+    unmeasured_cause: ClassVar[str] = ""
     # What the choice of this one costs a search, as a deviance [-]: 2·ln of how many there are of its kind, else zero.
     choice_deviance: ClassVar[float] = 0.0
 

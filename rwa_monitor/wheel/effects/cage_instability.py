@@ -30,6 +30,7 @@ class CageInstability(NoiseEffect):
 
     name = "cage_instability"
     title = "Cage instability"
+    comes_and_goes = True
     formula = (
         r"\tau = g(t)\, m \operatorname{sign}(\omega), \quad \sigma = \sigma_0 \left(1 + g(t)\, b\right), \qquad "
         r"g(t) \in \{0, 1\} \text{ where } \left||\omega| - \omega_c\right| < w, \text{ else } 0"

@@ -42,6 +42,10 @@ class RunInDrift(MeanEffect):
         Parameter("strength_Nm_s", "N m/s", -np.inf, np.inf, -5.0e-9, linear=True),
         Parameter("time_constant_s", "s", 1.0, 1.0e9, 1.0e5),
     )
+    shows_at_one_speed = True
+    changes_with_time = True
+    of_one_recording = True
+    unmeasured_cause = "viscosity_temperature"
 
     @classmethod
     def columns(

@@ -24,6 +24,7 @@ class TachometerQuantisation(NoiseEffect):
 
     name = "tachometer_quantisation"
     title = "Tachometer quantisation"
+    follows_acceleration = True
     formula = (
         r"\omega_{\mathrm{read}} = \Delta \operatorname{round}(\omega/\Delta), \qquad n_k = -J\, \frac{q_{k+1} - "
         r"q_{k-1}}{2 \Delta t}, \quad q = \omega_{\mathrm{read}} - \omega"

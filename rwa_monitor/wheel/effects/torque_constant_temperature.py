@@ -33,6 +33,7 @@ class TorqueConstantTemperature(MeanEffect):
         "−0.12 %/K (NdFeB)."
     )
     needs = frozenset({"motor_torque_Nm", "bearing_temperature_degC"})
+    shows_at_one_speed = True
     parameters = (Parameter("strength_1_K", "1/K", -0.01, 0.01, 8.0e-4, linear=True),)
 
     @classmethod

@@ -48,6 +48,7 @@ class TorqueRipple(MeanEffect):
         "1998 (ripple and cogging of wheels). 0.5–2 % of full torque is a working assumption."
     )
     parity = "none"
+    of_one_recording = True
     parameters = (
         Parameter("strength_cos_Nm", "N m", -np.inf, np.inf, 1.0e-4, linear=True),
         Parameter("strength_sin_Nm", "N m", -np.inf, np.inf, 0.0, linear=True, default=0.0),

@@ -42,6 +42,8 @@ class ViscosityTemperature(MeanEffect):
         "to −8 % per kelvin at 20 °C, the range of common space oils as a working assumption."
     )
     needs = frozenset({"bearing_temperature_degC"})
+    shows_at_one_speed = True
+    is_part_of_viscous = True
     parameters = (
         Parameter("strength_Nm_s_rad", "N m s/rad", 0.0, np.inf, 5.333e-6, linear=True),
         Parameter("activation_temperature_K", "K", 1500.0, 8000.0, 4000.0),

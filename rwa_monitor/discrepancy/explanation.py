@@ -1,0 +1,254 @@
+"""What explains the records: effects and jumps, or effects alone; and what no effect explains.
+
+Three searches compete by one score: with jumps, without them, and with jumps outside of bursts. Where a free curve
+still gains, something is missing: it is given a law, or reported as unexplained.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Final
+
+import numpy as np
+
+from rwa_monitor.discrepancy.angle_drift import with_angle_drift
+from rwa_monitor.discrepancy.angle_lines import AngleLine, angle_line, order_to_try, ripple_with
+from rwa_monitor.discrepancy.base_fit import Fit, fit, make_problem, with_noise_of
+from rwa_monitor.discrepancy.cage import CageBursts, cage_bursts
+from rwa_monitor.discrepancy.fitting import EQUIVALENT_WITHIN, Fitting, Progress
+from rwa_monitor.discrepancy.formulas import formulas
+from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN, Series, fit_noise
+from rwa_monitor.discrepancy.mapper import Mapper, in_turn
+from rwa_monitor.discrepancy.models import Found, Growth, Model, SearchResult, law_of
+from rwa_monitor.discrepancy.problem import Problem
+from rwa_monitor.discrepancy.quantisation import drawn_again
+from rwa_monitor.discrepancy.record import Record
+from rwa_monitor.discrepancy.result import Unexplained
+from rwa_monitor.discrepancy.score import price, regressors
+from rwa_monitor.discrepancy.search import grow, prune, rank, search
+from rwa_monitor.discrepancy.slope_jumps import SlopeJumps, with_slope_jumps
+from rwa_monitor.discrepancy.testable import speed_curve
+from rwa_monitor.discrepancy.unexplained import judge_leftover, shorter, with_free_curves, without_unnamed
+from rwa_monitor.discrepancy.unnamed import UNNAMED
+from rwa_monitor.wheel.effects.base import MeanEffect
+from rwa_monitor.wheel.effects.catalogue import CATALOGUE, MEAN_EFFECTS
+from rwa_monitor.wheel.effects.torque_ripple import TorqueRipple
+from rwa_monitor.wheel.wheel import Wheel
+
+Effects = Sequence[type[MeanEffect]]
+
+# Fewer samples than this from jump to jump, on average, are no level that could be seen: the steps stand for noise.
+SHORTEST_SEGMENTS: Final = 50
+FEWEST_FOR_JUMPS: Final = 200  # samples; fewer show no jumps, and no law of the noise: only what acts without jumps
+
+
+def prepare(records: Sequence[Record], wheel: Wheel, each: Mapper = in_turn) -> Problem:
+    """Join records to the problem that is searched; `each` applies a function to each of many candidates.
+
+    Raises
+    ------
+    InputError
+        If too few samples are in motion.
+    """
+    problem = make_problem(records, wheel, each)
+    base = fit(problem)
+    if base.coefficients[0] > 0:
+        problem = replace(problem, lowest_viscous=0.0)
+    return with_angle_drift(problem, base)
+
+
+@dataclass(frozen=True, slots=True)
+class Explained:
+    """What a search made of the records.
+
+    Attributes
+    ----------
+    problem
+        The data, with the noise that the last model leaves.
+    found, leftover
+        The mean effects, and what none of them explains.
+    complete
+        The last model with what is left in it: its residual is noise.
+    cage
+        Bursts of a cage, outside of which the rest was found; None without any.
+    jumps
+        Whether friction may jump.
+    """
+
+    problem: Problem
+    found: SearchResult
+    leftover: Unexplained | None
+    complete: Model
+    cage: CageBursts | None = None
+    jumps: bool = True
+
+
+def explain(problem: Problem, effects: Effects, progress: Progress, wheel: Wheel) -> Explained:
+    """Search for mean effects with jumps and without, and return the better answer."""
+    if problem.size < FEWEST_FOR_JUMPS:
+        few = _without_jumps(problem, None, effects, progress)
+        assert few is not None, "nothing else is likelier"
+        return few
+    problem, effects, line = _by_angle(problem, effects, wheel)
+    jumping = _with_jumps(problem, effects, progress, wheel)
+    smooth = _without_jumps(jumping.problem, jumping.complete, effects, progress)
+    if smooth is not None:
+        return replace(smooth, leftover=_with_line(line, smooth.leftover))
+    cage = cage_bursts(jumping.problem, jumping.complete) if jumping.problem.has_noise else None
+    if cage is not None:
+        # Bursts pass for jumps, and for laws of speed: what is said of anything else is said without them.
+        quiet = prepare(cage.quiet(jumping.problem.records), wheel, problem.each)
+        jumping = _with_jumps(quiet, effects, progress, wheel)
+    return replace(jumping, leftover=_with_line(line, jumping.leftover), cage=cage)
+
+
+def _without_jumps(problem: Problem, jumping: Model | None, effects: Effects, progress: Progress) -> Explained | None:
+    """Search without jumps; None where a model with jumps is more likely by as much as an effect must be.
+
+    Beside what is named with jumps, a free curve over the speed is as good as any law of it: where even that is less
+    likely, nothing is searched.
+    """
+    most = np.inf
+    if jumping is not None:
+        jumps = jumping.fit.jumps.size
+        if jumps * SHORTEST_SEGMENTS <= problem.size:
+            most = jumping.score + ACCEPT_GAIN
+        if not problem.has_noise or _least_score(problem, jumping) > most:
+            return None
+    progress("laws without jumps")
+    approach = Fitting(problem, jumps=False)
+    found = search(approach, [effect for effect in effects if effect.name in MEAN_EFFECTS], progress)
+    found, leftover, complete = judge_leftover(approach, found)
+    if complete.score > most:
+        return None
+    problem = with_noise_of(problem, complete.fit.residual)
+    explained = Explained(problem, found, leftover, complete, jumps=False)
+    return _with_formula(approach, explained, effects, progress) if leftover is not None else explained
+
+
+def _least_score(problem: Problem, jumping: Model) -> float:
+    """Return a score below which no law of the speed without jumps comes beside the effects of a model with jumps.
+
+    It is that of a free curve which costs nothing.
+    """
+    series, law = Series.of(problem), law_of(jumping)
+    rows, low, high = regressors(series, jumping.terms)
+    curve = speed_curve(series)
+    free = np.full(curve.shape[0], np.inf)
+    rows, low, high = np.vstack([rows, curve]), np.append(low, -free), np.append(high, free)
+    return fit_noise(series, rows, low, high, law.apart if series.several else law)[1] + series.log_size * price(())
+
+
+def _by_angle(problem: Problem, candidates: Effects, wheel: Wheel) -> tuple[Problem, Effects, AngleLine | None]:
+    """Take out what repeats with the wheel's angle as no ripple does, or let a ripple have the order that it shows.
+
+    Other names would feed on it. Without noise nothing says what would be chance.
+
+    Returns
+    -------
+    problem, candidates, line
+        The line only where it was taken out of the problem.
+    """
+    if not problem.has_noise:
+        return problem, candidates, None
+    base = fit(problem)
+    line = angle_line(problem, base)
+    if line is not None and line.flips:
+        return prepare(line.taken_from(problem.records), wheel, problem.each), candidates, line
+    order = line.order if line is not None else order_to_try(problem, base)
+    if order is None:
+        return problem, candidates, None
+    of_any_order = ripple_with(order)
+    return problem, [of_any_order if effect is TorqueRipple else effect for effect in candidates], None
+
+
+def _with_line(line: AngleLine | None, left: Unexplained | None) -> Unexplained | None:
+    """Tell a line that was taken out before what is left without it."""
+    if line is None:
+        return left
+    of_line = line.unexplained()
+    return of_line if left is None else left.beside(of_line.signature, of_line.size_Nm)
+
+
+def _with_jumps(problem: Problem, candidates: Effects, progress: Progress, wheel: Wheel) -> Explained:
+    """Search for mean effects beside jumps, and judge what they leave: see `judge_leftover`."""
+    candidates = [*candidates, *(effect for effect in UNNAMED if effect.may_show(problem))]
+    approach, grown, sloped = _grown(problem, candidates, progress)
+    best = sloped or grown.ladder[-1]
+    if best.terms:
+
+        def again(other: Problem) -> Fit:
+            return Fitting(other, jumps=True).refitted(best.terms, best, [best.fit.jumps]).fit
+
+        drawn = drawn_again(problem, best.fit, again)
+        if drawn is not None:
+            problem = prepare(drawn, wheel, problem.each)
+            approach, grown, sloped = _grown(problem, candidates, progress, best)
+    if sloped is not None:
+        grown = grow(approach, candidates, progress, _taken_over(approach.problem, sloped))
+    found = rank(approach, grown, progress)
+    problem = approach.problem
+    progress("what is left")
+    found, leftover, complete = judge_leftover(approach, found)
+    found, leftover = without_unnamed(approach, found, leftover)
+    explained = Explained(problem, found, leftover, complete)
+    return _with_formula(approach, explained, candidates, progress) if leftover is not None else explained
+
+
+def _with_formula(approach: Fitting, explained: Explained, effects: Effects, progress: Progress) -> Explained:
+    """Give what a free curve explains a law, where one is as good: an effect that is as good as any formula, or that.
+
+    Something is missing, as the curve shows: an effect need not prove that again.
+    """
+    progress("a formula for what has no name")
+    found = explained.found
+    most = explained.complete.score + EQUIVALENT_WITHIN
+    laws, _ = approach.sort_out(formulas(explained.problem), found.ladder[0])
+    known, _ = approach.sort_out([effect for effect in effects if effect.name in CATALOGUE], found.ladder[0])
+    models = [one for one in approach.extensions(found.ladder[-1], laws) if one.score <= most]
+    most = min(most, models[0].score + EQUIVALENT_WITHIN) if models else most
+    by_name = [one for one in approach.extensions(found.ladder[-1], known) if one.score <= most]
+    models = [one for one in by_name or models if len(one.terms) > len(found.ladder[-1].terms)]
+    if not models:
+        return explained
+    near = [model.names[-1] for model in models[1:] if model.score - models[0].score < EQUIVALENT_WITHIN]
+    best = prune(approach, models[0], keep_last=True)  # what was named may have stood in for a part of it
+    gain = approach.without(best, len(best.terms) - 1).score - best.score
+    names = set(best.names)
+    named = (*(one for one in found.found if one.name in names), Found(best.names[-1], gain, tuple(near)))
+    found = replace(
+        found, ladder=(*shorter(found.ladder, best), best), found=tuple(sorted(named, key=lambda one: -one.gain))
+    )
+    return replace(explained, found=found, leftover=None, complete=best)
+
+
+def _grown(
+    problem: Problem, candidates: Effects, progress: Progress, begin_with: Model | None = None
+) -> tuple[Fitting, Growth, Model | None]:
+    """Return what grows, and the last model with slopes of its own between jumps where that is better."""
+    approach = Fitting(problem, jumps=True)
+    grown = grow(approach, candidates, progress, _taken_over(problem, begin_with))
+    return approach, grown, _with_slope_jumps(approach, grown, candidates, progress)
+
+
+def _taken_over(problem: Problem, model: Model | None) -> list[Model]:
+    """Return a model of nearly the same data fitted anew, one effect more in each."""
+    if model is None:
+        return []
+    fitting = Fitting(problem, jumps=True)
+    return [fitting.refitted(model.terms[: i + 1], model, [model.fit.jumps]) for i in range(len(model.terms))]
+
+
+def _with_slope_jumps(approach: Fitting, grown: Growth, candidates: Effects, progress: Progress) -> Model | None:
+    """Return the last model with slopes of its own between jumps, or None; see `with_slope_jumps`."""
+    if not any(effect.name == SlopeJumps.name for effect in candidates):
+        return None
+    progress("slopes between jumps")
+    problem = approach.problem
+
+    def rivals(model: Model) -> list[Model]:
+        outside = [effect for effect in candidates if effect in UNNAMED and effect.name not in model.names]
+        return [*with_free_curves(approach, model), *approach.extensions(model, outside)]
+
+    return with_slope_jumps(problem, grown.ladder[-1], grown.ladder[0], rivals)
