@@ -19,9 +19,9 @@ from typing import Any
 
 import numpy as np
 from scipy.io import loadmat
-from scipy.signal import butter, filtfilt, find_peaks
+from scipy.signal import butter, filtfilt
 
-from benchmarks.recordings.validation import git_show, means, save
+from benchmarks.recordings.validation import git_show, means, save, swings
 
 
 def fetch(mirrors: Path, repository: str, path: str, revision: str = "HEAD") -> bytes:
@@ -374,49 +374,11 @@ def pendulum(mirrors: Path, out: Path) -> None:
     points over the angle between them is the mean friction; its speed is the mean one. m = 0.251 kg, l = 0.200 m
     (twinKalman/initTwin.m).
     """
-    weight = 0.251 * 9.82 * 0.200
     rows = git_table(
         mirrors, "nielsSkov/masterThesisMatlab", "parameterEstimation/data/pend2test/test1pend2.csv", delimiter=","
     )
     rows = rows[np.isfinite(rows).all(1)]
-    time, angle = rows[:, 0], rows[:, 1] - np.pi
-    tops = np.sort(
-        np.concatenate(
-            [find_peaks(angle, distance=40, height=0.03)[0], find_peaks(-angle, distance=40, height=0.03)[0]]
-        )
-    )
-    at, heights = [], []
-    for k in tops:  # vertex of a parabola over 11 rows
-        w = slice(max(k - 5, 0), k + 6)
-        c = np.polyfit(time[w] - time[k], angle[w], 2)
-        at.append(time[k] - c[1] / (2 * c[0]))
-        heights.append(c[2] - c[1] ** 2 / (4 * c[0]))
-    top_time, top = np.array(at), np.array(heights)
-    alternate = np.concatenate([[True], np.sign(top[1:]) != np.sign(top[:-1])])
-    top_time, top = top_time[alternate], top[alternate]
-    top -= np.median((top[:-2] + 2 * top[1:-1] + top[2:]) / 4)  # the middle of the swings
-    path = np.diff(top)
-    loss = weight * (np.cos(top[1:]) - np.cos(top[:-1]))
-    save(
-        out,
-        "pendulum2_half_swings",
-        {
-            "time_s": (top_time[1:] + top_time[:-1]) / 2,
-            "speed_rad_s": path / np.diff(top_time),
-            "friction_torque_Nm": loss / path,
-        },
-        dead_band=0.03,
-    )
-    speed, friction = np.abs(path / np.diff(top_time)), np.abs(loss / path)
-    save(
-        out,
-        "pendulum2_swings",
-        {
-            "time_s": top_time[1:-1],
-            "speed_rad_s": (speed[1:] + speed[:-1]) / 2,
-            "friction_torque_Nm": (friction[1:] + friction[:-1]) / 2,
-        },
-    )
+    swings(out, "pendulum2", rows[:, 0], rows[:, 1] - np.pi, 0.251 * 9.82 * 0.200)
 
 
 def cart(mirrors: Path, out: Path) -> None:

@@ -383,12 +383,18 @@ def pendulum(source: str, out: Path) -> None:
     points over the angle between them is the mean friction; its speed is the mean one. m = 0.2235 kg, l = 0.317 m
     (pendulum 1).
     """
-    weight = 0.2235 * 9.82 * 0.317
     rows = np.genfromtxt(
         io.BytesIO(git_show(source, "parameterEstimation/data/pend1test/test1pend1.csv")), delimiter=","
     )
-    time, angle = rows[:, 0], rows[:, 1]
-    angle = angle - np.pi
+    swings(out, "pendulum", rows[:, 0], rows[:, 1] - np.pi, 0.2235 * 9.82 * 0.317)
+
+
+def swings(out: Path, name: str, time: np.ndarray, angle: np.ndarray, weight: float) -> None:
+    """Write friction and speed of a pendulum's half swings, and of swings to and fro.
+
+    From the energy that is lost between two turning points, over the way: weight is m g l [N m], the angle [rad] is
+    from the middle. Joined to and fro, an error of the middle cancels.
+    """
     tops = np.sort(
         np.concatenate(
             [find_peaks(angle, distance=40, height=0.03)[0], find_peaks(-angle, distance=40, height=0.03)[0]]
@@ -400,31 +406,28 @@ def pendulum(source: str, out: Path) -> None:
         c = np.polyfit(time[w] - time[k], angle[w], 2)
         vertices.append((time[k] - c[1] / (2 * c[0]), c[2] - c[1] ** 2 / (4 * c[0])))
     top_time, top = np.array(vertices).T
+    alternate = np.concatenate([[True], np.sign(top[1:]) != np.sign(top[:-1])])
+    top_time, top = top_time[alternate], top[alternate]
     top -= np.median((top[:-2] + 2 * top[1:-1] + top[2:]) / 4)  # the middle of the swings
     path = np.diff(top)
-    loss = weight * (np.cos(top[1:]) - np.cos(top[:-1]))
+    speed, friction = path / np.diff(top_time), weight * (np.cos(top[1:]) - np.cos(top[:-1])) / path
     save(
         out,
-        "pendulum_half_swings",
+        f"{name}_half_swings",
         {
             "time_s": (top_time[1:] + top_time[:-1]) / 2,
-            "speed_rad_s": path / np.diff(top_time),
-            "friction_torque_Nm": loss / path,
+            "speed_rad_s": speed,
+            "friction_torque_Nm": friction,
         },
         dead_band=0.03,
     )
-
-    def full(x: np.ndarray) -> np.ndarray:
-        """Join a swing to and fro: an error of the middle cancels."""
-        return np.asarray((np.abs(x[1:]) + np.abs(x[:-1])) / 2)
-
     save(
         out,
-        "pendulum_swings",
+        f"{name}_swings",
         {
             "time_s": top_time[1:-1],
-            "speed_rad_s": full(path / np.diff(top_time)),
-            "friction_torque_Nm": full(loss / path),
+            "speed_rad_s": (np.abs(speed[1:]) + np.abs(speed[:-1])) / 2,
+            "friction_torque_Nm": (np.abs(friction[1:]) + np.abs(friction[:-1])) / 2,
         },
     )
 
