@@ -82,7 +82,7 @@ def _formula_page() -> str:
         "time since |dω/dt| was above α0, θ the wheel's angle.\n\n"
         f"{_table(('law', 'formula', 'parameters'), rows)}\n"
         "**What shows it.** A free curve over the variable that stays unexplained.\n\n"
-        f"**Told apart by.** {Formula.separate_by}\n\n**Source.** {Formula.source}\n\n"
+        f"**Separated by.** {Formula.separate_by}\n\n**Source.** {Formula.source}\n\n"
         f"In wheel.toml or a scenario, with typical values:\n\n"
         f'```toml\n[[effect]]\nname = "{BLOCK}"\nlaw = "{example.law}"\nparameters = {{ {values} }}\n```\n'
     )

@@ -1,4 +1,4 @@
-"""A current that is read too late or too early, told where the motor's torque steps.
+"""A current that is read too late or too early, estimated where the motor's torque steps.
 
 The torque steps where a slew begins or ends, and dω/dt with it, in the same moment. Where the current is read later the
 two part: friction shows a pulse as large as the step, from the one to the other. To first order in the delay, as the
@@ -26,7 +26,7 @@ MOST_SLOTS: Final = 40
 STEP_STDS: Final = 10.0  # of what friction varies by from slot to slot: a step of the torque that shows any delay
 FEWEST_STEPS: Final = 3
 MOST_STEPS: Final = 0.6  # of the steps must each show a delay
-CLEARLY_ROUGH: Final = 10.0  # of what noise gives around a step: such a one has something to tell
+CLEARLY_ROUGH: Final = 10.0  # of what noise gives around a step: such a one is informative
 LEFT_SHARE: Final = 0.5  # of what a delay is to explain
 LEFT_OF_HALVES: Final = 0.2  # by half a slot: the mean of two slots halves what steps at all, late or not
 ROUGH: Final = 2.0  # of what noise gives: less is not to be explained
@@ -104,7 +104,7 @@ def find_delay(motions: Sequence[Motion], wheel: Wheel) -> Delay | None:
     if shown.size < FEWEST_STEPS or np.mean(shown) < MOST_STEPS:
         return None
     curvature = float(rough[best - 1] - 2.0 * least + rough[best + 1]) / 0.25  # per slot²
-    # The data tell it far better than the slot within which nobody knows where a sample lies.
+    # The data determine it far better than the slot within which nobody knows where a sample lies.
     variance = WITHIN_A_SLOT + (2.0 / curvature if curvature > 0.0 else 0.0)
     seen = 0.5 * float(halves[best])
     slots = _whole(motions, wheel, seen)
@@ -112,7 +112,7 @@ def find_delay(motions: Sequence[Motion], wheel: Wheel) -> Delay | None:
 
 
 def _whole(motions: Sequence[Motion], wheel: Wheel, slots: float) -> int:
-    """Return the whole slots of a delay: where half a slot is seen, friction that turns with the speed tells which.
+    """Return the whole slots of a delay: where half a slot is seen, friction that turns with the speed shows which.
 
     Torque that is held from sample to sample acts half a slot late on the speed, but friction does not.
     """
@@ -159,7 +159,7 @@ def _roughness(motion: Motion, wheel: Wheel, halves: IntArray) -> tuple[FloatArr
     # Of friction as it is: a delay makes few of its differences large.
     # On a lattice most differences are nothing, or one step: no less than that of two rounding errors.
     std = max(float(np.median(known)) / 0.6745, motion.torque_step_Nm * RMS_OF_TWO_ROUNDINGS)
-    # Where friction jumps the torque steps as well, and late or early says nothing of the speed, which stays straight.
+    # Where friction jumps the torque steps as well, and late or early shows nothing of the speed, which stays straight.
     stepped = np.abs(np.nan_to_num(_rise(torque - friction, lag))) > STEP_STDS * std
     if std == 0.0 or not stepped.any():
         return None
@@ -198,7 +198,7 @@ def aligned(motion: Motion, wheel: Wheel, slots: int, part: float, *, masked: bo
     """Return torque, and friction that was derived from it elsewhere, as they are without a delay.
 
     Part of a slot is taken from the slope over several of what accelerates the rotor: a mean of two neighbours would
-    colour the noise. Where that steps no slope tells it: such slots are unknown, if they are to be `masked`.
+    colour the noise. Where that steps no slope shows it: such slots are unknown, if they are to be `masked`.
     """
     if motion.torque_Nm is None or (slots == 0 and part == 0.0):
         return motion

@@ -28,7 +28,7 @@ SURE: Final = 8.0  # standard deviations of the blocks' power above noise, the b
 
 
 def with_angle_drift(problem: Problem, base: Fit) -> Problem:
-    """Return the problem with the drift of each record's angle, where a ripple tells it.
+    """Return the problem with the drift of each record's angle, where a ripple shows it.
 
     Parameters
     ----------
@@ -110,14 +110,14 @@ def smooth_phase(sums: ComplexArray, noise: FloatArray, walk: float) -> FloatArr
     first = int(np.argmax(np.abs(sums)))
     mean, variance = np.empty(sums.size), np.empty(sums.size)
     for order in (range(first, sums.size), range(first, -1, -1)):  # outwards from the surest block
-        at, doubt = float(np.angle(sums[first])), float(spread[first])
+        at, uncertainty = float(np.angle(sums[first])), float(spread[first])
         for k in order:
             if k != first:
-                doubt += walk
+                uncertainty += walk
                 turn = float(np.angle(sums[k] * np.exp(-1j * at)))  # to the nearest turn
-                gain = doubt / (doubt + float(spread[k]))
-                at, doubt = at + gain * turn, (1.0 - gain) * doubt
-            mean[k], variance[k] = at, doubt
+                gain = uncertainty / (uncertainty + float(spread[k]))
+                at, uncertainty = at + gain * turn, (1.0 - gain) * uncertainty
+            mean[k], variance[k] = at, uncertainty
     inwards = [(k, k + 1) for k in range(sums.size - 2, first - 1, -1)] + [(k, k - 1) for k in range(1, first + 1)]
     for k, later in inwards:
         mean[k] += variance[k] / (variance[k] + walk) * (mean[later] - mean[k])

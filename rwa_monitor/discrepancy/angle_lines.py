@@ -30,12 +30,12 @@ from rwa_monitor.wheel.effects.torque_ripple import (
 
 CELLS_PER_PERIOD: Final = 4  # of the highest order: what falls between cells blurs it by a tenth
 MOST_CELLS: Final = 2**21  # of a record; where it turns more often, high orders are not looked for
-NEAR: Final = 401  # orders around a line, in a block, that say what is there without it
+NEAR: Final = 401  # orders around a line, in a block, that show what is there without it
 FEWEST_BLOCKS: Final = 4  # of orders, where a record has few
 SURE: Final = 15.0  # nepers of the false-alarm probability, over all orders tried, in powers of the background
 SURE_HARMONIC: Final = 12.0  # the same for one order that is given
 MOST_HARMONICS: Final = 20  # of a line: a rub that lasts a twentieth of a turn has so many alike
-FEWEST_WAVES: Final = 3.0  # within the range of the angle: fewer tell no line from a trend
+FEWEST_WAVES: Final = 3.0  # within the range of the angle: fewer do not separate a line from a trend
 SAME_SHARE: Final = 0.5  # of the whole amplitude that low and high speeds must each show, in phase
 PARAMETERS: Final = 5  # in units of log N, as those of a ripple
 CLEARLY: Final = 1.1  # times the power: a tenth of the record in the other direction makes half as much again
@@ -204,7 +204,7 @@ def _refined(values: FloatArray, at: FloatArray, order: float, whole: float) -> 
 
 
 def _at_all_speeds(problem: Problem, values: FloatArray, at: FloatArray, order: float) -> bool:
-    """Say whether low and high speeds show a line of the same size and phase."""
+    """Return whether low and high speeds show a line of the same size and phase."""
     slow = problem.speed <= np.median(problem.speed)
     both = _sum(values, at, order) / at.size
     parts = [_sum(values[part], at[part], order) / max(int(part.sum()), 1) for part in (slow, ~slow)]

@@ -30,7 +30,7 @@ FINEST: Final = 8  # slots in a median step; rows that are closer still share on
 LONGEST_BRIDGE: Final = 4.0  # median steps between two rows over which values are interpolated
 NEAR_PERIOD: Final = (0.8, 1.25)  # median step over the wheel's period: so near, that period is kept
 WINDOW_SHARE: Final = 0.1  # of a recording, that a slope of the speed reaches over at most
-LEAST_HALF: Final = 2  # rows to each side from which dω/dt is told
+LEAST_HALF: Final = 2  # rows to each side from which dω/dt is estimated
 MOST_HALF: Final = 200
 MAX_GAP_FACTOR: Final = 4  # a record may hold at most this many slots per sample; sparser ones are wrong files
 BREAK: Final = 50.0  # median steps around a step that is a break
@@ -216,7 +216,7 @@ def not_shown_without_motor(effects: Sequence[type[MeanEffect]], wheel: Wheel) -
 
 
 def _why_not_shown(effect: type[MeanEffect], wheel: Wheel) -> str | None:
-    """Say why an effect cannot show: each turn averages it out, or it is nothing without motor or acceleration."""
+    """Return why an effect cannot show: each turn averages it out, or it is nothing without motor or acceleration."""
     if wheel.pulses_per_turn is not None and issubclass(effect, TorqueRipple):
         return MEAN_OF_A_TURN
     if not wheel.friction.motor_off:
@@ -336,12 +336,12 @@ def _slopes_in(times: FloatArray, speeds: FloatArray, middle: int) -> FloatArray
 
 
 def _half(samples: Samples, window_s: float) -> int:
-    """Return how many rows to each side tell dω/dt."""
+    """Return from how many rows to each side dω/dt is estimated."""
     return int(np.clip(round(window_s / float(np.median(_steps_s(samples))) / 2), LEAST_HALF, MOST_HALF))
 
 
 def _in_words(rows: Samples, fitted: Samples, period_s: float, *, own: bool) -> str:
-    """Say what was done to a recording whose clock is uneven."""
+    """Return in words what was done to a recording whose clock is uneven."""
     steps = _steps_s(rows)
     uneven = f"time steps are uneven ({steps.min():.3g} to {steps.max():.3g} s, median {np.median(steps):.3g} s)"
     if not own:

@@ -1,8 +1,8 @@
 """Bursts of a cage: found after the first search, then left out of the second, which they would mislead.
 
 Drag that comes and goes in a band of speeds is jumps to the segmentation, another switching system to the attribution,
-and a law of speed to a curve. Its noise tells it: no level and no slow effect makes neighbours differ in bursts. Once
-that is seen the slots in bursts say nothing of anything else, and the search begins again without them.
+and a law of speed to a curve. Its noise shows it: no level and no slow effect makes neighbours differ in bursts. Once
+that is seen the slots in bursts are left out of anything else, and the search begins again without them.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from rwa_monitor.wheel.effects.cage_instability import CageInstability
 from rwa_monitor.wheel.effects.likelihood import LikelihoodFit
 
 MARGIN: Final = 8  # slots on each side of a burst: where exactly it begins is not known
-BAND_MARGIN: Final = 1.2  # of the band's half width, in which bursts too short to be told may be left
+BAND_MARGIN: Final = 1.2  # of the band's half width, in which bursts too short to be seen may be left
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,6 +1,6 @@
 """Friction of a record that is derived from current and speed, corrected where the derivative misses dω/dt.
 
-The wheel's filter for dω/dt rounds off what bends and what has a corner. A bend is a polynomial, whose neighbours tell
+The wheel's filter for dω/dt rounds off what bends and what has a corner. A bend is a polynomial, whose neighbours give
 by how much the filter is off; a corner is none, and friction is not known there.
 """
 
@@ -18,13 +18,13 @@ from rwa_monitor.samples import BoolArray, FloatArray
 from rwa_monitor.wheel import torque_balance
 from rwa_monitor.wheel.wheel import Wheel
 
-BIAS_REACH: Final = 20  # slots beyond the derivative filter that tell its bias, at 17 % of the filter's noise
+BIAS_REACH: Final = 20  # slots beyond the derivative filter that determine its bias, at 17 % of the filter's noise
 SHORT_BIAS_REACH: Final = 12  # slots, of a second opinion
 BENT: Final = 2.0  # standard deviations of the friction from which the bias must be known well
 BIAS_KNOWN_TO: Final = 0.05  # of the bias: at a corner of the speed no polynomial agrees with the next
 CORNER: Final = 10.0  # standard deviations of the friction from which a bias must be known to AGREED_TO around it
 AGREED_TO: Final = 0.02  # of the largest bias around: so well do polynomials agree on a smooth bend
-DOUBTED: Final = 4.0  # standard deviations of the friction between two opinions: one of them sees a corner
+UNCERTAIN: Final = 4.0  # standard deviations of the friction between two opinions: one of them sees a corner
 CORNER_REACH: Final = 4  # slots on each side of such a corner
 CORNER_EDGE: Final = 2  # slots on each side of a step of torque in which its pulse may be lost in the noise
 # Half-width of a filter for dω/dt from which corners are seen whole; and what is no corner, like a ripple of the
@@ -86,7 +86,7 @@ def derived_friction(
     friction = torque_balance.derive_friction(speed, torque, wheel)
     hole = torque_balance.derivative_taps(wheel.friction.derivative, wheel.sample_period_s).size // 2
     bias = wheel.inertia_kg_m2 * _derivative_bias(speed, wheel, BIAS_REACH)
-    doubt = np.abs(bias - wheel.inertia_kg_m2 * _derivative_bias(speed, wheel, SHORT_BIAS_REACH))
+    uncertainty = np.abs(bias - wheel.inertia_kg_m2 * _derivative_bias(speed, wheel, SHORT_BIAS_REACH))
     # On a lattice most differences are nothing: no spread is less than that of the rounding.
     sigma = max(_spread_between_neighbours(friction + bias, 2 * hole + 1), torque_step * RMS_OF_ROUNDING)
     friction = friction + bias
@@ -101,11 +101,11 @@ def derived_friction(
         # Where a polynomial reaches a corner it draws a bend around it that is not there.
         smeared = binary_dilation(stepped, iterations=hole + BIAS_REACH) & (np.abs(bias) < BENT * sigma)
         friction[smeared] -= bias[smeared]
-    unknown = (np.abs(bias) > BENT * sigma) & (doubt > BIAS_KNOWN_TO * np.abs(bias))
+    unknown = (np.abs(bias) > BENT * sigma) & (uncertainty > BIAS_KNOWN_TO * np.abs(bias))
     # Opinions may agree by chance in the middle of a corner, but not all around it.
-    largest, most_doubt = (maximum_filter(np.abs(values), 2 * hole + 1) for values in (bias, doubt))
-    corner = (np.abs(bias) > CORNER * sigma) & (most_doubt > AGREED_TO * largest)
-    corner |= (doubt > DOUBTED * sigma) & (doubt > AGREED_TO * largest)
+    largest, most_uncertain = (maximum_filter(np.abs(values), 2 * hole + 1) for values in (bias, uncertainty))
+    corner = (np.abs(bias) > CORNER * sigma) & (most_uncertain > AGREED_TO * largest)
+    corner |= (uncertainty > UNCERTAIN * sigma) & (uncertainty > AGREED_TO * largest)
     hidden = unknown | stepped | binary_dilation(corner, iterations=CORNER_REACH)
     corners = int(np.count_nonzero(hidden & np.isfinite(friction)))
     friction[hidden] = np.nan
@@ -118,7 +118,7 @@ def _derivative_bias(speed: FloatArray, wheel: Wheel, reach: int) -> FloatArray:
 
     A least-squares parabola smooths the acceleration of a fast slew: friction derived with it is off by several
     standard deviations while the acceleration rises and falls. An odd polynomial of fifth order through `reach` slots
-    just outside the filter, which share no noise with it, says by how much; 0 where it meets a gap or an end.
+    just outside the filter, which share no noise with it, gives by how much; 0 where it meets a gap or an end.
     """
     whole = _bias_taps(wheel, reach)
     return np.nan_to_num(correlate1d(speed, whole, mode="constant", cval=np.nan))

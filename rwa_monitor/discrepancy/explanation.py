@@ -97,7 +97,7 @@ def explain(problem: Problem, effects: Effects, progress: Progress, wheel: Wheel
         return replace(smooth, leftover=_with_line(line, smooth.leftover))
     cage = cage_bursts(jumping.problem, jumping.complete) if jumping.problem.has_noise else None
     if cage is not None:
-        # Bursts pass for jumps, and for laws of speed: what is said of anything else is said without them.
+        # Bursts pass for jumps, and for laws of speed: all else is estimated without them.
         quiet = prepare(cage.quiet(jumping.problem.records), wheel, problem.each)
         jumping = _with_jumps(quiet, effects, progress, wheel)
     return replace(jumping, leftover=_with_line(line, jumping.leftover), cage=cage)
@@ -143,7 +143,7 @@ def _least_score(problem: Problem, jumping: Model) -> float:
 def _by_angle(problem: Problem, candidates: Effects, wheel: Wheel) -> tuple[Problem, Effects, AngleLine | None]:
     """Take out what repeats with the wheel's angle as no ripple does, or let a ripple have the order that it shows.
 
-    Other names would feed on it. Without noise nothing says what would be chance.
+    Other names would feed on it. Without noise nothing shows what would be chance.
 
     Returns
     -------
@@ -164,7 +164,7 @@ def _by_angle(problem: Problem, candidates: Effects, wheel: Wheel) -> tuple[Prob
 
 
 def _with_line(line: AngleLine | None, left: Unexplained | None) -> Unexplained | None:
-    """Tell a line that was taken out before what is left without it."""
+    """Report a line that was taken out before what is left without it."""
     if line is None:
         return left
     of_line = line.unexplained()

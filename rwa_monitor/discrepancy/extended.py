@@ -3,7 +3,7 @@
 An effect is seldom orthogonal to dry and viscous friction: fitted beside it, the base law is another. The effects alone
 would add to a base law that already holds a part of them. Whether it does depends on how the wheel's file was made: a
 coefficient from the makers, or from records without the effect, is that of the wheel without it; one that was learned
-(`identify`) from records with the effect in them holds a part of it. The record tells which: the base law fitted with
+(`identify`) from records with the effect in them holds a part of it. The record shows which: the base law fitted with
 the effects lies nearer the file's in the one case, that fitted without them in the other.
 """
 
@@ -32,8 +32,8 @@ LOWEST_SHARE: Final = 0.05  # of the samples: the dry friction is the lowest lev
 LEAST_SHARE: Final = 1e-3  # of the file's coefficient: friction is judged in units of it, and it cannot vanish
 COMMENTS: Final[dict[Treatment, str]] = {
     "kept": "dry and viscous friction are the wheel file's: it holds the wheel without the effects",
-    "one speed": "dry and viscous friction are the wheel file's: at one speed nothing tells them apart",
-    "shifted": "dry and viscous friction were learned with the effects in them; what the effects now say is taken out",
+    "one speed": "dry and viscous friction are the wheel file's: at one speed nothing separates them",
+    "shifted": "dry and viscous friction were learned with the effects in them; what they now explain is taken out",
     "absent": "the wheel file has no nominal friction; identify would learn it",
 }
 
@@ -92,7 +92,7 @@ class Extension:
     before, after
         The base law fitted to these records without the effects and with them.
     rmse_before_Nm, rmse_after_Nm
-        Friction less what the two wheel files say on the record's own speed, the same segments in both, each at its own
+        Friction less that of the two wheel files at the record's own speed, the same segments in both, each at its own
         level [N m].
     rmse_simulated_Nm
         The same of the extended file with its own dry friction as the level; NaN without a nominal one [N m].

@@ -195,7 +195,7 @@ def _scores(explained: Explained, aside: Problem | None, each: Mapper) -> tuple[
 
 
 def _with_simulated(search: Search) -> Search:
-    """Add what the wheel file says of the records when it is simulated with the effects that were found."""
+    """Add how the wheel file fits the records when it is simulated with the effects that were found."""
     gain = search.result.gain
     if gain is None or not search.extended.terms:
         return search

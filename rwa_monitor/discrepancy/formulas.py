@@ -14,7 +14,7 @@ from rwa_monitor.wheel.effects.sublinear_viscous import LEAST_K
 
 
 def formulas(problem: Problem) -> list[type[MeanEffect]]:
-    """Return the structures that the records can tell apart, in the order of the grammar.
+    """Return the structures that the records can distinguish, in the order of the grammar.
 
     Left out are those whose channel is missing or constant, whose constants have no range to be found in, and those
     that equal another: no direction in records of one direction (the dry carrier), viscous at one speed (the dry one).

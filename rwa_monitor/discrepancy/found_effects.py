@@ -46,10 +46,10 @@ def found_effect(problem: Problem, model: Model, found: Found) -> FoundEffect:
 
 
 def _as_a_part_of(viscous: float, parameters: dict[str, ParameterValue]) -> dict[str, ParameterValue]:
-    """Say where the part of the viscous friction that follows the temperature is more than the whole [N m s/rad].
+    """Mark where the part of the viscous friction that follows the temperature is more than the whole [N m s/rad].
 
-    Over a few kelvin only the product of strength and activation temperature shows: then the whole tells the strength,
-    which the fit does not know to be a part of it.
+    Over a few kelvin only the product of strength and activation temperature shows: then the whole determines the
+    strength, which in the fit need not be a part of it.
     """
     (strength, value), *others = parameters.items()
     if value.std is not None and value.value <= viscous + INDISTINGUISHABLE * value.std:
@@ -74,7 +74,7 @@ def _with_unmeasured_cause(problem: Problem, effect: FoundEffect, cause: str) ->
 
 
 def found_delay(problem: Problem, delay: Delay) -> FoundEffect:
-    """Return what is said of a delay of whole slots; the catalogue's is above zero where the current is read early."""
+    """Return a delay of whole slots as it is reported; the catalogue's is positive where the current is read early."""
     effect, period_s = CATALOGUE[DelayTerm.name], problem.records[0].channels.sample_period_s
     (parameter,) = effect.parameters
     value = ParameterValue(-delay.slots * period_s, delay.std_slots * period_s, parameter.unit)

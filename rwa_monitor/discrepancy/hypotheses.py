@@ -32,6 +32,6 @@ def can_show(problem: Problem, effect: type[MeanEffect]) -> bool:
 
 
 def speed_is_constant(problem: Problem) -> bool:
-    """Say whether the speed varies by hardly more than its noise."""
+    """Return whether the speed varies by hardly more than its noise."""
     noise = max(record.speed_noise_rad_s for record in problem.records)
     return float(np.std(problem.speed)) < max(1e-3 * float(np.max(problem.speed)), 3 * noise)

@@ -27,7 +27,7 @@ LONGEST_SHARE: Final = 0.1  # of the record: longer ones are drifts
 class JumpTerm(MeanEffect):
     """A switching effect as columns; its jumps are those of the dry level.
 
-    A subclass says which effect it `wraps`, and has its name, its words and its parameters.
+    A subclass gives the effect that it `wraps`, and has its name, its words and its parameters.
     """
 
     wraps: ClassVar[type[SwitchingEffect]]
@@ -35,7 +35,7 @@ class JumpTerm(MeanEffect):
     uses_level = True
 
     def __init_subclass__(cls, wraps: type[SwitchingEffect] | None = None) -> None:
-        """Take what the effect says of itself; a subclass of a subclass has it already."""
+        """Take the description of the effect; a subclass of a subclass has it already."""
         if wraps is None:
             return
         cls.wraps, cls.parameters = wraps, wraps.parameters

@@ -26,7 +26,7 @@ def records_of(recordings: Sequence[tuple[str, Samples]], wheel: Wheel, delay: D
 
 
 def known_delay(wheel: Wheel) -> Delay | None:
-    """Return the delay of the current that the wheel's file tells, in whole slots; None where it is within a slot."""
+    """Return the delay of the current of the wheel's file, in whole slots; None where it is within a slot."""
     seconds = sum(block.parameters["strength_s"] for block in wheel.effect if block.name == CurrentDelay.name)
     slots = -round(seconds / wheel.sample_period_s)
     return Delay(slots, 0.0, 0.0, 0.0) if slots else None

@@ -101,7 +101,7 @@ class NoiseLaw:
         return replace(self, white=white / (white + of_colour))
 
     def wanders(self, size: int) -> bool:
-        """Say whether, in `size` samples, this is no noise but a level that wanders."""
+        """Return whether, in `size` samples, this is no noise but a level that wanders."""
         return self.correlation > 0.0 and size * (1.0 - self.correlation) < FEWEST_MEMORIES
 
 
@@ -124,7 +124,7 @@ class Series:
     smallest_variance
         Below which noise is the digits of a table [N² m²].
     memory
-        Samples that say as much as one that is independent; above 1 the noise is taken as white, see `Problem`.
+        Samples that inform as much as one that is independent; above 1 the noise is taken as white, see `Problem`.
     top_speed
         Largest |ω|, at which the noise has grown by its law's growth [rad/s]; 0: that of these samples.
     """
@@ -155,7 +155,7 @@ class Series:
 
     @property
     def several(self) -> bool:
-        """Say whether there is more than one recording."""
+        """Return whether there is more than one recording."""
         return int(np.count_nonzero(self.gap == 0)) > 1
 
     def in_part(self) -> Series:
@@ -254,7 +254,7 @@ class Equations:
     smallest_variance
         Added to that of the residual.
     memory
-        Samples that say as much as one that is independent.
+        Samples that inform as much as one that is independent.
     """
 
     gram: FloatArray
@@ -324,7 +324,7 @@ def fit_noise(
 
     Coefficients and noise in turn: the noise is fitted to what the regressors leave, with a level and a slope free in
     it, which slow noise trades with most. That costs the same however many regressors there are. The levels of
-    recordings differ only if they do at the start: that is a hypothesis, see `apart`. `again` says that the start is
+    recordings differ only if they do at the start: that is a hypothesis, see `apart`. `again`: the start is
     the law of nearly the same model: then only near it is looked, but where its memory is so long that it may be the
     very law that is missing.
     """

@@ -96,7 +96,7 @@ class SearchResult:
 
 @dataclass(frozen=True, slots=True)
 class Growth:
-    """Models grown effect by effect, before anything is said of the last one.
+    """Models grown effect by effect, before the last one is judged.
 
     Attributes
     ----------

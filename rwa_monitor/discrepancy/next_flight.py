@@ -13,8 +13,8 @@ from rwa_monitor.discrepancy.result import Unexplained
 from rwa_monitor.discrepancy.untested import not_testable
 from rwa_monitor.wheel.effects.catalogue import CATALOGUE, MEAN_EFFECTS
 
-TELLS_NOTHING: Final = 0.1  # nats: odds of 1.1 to 1
-BEYOND_DOUBT: Final = 2 * ACCEPT_GAIN  # an effect that gains so much needs no confirmation
+UNINFORMATIVE: Final = 0.1  # nats: odds of 1.1 to 1
+CERTAIN: Final = 2 * ACCEPT_GAIN  # an effect that gains so much needs no confirmation
 # What would show the shape of something that no effect explains, by a word of its signature.
 SHAPE_SHOWN_BY: Final = (
     (
@@ -50,7 +50,7 @@ class Plan:
     question
         What the manoeuvres are ranked by, in words.
     manoeuvres
-        Best for its time first, without those that tell nothing; empty where none would help.
+        Best for its time first, without those that separate nothing; empty where none would help.
     advice
         What no manoeuvre of the library answers, in words.
     """
@@ -61,9 +61,9 @@ class Plan:
 
 
 def plan(search: Search) -> Plan:
-    """Rank the manoeuvres by what they would tell of the questions that are open.
+    """Rank the manoeuvres by how well they would answer the questions that are open.
 
-    First the causes that the data cannot tell apart; else an effect that is not beyond doubt; else, or where no
+    First the causes that the data cannot separate; else an effect that is not certain; else, or where no
     manoeuvre would confirm that, the effects that the data could not test.
     """
     advice = [] if search.result.unexplained is None else [_shown_by(search.result.unexplained)]
@@ -73,11 +73,11 @@ def plan(search: Search) -> Plan:
         for effect in mean
         if (others := [name for name in effect.equivalent if name in MEAN_EFFECTS])
     ]
-    doubtful = [[effect.name] for effect in mean if effect.delta_deviance < BEYOND_DOUBT]
+    doubtful = [[effect.name] for effect in mean if effect.delta_deviance < CERTAIN]
     if sets or doubtful:
         causes = (sets or doubtful)[0]
         manoeuvres = _worth_flying(rank_manoeuvres(search.problem, search.extended, causes, search.wheel))
-        question = f"tell {' from '.join(causes)}" if sets else f"confirm {causes[0]}"
+        question = f"separate {' from '.join(causes)}" if sets else f"confirm {causes[0]}"
         if max((entry.separation for entry in manoeuvres), default=0.0) < DECIDES:
             would = dict.fromkeys(CATALOGUE[name].separate_by for name in causes)
             none = "none of these" if manoeuvres else "no manoeuvre of the library"
@@ -102,8 +102,8 @@ def plan(search: Search) -> Plan:
 
 
 def _worth_flying(manoeuvres: list[PlannedManoeuvre]) -> list[PlannedManoeuvre]:
-    """Return the manoeuvres that tell anything, in the order of what they tell in the same time: effects, then nats."""
-    telling = [entry for entry in manoeuvres if entry.separation >= TELLS_NOTHING]
+    """Return the manoeuvres that separate anything, in the order of how much in the same time: effects, then nats."""
+    telling = [entry for entry in manoeuvres if entry.separation >= UNINFORMATIVE]
     return sorted(telling, key=lambda entry: (-len(entry.shows) / entry.duration_s, -entry.nats_per_hour))
 
 

@@ -28,7 +28,7 @@ class Noise:
     std
         Standard deviation of one sample [N m].
     autocovariance
-        float64 (MAX_LAG + 1,) at lags 0, 1, …, zero from where it cannot be told from zero [N² m²].
+        float64 (MAX_LAG + 1,) at lags 0, 1, …, zero from where it cannot be distinguished from zero [N² m²].
     long_run_variance
         Largest variance of a mean of m samples, times m, over all m up to MAX_LAG [N² m²]; std² for white noise.
     """
@@ -75,7 +75,7 @@ def estimate_noise(pieces: Sequence[FloatArray], each: Mapper = in_turn) -> Nois
 
     gamma = np.array(each(half_variance, lags.tolist()))
     size = sum(piece.size for piece in pieces)
-    # Medians do not see tails; differences of neighbours, of which a jump touches one, say how much they add.
+    # Medians do not see tails; differences of neighbours, of which a jump touches one, show how much they add.
     gamma *= tail_factor(np.concatenate([np.diff(piece) for piece in pieces]))
     tail = gamma[-max(lags.size // 4, 1) :]
     # Where slow waves are left, differences over long lags exceed the spread of the values themselves.
@@ -84,8 +84,8 @@ def estimate_noise(pieces: Sequence[FloatArray], each: Mapper = in_turn) -> Nois
     covariance[0] = sill
     covariance[1 : lags.size + 1] = sill - gamma
     # A robust variance has a relative error of about 1.65·√(2/n); beyond the last lag that stands out all is zero.
-    doubt = 4.0 * 1.65 * np.sqrt(2.0 / size) * sill
-    significant: IntArray = np.flatnonzero(np.abs(covariance[1 : lags.size + 1]) > doubt).astype(np.int64)
+    threshold = 4.0 * 1.65 * np.sqrt(2.0 / size) * sill
+    significant: IntArray = np.flatnonzero(np.abs(covariance[1 : lags.size + 1]) > threshold).astype(np.int64)
     reach = _last_of_first_run(significant)
     covariance[reach + 1 :] = 0.0
     long_run = long_run_variance(covariance)
@@ -101,7 +101,7 @@ def long_run_variance(covariance: FloatArray) -> float:
 
 
 def tail_factor(values: FloatArray) -> float:
-    """Return the winsorised variance of values over the variance their median tells; 1 for Gaussian ones."""
+    """Return the winsorised variance of values over the variance implied by their median; 1 for Gaussian ones."""
     scale = float(np.median(np.abs(values))) / MEDIAN_OF_ABSOLUTE_NORMAL
     if scale <= 0:
         return 1.0

@@ -57,8 +57,8 @@ def noise_effects(
     problem, model
         The data and a fit.
     explained
-        Whether nothing is left unexplained: else a cage that drags without a pause cannot be told from it, and is not
-        looked for.
+        Whether nothing is left unexplained: else a cage that drags without a pause passes for that, and is not looked
+        for.
     in_band
         For each record bool (slots,), the band of a cage whose bursts were found before: what is in it is not judged.
     by_law
@@ -160,7 +160,7 @@ def _view(problem: Problem, model: Model, index: int) -> _View:
 
 
 def is_quantised(problem: Problem, model: Model, index: int) -> bool:
-    """Say whether the residual of a record shows the rounding errors of a tachometer."""
+    """Return whether the residual of a record shows the rounding errors of a tachometer."""
     return _is_quantised(problem, index, _view(problem, model, index))
 
 
@@ -177,13 +177,13 @@ def _fit_noise(problem: Problem, index: int, view: _View, name: str) -> Likeliho
     if name == CAGE:
         return CageInstability.fit_band(view.residual, view.channels, view.good)
     if name == SPEED:
-        twice = squares_told_twice(view.residual, view.good, problem.derivative_taps.size - 1)
+        twice = variance_inflation(view.residual, view.good, problem.derivative_taps.size - 1)
         return SpeedDependentNoise.fit(view.residual, view.channels, view.good, twice)
     return NOISE_EFFECTS[name].fit(view.residual, view.channels, view.good)
 
 
-def squares_told_twice(residual: FloatArray, good: BoolArray, lags: int) -> float:
-    """Return how many squares of a residual tell as much of its variance as one that is independent.
+def variance_inflation(residual: FloatArray, good: BoolArray, lags: int) -> float:
+    """Return how many squares of a residual inform as much of its variance as one that is independent.
 
     That is Σ ρ² over all lags, 1 for white noise: the variance of a mean square of Gaussian noise of autocorrelation ρ
     is 2σ⁴/n · Σ ρ² (M. S. Bartlett, JRSS Supplement 8, 1946). Friction derived with a filter of 17 slots has up to 7.
@@ -376,7 +376,7 @@ def _describe(effect: type[Effect], fit: LikelihoodFit, gain: float, problem: Pr
             parameter.high,
         )
         for parameter in effect.parameters
-        if parameter.name not in fit.undetermined  # what the data do not tell is not printed as if they did
+        if parameter.name not in fit.undetermined  # what the data do not determine is not printed
     }
     derived = problem.friction_is_derived
     p_value = built_in_nulls().p_value(effect.family, gain, problem.log_size, derived=derived)

@@ -1,7 +1,7 @@
-"""Orders that a record of few turns cannot tell from the order of a ripple that was found.
+"""Orders that a record of few turns cannot distinguish from the order of a ripple that was found.
 
 Over an angle of a few turns, or one that is travelled to and fro, a line has neighbours that fit nearly as well. An
-order is only a name where it has none; else all that fit are told.
+order is only a name where it has none; else all that fit are reported.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ def with_other_orders(problem: Problem, model: Model, index: int, order: Paramet
     """
     reach = reach_between(problem, TorqueRipple).get(ORDER)
     if reach is None:
-        return order  # so many turns tell an order from its neighbours
+        return order  # so many turns distinguish an order from its neighbours
     low, high = shape_limits(problem, TorqueRipple)[ORDER]
     # Where most of the way is within a part of a turn, peaks are as narrow as the order is known, and not as a line.
     step = reach / PER_WIDTH if order.std is None else min(reach / PER_WIDTH, 0.5 * order.std)
@@ -55,7 +55,7 @@ def with_other_orders(problem: Problem, model: Model, index: int, order: Paramet
     most = deviance(order.value) + EQUIVALENT_WITHIN
     fitting = tried[[deviance(float(at)) < most for at in tried]]
     far = np.abs(fitting - order.value) > reach
-    far &= np.abs(2.0 * fitting - order.value) > reach  # a half says the same by its double
+    far &= np.abs(2.0 * fitting - order.value) > reach  # a half is the same by its double
     if not far.any():
         return order
     turns = max(angle_range_turns(record.undrifted) for record in problem.records)

@@ -2,7 +2,7 @@
 
 Each family (mean effects with the jump terms, noise effects, switching effects) has the largest gain over all its
 candidates on simulated records without any effect, so that a p-value counts the whole search and not the one test that
-won. `make nulls` makes the table; `benchmarks/nulls.py` says of what records.
+won. `make nulls` makes the table; `benchmarks/nulls.py` has the records.
 
 A gain is a deviance less log N for each parameter. With one log N put back the law of the largest gain hardly changes
 with N; what change there is, is interpolated in log N. As far as the simulated gains go the table is counted. Beyond

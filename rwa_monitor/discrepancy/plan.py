@@ -1,4 +1,4 @@
-"""Which manoeuvre to fly next: the one that would best tell the leading causes apart.
+"""Which manoeuvre to fly next: the one that would best separate the leading causes.
 
 For each manoeuvre of a small library the motion is laid out, the torque that each leading cause would make there is
 computed, and the best imitation of it by each rival is fitted (shape profiled, level and slope free). What the
@@ -165,7 +165,7 @@ def _fly(
     """Return a manoeuvre laid out and its dry level, float64 (n,) [N m]; None where it waits for what never comes."""
     typical_jump = _typical_jump(model, wheel)
     if manoeuvre.jump_at is not None and typical_jump == 0:
-        return None  # nothing says that this friction jumps
+        return None  # nothing shows that this friction jumps
     laid_out = _lay_out(problem, manoeuvre, top, wheel)
     level = np.full(laid_out.size, float(np.median(model.fit.level)))
     if manoeuvre.jump_at is not None:
@@ -174,7 +174,7 @@ def _fly(
 
 
 def _typical_jump(model: Model, wheel: Wheel) -> float:
-    """Return the usual size of a jump [N m], from the records, else from the wheel's systems; 0 where neither tells."""
+    """Return the usual size of a jump [N m], from the records, else from the wheel's systems; 0 without either."""
     if model.fit.jumps.size:
         return float(np.median(np.abs(model.fit.level[model.fit.jumps] - model.fit.level[model.fit.jumps - 1])))
     highest = [system.friction[-1] for system in wheel.fss if system.friction is not None]

@@ -71,7 +71,7 @@ def friction_over_nominal(samples: Samples, wheel: Wheel) -> float | None:
 
 
 def unusual(samples: Samples, wheel: Wheel) -> str | None:
-    """Say in words what is unusual about a table that is not refused; None where nothing is."""
+    """Return in words what is unusual about a table that is not refused; None where nothing is."""
     ratio = friction_over_nominal(samples, wheel)
     if (
         ratio is None
@@ -84,7 +84,7 @@ def unusual(samples: Samples, wheel: Wheel) -> str | None:
 
 # ---- channels at the end of their range ------------------------------------------------------------------------------
 # A measured value hardly ever repeats to the last digit; at an end stop it does. Channels that hold few values at
-# all, commanded torques or coarse converters, are left as they are: there a repeated largest value says nothing.
+# all, commanded torques or coarse converters, are left as they are: there a repeated largest value shows nothing.
 
 
 CHANNELS: Final = ("friction_torque_Nm", "motor_current_A", "motor_torque_Nm")
@@ -151,7 +151,7 @@ def _among(stopped: BoolArray) -> BoolArray:
 
 
 def end_stops_in_words(samples: Samples) -> list[str]:
-    """Say for each channel that reads its end stop how often it does, and what becomes of it."""
+    """Return in words for each channel that reads its end stop how often it does, and what becomes of it."""
     return [
         f"{name} is at its end stop in {np.mean(stopped):.1%} of the samples; "
         + ("left out, with those among them" if np.mean(stopped) <= SATURATED_SHARE else "the channel is not used")
@@ -174,7 +174,7 @@ def _saturated(samples: Samples) -> Iterator[tuple[str, FloatArray, BoolArray]]:
 # Over a stretch of time the torque's impulse is J·Δω and what friction took: the slope of the impulses over Δω,
 # beside those of dry and viscous friction, is the inertia that the two channels show. Impulses of many slots know
 # little of the noise of single ones, and of where between two of them a torque acts. Where friction is given its
-# slope over the speed tells the same, but a bearing may have changed: a question, and no refusal.
+# slope over the speed shows the same, but a bearing may have changed: a question, and no refusal.
 
 
 FEWEST_STRETCHES: Final = 20
@@ -205,7 +205,7 @@ class Shown:
     std: float
 
     def is_about(self, expected: float) -> bool:
-        """Say whether it is what is expected, within its error; no, where it is hardly known."""
+        """Return whether it is what is expected, within its error; no, where it is hardly known."""
         within = STANDARD_ERRORS * self.std
         known = within < KNOWN_WITHIN * abs(self.value)
         return known and abs(self.value - expected) < max(SAME_WITHIN * expected, within)

@@ -30,7 +30,7 @@ class Problem:
     records
         The records.
     z
-        s·friction torque [N m]; outliers pulled in where the noise has heavy tails (`clipped_share` says how many).
+        s·friction torque [N m]; outliers pulled in where the noise has heavy tails (`clipped_share`: how many).
     z_measured
         The same, as measured.
     clipped_share
@@ -50,7 +50,7 @@ class Problem:
     derivative_taps
         Of the filter through which noise of the speed enters friction that is derived.
     memory
-        Samples of noise that say as much as one that is independent, where friction is derived: known from the filter.
+        Samples of noise that count as one that is independent, where friction is derived: known from the filter.
         Its noise is not whitened: columns of the torque share it. 1 elsewhere, where the law of the noise is fitted.
     each
         Applies a function to each candidate; the answer does not depend on how.
@@ -102,12 +102,12 @@ class Problem:
 
     @property
     def friction_is_derived(self) -> bool:
-        """Say whether friction was derived from current and speed in any of the records."""
+        """Return whether friction was derived from current and speed in any of the records."""
         return any(record.friction_is_derived for record in self.records)
 
     @property
     def at_one_speed(self) -> bool:
-        """Say whether all is at nearly one speed: dry and viscous friction are one number there."""
+        """Return whether all is at nearly one speed: dry and viscous friction are one number there."""
         return float(np.std(self.speed)) < NEARLY_CONSTANT * float(np.mean(self.speed))
 
     @property
@@ -117,7 +117,7 @@ class Problem:
 
     @property
     def has_noise(self) -> bool:
-        """Say whether there is noise beyond the digits of the table: a simulation may have none."""
+        """Return whether there is noise beyond the digits of the table: a simulation may have none."""
         return self.noise.std > self.smallest_noise_Nm
 
     @property

@@ -1,9 +1,9 @@
-"""Torque that was read on a lattice: its rounding is undone as far as a model of the record tells.
+"""Torque that was read on a lattice: its rounding is undone as far as a model of the record allows.
 
 Rounding to steps of several standard deviations is no noise: where the torque rests, the error rests with it, and where
 the torque moves, mean and spread of the error follow it (B. Widrow, I. Kollár, Quantization Noise, 2008, chapter 4).
 Levels, laws of speed and a cage would be read out of that; and a median of differences on a lattice is nothing, or a
-step. But the reading tells between which two values the torque was. So each sample is drawn from the normal law about
+step. But the reading shows between which two values the torque was. So each sample is drawn from the normal law about
 a model, as far as it lies within the step that was read: where the model is right that is the unrounded record's own
 law, and nothing has to be known of rounding by what comes after (data augmentation: M. A. Tanner, W. H. Wong, JASA 82,
 1987; as residuals: P. K. Dunn, G. K. Smyth, J. Comp. Graph. Stat. 5, 1996). Model and draws are found in turns (the
@@ -75,20 +75,20 @@ def without_steps(records: Sequence[Record], wheel: Wheel) -> list[Record]:
 
 
 def _may_matter(record: Record) -> bool:
-    """Say whether a record's steps are not far finer than what neighbours differ by: that is told without a model."""
+    """Return whether a record's steps are not far finer than what neighbours differ by; that needs no model."""
     change = np.abs(np.diff(record.friction_torque_Nm[record.used]))
     return record.torque_step_Nm > 0.0 and change.size > 0 and float(np.median(change)) < FINE * record.torque_step_Nm
 
 
 def is_coarse(step: float, noise_std: float) -> bool:
-    """Say whether a step of the torque matters beside its noise [N m]."""
+    """Return whether a step of the torque matters beside its noise [N m]."""
     return step > COARSE * noise_std
 
 
 def steps_in_words(problem: Problem) -> str:
-    """Say in what steps the torque was read, where they matter beside the noise; "" where they do not."""
-    said = [record.steps.in_words(problem.noise.std) for record in problem.records if record.steps is not None]
-    return "; ".join(dict.fromkeys(said))
+    """Return in words in what steps the torque was read, where they matter beside the noise; "" where they do not."""
+    in_words = [record.steps.in_words(problem.noise.std) for record in problem.records if record.steps is not None]
+    return "; ".join(dict.fromkeys(in_words))
 
 
 def drawn_again(problem: Problem, model: Fit, again: Callable[[Problem], Fit]) -> list[Record] | None:
@@ -167,8 +167,8 @@ def _within(read: FloatArray, step: FloatArray, expected: FloatArray, std: float
 
 # ---- rounding of the speed that passes for a mean effect -------------------------------------------------------------
 # Where the speed stands on one reading for longer than the derivative's filter is wide, the rounding error of derived
-# friction is no noise: it follows the acceleration, step by step. What lives in the acceleration cannot be told from
-# it.
+# friction is no noise: it follows the acceleration, step by step. What lives in the acceleration cannot be separated
+# from it.
 
 
 FOLLOW_ACCELERATION: Final = frozenset(
@@ -206,7 +206,7 @@ def without_rounding(problem: Problem, found: SearchResult) -> SearchResult:
 
 
 def _is_coarse(problem: Problem, index: int) -> bool:
-    """Say whether a record's speed crosses less than one step within the derivative's filter, half of the time."""
+    """Return whether a record's speed crosses less than one step within the derivative's filter, half of the time."""
     record = problem.records[index]
     step = lattice_step(record.channels.speed_rad_s[np.isfinite(record.channels.speed_rad_s)])
     if not record.friction_is_derived or step is None:

@@ -67,7 +67,7 @@ class Record:
         float64 (n,), motor torque less friction [N m]: the part of K_T·I that holds nothing of the friction that is
         to be explained. None where there is no motor torque.
     angle_drift_rad
-        float64 (n,), by how much the integral of the measured speed misses the angle; None where nothing tells it.
+        float64 (n,), by how much the integral of the measured speed misses the angle; None where nothing shows it.
     bent
         bool (n,), slots where derived friction was corrected by more than its noise: what is left of that is no noise;
         None where friction is given.
@@ -233,7 +233,7 @@ def _check_inertia(samples: Samples, motion: alignment.Motion, wheel: Wheel, sou
 
 
 def left_out_in_words(records: Sequence[Record]) -> str:
-    """Say how many samples of the records do not enter the search, and why; "" where all do."""
+    """Return in words how many samples of the records do not enter the search, and why; "" where all do."""
     total: Counter[str] = Counter()
     for record in records:
         total.update(record.left_out)

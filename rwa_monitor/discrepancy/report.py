@@ -32,7 +32,7 @@ def sentence(result: DiscrepancyResult) -> str:
     if result.verdict == "adequate":
         return "The simulation explains these data; nothing that could be tested is missing."
     if result.verdict == "untestable":
-        return "These data cannot tell: the speed hardly varies, and no effect that needs motion would show."
+        return "Untestable with these data: the speed hardly varies, and no effect that needs motion would show."
     parts = [_name_in_words(effect) for effect in result.effects]
     if result.unexplained is not None:
         parts.append(
@@ -51,7 +51,7 @@ def sentence(result: DiscrepancyResult) -> str:
 
 
 def _loss_in_words(result: DiscrepancyResult, gain: Gain) -> str:
-    """Say first what an extension does not do: hold on data that it was not fitted to."""
+    """Return first what an extension does not do: hold on data that it was not fitted to."""
     own = [effect.name for effect in result.effects if effect_class(effect.name).of_one_recording and gain.held_out]
     where = f"On {', '.join(gain.held_out)}" if gain.held_out else "On blocks left out in turn"
     return (
@@ -59,12 +59,12 @@ def _loss_in_words(result: DiscrepancyResult, gain: Gain) -> str:
         f" {gain.rmse_extended_Nm:.4g} N m, the log score from {gain.log_score_base:.4f} to"
         f" {gain.log_score_extended:.4f} a sample; do not extend the wheel file by it."
         + "".join(f" {name} could not carry over: it counts from a recording's own beginning." for name in own)
-        + " As the searched records tell it:"
+        + " On the searched records:"
     )
 
 
 def _name_in_words(effect: FoundEffect) -> str:
-    others = f" or, as well as these data can tell, {', '.join(effect.equivalent)}" if effect.equivalent else ""
+    others = f" or, indistinguishable by these data, {', '.join(effect.equivalent)}" if effect.equivalent else ""
     name, title = effect.name, effect_class(effect.name).title
     words = title if title.startswith(PROPER) else title[:1].lower() + title[1:]
     plain = name.replace("_", " ")
@@ -74,7 +74,7 @@ def _name_in_words(effect: FoundEffect) -> str:
 
 
 def p_in_words(search: Search, effect: FoundEffect) -> str:
-    """Return a p-value, with "≤" where the table of nulls tells no more."""
+    """Return a p-value, with "≤" where the table of nulls goes no further."""
     floor = built_in_nulls().floor(effect.family, derived=search.problem.friction_is_derived)
     return f"{'≤ ' if effect.p_value <= floor else ''}{engineering.probability(effect.p_value)}"
 

@@ -40,8 +40,8 @@ MISSING: Final = """
 {% if result.effects %}
 <h2>What is missing</h2>
 <table>
-<tr><th>effect</th><th>parameters</th><th class="n">gain</th><th class="n">p</th><th>cannot be told from</th>
-<th>what would tell</th></tr>
+<tr><th>effect</th><th>parameters</th><th class="n">gain</th><th class="n">p</th><th>indistinguishable from</th>
+<th>what would separate them</th></tr>
 {% for effect in result.effects %}
 <tr><td><strong>{{ effect_class(effect.name).title }}</strong><br><span class="small">{{ kinds[effect.family] }},
 <code>{{ effect.name }}</code></span></td>
@@ -49,9 +49,9 @@ MISSING: Final = """
 {{ measure(p.value, p.std, p.unit) }}{{ " (" ~ p.note ~ ")" if p.note }}<br>{% endfor %}</td>
 <td class="n" data-label="gain">{{ "%.0f" | format(effect.delta_deviance) }}</td>
 <td class="n" data-label="p">{{ p_values[effect.name] }}</td>
-<td data-label="cannot be told from">{% for name in effect.equivalent %}{{ effect_class(name).title }}
+<td data-label="indistinguishable from">{% for name in effect.equivalent %}{{ effect_class(name).title }}
 (<code>{{ name }}</code>){{ ", " if not loop.last }}{% else %}–{% endfor %}</td>
-<td data-label="what would tell">{{ effect.separate_by | replace("`", "") }}</td></tr>
+<td data-label="what would separate them">{{ effect.separate_by | replace("`", "") }}</td></tr>
 {% endfor %}
 </table>
 <p class="small">± one standard error. Gain: by how much the penalised deviance (−2 log likelihood and a price for each
@@ -218,7 +218,7 @@ PAGE: Final = (
 <h1>What the simulation of wheel “{{ wheel.name }}” gets wrong</h1>
 <p class="small">{{ sources | join(", ") }} · {{ samples }} samples in motion
 {%- if left_out %} ({{ left_out }}){% endif %}{% if clipped %}, {{ clipped }} outliers pulled in{% endif %} · noise
-{{ noise_std_Nm | torque }}{% if steps %} ({{ steps }}; taken out as far as the readings tell){%
+{{ noise_std_Nm | torque }}{% if steps %} ({{ steps }}; taken out as far as the readings allow){%
 endif %} · {{ software }}</p>
 <p class="verdict {{ result.verdict }}"><strong>{{ result.verdict | capitalize }}.</strong> {{ sentence }}{% if
 extended_toml and not result.gain.is_a_loss and not result.gain.simulated.is_a_loss %} On data held out, the log

@@ -1,4 +1,4 @@
-"""What the search for discrepancies says: plain and immutable; the command and the monitor room turn it into JSON."""
+"""Results of the search for discrepancies: plain and immutable; the command and the monitor room turn it into JSON."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ TOLERATED_RISE: Final = 0.01  # of the held-out RMSE: a base model's false jumps
 
 @dataclass(frozen=True, slots=True)
 class ParameterValue:
-    """A fitted parameter; `std` is None where the data do not determine it, and `note` then says so in words."""
+    """A fitted parameter; `std` is None where the data do not determine it, and `note` then states that."""
 
     value: float
     std: float | None
@@ -26,14 +26,14 @@ class ParameterValue:
 
     @classmethod
     def of(cls, value: float, std: float, unit: str, low: float, high: float) -> ParameterValue:
-        """Return a fitted value [unit] as its standard deviation, NaN where there is none, and its bounds tell it."""
+        """Return a fitted value [unit] as its standard deviation, NaN where there is none, and its bounds have it."""
         error = std if math.isfinite(std) else None
         for bound in (low, high):
             if _is_at(value, bound, low, high):
                 return cls(value, None, unit, f"at its bound {bound:.4g}: not determined")
-            # A strength beside zero is what its error says; any other end is one of what was tried.
+            # A strength beside zero is what its error implies; any other end is one of what was tried.
             if bound != 0.0 and error is not None and abs(value - bound) < INDISTINGUISHABLE * error:
-                return cls(value, None, unit, f"not told from its bound {bound:.4g}: not determined")
+                return cls(value, None, unit, f"not distinguishable from its bound {bound:.4g}: not determined")
         return cls(value, error, unit)
 
     def in_words(self) -> str:
@@ -49,7 +49,7 @@ class ParameterValue:
 
 
 def _is_at(value: float, bound: float, low: float, high: float) -> bool:
-    """Say whether a value is at a bound: to a thousandth of the range, or of the bound where the range is decades."""
+    """Return whether a value is at a bound: to a thousandth of the range, or of the bound if the range is decades."""
     if bound == 0.0 or not math.isfinite(bound):
         return value == bound  # small is not zero
     width = high - low if math.isfinite(high - low) else abs(bound)
@@ -65,7 +65,7 @@ class FoundEffect:
     name, family
         From the catalogue.
     equivalent
-        Names that the data cannot tell from it.
+        Names that the data cannot distinguish from it.
     separate_by
         The manoeuvre or channel that would.
     parameters
@@ -127,11 +127,11 @@ class SimulatedGain:
 
     @property
     def is_a_loss(self) -> bool:
-        """Say whether the simulation is worse with the effects."""
+        """Return whether the simulation is worse with the effects."""
         return self.rmse_extended_Nm > (1.0 + TOLERATED_RISE) * self.rmse_base_Nm
 
     def in_words(self) -> str:
-        """Say what does not hold, in plain words; nothing where it does."""
+        """Return in words what does not hold, in plain words; nothing where it does."""
         if not self.is_a_loss:
             return ""
         return (
@@ -190,13 +190,13 @@ class Gain:
 
     @property
     def is_a_loss(self) -> bool:
-        """Say whether the extension does worse than the base model on held-out data, by either figure."""
+        """Return whether the extension does worse than the base model on held-out data, by either figure."""
         worse = self.rmse_extended_Nm > (1.0 + TOLERATED_RISE) * self.rmse_base_Nm
         return worse or self.log_score_extended < self.log_score_base
 
     @property
     def only_by_fewer_jumps(self) -> bool:
-        """Say whether all that it gains there are jumps: it leaves no less error."""
+        """Return whether all that it gains there are jumps: it leaves no less error."""
         return not self.is_a_loss and self.rmse_extended_Nm > self.rmse_base_Nm
 
 

@@ -2,7 +2,7 @@
 
 Telemetry may be averaged on board. Dry friction flips with the speed, and a mean over an interval in which the speed
 reverses is anything between both signs: a handful of such samples, tens of standard deviations off, passes for a dead
-zone, for bristles or for an unknown law of speed. Whether a record is averaged its own reversals tell: the speed says
+zone, for bristles or for an unknown law of speed. Whether a record is averaged its own reversals show: the speed gives
 how long it turned which way in each interval, and the mean of the sign foretells the sample.
 """
 
@@ -14,7 +14,7 @@ import numpy as np
 
 from rwa_monitor.samples import BoolArray, FloatArray
 
-LEVEL_REACH: Final = 8  # samples on each side of a reversal that tell its dry friction
+LEVEL_REACH: Final = 8  # samples on each side of a reversal that show its dry friction
 STRADDLES: Final = 0.98  # of the sign, mean over the interval: what is less has a reversal in it
 LEFT_SHARE: Final = 0.5  # of what points miss, that means may miss: bristles and dead zones foretell no such share
 

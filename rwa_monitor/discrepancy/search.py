@@ -1,6 +1,6 @@
 """Naming what the model lacks: forward, swap and prune over a list of effects, all judged by one score (see `score`).
 
-How a model is made and fitted says `fitting`.
+How a model is made and fitted: see `fitting`.
 """
 
 from __future__ import annotations
@@ -100,7 +100,7 @@ def rank(fitting: Fitting, grown: Growth, progress: Progress = lambda _: None) -
 
 
 def _wanders(model: Model) -> bool:
-    """Say whether a model takes what it lacks for noise: see `NoiseLaw.wanders`."""
+    """Return whether a model takes what it lacks for noise: see `NoiseLaw.wanders`."""
     return model.law is not None and model.law.wanders(model.fit.residual.size)
 
 

@@ -94,7 +94,7 @@ def _with_slopes(problem: Problem, begin: Model) -> Model | None:
 
 
 def _pays(problem: Problem, model: Model, best: Model) -> bool:
-    """Say whether a model with free slopes is better than another, on held-out blocks, too."""
+    """Return whether a model with free slopes is better than another, on held-out blocks, too."""
     if model.score - best.score < ACCEPT_GAIN or best.terms[-1].effect.name != ViscousJump.name:
         return False
     scores = [held_out(problem, one, HELD_OUT_BLOCKS).log_score for one in (model, best)]
@@ -118,7 +118,7 @@ def shared_strength(problem: Problem, model: Model, index: int) -> tuple[str, Pa
     """Return the catalogue's strength, slope per dry friction [s/rad], that is nearest to free slopes, and its name."""
     (parameter,) = ViscousJump.parameters
     torque = model.terms[index].columns @ model.strengths(index)
-    # Slopes are told from that of the first stretch: how much all have in common is the base law's.
+    # Slopes are relative to that of the first stretch: how much all have in common is the base law's.
     value = float(np.linalg.lstsq(np.stack([problem.speed, model.fit.level * problem.speed], axis=1), torque)[0][1])
     note = "the coefficient's jumps are not in proportion to those of the dry friction"
     nearest = float(np.clip(value, parameter.low, parameter.high))

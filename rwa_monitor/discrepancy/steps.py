@@ -12,7 +12,7 @@ from rwa_monitor.samples import FloatArray, Samples
 from rwa_monitor.wheel.effects.tachometer_quantisation import lattice_step
 from rwa_monitor.wheel.wheel import Wheel
 
-FEWEST_LEVELS: Final = 3  # readings, all different, of which a step can be told
+FEWEST_LEVELS: Final = 3  # readings, all different, of which a step can be estimated
 MOST_LEVELS: Final = 0.5  # of the samples: where so many readings differ, steps are finer than the noise
 RMS_OF_ROUNDING: Final = 12**-0.5  # of a step: the error is uniform over it (Widrow & Kollár, Quantization Noise, 2008)
 
@@ -27,7 +27,7 @@ class Steps:
     torque_Nm: float
 
     def in_words(self, noise_std_Nm: float) -> str:
-        """Say how coarse the steps are beside the noise [N m]."""
+        """Return in words how coarse the steps are beside the noise [N m]."""
         size = engineering.measure(self.size, None, self.unit)
         return f"{self.channel} is quantised in steps of {size}, {self.torque_Nm / noise_std_Nm:.2g} σ of the noise"
 

@@ -34,7 +34,7 @@ from rwa_monitor.wheel.wheel import FrictionRange, SwitchingSystem, Wheel
 EXTRA: Final = "extra_switching_system"
 WRONG_LAW: Final = "wrong_duration_law"
 SPEED: Final = "speed_triggered_jumps"
-MOST_JUMPS: Final = 400  # more are no jumps, and their attribution says nothing
+MOST_JUMPS: Final = 400  # more are no jumps, and their attribution means nothing
 DOUBTFUL: Final = 2.0  # times as many candidates of the diagnosis as jumps of the search: the two do not agree
 FEW_MORE: Final = 8  # candidates that chance may add
 FEWEST_OF_EXTRA: Final = 3  # unattributed jumps that suggest a system
@@ -48,7 +48,7 @@ EXTRA_PARAMETERS: Final = 5  # two durations, two ends of the sizes, and that th
 
 @dataclass(frozen=True, slots=True)
 class _Story:
-    """A wheel, changed by hypothesis, and what the attribution says with it."""
+    """A wheel, changed by hypothesis, and the result of the attribution with it."""
 
     wheel: Wheel
     assignment: Assignment

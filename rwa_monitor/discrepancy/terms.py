@@ -43,9 +43,9 @@ class Term:
     low, high
         float64 (p,), bounds of the strengths.
     smooth
-        Whether the strengths are heights of neighbouring knots: what data does not tell is then as its neighbour.
+        Whether the strengths are heights of neighbouring knots: what data does not determine is then as its neighbour.
     own
-        Whether the columns are of these data alone: effect and shape do not tell them.
+        Whether the columns are of these data alone: effect and shape do not determine them.
     price
         Of the parameters, in units of log N, where that is not their number.
     """
@@ -61,12 +61,12 @@ class Term:
 
     @property
     def name(self) -> Hashable:
-        """Say which columns these are, of one problem; None where effect and shape do not tell."""
+        """Return which columns these are, of one problem; None where effect and shape do not determine them."""
         return None if self.own or depends_on_level(self.effect) else _name(self.effect, self.shape)
 
     @property
     def parameters(self) -> float:
-        """Return what the parameters cost, in units of log N: their number, shape included, where nothing is said."""
+        """Return what the parameters cost, in units of log N: their number, shape included, where nothing is given."""
         return len(self.effect.parameters) if self.price is None else self.price
 
 
@@ -138,7 +138,7 @@ class FollowedLevel:
 def _steady_speed(record: Record) -> FloatArray:
     """Return the speed [rad/s] whose slope shares no noise with friction derived from it, float64 (slots,).
 
-    The slope of a moving mean is told by what enters and leaves it: so far away that no derivative reaches there.
+    The slope of a moving mean is given by what enters and leaves it: so far away that no derivative reaches there.
     """
     speed = record.channels.speed_rad_s
     if not record.friction_is_derived:
@@ -174,7 +174,7 @@ def make_term_with(
 ) -> Term:
     """Evaluate an effect's columns, given the level that they follow: the same for many shapes of the effect.
 
-    `keep` says that other models will ask for this shape, too.
+    `keep`: other models will ask for this shape, too.
     """
     strengths = effect.strength_parameters()
     key = _name(effect, shape)
@@ -227,7 +227,7 @@ def _name(effect: type[MeanEffect], shape: Mapping[str, float]) -> Hashable:
 
 
 def depends_on_level(effect: type[MeanEffect]) -> bool:
-    """Say whether an effect's columns follow from the dry level, by itself or as a part of the motor torque."""
+    """Return whether an effect's columns follow from the dry level, by itself or as a part of the motor torque."""
     return effect.uses_level or "motor_torque_Nm" in effect.needs
 
 

@@ -3,7 +3,7 @@
 A strength given the shape is known far better than a strength whose shape is fitted too: the two trade. So the
 derivatives of the model by its shape parameters enter the design beside the columns (Gauss–Newton; Seber & Wild,
 Nonlinear Regression, 1989, chapter 5), with levels eliminated and the noise as coloured as it is. A model that lacks
-something leaves a residual that is no such noise: the error is then what the residual itself says (Newey & West,
+something leaves a residual that is no such noise: the error is then what the residual itself shows (Newey & West,
 Econometrica 55, 1987). A parameter whose interval of two standard deviations reaches the end of what the record can
 show is not determined by it.
 """
@@ -35,7 +35,7 @@ ORDER: Final = "harmonic"
 STEP: Final = 1e-3  # of a shape parameter's range, for the derivative
 WIDTH: Final = 2.0  # standard deviations each way: 95 %
 STRETCHES: Final = 20  # of the samples: what a stretch leaves is taken to know little of what the next but one leaves
-FEWEST_TELLING: Final = 1.5  # stretches: from fewer, a residual cannot tell how it scatters
+FEWEST_STRETCHES: Final = 1.5  # stretches: from fewer, the scatter of a residual cannot be estimated
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,7 +131,7 @@ def described(
             continue  # it was not needed
         if parameter.linear:
             value, low, high = fitted[name]
-            if low < value < high:  # what no part can be larger than says nothing of one that is smaller
+            if low < value < high:  # what no part can be larger than is no bound of one that is smaller
                 low, high = parameter.low, parameter.high
             values[name] = ParameterValue.of(value, error, parameter.unit, low, high)
         elif parameter.choices and not np.isfinite(error):
@@ -224,7 +224,7 @@ def _remembered(influence: FloatArray, residual: FloatArray) -> FloatArray:
 
     The products of the scores influence · residual over all lags, weighted by a triangle as wide as a stretch: that is
     the mean square of the sums over all windows of that width, over the width. A fit leaves less than there was:
-    of m stretches that tell a coefficient, m - 1 in m.
+    of m stretches that inform a coefficient, m - 1 in m.
     """
     size = residual.size
     width = max(size // STRETCHES, min(MAX_LAG, size // 2))
@@ -234,5 +234,5 @@ def _remembered(influence: FloatArray, residual: FloatArray) -> FloatArray:
     windows = sums[width:] - sums[:-width]
     weight = np.add.reduceat(influence**2, np.arange(0, size, width), axis=0)
     telling = np.sum(weight, axis=0) ** 2 / np.maximum(np.sum(weight**2, axis=0), 1e-300)
-    telling = np.maximum(telling, FEWEST_TELLING)
+    telling = np.maximum(telling, FEWEST_STRETCHES)
     return np.asarray(np.sum(windows**2, axis=0) / width * telling / (telling - 1.0), dtype=np.float64)

@@ -130,7 +130,7 @@ def wandering(problem: Problem, model: Model) -> Unexplained | None:
 
     A switching system jumps, it does not creep: steps that are worth many times their price are jumps, and where most
     are not, the level wanders. And noise forgets: that of the catalogue (autocorrelation up to 0.95 from slot to slot)
-    within some sixty slots. What lasts longer is drag, and no effect says why.
+    within some sixty slots. What lasts longer is drag, and no effect explains it.
     """
     strong = strong_jumps(problem, model.fit).size
     weak = model.fit.jumps.size - strong

@@ -53,7 +53,7 @@ class UnnamedEffect(MeanEffect):
 
     @classmethod
     def may_show(cls, problem: Problem) -> bool:
-        """Say whether these records may show it at all."""
+        """Return whether these records may show it at all."""
         del problem
         return True
 
@@ -84,7 +84,7 @@ class HeatOfMotion(UnnamedEffect):
 
     @classmethod
     def may_show(cls, problem: Problem) -> bool:
-        """Say whether heat of the motion may hide: no temperature, speeds that differ, and time to warm up."""
+        """Return whether heat of the motion may hide: no temperature, speeds that differ, and time to warm up."""
         channels = [record.channels for record in problem.records]
         unknown = all(one.bearing_temperature_degC is None for one in channels)
         lasting = LONGEST_LAG_SHARE * max(map(duration, channels)) > FASTEST_S
@@ -136,7 +136,7 @@ class DecayAfterReversal(UnnamedEffect):
 
     @classmethod
     def may_show(cls, problem: Problem) -> bool:
-        """Say whether reversals are many enough, and far enough from each other, to show such a decay."""
+        """Return whether reversals are many enough, and far enough from each other, to show such a decay."""
         travelled = [angles_between_reversals(record.channels) for record in problem.records]
         far = np.concatenate(travelled) * LONGEST_WAY_SHARE > SHORTEST_RAD
         return int(np.count_nonzero(far)) >= FEWEST_REVERSALS

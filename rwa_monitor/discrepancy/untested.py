@@ -90,7 +90,7 @@ def detectable_strengths(problem: Problem, model: Model, effects: Sequence[type[
         share = strength * float(np.sqrt(np.mean(column**2))) / friction
         beyond = not visible or strength > max(float(term.high[0]), -float(term.low[0]))
         parameter = effect.strength_parameters()[0]
-        # A column that follows the level is in proportion to friction itself: its bounds say what is likely.
+        # A column that follows the level is in proportion to friction itself: its bounds are what is likely.
         # A strength in N m is what the effect reaches in a motion that shows it whole.
         peak = strength * max(float(np.max(np.abs(column))), 1.0 if parameter.unit == "N m" else 0.0)
         there = float(np.sqrt(column**2 @ problem.z**2 / max(float(column @ column), np.finfo(np.float64).tiny)))

@@ -9,7 +9,7 @@ import pytest
 from scipy.ndimage import uniform_filter1d
 
 from rwa_monitor.discrepancy.find import find_discrepancy
-from rwa_monitor.discrepancy.next_flight import TELLS_NOTHING, plan
+from rwa_monitor.discrepancy.next_flight import UNINFORMATIVE, plan
 from rwa_monitor.discrepancy.plan import DECIDES, MANOEUVRES
 from tests.discrepancy.simple import DRY_NM, PERIOD_S, WHEEL, Array, record
 
@@ -37,7 +37,7 @@ def test_the_planned_manoeuvre_leaves_one_of_three_confused_causes(truth: str) -
     first, *others = plan(before).manoeuvres
     assert first.name == "two speeds in both directions, across a jump"
     assert first.separation > DECIDES > max((entry.separation for entry in others), default=0.0)
-    assert min(entry.separation for entry in (first, *others)) >= TELLS_NOTHING
+    assert min(entry.separation for entry in (first, *others)) >= UNINFORMATIVE
 
     manoeuvre = next(entry for entry in MANOEUVRES if entry.name == first.name)
     assert manoeuvre.jump_at is not None

@@ -90,7 +90,7 @@ def test_a_shape_that_the_record_does_not_determine_has_no_error_and_says_so() -
     [
         (0.3, 0.1, (0.3, 0.9), "at its bound 0.3: not determined"),
         (1500.0, float("nan"), (1500.0, 8000.0), "at its bound 1500: not determined"),
-        (0.49, 0.01, (-0.5, 0.5), "not told from its bound 0.5: not determined"),
+        (0.49, 0.01, (-0.5, 0.5), "not distinguishable from its bound 0.5: not determined"),
         (0.0, 0.1, (0.0, float("inf")), "at its bound 0: not determined"),
         (0.6, 0.1, (0.3, 0.9), ""),
         (1e-6, 6e-7, (0.0, float("inf")), ""),  # beside zero its error says it

@@ -8,7 +8,7 @@ import pytest
 from rwa_monitor.discrepancy.find import find_discrepancy
 from rwa_monitor.discrepancy.finished_search import Search
 from rwa_monitor.discrepancy.hypotheses import CANDIDATES
-from rwa_monitor.discrepancy.next_flight import TELLS_NOTHING, plan
+from rwa_monitor.discrepancy.next_flight import UNINFORMATIVE, plan
 from rwa_monitor.discrepancy.report import absent_effects, html, sentence
 from rwa_monitor.discrepancy.untested import detectable_strengths, not_testable
 from tests.discrepancy.simple import DRY_NM, PERIOD_S, WHEEL, record, swing
@@ -75,7 +75,7 @@ def test_a_plan_promises_nothing_that_needs_a_channel() -> None:
     assert any("viscosity_temperature without bearing_temperature_degC" in line for line in planned.advice)
     rates = [(len(entry.shows) / entry.duration_s, entry.nats_per_hour) for entry in planned.manoeuvres]
     assert rates == sorted(rates, reverse=True)
-    assert min(entry.separation for entry in planned.manoeuvres) >= TELLS_NOTHING
+    assert min(entry.separation for entry in planned.manoeuvres) >= UNINFORMATIVE
 
 
 def test_an_effect_of_few_samples_is_judged_where_it_acts() -> None:

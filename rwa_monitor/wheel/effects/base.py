@@ -126,7 +126,7 @@ class Effect:
     description: ClassVar[str]  # one or two sentences: the physics
     signature: ClassVar[str]  # what shows it in the residual
     confused_with: ClassVar[tuple[str, ...]] = ()  # catalogue names
-    separate_by: ClassVar[str]  # the manoeuvre or channel that tells it from those
+    separate_by: ClassVar[str]  # the manoeuvre or channel that separates it from those
     source: ClassVar[str]
     needs: ClassVar[frozenset[str]] = frozenset()  # optional channels: "motor_torque_Nm", "bearing_temperature_degC"
     parameters: ClassVar[tuple[Parameter, ...]] = ()
@@ -134,7 +134,7 @@ class Effect:
     follows_acceleration: ClassVar[bool] = False
     # True where it changes with time alone, as a fault does that grows.
     changes_with_time: ClassVar[bool] = False
-    # True where it follows a recording's own time or angle: its strength says nothing of another recording.
+    # True where it follows a recording's own time or angle: its strength does not carry over to another.
     of_one_recording: ClassVar[bool] = False
     # True where it comes and goes, so that friction seems to wander.
     comes_and_goes: ClassVar[bool] = False
@@ -237,7 +237,7 @@ class MeanEffect(Effect, ABC):
 
     @classmethod
     def largest_share(cls, channels: Channels) -> float:
-        """Return the largest part of the friction that the effect may be in this record; 1 where nothing says less."""
+        """Return the largest part of the friction that the effect may be in this record; 1 where nothing limits it."""
         del channels
         return 1.0
 
@@ -265,7 +265,7 @@ class MeanEffect(Effect, ABC):
 
     @classmethod
     def plainer_shape(cls, shape: Mapping[str, float]) -> dict[str, float] | None:
-        """Return the shape that says the same where only a part of this one is there; None where there is no such."""
+        """Return the shape that is the same where only a part of this one is there; None where there is no such."""
         del shape
         return None
 

@@ -30,7 +30,7 @@ FIRST_SCALES: Final = ((-0.25, 0.25), (-0.5, 0.4))  # logarithms of the quiet an
 LEAST_FREEDOM: Final = 2.05  # degrees of freedom: a variance exists
 GAUSSIAN_FROM: Final = float(np.log(400.0))  # log of degrees of freedom from which the law is Gaussian
 MOST_EVALUATIONS: Final = 800
-FIRST_EVALUATIONS: Final = 120  # of each width: enough to tell which is best
+FIRST_EVALUATIONS: Final = 120  # of each width: enough to find which is best
 PARAMETERS: Final = 6  # two scales, two mean stays, place and width of the band
 
 

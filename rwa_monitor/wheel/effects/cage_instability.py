@@ -178,7 +178,7 @@ def _compare(
 ) -> tuple[float, float, float, float] | None:
     """Return gain, mean drag inside, and standard deviations inside and outside of a band; None where it is no burst.
 
-    No burst: too few samples, or mean or variance not raised beyond doubt. What raises one of the two alone is another
+    No burst: too few samples, or mean or variance not clearly raised. What raises one of the two alone is another
     effect.
     """
     inside = stop - start

@@ -47,7 +47,7 @@ def describe(effect: type[Effect]) -> str:
     if effect.confused_with:
         others = ", ".join(f"[`{name}`]({name}.md)" for name in effect.confused_with)
         lines += [f"**Looks like** {others}.", ""]
-    lines += [f"**Told apart by.** {effect.separate_by}", ""]
+    lines += [f"**Separated by.** {effect.separate_by}", ""]
     if effect.needs:
         lines += [f"**Needs** {', '.join(f'`{channel}`' for channel in sorted(effect.needs))}.", ""]
     lines += [f"**Source.** {effect.source}", ""]

@@ -27,7 +27,7 @@ class LikelihoodFit:
     samples
         How many values entered: residuals, or jumps.
     undetermined
-        Parameters that this fit says nothing of; their values are placeholders.
+        Parameters that this fit does not estimate; their values are placeholders.
     """
 
     values: dict[str, float]

@@ -22,7 +22,7 @@ class QuadraticDrag(MeanEffect):
         "ω^1.5 in laminar flow (C_M ∝ Re^(−1/2)), and with ω where the gap to the housing is so narrow that the two "
         "boundary layers merge: the square is an upper end, for rough or spoked wheels and fully turbulent flow. At 1 "
         "bar of air Re = ωR²/ν of a wheel of 0.15 m radius is 1.5·10⁵ to 3·10⁵ at 100 to 200 rad/s: still laminar on "
-        "a free disc, which turns turbulent from about 3·10⁵ on. A square that is found says convex drag, not which "
+        "a free disc, which turns turbulent from about 3·10⁵ on. A square that is found means convex drag, not which "
         "flow. Windage vanishes in vacuum: expect it in ground tests in air and in wheels whose sealed housing is "
         "filled with gas, which fly too; an evacuated or vented housing has none."
     )

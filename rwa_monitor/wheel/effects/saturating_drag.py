@@ -26,7 +26,7 @@ class SaturatingDrag(MeanEffect):
         "rate), and the drag of a film of constant thickness then levels off at the strength c, half of which it has "
         "at ω_s. Greases and polymer-thickened oils do so; so does the friction of motor and gear benches at some tens "
         "of rad/s, where the viscous friction is a slope only near zero. What is left of a slope is the base law's. "
-        "The name says concave drag with an end, not which lubricant: a power of the speed (`sublinear_viscous`) has "
+        "The name means concave drag with an end, not which lubricant: a power of the speed (`sublinear_viscous`) has "
         "no end."
     )
     signature = "A residual that is concave in |ω|: a slope near zero, a plateau above."

@@ -63,7 +63,7 @@ class SpeedDependentNoise(NoiseEffect):
         residual_Nm, channels, good
             As for every noise effect.
         told_twice
-            How many squares of the residual tell as much as one that is independent, 1 for white noise. The gain of a
+            How many squares of the residual inform as much as one that is independent, 1 for white noise. The gain of a
             band counts that much less: it is looked for in a hundred places, and noise that clusters makes one. Growth
             is one number over the whole range, which the acceptance threshold guards well enough.
         """
@@ -117,7 +117,7 @@ def _values(growth: float, strength: float, speed: float, width: float) -> dict[
 
 
 _UNKNOWN: Final = float("nan")
-# The noise grows with the speed or it is raised in a band: a fit of one says nothing of the other.
+# The noise grows with the speed or it is raised in a band: a fit of one does not bear on the other.
 OF_GROWTH: Final = frozenset({"strength_s_rad"})
 OF_BAND: Final = frozenset({"band_strength", "band_speed_rad_s", "band_width_rad_s"})
 

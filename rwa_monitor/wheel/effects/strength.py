@@ -1,7 +1,7 @@
 """How strong an effect is in a record: the RMS of what base law and levels cannot take up.
 
 Effects shrink once dry levels and slope are fitted: of `sublinear_viscous` about 5 % remains. A strength in newton
-metres therefore says little; here and in all tests it is the RMS of the part orthogonal to sign, speed and levels.
+metres therefore means little; here and in all tests it is the RMS of the part orthogonal to sign, speed and levels.
 """
 
 from __future__ import annotations

@@ -23,7 +23,7 @@ class TorqueConstantError(MeanEffect):
     confused_with = ("inertia_error", "load_dependence", "torque_constant_temperature")
     separate_by = (
         "From current and speed alone it equals `inertia_error` up to a common factor on all friction: the motor "
-        "voltage (K_E = K_T) or the body's angular momentum tells them apart."
+        "voltage (K_E = K_T) or the body's angular momentum separates them."
     )
     source = (
         "Follows from the torque balance of the wheel; motor data sheets state K_T to 5–10 %, calibrated 1–5 % (a "

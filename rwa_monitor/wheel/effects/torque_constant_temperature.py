@@ -27,7 +27,9 @@ class TorqueConstantTemperature(MeanEffect):
     )
     signature = "A torque in proportion to temperature times current: seen in slews, not at constant speed."
     confused_with = ("viscosity_temperature", "torque_constant_error")
-    separate_by = "Slews at two temperatures; at a steady speed it cannot be told from `viscosity_temperature`."
+    separate_by = (
+        "Slews at two temperatures; at a steady speed it cannot be distinguished from `viscosity_temperature`."
+    )
     source = (
         "Reversible temperature coefficients of remanence in magnet makers' data sheets: about −0.04 %/K (SmCo) to "
         "−0.12 %/K (NdFeB)."

@@ -1,4 +1,4 @@
-"""Wrong duration law: a switching system's sojourns last otherwise than wheel.toml says."""
+"""Wrong duration law: a switching system's sojourns last otherwise than in wheel.toml."""
 
 from __future__ import annotations
 

@@ -13,7 +13,7 @@ export function discrepancyReport(found) {
     h("p", { class: "soft" }, `From samples of ${wheelTime(found.start_ns)} to ${wheelTime(found.end_ns)}.`)];
   if (found.effects.length) {
     lines.push(h("div", { class: "scroll", tabindex: 0, role: "region", "aria-label": "Effects found" }, h("table", {},
-      h("thead", {}, h("tr", {}, ["effect", "parameters", "p-value", "cannot be told from", "what would tell"].map((text) => h("th", { scope: "col" }, text)))),
+      h("thead", {}, h("tr", {}, ["effect", "parameters", "p-value", "indistinguishable from", "what would separate them"].map((text) => h("th", { scope: "col" }, text)))),
       h("tbody", {}, found.effects.map((one) => h("tr", {},
         h("th", { scope: "row" }, words(one.name)),
         h("td", {}, Object.entries(one.parameters).map(([name, found]) => h("div", {}, `${title(name)} ${value(found)}${found.std === null ? "" : ` ± ${value({ ...found, value: found.std })}`}`))),
