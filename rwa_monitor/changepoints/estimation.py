@@ -53,15 +53,10 @@ def nominal_slope_prior(wheel: Wheel) -> SlopePrior | None:
     return SlopePrior(nominal, NOMINAL_SLOPE_SPREAD * max(nominal, 0.1))
 
 
-def default_exclusion(scale: IntArray) -> IntArray:
-    """Return Δk_error = w/2 slots of the detecting scale (errata 6)."""
-    return scale // 2
-
-
 def estimate(
     evidence: Evidence, index: IntArray, exclude: IntArray | int = 0, prior: SlopePrior | None = None
 ) -> Estimate:
-    """Estimate the level of each interval, the shared slope and what it would cost to drop each changepoint.
+    """Estimate the level of each interval and the shared slope.
 
     Parameters
     ----------
@@ -70,7 +65,7 @@ def estimate(
     index
         int64 (m,), changepoints, strictly ascending, within 1 … slots - 1.
     exclude
-        Slots left out on each side of each changepoint, int64 (m,) or one number for all; see `default_exclusion`.
+        Slots left out on each side of each changepoint, int64 (m,) or one number for all.
     prior
         What is known of the slope. Needed where the window cannot show it (constant speed).
 
@@ -85,7 +80,7 @@ def estimate(
     known = (np.nan, np.nan) if prior is None else (prior.mean, prior.std)
     slope, slope_std = slope_within(*window, noise.std**2 * noise.long_run_factor, *known)
     moments = Moments(interval_moments(*window))
-    level, level_std, cost, squared_error = _levels(moments, slope, slope_std, noise)
+    level, level_std, squared_error = _levels(moments, slope, slope_std, noise)
     total = float(moments.n.sum())
     rmse = float(np.sqrt(max(squared_error, 0.0) / total)) if total else 0.0
     return Estimate(
@@ -94,7 +89,6 @@ def estimate(
         level_std=level_std,
         viscous=slope,
         viscous_std=slope_std,
-        rejection_cost=cost,
         rmse=rmse,
         excess_rmse=rmse - noise.std if total else 0.0,
     )
@@ -107,8 +101,8 @@ def _window(evidence: Evidence, index: IntArray, exclude: IntArray | int) -> tup
 
 def _levels(
     moments: Moments, slope: float, slope_std: float, noise: NoiseEstimate
-) -> tuple[FloatArray, FloatArray, FloatArray, float]:
-    """Return level and standard deviation of each interval, the rejection costs, and the sum of squared residuals."""
+) -> tuple[FloatArray, FloatArray, float]:
+    """Return level and standard deviation of each interval, and the sum of squared residuals."""
     seen, n = moments.n > 0.0, np.maximum(moments.n, 1.0)
     x_mean, z_mean = moments.x / n, moments.z / n
     sxx, sxz = np.maximum(moments.xx - moments.x * x_mean, 0.0), moments.xz - moments.x * z_mean
@@ -118,15 +112,10 @@ def _levels(
     felt = np.where(x_mean != 0.0, slope_std, 0.0)
     own = noise.std**2 * mean_variance_factor(noise, n) / n
     level_std = np.where(seen, np.sqrt(own + x_mean * x_mean * felt * felt), np.inf)
-    # The fall of log-likelihood, -ΔSSE/2σ² for white noise, with the variance of the shorter interval's mean.
-    left, right, jump = n[:-1], n[1:], level[1:] - level[:-1]
-    variance = noise.std**2 * mean_variance_factor(noise, np.minimum(left, right))
-    with np.errstate(divide="ignore", invalid="ignore"):  # without noise
-        cost = -0.5 * jump * jump * left * right / (left + right) / variance
     # An interval without samples has the level of the last seen one before it, or of the first.
     place = np.maximum.accumulate(np.where(seen, np.arange(n.size), np.argmax(seen)))
     level = level[place] if seen.any() else np.zeros(n.size)
-    return level, level_std, np.where(seen[:-1] & seen[1:], cost, 0.0), float(np.cumsum(errors)[-1])
+    return level, level_std, float(np.cumsum(errors)[-1])
 
 
 def jump_std(evidence: Evidence, estimate_: Estimate, exclude: IntArray | int = 0) -> FloatArray:

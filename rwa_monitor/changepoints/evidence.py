@@ -24,16 +24,14 @@ from rwa_monitor.changepoints.noise import estimate_noise
 from rwa_monitor.changepoints.outlier_model import Tails, estimate_tails, gaussian_outlier
 from rwa_monitor.changepoints.peaks import PeakList, ScanState
 from rwa_monitor.changepoints.running_sums import RunningSums, SumArrays
-from rwa_monitor.changepoints.stage_results import Candidates, Evidence, Method, NoiseEstimate
+from rwa_monitor.changepoints.stage_results import Candidates, Evidence, NoiseEstimate
 from rwa_monitor.changepoints.structure import StructureArrays, StructureSums
 from rwa_monitor.kernels.evidence import (
     ALL_DONE,
-    CONFIRMED_STATISTIC,
     COUNTED,
     KEPT_STATISTIC,
     NO_ROOM,
     OUTLIER,
-    PAPER_WEIGHT,
     VARIANCE,
     Window,
     gather,
@@ -44,8 +42,7 @@ from rwa_monitor.kernels.wglr import BINS, CHUNK, HISTORY, PREFIXES, STEP
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 from rwa_monitor.wheel.wheel import Wheel
 
-JOINT_SCALES: Final = (1, 2, 4, 8, 16, 32, 64, 128)
-PAPER_SCALES: Final = (50,)
+SCALES: Final[tuple[int, ...]] = (1, 2, 4, 8, 16, 32, 64, 128)  # half-widths [slots] (errata 5)
 
 PEAK_TESTS_PER_SLOT: Final = 1.5  # independent tests that the peaks of all scales are, a slot: Σ 1/w, hardly less
 FAR_AWAY: Final = -(2**40)  # a slot that lies near none
@@ -103,7 +100,7 @@ class Learned(NamedTuple):
         int64 (STEP + 1,): the last indices announced, in turns, and how many there were.
     numbers
         float64 (8,): centre and weight of the slope's prior, dead band, and speed from which its sign is certain, all
-        normalised, the last two NaN until the first chunk is there; the three of `quantiles_of`; and the largest
+        normalised, the last three NaN until the first chunk is there; the three of `quantiles_of`; and the largest
         outlier of heavy tails where `gather` asked for it, else NaN.
     """
 
@@ -119,7 +116,7 @@ def nothing_learned(scales: int, slope: float) -> Learned:
     return Learned(
         bars=np.repeat([[np.nan], [np.inf], [np.inf]], scales, axis=1),
         announced=announced,
-        numbers=np.array([slope, PAPER_WEIGHT, np.nan, np.nan, 0.0, 0.0, 0.0, np.nan]),
+        numbers=np.array([slope, np.nan, np.nan, np.nan, 0.0, 0.0, 0.0, np.nan]),
     )
 
 
@@ -177,8 +174,8 @@ class WindowSettings(NamedTuple):
         Largest outlier by chance of Gaussian noise, in standard deviations.
     chunk_peaks
         As for `scan`.
-    paper
-        Whether to detect as the paper does.
+    runs
+        As for `ScanSettings`; False.
     """
 
     speed_unit: float
@@ -193,7 +190,7 @@ class WindowSettings(NamedTuple):
     nominal_slope: float
     outlier: float
     chunk_peaks: int
-    paper: bool
+    runs: bool
 
 
 class WindowAccumulator:
@@ -203,14 +200,12 @@ class WindowAccumulator:
     ----------
     wheel
         The wheel: units, nominal slope and noise, dead band.
-    method
-        "joint": several scales, each by the variance of its own contrast. "paper": one scale, contiguous runs.
     slots
         Length of the window; the wheel's where None.
     slope_prior
         What earlier windows say of the viscous coefficient; the wheel's nominal one where None.
     false_candidates
-        Candidates wanted by chance in a window without a jump (joint).
+        Candidates wanted by chance in a window without a jump.
 
     Examples
     --------
@@ -230,13 +225,11 @@ class WindowAccumulator:
     def __init__(
         self,
         wheel: Wheel,
-        method: Method = "joint",
         slots: int | None = None,
         slope_prior: SlopePrior | None = None,
         false_candidates: float = FALSE_CANDIDATES,
     ) -> None:
         self.wheel = wheel
-        self.method: Method = method
         self.slots = wheel.window.samples if slots is None else slots
         self.filled = 0
         self.good = 0
@@ -254,10 +247,8 @@ class WindowAccumulator:
         self._done = 0  # slots that detection has seen
         self._closed = False
 
-        scales: tuple[int, ...] = PAPER_SCALES if method == "paper" else JOINT_SCALES
-        if self.slope_prior is None:
-            # Without any idea of the slope, two neighbouring samples say nothing about a jump.
-            scales = tuple(w for w in scales if w > 1)
+        # Without any idea of the slope, two neighbouring samples show nothing of a jump.
+        scales = SCALES if self.slope_prior is not None else SCALES[1:]
         self._scales: IntArray = np.array(scales, dtype=np.int64)
         self._peaks = PeakList(self._scales)
         self._learned = nothing_learned(len(scales), 0.0 if self.slope_prior is None else self.slope_prior.mean)
@@ -303,7 +294,7 @@ class WindowAccumulator:
             nominal_slope=prior.mean if prior else 0.0,
             outlier=gaussian_outlier(self.slots),
             chunk_peaks=self._peaks.chunk_peaks,
-            paper=self.method == "paper",
+            runs=False,
         )
 
     # ---- samples in ------------------------------------------------------------------------------------------------
@@ -376,10 +367,8 @@ class WindowAccumulator:
             start_variance,
         )
         noise = estimate_noise(levels, counts, self._scales, variances, self._sums.count, self._start_std)
-        threshold = self._threshold()
+        threshold = max(threshold_for(self.false_candidates, TESTS_PER_SLOT * self._sums.count), KEPT_STATISTIC)
         evidence = self._evidence(noise, self._peaks.above(threshold, variances), threshold)
-        if self.method == "paper":
-            return evidence  # the paper's runs as they are
         candidates = choose(evidence, self._scales, variances, self._tails(variances, quantiles), self.slope_prior)
         return replace(evidence, candidates=candidates)
 
@@ -431,8 +420,8 @@ class WindowAccumulator:
 
     def _tails(self, variances: FloatArray, quantiles: tuple[float, float, float]) -> Tails:
         variance = float(variances[0])
-        if self.method == "paper" or not math.isfinite(variance):
-            return Tails(math.inf, 0.0)  # the paper takes the noise as Gaussian
+        if not math.isfinite(variance):
+            return Tails(math.inf, 0.0)
         return estimate_tails(quantiles, variance, self.slots)
 
     def _announced(self, told: int) -> list[ConfirmedCandidate]:
@@ -441,10 +430,3 @@ class WindowAccumulator:
         chance = PEAK_TESTS_PER_SLOT * self.slots * special.chdtrc(1, normalised)
         columns = (index, jump, std, np.maximum(1.0 - chance, 0.0))
         return [ConfirmedCandidate(*row) for row in zip(*(column.tolist() for column in columns), strict=True)]
-
-    # ---- at the close ----------------------------------------------------------------------------------------------
-
-    def _threshold(self) -> float:
-        if self.method == "paper":
-            return CONFIRMED_STATISTIC
-        return max(threshold_for(self.false_candidates, TESTS_PER_SLOT * self._sums.count), KEPT_STATISTIC)

@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 
 from rwa_monitor.changepoints.changepoints import TESTS_PER_SLOT, threshold_for
-from rwa_monitor.changepoints.evidence import FALSE_CANDIDATES, JOINT_SCALES
+from rwa_monitor.changepoints.evidence import FALSE_CANDIDATES, SCALES
 from rwa_monitor.changepoints.noise import chi_variance
 from rwa_monitor.kernels.evidence import KEPT_STATISTIC
 from rwa_monitor.kernels.noise import SMALLEST_STD, lean
@@ -24,7 +24,7 @@ from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 # The slope is the window's own, known: W_b so large against any window's Σ(x - x̄)² that it is not estimated again.
 KNOWN_SLOPE: Final = 1e12
 # Most tests of a window, and so most peaks by chance, are those of one or two samples; what they alone see is a spike.
-SHOWN_SCALES: Final = tuple(scale for scale in JOINT_SCALES if scale >= 4)
+SHOWN_SCALES: Final = tuple(scale for scale in SCALES if scale >= 4)
 LEAST_USED: Final = 64  # slots below which no variance can be told
 
 

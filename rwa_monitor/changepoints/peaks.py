@@ -76,7 +76,7 @@ class ScanSettings(NamedTuple):
     floors, sure
         float64 (S,), the statistics from which a peak is kept (infinite to keep none), and confirmed.
     runs
-        Keep the maximum of each contiguous run (the paper) instead of the maxima within ±w.
+        Keep the maximum of each contiguous run instead of the maxima within ±w; the detection does not.
     """
 
     scales: IntArray

@@ -114,8 +114,6 @@ class Estimate:
         float64 (m + 1,), dry friction of each interval and its standard deviation, normalised.
     viscous, viscous_std
         Shared viscous coefficient, normalised.
-    rejection_cost
-        float64 (m,), change of -SSE/2σ² when one changepoint is removed and its intervals merged (≤ 0).
     rmse, excess_rmse
         Root mean square residual, and the same less the noise's standard deviation, normalised.
     """
@@ -125,7 +123,6 @@ class Estimate:
     level_std: FloatArray
     viscous: float
     viscous_std: float
-    rejection_cost: FloatArray
     rmse: float
     excess_rmse: float
 

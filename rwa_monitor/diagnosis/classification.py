@@ -92,14 +92,14 @@ class Judgement:
     tracked: tuple[Tracked | None, Tracked | None] = (None, None)
 
 
-def configurations_told(features: Features) -> tuple[IntArray, ...]:
+def assigned_configurations(features: Features) -> tuple[IntArray, ...]:
     """Return the configurations of each system's sojourns as the assignment told them, int64 (sojourns,) each."""
     return tuple(system.configuration for system in features.systems)
 
 
 def unjudged(features: Features, names: Sequence[str]) -> Judgement:
     """Return the judgement where nothing is known: neither active nor not."""
-    return Judgement(tuple(_not_judged(name) for name in names), features, {}, configurations_told(features))
+    return Judgement(tuple(_not_judged(name) for name in names), features, {}, assigned_configurations(features))
 
 
 def _not_judged(name: str) -> Judged:
@@ -149,7 +149,7 @@ def classify(
         (s for s, one in enumerate(told) if one.same_jumps), key=lambda s: float(by_story[s].sum()), default=None
     )
     configurations = (
-        configurations_told(features) if likeliest is None else configurations_told(told[likeliest].features)
+        assigned_configurations(features) if likeliest is None else assigned_configurations(told[likeliest].features)
     )
     shift = None
     if not features.base_known:

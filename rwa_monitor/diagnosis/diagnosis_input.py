@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from rwa_monitor.changepoints.stage_results import Evidence, Method
+from rwa_monitor.changepoints.stage_results import Evidence
 from rwa_monitor.diagnosis.model import Model
 from rwa_monitor.switching.carried_state import CarriedState
 from rwa_monitor.wheel.wheel import Wheel
@@ -19,8 +19,7 @@ class Case:
     wheel: Wheel
     model: Model | None
     carried: CarriedState
-    method: Method
-    doubting: bool
+    doubting: bool = True
 
     def provenance(self) -> dict[str, Any]:
         """Return the fields of the diagnosis that say what it was made from."""
@@ -29,7 +28,7 @@ class Case:
             "good": self.evidence.good,
             "used": self.evidence.used,
             "coverage": self.evidence.good / self.evidence.slots if self.evidence.slots else 0.0,
-            "method": self.method,
+            "method": "joint",
             "model_sha256": self.model.sha256() if self.model else "",
             "wheel_sha256": self.wheel.sha256(),
             "prior_sha256": self.carried.sha256(),

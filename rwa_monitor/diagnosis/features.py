@@ -194,17 +194,3 @@ def _systems(
         std = parts.fss_friction_std[s] if rests else np.full(configuration.size, _jump_std(assignment, s))
         found.append(SystemFeatures(system.name, configuration, parts.fss_friction[s], std, rests))
     return tuple(found)
-
-
-def histogram(values: FloatArray, low: float, high: float, bins: int) -> FloatArray:
-    """Return the normalised histogram of the paper, float64 (bins,), with errata 13.
-
-    Bins are half-open and cover [low, high]; values outside count in the end bins. All zero without values.
-    """
-    counts = np.zeros(bins)
-    values = values[np.isfinite(values)]
-    if values.size == 0 or high <= low:
-        return counts
-    bin_of = np.clip(np.floor((values - low) / (high - low) * bins), 0, bins - 1).astype(np.int64)
-    np.add.at(counts, bin_of, 1.0 / values.size)
-    return counts

@@ -55,10 +55,10 @@ def verdict_of(
     shown: Shown,
 ) -> tuple[Verdict, str]:
     """Return the verdict and its reason. A found anomaly stands; what keeps a window from being nominal comes after."""
-    nothing = _nothing_to_judge(case)
+    nothing = nothing_to_judge(case)
     if nothing or case.model is None:
         return "inconclusive", nothing
-    low, high = case.model.undecided if case.method == "joint" else (0.5, 0.5)
+    low, high = case.model.undecided
     leaning = [entry.name for entry in judged if entry.leans]
     # Where the friction model lacks something, only what the window tells for sure counts as found: what is missing
     # leaves base dry friction in doubt by its own size, and half of such a doubt lies above any nominal range.
@@ -71,15 +71,12 @@ def verdict_of(
         for anomaly, entry, doubtful in zip(anomalies, judged, open_to_doubt, strict=True)
         if entry.active and entry.probability >= high and not doubtful
     ]
-    exchanged = _exchanged(anomalies[0], anomalies[1], shown.mean_speed_rad_s) if case.method == "joint" else None
-    if certain == [exchanged]:
+    if certain == [_exchanged(anomalies[0], anomalies[1], shown.mean_speed_rad_s)]:
         return "inconclusive", explanation.reason_exchanged(anomalies[0], anomalies[1])
     if certain:
         shown_before = [anomaly.name for anomaly in certain if anomaly.name in leaning]
         return "anomalous", explanation.reason_anomalous(certain, shown_before)
-    lacking = "" if fits.adequate else f" while the friction model lacks something ({fits.finding})"
-    if shown.unnamed_jumps and not lacking:
-        lacking = " while friction jumps and the wheel file names no switching system ([[fss]])"
+    lacking = lacking_of(fits, shown)
     for anomaly, entry, doubtful in zip(anomalies, judged, open_to_doubt, strict=True):
         what = explanation.title(entry.name)
         if _rested(anomaly) or not entry.known:
@@ -98,8 +95,23 @@ def verdict_of(
                 f"{explanation.BELOW_NOMINAL if _below(anomaly) else ''}."
             )
     for anomaly, std in zip(anomalies, shown.deviations, strict=True):
-        if case.method == "joint" and _outside(anomaly, std, adequate=fits.adequate):
+        if _outside(anomaly, std, adequate=fits.adequate):
             return "inconclusive", explanation.reason_outside(anomaly, lacking, below=_below(anomaly))
+    return without_anomaly(case, judged, anomalies, lacking)
+
+
+def lacking_of(fits: Adequacy, shown: Shown) -> str:
+    """Return the part of a reason on what the friction model or the wheel file lacks; "" where nothing."""
+    if not fits.adequate:
+        return f" while the friction model lacks something ({fits.finding})"
+    return " while friction jumps and the wheel file names no switching system ([[fss]])" if shown.unnamed_jumps else ""
+
+
+def without_anomaly(
+    case: Case, judged: Sequence[Judged], anomalies: Sequence[AnomalyDiagnosis], lacking: str
+) -> tuple[Verdict, str]:
+    """Return verdict and reason of a window in which no anomaly is found: nominal, where it shows enough for that."""
+    leaning = [entry.name for entry in judged if entry.leans]
     silent = [entry.name for entry in judged if entry.known and not entry.telling]
     if silent:
         return "inconclusive", explanation.reason_silent(silent, len(judged), lacking)
@@ -121,7 +133,7 @@ def from_another_wheel(case: Case, verdict: Verdict, anomalies: Sequence[Anomaly
     It changes no judgement: a wheel that was monitored too late looks like this, too.
     """
     dry, viscous = anomalies[:2]
-    if verdict == "nominal" or case.carried.windows >= FIRST_WINDOWS or _nothing_to_judge(case):
+    if verdict == "nominal" or case.carried.windows >= FIRST_WINDOWS or nothing_to_judge(case):
         return False
     if _exchanged(dry, viscous, shown.mean_speed_rad_s) or any(map(_within, anomalies, shown.before)):
         return False  # what was nominal in the window before has come since then: the file fitted once
@@ -139,7 +151,7 @@ def covered(case: Case) -> bool:
     return case.evidence.used >= MIN_COVERAGE * case.evidence.slots
 
 
-def _nothing_to_judge(case: Case) -> str:
+def nothing_to_judge(case: Case) -> str:
     """Return why nothing can be judged, whatever the friction is; "" where it can."""
     if case.wheel.nominal is None:
         return "The wheel file has no [nominal], so there is nothing to compare the friction with."

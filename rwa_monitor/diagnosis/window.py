@@ -21,7 +21,6 @@ from rwa_monitor.changepoints.stage_results import (
     Components,
     Estimate,
     Evidence,
-    Method,
 )
 from rwa_monitor.diagnosis import adequacy, explanation
 from rwa_monitor.diagnosis.adequacy import Adequacy
@@ -36,18 +35,18 @@ from rwa_monitor.diagnosis.features import (
 )
 from rwa_monitor.diagnosis.model import AnomalyModel, Model, models_for
 from rwa_monitor.diagnosis.model_error_uncertainty import doubt_of
-from rwa_monitor.diagnosis.paper_classification import classify_as_paper
 from rwa_monitor.diagnosis.physical_units import anomaly_of, changepoints_of, scaled, value_of, viscous_unit
 from rwa_monitor.diagnosis.verdict import Shown, covered, from_another_wheel, remedy_of, verdict_of
 from rwa_monitor.diagnosis.window_diagnosis import (
     DRY_UNIT,
     VISCOUS_UNIT,
+    AnomalyDiagnosis,
     Fit,
     SystemFriction,
     Value,
+    Verdict,
     WindowDiagnosis,
 )
-from rwa_monitor.paper.assignment import assign_as_paper, split_as_paper
 from rwa_monitor.samples import IntArray
 from rwa_monitor.switching.assignment import assign
 from rwa_monitor.switching.carried_state import CarriedState, Tracked, follow, next_state
@@ -59,7 +58,7 @@ MIN_USED: Final = 16  # samples below which nothing is estimated at all
 
 
 @dataclass(frozen=True, slots=True)
-class _Stages:
+class Stages:
     """Results of stages 2 and 3, and whether the friction model fits.
 
     `measured` are the features as this window alone measures them; in `features`, viscous friction also holds what
@@ -79,7 +78,6 @@ def diagnose_window(
     wheel: Wheel,
     model: Model | None,
     carried: CarriedState,
-    method: Method = "joint",
     *,
     doubting: bool = True,
 ) -> tuple[WindowDiagnosis, CarriedState]:
@@ -95,9 +93,7 @@ def diagnose_window(
         What was learned; None gives the friction and its parts, with an inconclusive verdict. What the model does not
         know about this wheel is taken from the wheel file where it says it (friction of the configurations).
     carried
-        What earlier windows tell; `CarriedState.empty()` for the first. The method `paper` ignores it.
-    method
-        joint or paper.
+        What earlier windows tell; `CarriedState.empty()` for the first.
     doubting
         False keeps the standard deviations as they would be if no effect was missing where the friction model does not
         fit: to measure what the doubt changes.
@@ -108,10 +104,10 @@ def diagnose_window(
         The diagnosis, and the state for the next window. A window with too few samples to estimate anything leaves the
         state as it was.
     """
-    case = Case(evidence, wheel, model, carried, method, doubting)
+    case = Case(evidence, wheel, model, carried, doubting)
     models = models_for(wheel, model)
     if evidence.used < MIN_USED:
-        return _too_few(case, models), carried
+        return too_few(case, models), carried
     stages = _run_stages(case)
     judgement = _judge(case, models, stages)
     if _differ(judgement.configurations, stages.assignment.configurations):
@@ -138,36 +134,30 @@ def _differ(first: Sequence[IntArray], second: Sequence[IntArray]) -> bool:
     return not all(np.array_equal(one, other) for one, other in zip(first, second, strict=True))
 
 
-def _run_stages(case: Case, given: tuple[Assignment, Estimate] | None = None) -> _Stages:
+def _run_stages(case: Case, given: tuple[Assignment, Estimate] | None = None) -> Stages:
     """Run the stages after detection; with an assignment `given`, those after the assignment."""
     evidence, wheel = case.evidence, case.wheel
-    if case.method == "paper":
-        assignment, estimate = assign_as_paper(evidence, wheel)
-        components = split_as_paper(assignment, estimate, evidence, wheel)
-    else:
-        assignment, estimate = given or assign(evidence, wheel, case.carried)
-        components = split(assignment, estimate, evidence, wheel, case.carried)
+    assignment, estimate = given or assign(evidence, wheel, case.carried)
+    components = split(assignment, estimate, evidence, wheel, case.carried)
     features = features_of(components, assignment, wheel)
     measured = features
-    if case.method == "joint" and case.carried.viscous is not None:
+    if case.carried.viscous is not None:
         measured = without_prior(features, slope_prior(wheel, case.carried, 0.0), normalised_nominal_viscous(wheel))
     fits = adequacy.check(evidence, estimate, assignment, wheel.fss)
-    if case.method == "joint" and case.doubting and not fits.adequate:
+    if case.doubting and not fits.adequate:
         doubt, unit = doubt_of(evidence, estimate, assignment, components, wheel), normalised_nominal_viscous(wheel)
         features, measured = doubt.widen_features(features, unit), doubt.widen_features(measured, unit)
         components = doubt.widen(components)
-    return _Stages(assignment, estimate, components, features, measured, fits)
+    return Stages(assignment, estimate, components, features, measured, fits)
 
 
-def _judge(case: Case, models: Sequence[AnomalyModel | None], stages: _Stages) -> Judgement:
+def _judge(case: Case, models: Sequence[AnomalyModel | None], stages: Stages) -> Judgement:
     names, features = case.wheel.anomalies, stages.features
     if case.model is None:
         return unjudged(features, names)
     if not covered(case):
         # What is carried stays as it is, too: the few samples there are may be of another pace, or of another wheel.
         return replace(unjudged(features, names), to_carry=dict(case.carried.probability))
-    if case.method == "paper":
-        return classify_as_paper(features, models, names)
     window = case.wheel.window
     new_share = min(1.0, window.hop_slots / window.samples) if case.carried.windows else 1.0
     if not stages.fits.adequate:
@@ -178,7 +168,7 @@ def _judge(case: Case, models: Sequence[AnomalyModel | None], stages: _Stages) -
     return replace(judgement, features=seen)
 
 
-def _tracked(case: Case, stages: _Stages, judgement: Judgement) -> tuple[Tracked | None, Tracked | None]:
+def _tracked(case: Case, stages: Stages, judgement: Judgement) -> tuple[Tracked | None, Tracked | None]:
     """Return what is known of base dry and viscous friction after the window, normalised.
 
     A window that the friction model does not fit moves nothing: what is missing in it is in its estimates too. Nor does
@@ -188,7 +178,7 @@ def _tracked(case: Case, stages: _Stages, judgement: Judgement) -> tuple[Tracked
     if not (stages.fits.adequate and covered(case)):
         return base and base.drifted(), viscous and viscous.drifted()
     unit = normalised_nominal_viscous(case.wheel)
-    if case.model is not None and case.method == "joint":
+    if case.model is not None:
         base, viscous = judgement.tracked
         return base, None if viscous is None else viscous.scaled(unit)
     seen = stages.measured
@@ -198,7 +188,8 @@ def _tracked(case: Case, stages: _Stages, judgement: Judgement) -> tuple[Tracked
     )
 
 
-def _shown(case: Case, features: Features, assignment: Assignment) -> Shown:
+def shown_of(case: Case, features: Features, assignment: Assignment) -> Shown:
+    """Return what a verdict asks beside the judgement."""
     wheel = case.wheel
     nominal = wheel.nominal.viscous_Nm_s_rad if wheel.nominal else 0.0
     deviations = (
@@ -209,12 +200,7 @@ def _shown(case: Case, features: Features, assignment: Assignment) -> Shown:
     base, slope = case.carried.base_dry, case.carried.viscous
     whole = case.evidence.sums.between(np.zeros(1, dtype=np.int64), np.array([case.evidence.slots]))
     return Shown(
-        # The paper's method judges each system by itself, whatever it did.
-        unmoved=(
-            False,
-            False,
-            *(case.method == "joint" and system.configuration.size < 2 for system in features.systems),
-        ),
+        unmoved=(False, False, *(system.configuration.size < 2 for system in features.systems)),
         deviations=tuple(std if math.isfinite(std) else 0.0 for std in deviations),
         unnamed_jumps=not wheel.fss and bool((assignment.system != REJECTED).any()),
         mean_speed_rad_s=float(whole.x[0] / whole.n[0]) * wheel.speed_unit_rad_s,
@@ -228,24 +214,61 @@ def _shown(case: Case, features: Features, assignment: Assignment) -> Shown:
 def _diagnosis(
     case: Case,
     models: Sequence[AnomalyModel | None],
-    stages: _Stages,
+    stages: Stages,
     judgement: Judgement,
 ) -> WindowDiagnosis:
-    fits = stages.fits
-    wheel, features = case.wheel, judgement.features
-    torque, viscous = wheel.torque_unit_Nm, viscous_unit(wheel)
-    anomalies = tuple(
-        anomaly_of(wheel, judged, learned, features, a)
-        for a, (judged, learned) in enumerate(zip(judgement.anomalies, models, strict=True))
-    )
-    shown = _shown(case, features, stages.assignment)
-    verdict, reason = verdict_of(case, judgement.anomalies, anomalies, fits, shown)
+    anomalies = anomalies_of(case, models, judgement)
+    shown = shown_of(case, judgement.features, stages.assignment)
+    verdict, reason = verdict_of(case, judgement.anomalies, anomalies, stages.fits, shown)
     another_wheel = from_another_wheel(case, verdict, anomalies, shown)
     if another_wheel:
         reason = f"{reason.removesuffix('.')}; {explanation.ANOTHER_WHEEL}"
+    text = explanation.explain(
+        verdict,
+        reason,
+        anomalies,
+        base_known=stages.features.base_known,
+        windows_before=case.carried.windows,
+        adequacy=stages.fits,
+        remedy=remedy_of(case, anomalies, shown, adequate=stages.fits.adequate) if verdict == "inconclusive" else "",
+        another_wheel=another_wheel,
+    )
+    return assembled(case, stages, judgement.features, anomalies, (verdict, reason, text))
+
+
+def anomalies_of(
+    case: Case, models: Sequence[AnomalyModel | None], judgement: Judgement
+) -> tuple[AnomalyDiagnosis, ...]:
+    """Return the entry of each anomaly in the diagnosis, from the judgement on it and what was learned of it."""
+    return tuple(
+        anomaly_of(case.wheel, judged, learned, judgement.features, a)
+        for a, (judged, learned) in enumerate(zip(judgement.anomalies, models, strict=True))
+    )
+
+
+def assembled(
+    case: Case,
+    stages: Stages,
+    features: Features,
+    anomalies: tuple[AnomalyDiagnosis, ...],
+    verdict: tuple[Verdict, str, str],
+) -> WindowDiagnosis:
+    """Return the diagnosis of a window.
+
+    Parameters
+    ----------
+    case, stages
+        What it is a function of, and the results of its stages.
+    features
+        The features as judged.
+    anomalies, verdict
+        Its entries; the verdict with reason and explanation.
+    """
+    wheel, fits = case.wheel, stages.fits
+    torque, viscous = wheel.torque_unit_Nm, viscous_unit(wheel)
     return WindowDiagnosis(
-        verdict=verdict,
-        reason=reason,
+        verdict=verdict[0],
+        reason=verdict[1],
         anomalies=anomalies,
         base_dry=value_of(features.base_dry, features.base_dry_std, torque, DRY_UNIT),
         viscous=value_of(stages.components.viscous, stages.components.viscous_std, viscous, VISCOUS_UNIT),
@@ -266,23 +289,14 @@ def _diagnosis(
         ),
         model_adequate=fits.adequate,
         suspected_effect=fits.suspected_effect,
-        explanation=explanation.explain(
-            verdict,
-            reason,
-            anomalies,
-            base_known=stages.features.base_known,
-            windows_before=case.carried.windows if case.method == "joint" else 0,
-            adequacy=fits,
-            remedy=remedy_of(case, anomalies, shown, adequate=fits.adequate) if verdict == "inconclusive" else "",
-            another_wheel=another_wheel,
-        ),
+        explanation=verdict[2],
         features=stages.features,
         **case.provenance(),
     )
 
 
-def _too_few(case: Case, models: Sequence[AnomalyModel | None]) -> WindowDiagnosis:
-    """Return the diagnosis of a window that holds next to nothing: all there is to say is that."""
+def too_few(case: Case, models: Sequence[AnomalyModel | None]) -> WindowDiagnosis:
+    """Return the diagnosis of a window with less than `MIN_USED` samples: too few to estimate anything."""
     systems = case.wheel.fss
     no_sojourns = SystemFeatures("", np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros(0), rests=True)
     features = Features(math.nan, math.nan, math.nan, math.nan, (no_sojourns,) * len(systems))

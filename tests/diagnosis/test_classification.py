@@ -11,7 +11,6 @@ from rwa_monitor.diagnosis.classification import Judgement, classify
 from rwa_monitor.diagnosis.features import Features, FeaturesOfStory, SystemFeatures
 from rwa_monitor.diagnosis.likelihood import log_densities
 from rwa_monitor.diagnosis.model import built_in_model, models_for
-from rwa_monitor.diagnosis.paper_classification import classify_as_paper
 from rwa_monitor.switching.carried_state import CarriedState, Tracked, probability_before
 from rwa_monitor.wheel.wheel import built_in_wheel
 
@@ -250,12 +249,3 @@ def test_no_model_leaves_an_anomaly_untold() -> None:
     assert not entry.telling
     assert not entry.active
     assert entry.probability == 0.5
-    paper = classify_as_paper(features(factor_2=3.0), models, NAMES).anomalies[3]
-    assert not paper.telling
-
-
-def test_paper_is_active_exactly_where_its_decision_is_positive() -> None:
-    for factor in (1.0, 1.6):
-        judgement = classify_as_paper(features(factor_1=factor), MODELS, NAMES)
-        for entry in judgement.anomalies:
-            assert entry.active == (entry.probability > 0.5) or entry.probability == 0.5
