@@ -10,7 +10,7 @@ import numpy as np
 from benchmarks.speed.peers import Peer
 from benchmarks.speed.race import Lap, Runner, laps
 from benchmarks.window import Window
-from rwa_monitor.changepoints.peaks import PeakList, ScanSettings, ScanState
+from rwa_monitor.changepoints.candidates import PeakList, ScanSettings, ScanState
 from rwa_monitor.kernels.evidence import KEPT_STATISTIC
 from rwa_monitor.kernels.segmentation import five_sums
 from rwa_monitor.kernels.wglr import BINS, CHUNK, HISTORY, PREFIXES, scan, wglr

@@ -15,7 +15,7 @@ from rwa_monitor.changepoints.noise import mean_variance_factor
 from rwa_monitor.changepoints.running_sums import Moments, SumArrays
 from rwa_monitor.changepoints.stage_results import Estimate, Evidence, NoiseEstimate
 from rwa_monitor.kernels.estimation import interval_moments, slope_within
-from rwa_monitor.samples import FloatArray, IntArray
+from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 from rwa_monitor.wheel.wheel import Wheel
 
 
@@ -132,3 +132,66 @@ def jump_std(evidence: Evidence, estimate_: Estimate, exclude: IntArray | int = 
     shared = step * step * np.where(step != 0.0, estimate_.viscous_std, 0.0) ** 2  # however unknown the slope
     std = np.sqrt(noise.std**2 * (mean_variance[:-1] + mean_variance[1:]) + shared)
     return np.where(seen[:-1] & seen[1:], std, np.inf)
+
+
+# ---- residuals of short blocks, from running sums: no sample is read again -------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Blocks:
+    """Blocks of equal length, in order; arrays (blocks,).
+
+    Attributes
+    ----------
+    size
+        Slots of a block.
+    n
+        Used samples of each.
+    x
+        Their mean speed, normalised.
+    friction
+        Their mean friction less the viscous part, normalised.
+    residual
+        The same less the level of their interval.
+    interval
+        Number of the interval between changepoints that the block lies in.
+    usable
+        Whether it lies in one interval and at least half of its slots are used.
+    intervals
+        Number of intervals.
+    """
+
+    size: int
+    n: FloatArray
+    x: FloatArray
+    friction: FloatArray
+    residual: FloatArray
+    interval: IntArray
+    usable: BoolArray
+    intervals: int
+
+
+def residual_blocks(evidence: Evidence, estimate: Estimate, size: int) -> Blocks:
+    """Cut a window into blocks and return what the friction model leaves of them.
+
+    Parameters
+    ----------
+    evidence, estimate
+        The window, and its levels and slope between the accepted changepoints.
+    size
+        Slots of a block; with a multiple of the running sums' stride no sample is read. The rest of the window that
+        fills no block is left out.
+    """
+    index, intervals = estimate.index, estimate.index.size + 1
+    edges = np.arange(evidence.slots // size + 1) * size
+    sums = evidence.sums.between(edges[:-1], edges[1:])
+    n = np.maximum(sums.n, 1.0)
+    friction = (sums.z - estimate.viscous * sums.x) / n
+    interval = np.searchsorted(index, edges[:-1], side="right")
+    usable = (sums.n >= size // 2) & (np.searchsorted(index, edges[1:]) == interval)
+    # The level is the blocks' own: an estimate leaves out samples beside the jumps, and a difference would look alike
+    # in all blocks.
+    weight = np.where(usable, sums.n, 0.0)
+    total = np.bincount(interval, weight * friction, intervals)
+    level = total / np.maximum(np.bincount(interval, weight, intervals), 1.0)
+    return Blocks(size, n, sums.x / n, friction, friction - level[interval], interval, usable, intervals)

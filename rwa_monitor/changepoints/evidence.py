@@ -17,15 +17,11 @@ from typing import Final, NamedTuple
 import numpy as np
 from scipy import special
 
-from rwa_monitor.changepoints.candidates import choose
-from rwa_monitor.changepoints.changepoints import TESTS_PER_SLOT, threshold_for
+from rwa_monitor.changepoints.candidates import TESTS_PER_SLOT, PeakList, ScanState, choose, threshold_for
 from rwa_monitor.changepoints.estimation import SlopePrior, nominal_slope_prior
-from rwa_monitor.changepoints.noise import estimate_noise
-from rwa_monitor.changepoints.outlier_model import Tails, estimate_tails, gaussian_outlier
-from rwa_monitor.changepoints.peaks import PeakList, ScanState
-from rwa_monitor.changepoints.running_sums import RunningSums, SumArrays
+from rwa_monitor.changepoints.noise import Tails, estimate_noise, estimate_tails, gaussian_outlier
+from rwa_monitor.changepoints.running_sums import RunningSums, StructureArrays, StructureSums, SumArrays
 from rwa_monitor.changepoints.stage_results import Candidates, Evidence, NoiseEstimate
-from rwa_monitor.changepoints.structure import StructureArrays, StructureSums
 from rwa_monitor.kernels.evidence import (
     ALL_DONE,
     COUNTED,

@@ -13,7 +13,7 @@ from typing import Final
 
 import numpy as np
 
-from rwa_monitor.changepoints.changepoints import TESTS_PER_SLOT, threshold_for
+from rwa_monitor.changepoints.candidates import TESTS_PER_SLOT, threshold_for
 from rwa_monitor.changepoints.evidence import FALSE_CANDIDATES, SCALES
 from rwa_monitor.changepoints.noise import chi_variance
 from rwa_monitor.kernels.evidence import KEPT_STATISTIC

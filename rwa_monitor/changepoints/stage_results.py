@@ -17,8 +17,7 @@ from typing import Final, Literal, NamedTuple
 
 import numpy as np
 
-from rwa_monitor.changepoints.running_sums import RunningSums
-from rwa_monitor.changepoints.structure import Structure
+from rwa_monitor.changepoints.running_sums import RunningSums, Structure
 from rwa_monitor.kernels import assignment
 from rwa_monitor.samples import FloatArray, IntArray
 

@@ -20,16 +20,16 @@ import functools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Final
 
 import numpy as np
 from scipy import special
 
+from rwa_monitor.changepoints.estimation import Blocks, residual_blocks
 from rwa_monitor.changepoints.noise import ar_coefficient
+from rwa_monitor.changepoints.running_sums import HARMONICS
 from rwa_monitor.changepoints.stage_results import REJECTED, UNATTRIBUTED, Assignment, Estimate, Evidence, NoiseEstimate
-from rwa_monitor.changepoints.structure import HARMONICS
-from rwa_monitor.diagnosis.residual_blocks import Blocks, residual_blocks
-from rwa_monitor.kernels.adequacy import crossing_deviations, deviations_of_slopes, lasting, side_differences
 from rwa_monitor.kernels.structure import BLOCK
 from rwa_monitor.samples import FloatArray
 from rwa_monitor.wheel.switching_systems import jumping_chain_law
@@ -40,6 +40,8 @@ DISAGREEING_SIGMAS: Final = 4.0
 # A single missed jump bends one or two intervals. Only more than these are held against the model.
 DISAGREEING_INTERVALS: Final = 3
 DISAGREEING_SHARE: Final = 0.25
+MIN_INTERVAL: Final = 30.0  # samples: the slope of a shorter interval is not known
+SMALLEST_SPREAD: Final = 1e-9  # of Σx²: of less, rounding is a part
 # Healthy windows have at most one unattributed jump, and at most 1.2 standard deviations more jumps than expected
 # (their durations are more regular than a Poisson process, whose spread is used).
 UNATTRIBUTED_JUMPS: Final = 3
@@ -55,11 +57,17 @@ PERSISTENCE_LAGS: Final = (2, 8)
 SHORT_BLOCK: Final = 16
 SHORT_PERSISTS: Final = (400.0, 0.10)
 PERSISTS: Final = (60.0, 0.18)
+FEWEST_BLOCKS: Final = 40  # with fewer, the value is not yet normal
+LARGEST_BLOCK: Final = 4.0  # standard deviations that one block counts at most
+FEWEST_INTERVALS: Final = 3  # from which one may be left out
+MEDIAN_TO_STD: Final = 1.482602218505602  # of a Gaussian's absolute value
 
 NEAR_ZERO_RATIO: Final = 5.0  # mean squared deviation over the noise's from which a crossing disagrees
 FEWEST_CROSSINGS: Final = 2  # that must disagree: a short sojourn may fall into one
 CROSSING_SHARE: Final = 0.5  # of all crossings
+FEWEST_NEAR_ZERO: Final = 4.0  # samples of a crossing
 
+SIDE_BLOCKS: Final = 4  # on either side of a crossing
 FEWEST_SIDES: Final = 3  # crossings that must disagree alike: jumps up and down may fall into two
 SIDE_SHARE: Final = 0.75  # of all crossings
 SIDES_ALIKE: Final = 2.0  # the largest of these differences over the smallest: jumps have many sizes
@@ -147,7 +155,15 @@ def _slope_deviations(evidence: Evidence, estimate: Estimate) -> tuple[FloatArra
     edges = np.concatenate(([0], estimate.index, [evidence.slots]))
     sums = evidence.sums.between(edges[:-1], edges[1:])
     variance = evidence.noise.std**2 * max(evidence.noise.long_run_factor, 1.0)
-    return deviations_of_slopes(sums.table, variance)
+    n = np.maximum(sums.n, 1.0)
+    spread, cross = sums.xx - sums.x * sums.x / n, sums.xz - sums.x * sums.z / n
+    # The slope must be known to a tenth of what speed spans: else rounding is read as a slope.
+    shown = (sums.n >= MIN_INTERVAL) & (spread > SMALLEST_SPREAD * np.maximum(sums.xx, 1e-300))
+    if np.count_nonzero(shown) < 2 or not variance > 0.0:
+        return np.zeros(0), np.zeros(0)
+    spread, cross = spread[shown], cross[shown]
+    deviation = (cross / spread - cross.sum() / spread.sum()) * np.sqrt(spread / variance)
+    return np.asarray(deviation), np.asarray((sums.x / n)[shown])
 
 
 # ---- sides -----------------------------------------------------------------------------------------------------------
@@ -177,15 +193,25 @@ def half_differences(evidence: Evidence, blocks: Blocks) -> FloatArray:
     """
     variance = evidence.noise.std**2 * max(evidence.noise.long_run_factor, 1.0)
     smallest = SMALLEST_SIDE * evidence.noise.std / SIDE_SIGMAS
-    return side_differences(
-        evidence.structure.direction,
-        blocks.n,
-        blocks.friction,
-        blocks.interval,
-        blocks.usable,
-        variance,
-        smallest,
-    )
+    direction = evidence.structure.direction[: blocks.n.size]
+    one_way = np.flatnonzero(blocks.usable & (np.abs(direction) == 1.0))
+    found = []
+    for left, right in pairwise(one_way.tolist()):
+        if direction[left] * direction[right] > 0.0:
+            continue
+        before, before_n = _mean_beside(blocks, direction, range(max(left - SIDE_BLOCKS + 1, 0), left + 1), left)
+        after, after_n = _mean_beside(blocks, direction, range(right, right + SIDE_BLOCKS), right)
+        std = 0.5 * math.sqrt(variance * (1.0 / before_n + 1.0 / after_n))
+        found.append(0.5 * (after - before) * direction[right] / max(std, smallest))
+    return np.array(found)
+
+
+def _mean_beside(blocks: Blocks, direction: FloatArray, near: range, own: int) -> tuple[float, float]:
+    """Return the mean friction of the near blocks of one interval and direction with block `own`, and its samples."""
+    place = slice(near.start, near.stop)
+    alike = blocks.usable[place] & (blocks.interval[place] == blocks.interval[own])
+    n = np.where(alike & (direction[place] == direction[own]), blocks.n[place], 0.0)
+    return float(n @ blocks.friction[place] / n.sum()), float(n.sum())
 
 
 # ---- near zero -------------------------------------------------------------------------------------------------------
@@ -218,10 +244,26 @@ def near_zero_deviations(evidence: Evidence, estimate: Estimate) -> tuple[FloatA
         Mean squared deviation over the noise's variance; mean deviation [torque].
     """
     structure = evidence.structure
-    ratio, excess = crossing_deviations(
-        structure.near_zero, structure.direction, estimate.index, estimate.level, estimate.viscous, BLOCK
-    )
-    return ratio / evidence.noise.std**2, excess
+    n, direction = structure.near_zero[0], structure.direction
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], n != 0.0, [False])).astype(np.int8)))
+    squares, deviations = [], []
+    for first, stop in edges.reshape(-1, 2).tolist():
+        if first == 0 or stop == n.size or not direction[first - 1] * direction[stop] < 0.0:
+            continue
+        low, high = np.searchsorted(estimate.index, [(first - 1) * BLOCK, (stop + 1) * BLOCK]).tolist()
+        count, x, z, zz = structure.near_zero[:, first:stop]
+        # Each block is compared with the best of the levels beside it: (levels, blocks).
+        expected = estimate.level[low : high + 1, None] + estimate.viscous * x / count
+        square = np.maximum(zz - 2.0 * expected * z + count * expected**2, 0.0)
+        best = np.argmin(square, axis=0), np.arange(count.size)
+        counted = np.ones(count.size)
+        if high > low:  # a jump lies in or next to the crossing: the worst block holds it
+            counted[np.argmax(square[best])] = 0.0
+        samples = float(counted @ count)
+        if samples >= FEWEST_NEAR_ZERO:
+            squares.append(float(counted @ square[best]) / samples)
+            deviations.append(float(counted @ (z - count * expected[best])) / samples)
+    return np.array(squares) / evidence.noise.std**2, np.array(deviations)
 
 
 # ---- ripple ----------------------------------------------------------------------------------------------------------
@@ -323,10 +365,36 @@ def persistence(blocks: Blocks, correlation: float) -> tuple[float, float]:
         what persists [torque]. 0 with too few blocks.
     """
     expected = _ar_agreements(correlation, blocks.size)
-    significance, mean_product = lasting(
-        blocks.residual, blocks.n, blocks.usable, blocks.interval, blocks.intervals, expected, PERSISTENCE_LAGS[0]
-    )
-    return significance, math.sqrt(mean_product / blocks.size)
+    value = blocks.residual * np.sqrt(blocks.n)
+    scale = MEDIAN_TO_STD * float(np.median(np.abs(value[blocks.usable]))) if blocks.usable.any() else 0.0
+    if np.count_nonzero(blocks.usable) < FEWEST_BLOCKS or not scale > 0.0:
+        return 0.0, 0.0
+    value = np.where(blocks.usable, np.clip(value / scale, -LARGEST_BLOCK, LARGEST_BLOCK), 0.0)
+    products, pairs = _agreements(blocks, value, expected)
+    if np.count_nonzero(pairs[0]) >= FEWEST_INTERVALS:
+        worst = int(np.argmax(np.square(products).sum(axis=0)))
+        products[:, worst] = pairs[:, worst] = 0.0
+    total, count = products.sum(axis=1), np.maximum(pairs.sum(axis=1), 1.0)
+    largest = float(np.max(np.abs(total / count)))
+    return float(np.sum(total**2 / count)), scale * math.sqrt(largest / blocks.size)
+
+
+def _agreements(blocks: Blocks, value: FloatArray, expected: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return the sum of the products of blocks at each lag, less what is expected of it, and their number.
+
+    float64 (lags, intervals) each. `value` is 0 for blocks that are not usable.
+    """
+    # Taking out the level of an interval of m blocks correlates any two of them by -1/m.
+    own = np.maximum(np.bincount(blocks.interval, blocks.usable, blocks.intervals), 1.0)
+    products, pairs = np.zeros((2, expected.size, blocks.intervals))
+    for row, correlation in enumerate(expected.tolist()):
+        lag = PERSISTENCE_LAGS[0] + row
+        first, interval = slice(0, max(value.size - lag, 0)), blocks.interval[: max(value.size - lag, 0)]
+        same = interval == blocks.interval[lag:]
+        pairs[row] = np.bincount(interval, same & blocks.usable[first] & blocks.usable[lag:], blocks.intervals)
+        products[row] = np.bincount(interval, same * value[first] * value[lag:], blocks.intervals)
+        products[row] -= pairs[row] * (correlation - 1.0 / own)
+    return products, pairs
 
 
 def _ar_agreements(correlation: float, size: int) -> FloatArray:

@@ -16,8 +16,7 @@ import numpy as np
 
 from rwa_monitor.diagnosis.features import Features
 from rwa_monitor.diagnosis.history import Coefficient
-from rwa_monitor.diagnosis.likelihood import system_evidence
-from rwa_monitor.diagnosis.model import AnomalyModel
+from rwa_monitor.diagnosis.model import AnomalyModel, system_evidence
 from rwa_monitor.kernels.order_statistics import sum_up
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 

@@ -23,8 +23,7 @@ from scipy import special
 from rwa_monitor.diagnosis.base_system_ambiguity import Shift, integrate_shift
 from rwa_monitor.diagnosis.features import Features, FeaturesOfStory
 from rwa_monitor.diagnosis.history import TELLING_STD, Coefficient, coefficient
-from rwa_monitor.diagnosis.likelihood import stray_probabilities, system_evidence
-from rwa_monitor.diagnosis.model import AnomalyModel, Model
+from rwa_monitor.diagnosis.model import AnomalyModel, Model, stray_probabilities, system_evidence
 from rwa_monitor.kernels.order_statistics import sum_up
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 from rwa_monitor.switching.carried_state import CarriedState, Tracked, probability_before

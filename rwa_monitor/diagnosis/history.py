@@ -27,8 +27,7 @@ from typing import Final
 
 import numpy as np
 
-from rwa_monitor.diagnosis.likelihood import log_densities
-from rwa_monitor.diagnosis.model import AnomalyModel, Levels
+from rwa_monitor.diagnosis.model import AnomalyModel, Levels, log_densities
 from rwa_monitor.samples import FloatArray
 from rwa_monitor.switching.carried_state import Tracked, rate_after_change
 

@@ -19,9 +19,9 @@ from typing import Final
 
 import numpy as np
 
+from rwa_monitor.changepoints.estimation import Blocks, residual_blocks
 from rwa_monitor.changepoints.stage_results import Assignment, Components, Estimate, Evidence
 from rwa_monitor.diagnosis.features import Features
-from rwa_monitor.diagnosis.residual_blocks import Blocks, residual_blocks
 from rwa_monitor.kernels.structure import BLOCK
 from rwa_monitor.samples import FloatArray, IntArray
 from rwa_monitor.wheel.wheel import SwitchingSystem, Wheel

@@ -9,8 +9,7 @@ from typing import Final
 from rwa_monitor.diagnosis import explanation
 from rwa_monitor.diagnosis.adequacy import Adequacy
 from rwa_monitor.diagnosis.classification import Judged
-from rwa_monitor.diagnosis.diagnosis_input import Case
-from rwa_monitor.diagnosis.window_diagnosis import AnomalyDiagnosis, Verdict
+from rwa_monitor.diagnosis.window_diagnosis import AnomalyDiagnosis, Case, Verdict
 
 MIN_COVERAGE: Final = 0.5  # share of the slots that must be used; below, the window says little about what it missed
 FIRST_WINDOWS: Final = 2  # an alarm begins in the second one at the earliest

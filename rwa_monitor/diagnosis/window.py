@@ -25,7 +25,6 @@ from rwa_monitor.changepoints.stage_results import (
 from rwa_monitor.diagnosis import adequacy, explanation
 from rwa_monitor.diagnosis.adequacy import Adequacy
 from rwa_monitor.diagnosis.classification import Judgement, classify, unjudged
-from rwa_monitor.diagnosis.diagnosis_input import Case
 from rwa_monitor.diagnosis.features import (
     Features,
     SystemFeatures,
@@ -35,23 +34,28 @@ from rwa_monitor.diagnosis.features import (
 )
 from rwa_monitor.diagnosis.model import AnomalyModel, Model, models_for
 from rwa_monitor.diagnosis.model_error_uncertainty import doubt_of
-from rwa_monitor.diagnosis.physical_units import anomaly_of, changepoints_of, scaled, value_of, viscous_unit
 from rwa_monitor.diagnosis.verdict import Shown, covered, from_another_wheel, remedy_of, verdict_of
 from rwa_monitor.diagnosis.window_diagnosis import (
     DRY_UNIT,
     VISCOUS_UNIT,
     AnomalyDiagnosis,
+    Case,
     Fit,
     SystemFriction,
     Value,
     Verdict,
     WindowDiagnosis,
+    anomaly_of,
+    changepoints_of,
+    scaled,
+    value_of,
+    viscous_unit,
 )
 from rwa_monitor.samples import IntArray
 from rwa_monitor.switching.assignment import assign
 from rwa_monitor.switching.carried_state import CarriedState, Tracked, follow, next_state
 from rwa_monitor.switching.components import split
-from rwa_monitor.switching.friction_priors import slope_prior
+from rwa_monitor.switching.friction_model import slope_prior
 from rwa_monitor.wheel.wheel import Wheel
 
 MIN_USED: Final = 16  # samples below which nothing is estimated at all

@@ -22,15 +22,18 @@ from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.record import left_out_in_words, make_record
 from rwa_monitor.errors import InputError
 from rwa_monitor.identification.data_quality import (
+    at_one_speed,
     check_enough,
     check_told_apart,
     drift_in_words,
     friction_errors,
+    missing_law,
+    motion_in_friction,
     unnamed_jumps,
+    why_negative,
     with_temperature,
 )
 from rwa_monitor.identification.duration_laws import LearnedLaw, Sojourns, learn_laws
-from rwa_monitor.identification.negative_friction import at_one_speed, missing_law, motion_in_friction, why_negative
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, SECONDS_PER_HOUR, FloatArray, IntArray, Samples
 from rwa_monitor.switching.chain_decoding import Stays
 from rwa_monitor.switching.jump_attribution import Visit, part

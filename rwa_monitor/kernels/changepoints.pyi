@@ -1,4 +1,4 @@
-from rwa_monitor.changepoints.changepoints import Bar
+from rwa_monitor.changepoints.candidates import Bar
 from rwa_monitor.changepoints.running_sums import SumArrays
 from rwa_monitor.samples import FloatArray, IntArray
 

@@ -12,7 +12,7 @@ def lay_out(story: FlatStory, borders: IntArray, table: FloatArray) -> tuple[Flo
     borders
         int64 (segments + 1,), slots at which segments begin and end.
     table
-        See `friction_priors.law_table`.
+        See `friction_model.law_table`.
 
     Returns
     -------

@@ -22,7 +22,6 @@
     DO(estimation)        \
     DO(assignment)        \
     DO(chain_decoding)    \
-    DO(adequacy)          \
     DO(state_space)
 
 namespace rwa {

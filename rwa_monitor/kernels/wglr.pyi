@@ -17,7 +17,7 @@ and batch agree to the last bit.
 
 from typing import Final
 
-from rwa_monitor.changepoints.peaks import PeakArrays, ScanSettings, ScanState
+from rwa_monitor.changepoints.candidates import PeakArrays, ScanSettings, ScanState
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 
 CHUNK: Final[int]

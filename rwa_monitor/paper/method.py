@@ -11,12 +11,11 @@ from dataclasses import replace
 from rwa_monitor.changepoints.stage_results import Assignment, Components, Estimate, Evidence
 from rwa_monitor.diagnosis import adequacy, explanation
 from rwa_monitor.diagnosis.classification import unjudged
-from rwa_monitor.diagnosis.diagnosis_input import Case
 from rwa_monitor.diagnosis.features import features_of
 from rwa_monitor.diagnosis.model import Model, models_for
 from rwa_monitor.diagnosis.verdict import covered, lacking_of, nothing_to_judge, remedy_of, without_anomaly
 from rwa_monitor.diagnosis.window import MIN_USED, Stages, anomalies_of, assembled, shown_of, too_few
-from rwa_monitor.diagnosis.window_diagnosis import Verdict, WindowDiagnosis
+from rwa_monitor.diagnosis.window_diagnosis import Case, Verdict, WindowDiagnosis
 from rwa_monitor.paper.assignment import STATE_CAP, assign, split
 from rwa_monitor.paper.classification import classify
 from rwa_monitor.paper.detection import Signal, detect

@@ -35,8 +35,15 @@ from rwa_monitor.switching import segments
 from rwa_monitor.switching.assignment_search import REJECT, Path, Problem, Sizes, search
 from rwa_monitor.switching.carried_state import CarriedState
 from rwa_monitor.switching.duration_likelihoods import Onset, law_tables, onsets
-from rwa_monitor.switching.friction_model import Cases, Posterior, prior_tables, solve_flat
-from rwa_monitor.switching.friction_priors import Priors, law_moments, priors_of
+from rwa_monitor.switching.friction_model import (
+    Cases,
+    Posterior,
+    Priors,
+    law_moments,
+    prior_tables,
+    priors_of,
+    solve_flat,
+)
 from rwa_monitor.switching.segments import Level
 from rwa_monitor.wheel.wheel import Wheel
 

@@ -31,8 +31,7 @@ from rwa_monitor.changepoints.stage_results import (
 from rwa_monitor.samples import FloatArray, IntArray
 from rwa_monitor.switching.carried_state import CarriedState
 from rwa_monitor.switching.duration_likelihoods import Number, log_probability, onsets
-from rwa_monitor.switching.friction_model import Posterior, measure, solve
-from rwa_monitor.switching.friction_priors import Priors, priors_of
+from rwa_monitor.switching.friction_model import Posterior, Priors, measure, priors_of, solve
 from rwa_monitor.switching.segments import effective_variance, level_scatter, typical_jump
 from rwa_monitor.wheel.wheel import Wheel
 

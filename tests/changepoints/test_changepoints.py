@@ -8,13 +8,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import signal
 
-from rwa_monitor.changepoints.changepoints import (
+from rwa_monitor.changepoints.candidates import (
     Bar,
     in_turn,
     peaks_behind_gaps,
     variance_table,
 )
-from rwa_monitor.changepoints.outlier_model import Tails
+from rwa_monitor.changepoints.noise import Tails
 from rwa_monitor.changepoints.running_sums import RunningSums
 from rwa_monitor.changepoints.stage_results import Candidates
 from rwa_monitor.kernels.changepoints import contrast, kept_apart, select

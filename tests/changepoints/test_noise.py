@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from scipy import signal, stats
 
-from rwa_monitor.changepoints.noise import ar_coefficient, estimate_noise
-from rwa_monitor.changepoints.outlier_model import OUTLIERS, estimate_tails
+from rwa_monitor.changepoints.noise import OUTLIERS, ar_coefficient, estimate_noise, estimate_tails
 from rwa_monitor.changepoints.stage_results import NoiseEstimate
 from rwa_monitor.kernels.noise import (
     BLOCK,

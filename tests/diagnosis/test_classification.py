@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 
 from rwa_monitor.diagnosis.classification import Judgement, classify
 from rwa_monitor.diagnosis.features import Features, FeaturesOfStory, SystemFeatures
-from rwa_monitor.diagnosis.likelihood import log_densities
-from rwa_monitor.diagnosis.model import built_in_model, models_for
+from rwa_monitor.diagnosis.model import built_in_model, log_densities, models_for
 from rwa_monitor.switching.carried_state import CarriedState, Tracked, probability_before
 from rwa_monitor.wheel.wheel import built_in_wheel
 

@@ -13,8 +13,7 @@ from rwa_monitor.kernels.friction import evidence_of_cases
 from rwa_monitor.switching.assignment import assign
 from rwa_monitor.switching.carried_state import CarriedState, FrictionMemory, SystemState, Tracked
 from rwa_monitor.switching.components import split
-from rwa_monitor.switching.friction_model import measure, prior_tables, solve
-from rwa_monitor.switching.friction_priors import priors_of
+from rwa_monitor.switching.friction_model import measure, prior_tables, priors_of, solve
 from rwa_monitor.wheel.wheel import built_in_wheel
 from tests.switching.assignment_windows import Window, sums_of, window
 
