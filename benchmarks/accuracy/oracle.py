@@ -91,8 +91,8 @@ def features_with_true_jumps(window: LabelledWindow) -> Features:
         pruned=False,
     )
     components = split(assignment, estimated, evidence, wheel, CarriedState.empty())
-    if components.readings:  # the likeliest under broad friction laws comes first
-        assignment = replace(assignment, configurations=components.readings[0].story.configurations)
+    if components.by_path:  # the likeliest under broad friction laws comes first
+        assignment = replace(assignment, configurations=components.by_path[0].path.configurations)
         components = split(assignment, estimated, evidence, wheel, CarriedState.empty())
     return features_of(components, assignment, wheel)
 

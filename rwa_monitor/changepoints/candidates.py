@@ -16,7 +16,7 @@ import numpy as np
 from scipy import special
 
 from rwa_monitor.changepoints.estimation import SlopePrior
-from rwa_monitor.changepoints.noise import Tails, ar_coefficient
+from rwa_monitor.changepoints.noise import OutlierModel, ar_coefficient
 from rwa_monitor.changepoints.running_sums import RunningSums
 from rwa_monitor.changepoints.stage_results import Candidates, Evidence
 from rwa_monitor.kernels import changepoints as kernel
@@ -56,7 +56,7 @@ class PeakArrays(NamedTuple):
         int64 (3,), entries COUNT_….
     confirmed
         int64 (P,): rows of the sure peaks that became final in the last scan, COUNT_CONFIRMED of them.
-    told, told_values
+    reported, reported_values
         int64 (P,) and float64 (3, P): slots of the jumps that became certain, and of each jump, its standard deviation
         and the normalised statistic. As many as `gather` returns.
     """
@@ -66,8 +66,8 @@ class PeakArrays(NamedTuple):
     open: IntArray
     counters: IntArray
     confirmed: IntArray
-    told: IntArray
-    told_values: FloatArray
+    reported: IntArray
+    reported_values: FloatArray
 
 
 class ScanState(NamedTuple):
@@ -133,8 +133,8 @@ class PeakList:
             open=np.full((scales.size, 3), -1, dtype=np.int64),
             counters=np.zeros(3, dtype=np.int64),
             confirmed=np.empty(self.chunk_peaks, dtype=np.int64),
-            told=np.empty(self.chunk_peaks, dtype=np.int64),
-            told_values=np.empty((3, self.chunk_peaks)),
+            reported=np.empty(self.chunk_peaks, dtype=np.int64),
+            reported_values=np.empty((3, self.chunk_peaks)),
         )
 
     def __len__(self) -> int:
@@ -161,9 +161,9 @@ class PeakList:
         # Only the rows of peaks are copied: memory that no peak needs is not even touched.
         slots, values = np.empty((room, 3), dtype=np.int64), np.empty((room, 2))
         slots[: len(self)], values[: len(self)] = self.arrays.slots[: len(self)], self.arrays.values[: len(self)]
-        confirmed, told = np.empty(room, dtype=np.int64), np.empty(room, dtype=np.int64)
+        confirmed, reported = np.empty(room, dtype=np.int64), np.empty(room, dtype=np.int64)
         self.arrays = self.arrays._replace(
-            slots=slots, values=values, confirmed=confirmed, told=told, told_values=np.empty((3, room))
+            slots=slots, values=values, confirmed=confirmed, reported=reported, reported_values=np.empty((3, room))
         )
 
     def _prune(self, variances: FloatArray) -> None:
@@ -193,7 +193,7 @@ class PeakList:
 
 
 def choose(
-    evidence: Evidence, scales: IntArray, variances: FloatArray, tails: Tails, slope_prior: SlopePrior | None
+    evidence: Evidence, scales: IntArray, variances: FloatArray, outliers: OutlierModel, slope_prior: SlopePrior | None
 ) -> Candidates:
     """Choose among the peaks of a window, and the jumps behind its gaps.
 
@@ -204,7 +204,7 @@ def choose(
     scales, variances
         int64 and float64 (S,), half-widths of the scales [slots] and the variance of each one's contrast; NaN where it
         is not known.
-    tails
+    outliers
         Of the noise.
     slope_prior
         What is known of the slope before the window, or None.
@@ -221,7 +221,7 @@ def choose(
         peaks.scale,
         evidence.slots,
         evidence.sums.arrays,
-        Bar(table, evidence.threshold, tails.largest_outlier),
+        Threshold(table, evidence.threshold, outliers.largest_outlier),
         ar_coefficient(noise),
         noise.std**2 * noise.long_run_factor,
         *((math.nan, math.nan) if slope_prior is None else (slope_prior.mean, slope_prior.std)),
@@ -260,19 +260,19 @@ def peaks_behind_gaps(sums: RunningSums) -> Candidates:
     """Return a peak behind each long stretch without a used sample: gaps of telemetry, the dead band around zero.
 
     No contrast of the fixed scales spans such a stretch, so that a jump in it would never be seen. Its scale reaches
-    MAX_SCALE slots beyond the stretch; whether there is a jump is for `select` to say. The statistic is
+    MAX_SCALE slots beyond the stretch; whether there is a jump is for the selection to decide. The statistic is
     infinite, which only makes it the first of its scale to be tried.
 
     Parameters
     ----------
     sums
-        Running sums of the window; their checkpoints alone tell where no sample is used.
+        Running sums of the window; their checkpoints alone show where no sample is used.
     """
     index, scale = ends_of_gaps(sums.arrays, sums.slots)
     return Candidates(index, scale, statistic=np.full(index.size, np.inf), jump=np.zeros(index.size))
 
 
-class Bar(NamedTuple):
+class Threshold(NamedTuple):
     """What a jump must clear to be a candidate.
 
     Attributes

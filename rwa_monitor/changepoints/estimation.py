@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rwa_monitor.changepoints.noise import mean_variance_factor
-from rwa_monitor.changepoints.running_sums import Moments, SumArrays
+from rwa_monitor.changepoints.running_sums import SufficientStatistics, SumArrays
 from rwa_monitor.changepoints.stage_results import Estimate, Evidence, NoiseEstimate
 from rwa_monitor.kernels.estimation import interval_moments, slope_within
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
@@ -49,7 +49,7 @@ def nominal_slope_prior(wheel: Wheel) -> SlopePrior | None:
     nominal = nominal_viscous(wheel)
     if nominal is None:
         return None
-    # A wheel may have no viscous friction to speak of; the dry torque at nominal speed then sets the spread.
+    # A wheel may have next to no viscous friction; the dry torque at nominal speed then sets the spread.
     return SlopePrior(nominal, NOMINAL_SLOPE_SPREAD * max(nominal, 0.1))
 
 
@@ -72,16 +72,16 @@ def estimate(
     Returns
     -------
     Estimate. An interval without any used sample takes the level of its left neighbour (the first: the right one's),
-    with infinite standard deviation. Where neither the data nor a prior say anything about the slope, it is 0 with
+    with infinite standard deviation. Where neither the data nor a prior show anything of the slope, it is 0 with
     infinite standard deviation, and the levels' standard deviations are infinite wherever the speed is not zero.
     """
     index = np.asarray(index, dtype=np.int64)
     window, noise = _window(evidence, index, exclude), evidence.noise
     known = (np.nan, np.nan) if prior is None else (prior.mean, prior.std)
     slope, slope_std = slope_within(*window, noise.std**2 * noise.long_run_factor, *known)
-    moments = Moments(interval_moments(*window))
-    level, level_std, squared_error = _levels(moments, slope, slope_std, noise)
-    total = float(moments.n.sum())
+    sums = SufficientStatistics(interval_moments(*window))
+    level, level_std, squared_error = _levels(sums, slope, slope_std, noise)
+    total = float(sums.n.sum())
     rmse = float(np.sqrt(max(squared_error, 0.0) / total)) if total else 0.0
     return Estimate(
         index=index,
@@ -100,13 +100,13 @@ def _window(evidence: Evidence, index: IntArray, exclude: IntArray | int) -> tup
 
 
 def _levels(
-    moments: Moments, slope: float, slope_std: float, noise: NoiseEstimate
+    sums: SufficientStatistics, slope: float, slope_std: float, noise: NoiseEstimate
 ) -> tuple[FloatArray, FloatArray, float]:
     """Return level and standard deviation of each interval, and the sum of squared residuals."""
-    seen, n = moments.n > 0.0, np.maximum(moments.n, 1.0)
-    x_mean, z_mean = moments.x / n, moments.z / n
-    sxx, sxz = np.maximum(moments.xx - moments.x * x_mean, 0.0), moments.xz - moments.x * z_mean
-    errors = np.maximum(moments.zz - moments.z * z_mean, 0.0) - 2.0 * slope * sxz + slope * slope * sxx
+    seen, n = sums.n > 0.0, np.maximum(sums.n, 1.0)
+    x_mean, z_mean = sums.x / n, sums.z / n
+    sxx, sxz = np.maximum(sums.xx - sums.x * x_mean, 0.0), sums.xz - sums.x * z_mean
+    errors = np.maximum(sums.zz - sums.z * z_mean, 0.0) - 2.0 * slope * sxz + slope * slope * sxx
     level = np.where(seen, z_mean - slope * x_mean, np.nan)
     # An interval at zero speed does not feel the slope, however unknown.
     felt = np.where(x_mean != 0.0, slope_std, 0.0)
@@ -126,9 +126,12 @@ def jump_std(evidence: Evidence, estimate_: Estimate, exclude: IntArray | int = 
     evidence, estimate_, exclude
         The window, its estimate, and the exclusion it was made with.
     """
-    moments, noise = Moments(interval_moments(*_window(evidence, estimate_.index, exclude))), evidence.noise
-    seen, n = moments.n > 0.0, np.maximum(moments.n, 1.0)
-    step, mean_variance = np.diff(moments.x / n), mean_variance_factor(noise, n) / n
+    sums, noise = (
+        SufficientStatistics(interval_moments(*_window(evidence, estimate_.index, exclude))),
+        evidence.noise,
+    )
+    seen, n = sums.n > 0.0, np.maximum(sums.n, 1.0)
+    step, mean_variance = np.diff(sums.x / n), mean_variance_factor(noise, n) / n
     shared = step * step * np.where(step != 0.0, estimate_.viscous_std, 0.0) ** 2  # however unknown the slope
     std = np.sqrt(noise.std**2 * (mean_variance[:-1] + mean_variance[1:]) + shared)
     return np.where(seen[:-1] & seen[1:], std, np.inf)

@@ -19,7 +19,7 @@ from scipy import special
 
 from rwa_monitor.changepoints.candidates import TESTS_PER_SLOT, PeakList, ScanState, choose, threshold_for
 from rwa_monitor.changepoints.estimation import SlopePrior, nominal_slope_prior
-from rwa_monitor.changepoints.noise import Tails, estimate_noise, estimate_tails, gaussian_outlier
+from rwa_monitor.changepoints.noise import OutlierModel, estimate_noise, estimate_outliers, gaussian_outlier
 from rwa_monitor.changepoints.running_sums import RunningSums, StructureArrays, StructureSums, SumArrays
 from rwa_monitor.changepoints.stage_results import Candidates, Evidence, NoiseEstimate
 from rwa_monitor.kernels.evidence import (
@@ -89,7 +89,7 @@ class Learned(NamedTuple):
 
     Attributes
     ----------
-    bars
+    thresholds
         float64 (3, S), of each scale: the variance of its contrast, NaN where not known; and the statistics [torque²]
         from which a peak is kept, and is sure, infinite where not known.
     announced
@@ -100,7 +100,7 @@ class Learned(NamedTuple):
         outlier of heavy tails where `gather` asked for it, else NaN.
     """
 
-    bars: FloatArray
+    thresholds: FloatArray
     announced: IntArray
     numbers: FloatArray
 
@@ -110,7 +110,7 @@ def nothing_learned(scales: int, slope: float) -> Learned:
     announced: IntArray = np.full(STEP + 1, FAR_AWAY, dtype=np.int64)
     announced[STEP] = 0
     return Learned(
-        bars=np.repeat([[np.nan], [np.inf], [np.inf]], scales, axis=1),
+        thresholds=np.repeat([[np.nan], [np.inf], [np.inf]], scales, axis=1),
         announced=announced,
         numbers=np.array([slope, np.nan, np.nan, np.nan, 0.0, 0.0, 0.0, np.nan]),
     )
@@ -199,7 +199,7 @@ class WindowAccumulator:
     slots
         Length of the window; the wheel's where None.
     slope_prior
-        What earlier windows say of the viscous coefficient; the wheel's nominal one where None.
+        What earlier windows showed of the viscous coefficient; the wheel's nominal one where None.
     false_candidates
         Candidates wanted by chance in a window without a jump.
 
@@ -322,7 +322,7 @@ class WindowAccumulator:
         return Gathered(x, z, self._structure.turns(self.filled))
 
     def resume(self, gathered: Gathered) -> None:
-        """Take the samples that another accumulator had gathered, instead of `append`; what they confirm was told.
+        """Take the samples that another accumulator had gathered, instead of `append`; what they confirm was reported.
 
         Raises
         ------
@@ -365,7 +365,7 @@ class WindowAccumulator:
         noise = estimate_noise(levels, counts, self._scales, variances, self._sums.count, self._start_std)
         threshold = max(threshold_for(self.false_candidates, TESTS_PER_SLOT * self._sums.count), KEPT_STATISTIC)
         evidence = self._evidence(noise, self._peaks.above(threshold, variances), threshold)
-        candidates = choose(evidence, self._scales, variances, self._tails(variances, quantiles), self.slope_prior)
+        candidates = choose(evidence, self._scales, variances, self._outliers(variances, quantiles), self.slope_prior)
         return replace(evidence, candidates=candidates)
 
     def _evidence(self, noise: NoiseEstimate, candidates: Candidates, threshold: float) -> Evidence:
@@ -394,35 +394,38 @@ class WindowAccumulator:
         """Take new slots and detect in all that are there; return the jumps that became certain."""
         events: list[ConfirmedCandidate] = []
         while True:
-            count, self._done, told, why = gather(
+            count, self._done, reported, why = gather(
                 self._window, speed_rad_s, torque_Nm, good, self.filled, self._done, last
             )
             self.good += count
             self.filled += speed_rad_s.size
             self._sums.slots = self._done
-            if told:
-                events += self._announced(told)
+            if reported:
+                events += self._announced(reported)
             if why == ALL_DONE:
                 return events
             if why == NO_ROOM:
-                self._peaks.make_room(self._learned.bars[VARIANCE])
+                self._peaks.make_room(self._learned.thresholds[VARIANCE])
                 self._window = Window(self._arrays, self._settings, self._peaks.arrays)
             else:
                 numbers = self._learned.numbers
                 counted, median, far = numbers[COUNTED:OUTLIER].tolist()
-                tails = self._tails(self._learned.bars[VARIANCE], (counted, median, far))
-                numbers[OUTLIER] = tails.largest_outlier
+                outliers = self._outliers(self._learned.thresholds[VARIANCE], (counted, median, far))
+                numbers[OUTLIER] = outliers.largest_outlier
             speed_rad_s, torque_Nm, good = _NO_VALUES, _NO_VALUES, _NO_SLOTS
 
-    def _tails(self, variances: FloatArray, quantiles: tuple[float, float, float]) -> Tails:
+    def _outliers(self, variances: FloatArray, quantiles: tuple[float, float, float]) -> OutlierModel:
         variance = float(variances[0])
         if not math.isfinite(variance):
-            return Tails(math.inf, 0.0)
-        return estimate_tails(quantiles, variance, self.slots)
+            return OutlierModel(math.inf, 0.0)
+        return estimate_outliers(quantiles, variance, self.slots)
 
-    def _announced(self, told: int) -> list[ConfirmedCandidate]:
-        """Return the peaks that were told of, as events."""
-        index, (jump, std, normalised) = self._peaks.arrays.told[:told], self._peaks.arrays.told_values[:, :told]
+    def _announced(self, reported: int) -> list[ConfirmedCandidate]:
+        """Return the reported peaks as events."""
+        index, (jump, std, normalised) = (
+            self._peaks.arrays.reported[:reported],
+            self._peaks.arrays.reported_values[:, :reported],
+        )
         chance = PEAK_TESTS_PER_SLOT * self.slots * special.chdtrc(1, normalised)
         columns = (index, jump, std, np.maximum(1.0 - chance, 0.0))
         return [ConfirmedCandidate(*row) for row in zip(*(column.tolist() for column in columns), strict=True)]

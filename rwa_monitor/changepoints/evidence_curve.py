@@ -1,9 +1,9 @@
-"""The wGLR over a window as one curve, for a person to look at: how much speaks for a jump of the friction, and where.
+"""The wGLR over a window as one curve, for a person to look at: the evidence of a jump of the friction, slot by slot.
 
 The detection itself keeps only its peaks. Here the same kernel is run once more over a window's samples, at its wider
 scales, and at each slot the largest of them is shown, each in units of the variance of its own contrast (errata 17).
-The bar is the one that the window's candidates must clear. A slot above it is no jump yet: near a large jump the curve
-has side lobes (errata 4), and of so many slots and scales some rise above it by chance.
+The threshold is the one that the window's candidates must clear. A slot above it is no jump yet: near a large jump the
+curve has side lobes (errata 4), and of so many slots and scales some rise above it by chance.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 KNOWN_SLOPE: Final = 1e12
 # Most tests of a window, and so most peaks by chance, are those of one or two samples; what they alone see is a spike.
 SHOWN_SCALES: Final = tuple(scale for scale in SCALES if scale >= 4)
-LEAST_USED: Final = 64  # slots below which no variance can be told
+LEAST_USED: Final = 64  # slots below which no variance can be estimated
 
 
 @dataclass(frozen=True, slots=True)

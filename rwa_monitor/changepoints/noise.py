@@ -117,8 +117,8 @@ _TAIL_INVERSE_FREEDOM: Final = 1.0 / np.array([np.inf, 30, 20, 15, 10, 8, 6, 5, 
 
 
 @dataclass(frozen=True, slots=True)
-class Tails:
-    """How heavy the noise's tails are.
+class OutlierModel:
+    """How large outliers of the noise are: how heavy its tails are.
 
     Attributes
     ----------
@@ -132,8 +132,8 @@ class Tails:
     largest_outlier: float
 
 
-def estimate_tails(quantiles: tuple[float, float, float], variance: float, samples: int) -> Tails:
-    """Estimate the tails from the histogram of the statistic at scale 1 (half the squared neighbour difference).
+def estimate_outliers(quantiles: tuple[float, float, float], variance: float, samples: int) -> OutlierModel:
+    """Estimate the outliers from the histogram of the statistic at scale 1 (half the squared neighbour difference).
 
     Parameters
     ----------
@@ -145,13 +145,13 @@ def estimate_tails(quantiles: tuple[float, float, float], variance: float, sampl
         Used samples of the window.
     """
     if not are_heavy(quantiles, variance):
-        return Tails(np.inf, math.sqrt(variance) * gaussian_outlier(samples))
+        return OutlierModel(np.inf, math.sqrt(variance) * gaussian_outlier(samples))
     _, median, far = quantiles
     freedom = 1.0 / float(np.interp(far / median, _TAIL_RATIO, _TAIL_INVERSE_FREEDOM))
     # Statistic = difference²/2; its median over that of χ²₁ is the robust variance of a Gaussian sample.
     robust_std = math.sqrt(median / CHI_MEDIAN)
     scale = robust_std * float(np.interp(far / median, _TAIL_RATIO, _TAIL_SCALE))
-    return Tails(freedom, float(-scale * special.stdtrit(freedom, 0.5 * _chance(samples))))
+    return OutlierModel(freedom, float(-scale * special.stdtrit(freedom, 0.5 * _chance(samples))))
 
 
 @lru_cache(maxsize=256)

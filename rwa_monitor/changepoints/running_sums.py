@@ -1,7 +1,7 @@
-"""Running sums of a window: the moments of any range of slots in constant time, from little memory.
+"""Running sums of a window: the sufficient statistics of any range of slots in constant time, from little memory.
 
-Prefix sums of (n, x, z, x², xz, z²) over the used samples are kept at every 16th slot only. A range's moments are the
-difference of two of them, mended by at most 15 samples at each end. All sums are taken in slot order from the
+Prefix sums of (n, x, z, x², xz, z²) over the used samples are kept at every 16th slot only. A range's statistics
+are the difference of two of them, mended by at most 15 samples at each end. All sums are taken in slot order from the
 window's first slot, so that they do not depend on how the samples arrived; x and z are centred on the window's first
 samples, so that an offset far larger than the noise costs no digits.
 """
@@ -22,7 +22,7 @@ MOMENTS: Final = 6  # n, x, z, xx, xz, zz
 
 
 @dataclass(frozen=True, slots=True)
-class Moments:
+class SufficientStatistics:
     """Sums over the used samples of ranges of slots.
 
     Attributes
@@ -85,7 +85,7 @@ class SumArrays(NamedTuple):
 
 
 class RunningSums:
-    """Moments of any range of a window's slots; all that the later stages see of its samples.
+    """SufficientStatistics of any range of a window's slots; all that the later stages see of its samples.
 
     Parameters
     ----------
@@ -137,8 +137,8 @@ class RunningSums:
         extend_checkpoints(self.arrays, self.running, self.slots, stop)
         self.slots = stop
 
-    def between(self, start: IntArray, stop: IntArray) -> Moments:
-        """Return the moments of the slots [start, stop), element by element; empty ranges give zeros.
+    def between(self, start: IntArray, stop: IntArray) -> SufficientStatistics:
+        """Return the sufficient statistics of the slots [start, stop), element by element; empty ranges give zeros.
 
         Parameters
         ----------
@@ -156,12 +156,12 @@ class RunningSums:
         if read < 0:
             raise IndexError(f"a range reaches beyond the window's {self.slots} slots")
         self.samples_read += read
-        return Moments(out.reshape(MOMENTS, *starts.shape))
+        return SufficientStatistics(out.reshape(MOMENTS, *starts.shape))
 
 
 # ---- structure -------------------------------------------------------------------------------------------------------
 # The running sums hold neither the direction of rotation, nor the samples in the dead band, nor the wheel's angle. Here
-# each is kept in little memory while the samples come in: the direction of every block of slots, the moments of the
+# each is kept in little memory while the samples come in: the direction of every block of slots, the statistics of the
 # dead band's samples, and how much of the friction repeats with the wheel's angle in some short stretches.
 
 

@@ -88,7 +88,7 @@ class Evidence:
     threshold
         The statistic from which a candidate was accepted.
     structure
-        What the running sums do not know of the window.
+        What the running sums do not hold of the window.
     """
 
     slots: int
@@ -127,7 +127,7 @@ class Estimate:
 
 
 @dataclass(frozen=True, slots=True)
-class Story:
+class SwitchingPath:
     """Who jumped when: all that the friction model needs of an assignment.
 
     Attributes
@@ -142,10 +142,10 @@ class Story:
     starts: tuple[IntArray, ...]
     unattributed: IntArray
 
-    def flat(self) -> FlatStory:
+    def flat(self) -> FlatPath:
         """Return the same, all systems in one array."""
         none = np.zeros(0, dtype=np.int64)  # a wheel may have no system
-        return FlatStory(
+        return FlatPath(
             np.concatenate((none, *self.configurations)),
             np.concatenate((none, *self.starts)),
             np.array([configurations.size for configurations in self.configurations], dtype=np.int64),
@@ -153,8 +153,8 @@ class Story:
         )
 
 
-class FlatStory(NamedTuple):
-    """A story as kernels take it.
+class FlatPath(NamedTuple):
+    """A switching path as kernels take it.
 
     Attributes
     ----------
@@ -163,7 +163,7 @@ class FlatStory(NamedTuple):
     sojourns
         int64 (systems,), how many of these each has.
     unattributed
-        As in `Story`.
+        As in `SwitchingPath`.
     """
 
     configurations: IntArray
@@ -176,31 +176,31 @@ class FlatStory(NamedTuple):
         ends = itertools.accumulate(self.sojourns.tolist(), initial=0)
         return tuple(values[begin:end] for begin, end in itertools.pairwise(ends))
 
-    def story(self) -> Story:
-        """Return the story."""
-        return Story(self.split(self.configurations), self.split(self.starts), self.unattributed)
+    def by_system(self) -> SwitchingPath:
+        """Return the same, system by system."""
+        return SwitchingPath(self.split(self.configurations), self.split(self.starts), self.unattributed)
 
 
 @dataclass(frozen=True, slots=True)
-class Rival:
-    """A story that the samples do not rule out beside the one that is told.
+class Alternative:
+    """A switching path that the samples do not rule out beside the best one.
 
     Attributes
     ----------
-    story
+    path
         Who jumped when.
     index
         int64, slots of all its jumps, without repeats.
-    log_laws
-        Log-probability of the story by durations, transitions and rare events, together with all stories in which the
+    log_durations
+        Log-likelihood of the path by durations, transitions and rare events, together with all paths in which the
         systems go through the same configurations.
     log_score
         Its log-likelihood under broad friction laws, on the scale of `Assignment.log_score`.
     """
 
-    story: Story
+    path: SwitchingPath
     index: IntArray
-    log_laws: float
+    log_durations: float
     log_score: float
 
 
@@ -225,8 +225,8 @@ class Assignment:
         Log-likelihood of the best path, up to a constant.
     states, pruned
         Work done: states expanded, and whether the state budget cut the search.
-    rivals
-        Stories that the samples do not rule out, the one that is told first.
+    alternatives
+        Paths that the samples do not rule out, the best first.
     """
 
     index: IntArray
@@ -240,24 +240,24 @@ class Assignment:
     log_score: float
     states: int
     pruned: bool
-    rivals: tuple[Rival, ...] = ()
+    alternatives: tuple[Alternative, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
-class Reading:
-    """What the samples say of friction if one story is true, friction laws left aside; normalised.
+class ConditionalEstimate:
+    """The estimate of friction given one path, friction laws left aside; normalised.
 
     Attributes
     ----------
-    story
+    path
         Who jumped when.
     log_weight
-        Log-probability of story and samples, base and friction of the sojourns integrated out over flat priors.
+        Log-probability of path and samples, base and friction of the sojourns integrated out over flat priors.
     base_dry, base_dry_std, fss_friction, fss_friction_std
         As in `Components`. Where a system never rests, one split of many between it and the base.
     """
 
-    story: Story
+    path: SwitchingPath
     log_weight: float
     base_dry: float
     base_dry_std: float
@@ -278,10 +278,10 @@ class Components:
     fss_friction, fss_friction_std
         For each system: float64 (sojourns,), friction of each sojourn (0 in configuration 0).
     base_ambiguous
-        True where a system never visits q = 0 in the window, so that base and system are told apart by friction
+        True where a system never visits q = 0 in the window, so that base and system are distinguished by friction
         laws or earlier windows only (errata 10).
-    readings
-        The same by all stories that the samples do not rule out, where there is more than one.
+    by_path
+        The same by all paths that the samples do not rule out, where there is more than one.
     """
 
     base_dry: float
@@ -291,4 +291,4 @@ class Components:
     fss_friction: tuple[FloatArray, ...]
     fss_friction_std: tuple[FloatArray, ...]
     base_ambiguous: bool
-    readings: tuple[Reading, ...] = ()
+    by_path: tuple[ConditionalEstimate, ...] = ()

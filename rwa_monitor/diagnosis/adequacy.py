@@ -1,6 +1,6 @@
 """Does the friction model fit the window? A cheap check at every window close, from running sums alone.
 
-The model says that between jumps friction is a level plus one viscous slope plus noise, and that jumps are as frequent
+The model is that between jumps friction is a level plus one viscous slope plus noise, and that jumps are as frequent
 as the switching systems make them. What it leaves out shows in one of these, each a test of its own:
 
 * **slopes**: intervals at different speeds have different slopes;
@@ -274,9 +274,9 @@ def ripple_finding(evidence: Evidence) -> Adequacy | None:
     ripple = evidence.structure.ripple
     if len(ripple) == 0:
         return None
-    told = np.isfinite(ripple)
-    power = np.where(told, np.minimum(ripple, RIPPLE_CAP), 0.0).sum(axis=0)
-    over_chance = power / _ripple_by_chance(len(ripple))[np.count_nonzero(told, axis=0)]
+    shown = np.isfinite(ripple)
+    power = np.where(shown, np.minimum(ripple, RIPPLE_CAP), 0.0).sum(axis=0)
+    over_chance = power / _ripple_by_chance(len(ripple))[np.count_nonzero(shown, axis=0)]
     strongest = int(np.argmax(over_chance))
     # The least allowance is looked at first: as nearly always, nothing is left to allow for.
     if over_chance[strongest] < RIPPLE_COLOUR[0]:
@@ -289,8 +289,8 @@ def ripple_finding(evidence: Evidence) -> Adequacy | None:
 @functools.lru_cache(maxsize=256)
 def _ripple_by_chance(stretches: int) -> FloatArray:
     """Return the summed power that white noise exceeds in any harmonic with `RIPPLE_CHANCE`; over 0 … stretches."""
-    told = np.arange(stretches + 1)
-    return np.asarray(special.chdtri(2.0 * np.maximum(told, 1), RIPPLE_CHANCE / HARMONICS))
+    shown = np.arange(stretches + 1)
+    return np.asarray(special.chdtri(2.0 * np.maximum(shown, 1), RIPPLE_CHANCE / HARMONICS))
 
 
 def _spectral_peak(noise: NoiseEstimate) -> float:

@@ -1,4 +1,4 @@
-"""The model: what labelled windows taught about nominal and anomalous friction. Readable JSON, never pickle.
+"""The model: what was learned from labelled windows about nominal and anomalous friction. Readable JSON, never pickle.
 
 All values are normalised (torque by the nominal dry torque, viscous friction by nominal dry torque over nominal
 speed), so a model serves every wheel whose [nominal] is known. For each anomaly it holds two classifiers, side by
@@ -181,7 +181,7 @@ class AnomalyModel(Strict):
         return any(levels is not None for levels in self.levels)
 
     def serves(self, system: SwitchingSystem) -> bool:
-        """Say whether what was learned is about this system: same configurations, and friction where stated."""
+        """Return whether what was learned is about this system: same configurations, and friction where stated."""
         if len(self.levels) != system.configurations:
             return False
         if system.friction is None:
@@ -283,9 +283,9 @@ class Model(Strict):
 
 
 def from_stated_friction(system: SwitchingSystem) -> AnomalyModel | None:
-    """Return what a wheel file says of a system's healthy friction, as a model without a learned anomaly.
+    """Return a system's healthy friction as the wheel file states it, as a model without a learned anomaly.
 
-    None where it does not say it, or not for any configuration above q = 0.
+    None where it does not state it, or not for any configuration above q = 0.
     """
     if system.friction is None or all(stated.high <= 0 for stated in system.friction[1:]):
         return None
@@ -305,7 +305,7 @@ def from_stated_friction(system: SwitchingSystem) -> AnomalyModel | None:
 def models_for(wheel: Wheel, model: Model | None) -> list[AnomalyModel | None]:
     """Return what is known about each anomaly of a wheel, in the wheel's order; None where nothing is.
 
-    A system that the model does not know, or knows with other configurations, is judged by the friction that the wheel
+    A system that the model does not hold, or holds with other configurations, is judged by the friction that the wheel
     file states for it: nominal within the stated ranges, without a learned anomaly.
     """
     if model is None or wheel.nominal is None:
@@ -348,12 +348,12 @@ def log_densities(levels: Levels, value: FloatArray, std: FloatArray) -> FloatAr
     return np.log(level_densities(value.ravel(), std.ravel(), levels.numbers)[:2]).reshape(2, *value.shape)
 
 
-def system_evidence(model: AnomalyModel | None, system: SystemFeatures, shift: FloatArray) -> FloatArray:
-    """Return the log likelihoods (2, shifts) of a system's sojourns above q = 0, with a shift added to all of them."""
+def system_evidence(model: AnomalyModel | None, system: SystemFeatures, offset: FloatArray) -> FloatArray:
+    """Return the log likelihoods (2, offsets) of a system's sojourns above q = 0, with an offset added to all."""
     configuration, friction, std = system.active()
     if model is None or friction.size == 0:
-        return np.zeros((2, shift.size))
-    log_density = np.log(sojourn_densities(configuration, friction, std, shift, model.numbers))
+        return np.zeros((2, offset.size))
+    log_density = np.log(sojourn_densities(configuration, friction, std, offset, model.numbers))
     # One after the other: the sum's last bit must not depend on how many there are.
     return np.asarray(np.cumsum(log_density, axis=1)[:, -1])
 

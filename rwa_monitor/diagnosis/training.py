@@ -18,8 +18,8 @@ from rwa_monitor.samples import BoolArray, FloatArray
 from rwa_monitor.wheel.wheel import RESERVED_ANOMALIES, Wheel
 
 MIN_WINDOWS: Final = 2  # of each class, below which an anomaly is not learned
-# No band is softer than this share of the distance between nominal and anomalous: a data set knows its nominal values
-# far better than a wheel in orbit keeps them.
+# No band is softer than this share of the distance between nominal and anomalous: a data set has its nominal values
+# far more exactly than a wheel in orbit keeps them.
 MIN_SOFT: Final = 0.05
 MIN_SOFT_SYSTEM: Final = 0.02  # the same for a system's friction, whose band has a width of its own
 STRAYS: Final = (0.002, 0.2)  # share of strays: the least assumed, the most accepted
@@ -159,7 +159,7 @@ def _fit_band(value: FloatArray, std: FloatArray, min_soft: float, reach: float)
     """Fit a band and the share of strays.
 
     Two bands are tried, a range and a mean with scatter, each in a mixture with strays; the likelier one is taken.
-    Values that are uncertain because the window leaves open what they are (errata 10), not by noise, tell nothing of a
+    Values that are uncertain because the window leaves open what they are (errata 10), not by noise, show nothing of a
     band's shape: the less certain half is left out as far as it is not sharp.
     """
     sharp = std <= max(SHARP_STD * reach, float(np.median(std)))
@@ -174,7 +174,7 @@ def _fit_band(value: FloatArray, std: FloatArray, min_soft: float, reach: float)
 
 
 def _range_among_strays(value: FloatArray, stray: FloatArray, min_soft: float) -> tuple[Band, float]:
-    """Fit a range: how many of the lowest and of the highest values are strays, the likelihood says.
+    """Fit a range: how many of the lowest and of the highest values are strays is decided by the likelihood.
 
     With `i` and `j` values left out, n - i - j lie in the range, with density (1 - share)/width, and the others are
     strays, with density share·stray.

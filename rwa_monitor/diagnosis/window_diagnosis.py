@@ -1,6 +1,6 @@
 """The diagnosis of a window and its inputs: plain, immutable, in SI units; the monitor room turns it into a message.
 
-Slots and indices count within the window; nothing here knows the time of day, the spacecraft or the file.
+Slots and indices count within the window; nothing here depends on the time of day, the spacecraft or the file.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ class AnomalyDiagnosis:
     estimate
         The coefficient; for a switching system the mean friction of its highest visited configuration.
     nominal_low, nominal_high
-        Range of the estimate on a healthy wheel; None where no model knows it.
+        Range of the estimate on a healthy wheel; None where no model holds it.
     unit
         Of estimate and range.
     """
@@ -100,7 +100,7 @@ class Changepoint:
 
 @dataclass(frozen=True, slots=True)
 class Fit:
-    """How well the friction model fits the window [N m]; None where too few samples tell."""
+    """How well the friction model fits the window [N m]; None with too few samples."""
 
     rmse_Nm: float | None
     excess_rmse_Nm: float | None
@@ -109,7 +109,7 @@ class Fit:
 
 @dataclass(frozen=True, slots=True)
 class WindowDiagnosis:
-    """Everything a diagnosis says about one window.
+    """The diagnosis of one window.
 
     Attributes
     ----------
@@ -174,17 +174,17 @@ class WindowDiagnosis:
 
 
 @dataclass(frozen=True, slots=True)
-class Case:
+class DiagnosisInput:
     """What a diagnosis is a function of."""
 
     evidence: Evidence
     wheel: Wheel
     model: Model | None
     carried: CarriedState
-    doubting: bool = True
+    with_model_error: bool = True
 
     def provenance(self) -> dict[str, Any]:
-        """Return the fields of the diagnosis that say what it was made from."""
+        """Return the fields of the diagnosis on what it was made from."""
         return {
             "slots": self.evidence.slots,
             "good": self.evidence.good,

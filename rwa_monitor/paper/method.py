@@ -15,7 +15,7 @@ from rwa_monitor.diagnosis.features import features_of
 from rwa_monitor.diagnosis.model import Model, models_for
 from rwa_monitor.diagnosis.verdict import covered, lacking_of, nothing_to_judge, remedy_of, without_anomaly
 from rwa_monitor.diagnosis.window import MIN_USED, Stages, anomalies_of, assembled, shown_of, too_few
-from rwa_monitor.diagnosis.window_diagnosis import Case, Verdict, WindowDiagnosis
+from rwa_monitor.diagnosis.window_diagnosis import DiagnosisInput, Verdict, WindowDiagnosis
 from rwa_monitor.paper.assignment import STATE_CAP, assign, split
 from rwa_monitor.paper.classification import classify
 from rwa_monitor.paper.detection import Signal, detect
@@ -57,27 +57,27 @@ def diagnose_window(
     tuple[WindowDiagnosis, CarriedState]
         The diagnosis, and the carried state as it was given.
     """
-    case = Case(evidence, wheel, model, carried)
+    inputs = DiagnosisInput(evidence, wheel, model, carried)
     models = models_for(wheel, model)
     if evidence.used < MIN_USED:
-        return replace(too_few(case, models), method="paper"), carried
+        return replace(too_few(inputs, models), method="paper"), carried
     assignment, levels, components = split_friction(evidence, wheel)
     features = features_of(components, assignment, wheel)
     fits = adequacy.check(evidence, levels, assignment, wheel.fss)
-    if model is not None and covered(case):
+    if model is not None and covered(inputs):
         judgement = classify(features, models, wheel.anomalies)
     else:
         judgement = unjudged(features, wheel.anomalies)
-    anomalies = anomalies_of(case, models, judgement)
-    shown = shown_of(case, features, assignment)
+    anomalies = anomalies_of(inputs, models, judgement)
+    shown = shown_of(inputs, features, assignment)
     active = [anomaly for anomaly in anomalies if anomaly.active]
     verdict: Verdict
-    if nothing := nothing_to_judge(case):
+    if nothing := nothing_to_judge(inputs):
         verdict, reason = "inconclusive", nothing
     elif active:  # θ̂ ≠ 0
         verdict, reason = "anomalous", explanation.reason_anomalous(active)
     else:
-        verdict, reason = without_anomaly(case, judgement.anomalies, anomalies, lacking_of(fits, shown))
+        verdict, reason = without_anomaly(inputs, judgement.anomalies, anomalies, lacking_of(fits, shown))
     text = explanation.explain(
         verdict,
         reason,
@@ -85,7 +85,7 @@ def diagnose_window(
         base_known=features.base_known,
         windows_before=0,
         adequacy=fits,
-        remedy=remedy_of(case, anomalies, shown, adequate=fits.adequate) if verdict == "inconclusive" else "",
+        remedy=remedy_of(inputs, anomalies, shown, adequate=fits.adequate) if verdict == "inconclusive" else "",
     )
     stages = Stages(assignment, levels, components, features, features, fits)
-    return replace(assembled(case, stages, features, anomalies, (verdict, reason, text)), method="paper"), carried
+    return replace(assembled(inputs, stages, features, anomalies, (verdict, reason, text)), method="paper"), carried

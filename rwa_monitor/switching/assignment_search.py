@@ -8,7 +8,7 @@ Paths that agree on it have the same future, so only the best few of each state 
 
 For given fits, laws, signs and sizes a path is dropped only when an upper bound of all that can follow stays more than
 `margin` below a complete path that is already known: a narrow first pass finds one. Past the budget the best by that
-bound survive, and the result says that it was pruned.
+bound survive, and the result is marked as pruned.
 
 Without the last sum the search is exact. The sizes bring closure into it: a system that returns to rest undoes what it
 added before. A system's friction is a function of its state where it has two configurations, and the search stays
@@ -101,7 +101,7 @@ class Problem:
         bool (m, 2): whether the level may fall, may rise at each candidate.
     reject, unattributed, simultaneous
         Log prior (≤ 0) of a candidate that is no jump, of a jump that no system made, of two systems jumping at once
-        beyond what their laws say.
+        beyond what their laws give.
     sizes
         Sizes of the jumps, or None to leave them out.
     """
@@ -119,7 +119,7 @@ class Problem:
     def actions(self) -> IntArray:
         """What can happen at a candidate: rows (system, step, second system, step), -1 for none.
 
-        Steps are numbered from 0 to STEPS - 1; `step_of` tells them apart. The first two rows reject the
+        Steps are numbered from 0 to STEPS - 1; `step_of` numbers them. The first two rows reject the
         candidate, and accept it as a jump that no system made. Where two jump at once, no jump is missed before.
         """
         return _actions(self.configurations.size)

@@ -2,10 +2,10 @@
 
 The level between two changepoints is the base, plus the friction of the sojourn in which each system then is (0 in
 configuration 0: a return jump undoes its entry), plus jumps that no system made. With Gaussian priors the posterior
-and the evidence have closed forms; both come from the moments of the segments.
+and the evidence have closed forms; both come from the sufficient statistics of the segments.
 
-The priors are a mixture of cases, each a Gaussian model of its own. Where the window tells
-the parts apart, all cases agree; where it does not, the mixture is what is known.
+The priors are a mixture of cases, each a Gaussian model of its own. Where the window
+distinguishes the parts, all cases agree; where it does not, the mixture is the estimate.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from rwa_monitor.changepoints.estimation import SlopePrior, nominal_viscous
-from rwa_monitor.changepoints.running_sums import Moments
-from rwa_monitor.changepoints.stage_results import FlatStory, Story
+from rwa_monitor.changepoints.running_sums import SufficientStatistics
+from rwa_monitor.changepoints.stage_results import FlatPath, SwitchingPath
 from rwa_monitor.kernels.friction import condition, lay_out, solve_cases
 from rwa_monitor.samples import FloatArray, IntArray
 from rwa_monitor.switching.carried_state import CHANGE_PER_WINDOW, CarriedState
 from rwa_monitor.wheel.wheel import SwitchingSystem, Wheel
 
-FLAT_STD: Final = 30.0  # normalised: a prior so wide says nothing, and the sums keep their digits
+FLAT_STD: Final = 30.0  # normalised: a prior so wide decides nothing, and the sums keep their digits
 
 
 class Cases(NamedTuple):
@@ -74,18 +74,23 @@ class Posterior:
 
 
 def solve(
-    story: Story, borders: IntArray, segments: Moments, priors: Priors, variance: float, scatter: float
+    path: SwitchingPath,
+    borders: IntArray,
+    segments: SufficientStatistics,
+    priors: Priors,
+    variance: float,
+    scatter: float,
 ) -> Posterior:
-    """Solve the linear model of one story.
+    """Solve the linear model of one path.
 
     Parameters
     ----------
-    story
+    path
         Who jumped when.
     borders
         int64 (segments + 1,), slots at which segments begin and end.
     segments
-        Moments of the segments.
+        SufficientStatistics of the segments.
     priors
         What is known before.
     variance
@@ -93,16 +98,16 @@ def solve(
     scatter
         Variance of the levels about the model, as `segments.level_scatter`.
     """
-    return solve_flat(story.flat(), borders, segments.table, priors, variance, scatter)
+    return solve_flat(path.flat(), borders, segments.table, priors, variance, scatter)
 
 
 def solve_flat(
-    story: FlatStory, borders: IntArray, moments: FloatArray, priors: Priors, variance: float, scatter: float
+    path: FlatPath, borders: IntArray, statistics: FloatArray, priors: Priors, variance: float, scatter: float
 ) -> Posterior:
-    """Solve the linear model of one story; as `solve`, of the arrays behind story and moments."""
+    """Solve the linear model of one path; as `solve`, of the arrays behind path and statistics."""
     table, cases = prior_tables(priors)
-    evidence, mean, std, covariance, column = solve_cases(story, borders, table, moments, cases, variance, scatter)
-    return Posterior(evidence, mean, std, covariance, story.split(column))
+    evidence, mean, std, covariance, column = solve_cases(path, borders, table, statistics, cases, variance, scatter)
+    return Posterior(evidence, mean, std, covariance, path.split(column))
 
 
 def prior_tables(priors: Priors) -> tuple[FloatArray, Cases]:
@@ -112,21 +117,26 @@ def prior_tables(priors: Priors) -> tuple[FloatArray, Cases]:
 
 
 def measure(
-    story: Story, borders: IntArray, segments: Moments, priors: Priors, variance: float, scatter: float
+    path: SwitchingPath,
+    borders: IntArray,
+    segments: SufficientStatistics,
+    priors: Priors,
+    variance: float,
+    scatter: float,
 ) -> Posterior:
-    """Solve the linear model of one story without friction laws: what the samples alone say of base and sojourns.
+    """Solve the linear model of one path without friction laws: base and sojourns by the samples alone.
 
     The log evidence is then that of the samples with base and friction integrated out over flat priors of density 1,
-    so that stories with different numbers of them compare once their friction is weighed by its laws. Where systems
+    so that paths with different numbers of them compare once their friction is weighed by its laws. Where systems
     never rest, friction can move from the base to each of them without a trace in the samples; of these directions it
     is the evidence per unit of the systems' friction, and the means are one point of many.
 
     Parameters
     ----------
-    story, borders, segments, priors, variance, scatter
+    path, borders, segments, priors, variance, scatter
         See `solve`; of the priors, those of the slope and of unattributed jumps count.
     """
-    flat = story.flat()
+    flat = path.flat()
     levels, column, laws = lay_out(flat, borders, law_table(priors.laws))
     columns = flat.split(column)
     free = 1 + laws.shape[1]
@@ -159,7 +169,7 @@ def measure(
 # each system are healthy, or one or two of them are not: each such case is Gaussian, and the model mixes them.
 
 VISCOUS_SPREAD: Final = 0.5  # the same of the viscous coefficient
-CARRIED_VISCOUS_SPREAD: Final = 0.05  # at least, where earlier windows told the viscous coefficient
+CARRIED_VISCOUS_SPREAD: Final = 0.05  # at least, where earlier windows showed the viscous coefficient
 LEARNED_SPREAD: Final = 0.15  # of the friction of a system against what earlier windows of this very wheel showed
 UNKNOWN_SPREAD: Final = 1.0  # relative, where no friction law is known at all
 MIN_LEARNED: Final = 3.0  # sojourns from which what earlier windows showed replaces the wheel's ranges
@@ -227,14 +237,14 @@ class Priors:
 
 
 def priors_of(wheel: Wheel, carried: CarriedState | None, typical_level: float, typical_jump: float) -> Priors:
-    """Gather what wheel and earlier windows tell.
+    """Gather what the wheel file states and earlier windows showed.
 
     Parameters
     ----------
     wheel, carried
-        The wheel; what earlier windows told, or None.
+        The wheel; what earlier windows showed, or None.
     typical_level, typical_jump
-        Sizes in this window: the scale of everything that neither wheel nor earlier windows tell.
+        Sizes in this window: the scale of everything that neither of them gives.
     """
     jump = typical_jump if typical_jump > 0 else max(abs(typical_level), 1e-300)
     if carried and carried.base_dry:
@@ -272,7 +282,7 @@ def slope_prior(wheel: Wheel, carried: CarriedState | None, typical_level: float
         return SlopePrior(drifted.mean, max(drifted.std, CARRIED_VISCOUS_SPREAD * abs(drifted.mean)))
     if nominal is None:
         return SlopePrior(0.0, 10.0 * max(abs(typical_level), 1e-12))
-    # A wheel may have no viscous friction to speak of; the dry torque at nominal speed then sets the spread.
+    # A wheel may have next to no viscous friction; the dry torque at nominal speed then sets the spread.
     return SlopePrior(nominal, VISCOUS_SPREAD * max(nominal, 0.1))
 
 

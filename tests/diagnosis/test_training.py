@@ -180,7 +180,7 @@ def test_friction_worked_out_from_speed_and_current_does_as_well_as_friction_giv
 
 
 def test_the_page_holds_every_part() -> None:
-    result = run(["mild"], 40, 31_339, 0, 1, stories={"sudden": 1})
+    result = run(["mild"], 40, 31_339, 0, 1, courses={"sudden": 1})
     page = to_markdown(result, "the command")
     for part in (
         "Targets",

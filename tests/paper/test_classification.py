@@ -54,7 +54,7 @@ def test_what_was_not_shown_has_no_machine() -> None:
 
 def test_no_machine_leaves_an_anomaly_open() -> None:
     judged = classify(features(factor_2=3.0), [*MODELS[:3], None], NAMES).anomalies[3]
-    assert not judged.telling
+    assert not judged.informative
     assert not judged.active
 
 

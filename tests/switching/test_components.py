@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from rwa_monitor.changepoints.estimation import SlopePrior
-from rwa_monitor.changepoints.stage_results import Components, Story
+from rwa_monitor.changepoints.stage_results import Components, SwitchingPath
 from rwa_monitor.kernels.friction import evidence_of_cases
 from rwa_monitor.switching.assignment import assign
 from rwa_monitor.switching.carried_state import CarriedState, FrictionMemory, SystemState, Tracked
@@ -97,21 +97,21 @@ def test_evidence_is_that_of_the_whole_gaussian():
     priors = priors_of(WHEEL, None, 1.0, 0.5)
     scatter = 0.02**2
 
-    def densities(story: Story, borders: np.ndarray) -> tuple[float, float]:
+    def densities(path: SwitchingPath, borders: np.ndarray) -> tuple[float, float]:
         sums = sums_of(x, z)
         moments = sums.between(borders[:-1], borders[1:])
-        closed = solve(story, borders, moments, priors, std**2, scatter).log_evidence
+        closed = solve(path, borders, moments, priors, std**2, scatter).log_evidence
         table, cases = prior_tables(priors)
-        alone = evidence_of_cases(story.flat(), borders, table, moments.table, cases, std**2, scatter)
+        alone = evidence_of_cases(path.flat(), borders, table, moments.table, cases, std**2, scatter)
         assert alone == pytest.approx(closed, abs=1e-9)
         segment = np.searchsorted(borders, np.arange(slots), side="right") - 1
         direct = []
         for base, first, second in priors.cases():
             friction_of = []
-            for q in story.configurations[1]:
+            for q in path.configurations[1]:
                 law = priors.laws[1][int(q)]
                 friction_of.append(((1 + second.mean) * law.mid, law.mid * second.std, (1 + second.mean) * law.scatter))
-            sojourn = np.searchsorted(story.starts[1], np.arange(slots), side="right") - 1
+            sojourn = np.searchsorted(path.starts[1], np.arange(slots), side="right") - 1
             own = np.array(friction_of)[sojourn]
             mean = base.mean + own[:, 0] + priors.slope.mean * x
             covariance = base.std**2 + np.outer(own[:, 1], own[:, 1]) + priors.slope.std**2 * np.outer(x, x)
@@ -122,12 +122,12 @@ def test_evidence_is_that_of_the_whole_gaussian():
             direct.append(log_density + np.log(base.probability * first.probability * second.probability))
         return closed, float(np.logaddexp.reduce(direct))
 
-    stories = [((0,), (0,), (0, 60)), ((0, 1), (0, 20), (0, 20, 60)), ((1, 2, 1), (0, 25, 40), (0, 25, 40, 60))]
+    paths = [((0,), (0,), (0, 60)), ((0, 1), (0, 20), (0, 20, 60)), ((1, 2, 1), (0, 25, 40), (0, 25, 40, 60))]
     differences = []
-    for configurations, starts, borders in stories:
+    for configurations, starts, borders in paths:
         rest = np.zeros(1, dtype=np.int64)  # fss_1 rests throughout
-        story = Story((rest, np.array(configurations)), (rest, np.array(starts)), np.zeros(0, dtype=np.int64))
-        closed, direct = densities(story, np.array(borders))
+        path = SwitchingPath((rest, np.array(configurations)), (rest, np.array(starts)), np.zeros(0, dtype=np.int64))
+        closed, direct = densities(path, np.array(borders))
         differences.append(closed - direct)
     assert np.ptp(differences) < 1e-6
 
@@ -150,9 +150,9 @@ def test_what_the_samples_say_alone_is_the_integral_over_flat_priors():
         return float(np.logaddexp.reduce(log_likelihood, axis=None) + log_likelihood.ndim * np.log(step))
 
     def log_measured(configurations: tuple[int, ...], starts: tuple[int, ...], borders: np.ndarray) -> float:
-        story = Story((rest, np.array(configurations)), (rest, np.array(starts)), none)
+        path = SwitchingPath((rest, np.array(configurations)), (rest, np.array(starts)), none)
         segments = sums_of(x, z).between(borders[:-1], borders[1:])
-        return measure(story, borders, segments, priors, std**2, 1e-12).log_evidence
+        return measure(path, borders, segments, priors, std**2, 1e-12).log_evidence
 
     base, first = np.meshgrid(grid, grid, indexing="ij")
     borders = np.array([0, 20, 60])
