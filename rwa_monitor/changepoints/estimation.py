@@ -14,6 +14,7 @@ import numpy as np
 from rwa_monitor.changepoints.noise import mean_variance_factor
 from rwa_monitor.changepoints.running_sums import SufficientStatistics, SumArrays
 from rwa_monitor.changepoints.stage_results import Estimate, Evidence, NoiseEstimate
+from rwa_monitor.kernels.adequacy import cut
 from rwa_monitor.kernels.estimation import interval_moments, slope_within
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 from rwa_monitor.wheel.wheel import Wheel
@@ -185,16 +186,8 @@ def residual_blocks(evidence: Evidence, estimate: Estimate, size: int) -> Blocks
         Slots of a block; with a multiple of the running sums' stride no sample is read. The rest of the window that
         fills no block is left out.
     """
-    index, intervals = estimate.index, estimate.index.size + 1
-    edges = np.arange(evidence.slots // size + 1) * size
-    sums = evidence.sums.between(edges[:-1], edges[1:])
-    n = np.maximum(sums.n, 1.0)
-    friction = (sums.z - estimate.viscous * sums.x) / n
-    interval = np.searchsorted(index, edges[:-1], side="right")
-    usable = (sums.n >= size // 2) & (np.searchsorted(index, edges[1:]) == interval)
-    # The level is the blocks' own: an estimate leaves out samples beside the jumps, and a difference would look alike
-    # in all blocks.
-    weight = np.where(usable, sums.n, 0.0)
-    total = np.bincount(interval, weight * friction, intervals)
-    level = total / np.maximum(np.bincount(interval, weight, intervals), 1.0)
-    return Blocks(size, n, sums.x / n, friction, friction - level[interval], interval, usable, intervals)
+    blocks, count = evidence.slots // size, estimate.index.size + 1
+    n, x, friction, residual, interval, usable = cut(
+        size, blocks, estimate.index, estimate.viscous, evidence.sums.arrays
+    )
+    return Blocks(size, n, x, friction, residual, interval, usable.view(np.bool_), count)

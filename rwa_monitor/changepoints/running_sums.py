@@ -85,7 +85,7 @@ class SumArrays(NamedTuple):
 
 
 class RunningSums:
-    """SufficientStatistics of any range of a window's slots; all that the later stages see of its samples.
+    """Sufficient statistics of any range of a window's slots; all that the later stages see of its samples.
 
     Parameters
     ----------

@@ -20,7 +20,6 @@ import functools
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Final
 
 import numpy as np
@@ -30,6 +29,7 @@ from rwa_monitor.changepoints.estimation import Blocks, residual_blocks
 from rwa_monitor.changepoints.noise import ar_coefficient
 from rwa_monitor.changepoints.running_sums import HARMONICS
 from rwa_monitor.changepoints.stage_results import REJECTED, UNATTRIBUTED, Assignment, Estimate, Evidence, NoiseEstimate
+from rwa_monitor.kernels.adequacy import lasting
 from rwa_monitor.kernels.structure import BLOCK
 from rwa_monitor.samples import FloatArray
 from rwa_monitor.wheel.switching_systems import jumping_chain_law
@@ -57,10 +57,6 @@ PERSISTENCE_LAGS: Final = (2, 8)
 SHORT_BLOCK: Final = 16
 SHORT_PERSISTS: Final = (400.0, 0.10)
 PERSISTS: Final = (60.0, 0.18)
-FEWEST_BLOCKS: Final = 40  # with fewer, the value is not yet normal
-LARGEST_BLOCK: Final = 4.0  # standard deviations that one block counts at most
-FEWEST_INTERVALS: Final = 3  # from which one may be left out
-MEDIAN_TO_STD: Final = 1.482602218505602  # of a Gaussian's absolute value
 
 NEAR_ZERO_RATIO: Final = 5.0  # mean squared deviation over the noise's from which a crossing disagrees
 FEWEST_CROSSINGS: Final = 2  # that must disagree: a short sojourn may fall into one
@@ -195,10 +191,9 @@ def half_differences(evidence: Evidence, blocks: Blocks) -> FloatArray:
     smallest = SMALLEST_SIDE * evidence.noise.std / SIDE_SIGMAS
     direction = evidence.structure.direction[: blocks.n.size]
     one_way = np.flatnonzero(blocks.usable & (np.abs(direction) == 1.0))
+    turns = np.flatnonzero(np.diff(direction[one_way]))
     found = []
-    for left, right in pairwise(one_way.tolist()):
-        if direction[left] * direction[right] > 0.0:
-            continue
+    for left, right in zip(one_way[turns].tolist(), one_way[turns + 1].tolist(), strict=True):
         before, before_n = _mean_beside(blocks, direction, range(max(left - SIDE_BLOCKS + 1, 0), left + 1), left)
         after, after_n = _mean_beside(blocks, direction, range(right, right + SIDE_BLOCKS), right)
         std = 0.5 * math.sqrt(variance * (1.0 / before_n + 1.0 / after_n))
@@ -365,36 +360,10 @@ def persistence(blocks: Blocks, correlation: float) -> tuple[float, float]:
         what persists [torque]. 0 with too few blocks.
     """
     expected = _ar_agreements(correlation, blocks.size)
-    value = blocks.residual * np.sqrt(blocks.n)
-    scale = MEDIAN_TO_STD * float(np.median(np.abs(value[blocks.usable]))) if blocks.usable.any() else 0.0
-    if np.count_nonzero(blocks.usable) < FEWEST_BLOCKS or not scale > 0.0:
-        return 0.0, 0.0
-    value = np.where(blocks.usable, np.clip(value / scale, -LARGEST_BLOCK, LARGEST_BLOCK), 0.0)
-    products, pairs = _agreements(blocks, value, expected)
-    if np.count_nonzero(pairs[0]) >= FEWEST_INTERVALS:
-        worst = int(np.argmax(np.square(products).sum(axis=0)))
-        products[:, worst] = pairs[:, worst] = 0.0
-    total, count = products.sum(axis=1), np.maximum(pairs.sum(axis=1), 1.0)
-    largest = float(np.max(np.abs(total / count)))
-    return float(np.sum(total**2 / count)), scale * math.sqrt(largest / blocks.size)
-
-
-def _agreements(blocks: Blocks, value: FloatArray, expected: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the sum of the products of blocks at each lag, less what is expected of it, and their number.
-
-    float64 (lags, intervals) each. `value` is 0 for blocks that are not usable.
-    """
-    # Taking out the level of an interval of m blocks correlates any two of them by -1/m.
-    own = np.maximum(np.bincount(blocks.interval, blocks.usable, blocks.intervals), 1.0)
-    products, pairs = np.zeros((2, expected.size, blocks.intervals))
-    for row, correlation in enumerate(expected.tolist()):
-        lag = PERSISTENCE_LAGS[0] + row
-        first, interval = slice(0, max(value.size - lag, 0)), blocks.interval[: max(value.size - lag, 0)]
-        same = interval == blocks.interval[lag:]
-        pairs[row] = np.bincount(interval, same & blocks.usable[first] & blocks.usable[lag:], blocks.intervals)
-        products[row] = np.bincount(interval, same * value[first] * value[lag:], blocks.intervals)
-        products[row] -= pairs[row] * (correlation - 1.0 / own)
-    return products, pairs
+    significance, mean_product = lasting(
+        blocks.residual, blocks.n, blocks.usable, blocks.interval, blocks.intervals, expected, PERSISTENCE_LAGS[0]
+    )
+    return significance, math.sqrt(mean_product / blocks.size)
 
 
 def _ar_agreements(correlation: float, size: int) -> FloatArray:

@@ -29,7 +29,7 @@ def tabulate(
     chain, first
         The system's laws, and what is known of its first sojourn.
     jump, stay, missed
-        The system's part of `duration_likelihoods.LawTables`.
+        The system's part of `duration_likelihoods.DurationLikelihoods`.
     """
 
 def add_up(

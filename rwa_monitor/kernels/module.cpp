@@ -22,6 +22,7 @@
     DO(estimation)        \
     DO(assignment)        \
     DO(chain_decoding)    \
+    DO(adequacy)          \
     DO(state_space)
 
 namespace rwa {

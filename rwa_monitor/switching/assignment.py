@@ -34,7 +34,7 @@ from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 from rwa_monitor.switching import segments
 from rwa_monitor.switching.assignment_search import REJECT, Path, Problem, Sizes, search
 from rwa_monitor.switching.carried_state import CarriedState
-from rwa_monitor.switching.duration_likelihoods import Onset, law_tables, onsets
+from rwa_monitor.switching.duration_likelihoods import Onset, onsets, tabulated_durations
 from rwa_monitor.switching.friction_model import (
     Cases,
     Posterior,
@@ -178,7 +178,7 @@ def _problem(case: _Case, level: Level, signs: BoolArray) -> Problem:
     systems, slots = case.wheel.fss, case.evidence.slots
     return Problem(
         fit=fit_table(level.pairs, level.slope, case.variance, level.spread),
-        laws=law_tables(systems, level.at, slots, case.onsets),
+        durations=tabulated_durations(systems, level.at, slots, case.onsets),
         configurations=np.array([system.configurations for system in systems], dtype=np.int64),
         signs=signs,
         reject=LOG_REJECT,

@@ -6,9 +6,9 @@ Paths that agree on it have the same future, so only the best few of each state 
     Σ segments  fit(segment)  +  Σ sojourns  log P(duration), log P(transition)  +  Σ priors of rare events
     +  Σ jumps  log P(size | friction of the system before).
 
-For given fits, laws, signs and sizes a path is dropped only when an upper bound of all that can follow stays more than
-`margin` below a complete path that is already known: a narrow first pass finds one. Past the budget the best by that
-bound survive, and the result is marked as pruned.
+For given fits, durations, signs and sizes a path is dropped only when an upper bound of all that can follow stays more
+than `margin` below a complete path that is already known: a narrow first pass finds one. Past the budget the best by
+that bound survive, and the result is marked as pruned.
 
 Without the last sum the search is exact. The sizes bring closure into it: a system that returns to rest undoes what it
 added before. A system's friction is a function of its state where it has two configurations, and the search stays
@@ -28,7 +28,7 @@ import numpy as np
 
 from rwa_monitor.kernels.assignment import NO_SYSTEM, REJECT, STEPS, find_paths
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
-from rwa_monitor.switching.duration_likelihoods import LawTables
+from rwa_monitor.switching.duration_likelihoods import DurationLikelihoods
 
 __all__ = ["NO_SYSTEM", "REJECT", "Path", "Problem", "Scores", "SearchResult", "Sizes", "search", "step_of"]
 
@@ -93,8 +93,8 @@ class Problem:
     ----------
     fit
         (m + 2, m + 2): log-likelihood of one level from node i to node j > i.
-    laws
-        See `LawTables`.
+    durations
+        See `DurationLikelihoods`.
     configurations
         int64 (S,), number of configurations of each system.
     signs
@@ -107,7 +107,7 @@ class Problem:
     """
 
     fit: FloatArray
-    laws: LawTables
+    durations: DurationLikelihoods
     configurations: IntArray
     signs: BoolArray
     reject: float
@@ -127,14 +127,14 @@ class Problem:
     @cached_property
     def scores(self) -> Scores:
         """All of it, as kernels take it."""
-        laws, sizes, count = self.laws, self.sizes, self.signs.shape[0]
-        none = np.zeros(laws.turn.shape[:2])
+        durations, sizes, count = self.durations, self.sizes, self.signs.shape[0]
+        none = np.zeros(durations.turn.shape[:2])
         return Scores(
             fit=self.fit,
-            jump=laws.jump,
-            stay=laws.stay,
-            turn=laws.turn,
-            missed=laws.missed,
+            jump=durations.jump,
+            stay=durations.stay,
+            turn=durations.turn,
+            missed=durations.missed,
             configurations=self.configurations,
             signs=self.signs,
             actions=self.actions,

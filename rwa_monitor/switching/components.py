@@ -152,7 +152,7 @@ def _durations_of(paths: list[SwitchingPath], wheel: Wheel, slots: int, carried:
     ]
 
 
-def _view(path: SwitchingPath, posterior: Posterior, borders: IntArray, samples: FloatArray, laws: float) -> _View:
+def _view(path: SwitchingPath, posterior: Posterior, borders: IntArray, samples: FloatArray, durations: float) -> _View:
     """Read the parts of friction from a posterior."""
     base, base_variance = float(posterior.mean[0]), float(posterior.covariance[0, 0])
     if path.unattributed.size:
@@ -165,7 +165,7 @@ def _view(path: SwitchingPath, posterior: Posterior, borders: IntArray, samples:
         base, base_variance = float(weights @ posterior.mean), float(weights @ posterior.covariance @ weights)
     sojourns = [_of_sojourns(at, posterior.mean, posterior.std) for at in posterior.column]
     return _View(
-        score=laws + posterior.log_evidence,
+        score=durations + posterior.log_evidence,
         base=base,
         base_std=math.sqrt(max(base_variance, 0.0)),
         viscous=float(posterior.mean[-1]),
@@ -180,7 +180,7 @@ def _view(path: SwitchingPath, posterior: Posterior, borders: IntArray, samples:
 
 
 def _alternatives(
-    assignment: Assignment, index: IntArray, paths: list[SwitchingPath], scores: list[float], laws: list[float]
+    assignment: Assignment, index: IntArray, paths: list[SwitchingPath], scores: list[float], durations: list[float]
 ) -> list[Alternative]:
     """Return the paths worth weighing: those of the assignment, and the assigned one with systems shifted throughout.
 
@@ -188,16 +188,16 @@ def _alternatives(
     ----------
     assignment, index
         The assignment and the slots of its jumps.
-    paths, scores, laws
+    paths, scores, durations
         The assigned path and its shifted versions, their log-likelihoods and the durations' part of these.
     """
     assigned = (
-        assignment.alternatives[0] if assignment.alternatives else Alternative(paths[0], index, laws[0], scores[0])
+        assignment.alternatives[0] if assignment.alternatives else Alternative(paths[0], index, durations[0], scores[0])
     )
     found = {_configurations(alternative.path): alternative for alternative in assignment.alternatives}
-    for path, score, law in zip(paths, scores, laws, strict=True):
+    for path, score, duration in zip(paths, scores, durations, strict=True):
         shifted = Alternative(
-            path, index, assigned.log_durations + law - laws[0], assigned.log_score + score - scores[0]
+            path, index, assigned.log_durations + duration - durations[0], assigned.log_score + score - scores[0]
         )
         found.setdefault(_configurations(path), shifted)
     likely = [

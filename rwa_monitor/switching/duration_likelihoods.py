@@ -46,7 +46,7 @@ class Onset:
 
 
 @dataclass(frozen=True, slots=True)
-class LawTables:
+class DurationLikelihoods:
     """Log-probabilities over nodes: node 0 is the window's begin, nodes 1 … m are the candidates.
 
     Axes: S systems, Q configurations (padded with -inf to the largest system), nodes where a sojourn begins (0: before
@@ -131,9 +131,9 @@ def onsets(systems: tuple[SwitchingSystem, ...], carried: CarriedState | None) -
     return tuple(found)
 
 
-def law_tables(
+def tabulated_durations(
     systems: tuple[SwitchingSystem, ...], index: IntArray, slots: int, first: tuple[Onset | None, ...]
-) -> LawTables:
+) -> DurationLikelihoods:
     """Tabulate the laws of all systems between the candidates of a window.
 
     Parameters
@@ -150,7 +150,7 @@ def law_tables(
     nodes = index.size + 1
     width = max((system.configurations for system in systems), default=1)
     shape = (len(systems), width)
-    tables = LawTables(
+    tables = DurationLikelihoods(
         jump=np.full((*shape, nodes, nodes), -np.inf),
         stay=np.full((*shape, nodes), -np.inf),
         turn=np.full((*shape, 2), -np.inf),
@@ -226,7 +226,7 @@ def _first_sojourn(first: Onset | None, laws: tuple[SoftLaw, ...], after: FloatA
 
 
 def _fill(
-    tables: LawTables,
+    tables: DurationLikelihoods,
     s: int,
     system: SwitchingSystem,
     at: FloatArray,

@@ -90,7 +90,7 @@ def solve(
     borders
         int64 (segments + 1,), slots at which segments begin and end.
     segments
-        SufficientStatistics of the segments.
+        Sufficient statistics of the segments.
     priors
         What is known before.
     variance

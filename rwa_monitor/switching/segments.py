@@ -28,7 +28,7 @@ class Level(NamedTuple):
     at
         int64 (m,), the positions [slots].
     pairs
-        SufficientStatistics between all pairs of nodes, see `kernels.segments.pair_moments`.
+        Sufficient statistics between all pairs of nodes, see `kernels.segments.pair_moments`.
     slope, information
         The slope that the segments between accepted candidates share, and its information.
     spread
