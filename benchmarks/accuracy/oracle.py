@@ -73,7 +73,7 @@ def features_with_true_jumps(window: LabelledWindow) -> Features:
     jumps = truth.changepoints
     index, system = jumps.index, jumps.system
     places = np.unique(index)
-    estimated = estimate(evidence, places, np.zeros(places.size, dtype=np.int64))
+    estimated = estimate(evidence, places)
     unit = wheel.torque_unit_Nm
     sojourns = [true_sojourns(truth, s, each.name) for s, each in enumerate(wheel.fss)]
     level_std = np.hypot(estimated.level_std[:-1], estimated.level_std[1:])

@@ -79,7 +79,7 @@ def quality(windows: Iterable[tuple[Window, Changepoints]]) -> list[str]:
         evidence = accumulator.close()
         times.append(time.perf_counter())
         candidates = evidence.candidates
-        estimate(evidence, candidates.index, candidates.scale // 2, nominal_slope_prior(window.wheel))
+        estimate(evidence, candidates.index, nominal_slope_prior(window.wheel))
         times.append(time.perf_counter())
         counts.append(score(candidates.index, truth))
         confirmed.append(score(np.array([event.index for event in events], dtype=np.int64), truth)[1])

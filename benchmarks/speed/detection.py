@@ -10,7 +10,7 @@ import numpy as np
 from benchmarks.speed.peers import Peer
 from benchmarks.speed.race import Lap, Runner, laps
 from benchmarks.window import Window
-from rwa_monitor.changepoints.candidates import PeakList, ScanSettings, ScanState
+from rwa_monitor.changepoints.candidates import PeakList, ScanState
 from rwa_monitor.kernels.evidence import KEPT_STATISTIC
 from rwa_monitor.kernels.segmentation import five_sums
 from rwa_monitor.kernels.wglr import BINS, CHUNK, HISTORY, PREFIXES, scan, wglr
@@ -63,7 +63,7 @@ def seven_scales(window: Window) -> Callable[[], object]:
     scales = np.array(SEVEN_SCALES, dtype=np.int64)
     variances = np.full(scales.size, window.noise_std**2)
     floors = KEPT_STATISTIC * variances
-    settings = ScanSettings(scales, WEIGHT, NOMINAL_SLOPE, floors, floors, False)
+    settings = (scales, WEIGHT, NOMINAL_SLOPE, floors, floors, False)
     x, z, used = window.x, window.z, window.good
 
     def run() -> object:

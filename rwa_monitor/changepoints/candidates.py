@@ -86,29 +86,6 @@ class ScanState(NamedTuple):
     histogram: IntArray
 
 
-class ScanSettings(NamedTuple):
-    """How a scan looks for peaks; changes at fixed slots of the window only.
-
-    Attributes
-    ----------
-    scales
-        int64 (S,), ascending.
-    weight, slope
-        The slope's prior: W_b and f̃_v.
-    floors, sure
-        float64 (S,), the statistics from which a peak is kept (infinite to keep none), and confirmed.
-    runs
-        Keep the maximum of each contiguous run instead of the maxima within ±w; the detection does not.
-    """
-
-    scales: IntArray
-    weight: float
-    slope: float
-    floors: FloatArray
-    sure: FloatArray
-    runs: bool
-
-
 class PeakList:
     """Peaks of the wGLR, with what the scan needs to go on.
 

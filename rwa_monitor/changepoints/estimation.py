@@ -12,10 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from rwa_monitor.changepoints.noise import mean_variance_factor
-from rwa_monitor.changepoints.running_sums import SufficientStatistics, SumArrays
+from rwa_monitor.changepoints.running_sums import SufficientStatistics
 from rwa_monitor.changepoints.stage_results import Estimate, Evidence, NoiseEstimate
 from rwa_monitor.kernels.adequacy import cut
-from rwa_monitor.kernels.estimation import interval_moments, slope_within
+from rwa_monitor.kernels.estimation import slope_within
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 from rwa_monitor.wheel.wheel import Wheel
 
@@ -54,9 +54,7 @@ def nominal_slope_prior(wheel: Wheel) -> SlopePrior | None:
     return SlopePrior(nominal, NOMINAL_SLOPE_SPREAD * max(nominal, 0.1))
 
 
-def estimate(
-    evidence: Evidence, index: IntArray, exclude: IntArray | int = 0, prior: SlopePrior | None = None
-) -> Estimate:
+def estimate(evidence: Evidence, index: IntArray, prior: SlopePrior | None = None) -> Estimate:
     """Estimate the level of each interval and the shared slope.
 
     Parameters
@@ -65,8 +63,6 @@ def estimate(
         The window.
     index
         int64 (m,), changepoints, strictly ascending, within 1 … slots - 1.
-    exclude
-        Slots left out on each side of each changepoint, int64 (m,) or one number for all.
     prior
         What is known of the slope. Needed where the window cannot show it (constant speed).
 
@@ -77,10 +73,11 @@ def estimate(
     infinite standard deviation, and the levels' standard deviations are infinite wherever the speed is not zero.
     """
     index = np.asarray(index, dtype=np.int64)
-    window, noise = _window(evidence, index, exclude), evidence.noise
+    noise, whole = evidence.noise, np.zeros(index.size, dtype=np.int64)  # no slots are left out beside a changepoint
     known = (np.nan, np.nan) if prior is None else (prior.mean, prior.std)
-    slope, slope_std = slope_within(*window, noise.std**2 * noise.long_run_factor, *known)
-    sums = SufficientStatistics(interval_moments(*window))
+    variance = noise.std**2 * noise.long_run_factor
+    slope, slope_std = slope_within(evidence.slots, index, whole, evidence.sums.arrays, variance, *known)
+    sums = _of_intervals(evidence, index)
     level, level_std, squared_error = _levels(sums, slope, slope_std, noise)
     total = float(sums.n.sum())
     rmse = float(np.sqrt(max(squared_error, 0.0) / total)) if total else 0.0
@@ -95,9 +92,10 @@ def estimate(
     )
 
 
-def _window(evidence: Evidence, index: IntArray, exclude: IntArray | int) -> tuple[int, IntArray, IntArray, SumArrays]:
-    """Return what the intervals between changepoints are measured from, as `interval_moments` takes it."""
-    return evidence.slots, index, np.full(index.size, exclude, dtype=np.int64), evidence.sums.arrays
+def _of_intervals(evidence: Evidence, index: IntArray) -> SufficientStatistics:
+    """Return the sufficient statistics of the intervals between changepoints."""
+    edges = np.concatenate(([0], index, [evidence.slots]))
+    return evidence.sums.between(edges[:-1], edges[1:])
 
 
 def _levels(
@@ -119,18 +117,15 @@ def _levels(
     return level, level_std, float(np.cumsum(errors)[-1])
 
 
-def jump_std(evidence: Evidence, estimate_: Estimate, exclude: IntArray | int = 0) -> FloatArray:
+def jump_std(evidence: Evidence, estimate_: Estimate) -> FloatArray:
     """Return the standard deviation of each jump, float64 (m,): the slope's share is common to both levels.
 
     Parameters
     ----------
-    evidence, estimate_, exclude
-        The window, its estimate, and the exclusion it was made with.
+    evidence, estimate_
+        The window and its estimate.
     """
-    sums, noise = (
-        SufficientStatistics(interval_moments(*_window(evidence, estimate_.index, exclude))),
-        evidence.noise,
-    )
+    sums, noise = _of_intervals(evidence, estimate_.index), evidence.noise
     seen, n = sums.n > 0.0, np.maximum(sums.n, 1.0)
     step, mean_variance = np.diff(sums.x / n), mean_variance_factor(noise, n) / n
     shared = step * step * np.where(step != 0.0, estimate_.viscous_std, 0.0) ** 2  # however unknown the slope

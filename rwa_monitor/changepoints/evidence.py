@@ -18,7 +18,7 @@ import numpy as np
 from scipy import special
 
 from rwa_monitor.changepoints.candidates import TESTS_PER_SLOT, PeakList, ScanState, choose, threshold_for
-from rwa_monitor.changepoints.estimation import SlopePrior, nominal_slope_prior
+from rwa_monitor.changepoints.estimation import nominal_slope_prior
 from rwa_monitor.changepoints.noise import OutlierModel, estimate_noise, estimate_outliers, gaussian_outlier
 from rwa_monitor.changepoints.running_sums import RunningSums, StructureArrays, StructureSums, SumArrays
 from rwa_monitor.changepoints.stage_results import Candidates, Evidence, NoiseEstimate
@@ -171,7 +171,7 @@ class WindowSettings(NamedTuple):
     chunk_peaks
         As for `scan`.
     runs
-        As for `ScanSettings`; False.
+        Keep the maximum of each contiguous run instead of the maxima within ±w; False.
     """
 
     speed_unit: float
@@ -198,10 +198,6 @@ class WindowAccumulator:
         The wheel: units, nominal slope and noise, dead band.
     slots
         Length of the window; the wheel's where None.
-    slope_prior
-        What earlier windows showed of the viscous coefficient; the wheel's nominal one where None.
-    false_candidates
-        Candidates wanted by chance in a window without a jump.
 
     Examples
     --------
@@ -218,19 +214,12 @@ class WindowAccumulator:
     [2500]
     """
 
-    def __init__(
-        self,
-        wheel: Wheel,
-        slots: int | None = None,
-        slope_prior: SlopePrior | None = None,
-        false_candidates: float = FALSE_CANDIDATES,
-    ) -> None:
+    def __init__(self, wheel: Wheel, slots: int | None = None) -> None:
         self.wheel = wheel
         self.slots = wheel.window.samples if slots is None else slots
         self.filled = 0
         self.good = 0
-        self.slope_prior = nominal_slope_prior(wheel) if slope_prior is None else slope_prior
-        self.false_candidates = false_candidates
+        self.slope_prior = nominal_slope_prior(wheel)
         start_std = wheel.noise.friction_std_Nm
         self._start_std = None if start_std is None else start_std / wheel.torque_unit_Nm
 
@@ -363,7 +352,7 @@ class WindowAccumulator:
             start_variance,
         )
         noise = estimate_noise(levels, counts, self._scales, variances, self._sums.count, self._start_std)
-        threshold = max(threshold_for(self.false_candidates, TESTS_PER_SLOT * self._sums.count), KEPT_STATISTIC)
+        threshold = max(threshold_for(FALSE_CANDIDATES, TESTS_PER_SLOT * self._sums.count), KEPT_STATISTIC)
         evidence = self._evidence(noise, self._peaks.above(threshold, variances), threshold)
         candidates = choose(evidence, self._scales, variances, self._outliers(variances, quantiles), self.slope_prior)
         return replace(evidence, candidates=candidates)

@@ -277,9 +277,6 @@ class Components:
         Viscous coefficient.
     fss_friction, fss_friction_std
         For each system: float64 (sojourns,), friction of each sojourn (0 in configuration 0).
-    base_ambiguous
-        True where a system never visits q = 0 in the window, so that base and system are distinguished by friction
-        laws or earlier windows only (errata 10).
     by_path
         The same by all paths that the samples do not rule out, where there is more than one.
     """
@@ -290,5 +287,4 @@ class Components:
     viscous_std: float
     fss_friction: tuple[FloatArray, ...]
     fss_friction_std: tuple[FloatArray, ...]
-    base_ambiguous: bool
     by_path: tuple[ConditionalEstimate, ...] = ()

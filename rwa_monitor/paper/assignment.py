@@ -293,5 +293,4 @@ def split(assignment: Assignment, levels: Estimate, wheel: Wheel) -> Components:
         viscous_std=levels.viscous_std,
         fss_friction=tuple(friction),
         fss_friction_std=tuple(friction_std),
-        base_ambiguous=False,  # the paper takes every system's minimum for 0 and sees no ambiguity
     )

@@ -42,7 +42,7 @@ from rwa_monitor.switching.friction_model import (
     law_moments,
     prior_tables,
     priors_of,
-    solve_flat,
+    solve,
 )
 from rwa_monitor.switching.segments import Level
 from rwa_monitor.wheel.wheel import Wheel
@@ -261,7 +261,7 @@ def _result(
     size, size_std = jump[place // 2], std[place // 2]
     if place.size > double.size:
         scatter = segments.level_scatter(case.variance)
-        posterior = solve_flat(best.path, best.borders, best.moments, case.priors, case.variance, scatter)
+        posterior = solve(best.path, best.borders, best.moments, case.priors, case.variance, scatter)
         for entry in np.flatnonzero(double[place // 2]):
             who, slot = int(best.system.ravel()[place[entry]]), int(index[place[entry] // 2])
             size[entry], size_std[entry] = _own_jump(posterior, path, who, slot)

@@ -30,7 +30,7 @@ from rwa_monitor.kernels.assignment import NO_SYSTEM, REJECT, STEPS, find_paths
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 from rwa_monitor.switching.duration_likelihoods import DurationLikelihoods
 
-__all__ = ["NO_SYSTEM", "REJECT", "Path", "Problem", "Scores", "SearchResult", "Sizes", "search", "step_of"]
+__all__ = ["NO_SYSTEM", "REJECT", "Path", "Problem", "Scores", "SearchResult", "Sizes", "search"]
 
 QUICK_BUDGET: Final = 16  # width of the first pass, which only finds a good complete path
 KEPT_PER_STATE: Final = 4
@@ -119,8 +119,9 @@ class Problem:
     def actions(self) -> IntArray:
         """What can happen at a candidate: rows (system, step, second system, step), -1 for none.
 
-        Steps are numbered from 0 to STEPS - 1; `step_of` numbers them. The first two rows reject the
-        candidate, and accept it as a jump that no system made. Where two jump at once, no jump is missed before.
+        Step 2·m + d, from 0 to STEPS - 1, goes down (d = 0) or up (1), after no jump without a candidate (m = 0), or
+        one down (1) or up (2). The first two rows reject the candidate, and accept it as a jump that no system made.
+        Where two jump at once, no jump is missed before.
         """
         return _actions(self.configurations.size)
 
@@ -159,11 +160,6 @@ def _actions(systems: int) -> IntArray:
     table = np.array(rows, dtype=np.int64)
     table.setflags(write=False)
     return table
-
-
-def step_of(number: int) -> tuple[int, int]:
-    """Return the direction (±1) of a numbered step, and the jump without a candidate before it (±1, 0 for none)."""
-    return 2 * (number % 2) - 1, (0, -1, 1)[number // 2]
 
 
 @dataclass(frozen=True, slots=True)

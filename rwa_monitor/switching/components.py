@@ -39,7 +39,6 @@ MOST_SHIFTS: Final = 16  # paths weighed beside each other
 MOST_PATHS: Final = 8  # paths that are handed on
 LEAST_SCORE: Final = -8.0  # log-likelihood under broad friction laws: the learned ones make up for less than that
 MOST_AGAINST: Final = 30.0  # log-likelihood: beyond, an alternative is certain, and exp stays finite
-CERTAIN: Final = 0.05  # probability up to which a system that never rests is none
 
 
 def split(
@@ -77,7 +76,7 @@ def split(
     paths = _shifts(path, wheel)
     durations_of = _durations_of(paths, wheel, evidence.slots, carried)
     for shifted, durations in zip(paths, durations_of, strict=True):
-        posterior = solve(shifted, borders, segments, priors, variance, level_scatter(variance))
+        posterior = solve(shifted.flat(), borders, segments.table, priors, variance, level_scatter(variance))
         views.append(_view(shifted, posterior, borders, segments.n, durations))
     best = views[0]
     weights = np.exp(np.array([min(view.score - best.score, MOST_AGAINST) for view in views]))
@@ -97,7 +96,6 @@ def split(
             _spread(weights, [v.friction[s] for v in views], [v.friction_std[s] for v in views])
             for s in range(len(wheel.fss))
         ),
-        base_ambiguous=float(weights @ np.array([not view.rests for view in views])) > CERTAIN,
         by_path=_conditional_estimates(
             _alternatives(assignment, jumps, paths, [view.score for view in views], durations_of), evidence, priors
         ),
@@ -106,7 +104,7 @@ def split(
 
 @dataclass(frozen=True, slots=True)
 class _View:
-    """The estimate given one path: log-likelihood, the parts of friction, whether all systems rest at some time."""
+    """The estimate given one path: log-likelihood, and the parts of friction."""
 
     score: float
     base: float
@@ -115,7 +113,6 @@ class _View:
     viscous_std: float
     friction: tuple[FloatArray, ...]
     friction_std: tuple[FloatArray, ...]
-    rests: bool
 
 
 def _shifts(path: SwitchingPath, wheel: Wheel) -> list[SwitchingPath]:
@@ -172,10 +169,6 @@ def _view(path: SwitchingPath, posterior: Posterior, borders: IntArray, samples:
         viscous_std=float(posterior.std[-1]),
         friction=tuple(friction for friction, _ in sojourns),
         friction_std=tuple(std for _, std in sojourns),
-        rests=all(
-            _rests(configurations, starts, borders, samples)
-            for configurations, starts in zip(path.configurations, path.starts, strict=True)
-        ),
     )
 
 
@@ -224,7 +217,7 @@ def _conditional_estimates(
     for alternative in alternatives:
         borders = _borders(alternative.index, evidence.slots)
         segments = evidence.sums.between(borders[:-1], borders[1:])
-        posterior = measure(alternative.path, borders, segments, priors, variance, level_scatter(variance))
+        posterior = measure(alternative.path.flat(), borders, segments.table, priors, variance, level_scatter(variance))
         view = _view(alternative.path, posterior, borders, segments.n, alternative.log_durations)
         estimates.append(
             ConditionalEstimate(
@@ -246,14 +239,3 @@ def _spread(weights: FloatArray, values: Sequence[Number], stds: Sequence[Number
 def _of_sojourns(column: IntArray, mean: FloatArray, std: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return a system's friction in each sojourn and its standard deviation, see `Posterior`; 0 where it is by law."""
     return np.where(column >= 0, mean[column], 0.0), np.where(column >= 0, std[column], 0.0)
-
-
-def _rests(configurations: IntArray, starts: IntArray, borders: IntArray, samples: FloatArray) -> bool:
-    """Whether the system is in configuration 0 in any segment that holds samples."""
-    sojourn = 0
-    for stop, count in zip(borders[1:].tolist(), samples.tolist(), strict=True):
-        while sojourn + 1 < starts.size and starts[sojourn + 1] < stop:
-            sojourn += 1
-        if configurations[sojourn] == 0 and count > 0.0:
-            return True
-    return False

@@ -18,8 +18,7 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from rwa_monitor.changepoints.estimation import SlopePrior, nominal_viscous
-from rwa_monitor.changepoints.running_sums import SufficientStatistics
-from rwa_monitor.changepoints.stage_results import FlatPath, SwitchingPath
+from rwa_monitor.changepoints.stage_results import FlatPath
 from rwa_monitor.kernels.friction import condition, lay_out, solve_cases
 from rwa_monitor.samples import FloatArray, IntArray
 from rwa_monitor.switching.carried_state import CHANGE_PER_WINDOW, CarriedState
@@ -74,12 +73,7 @@ class Posterior:
 
 
 def solve(
-    path: SwitchingPath,
-    borders: IntArray,
-    segments: SufficientStatistics,
-    priors: Priors,
-    variance: float,
-    scatter: float,
+    path: FlatPath, borders: IntArray, statistics: FloatArray, priors: Priors, variance: float, scatter: float
 ) -> Posterior:
     """Solve the linear model of one path.
 
@@ -89,8 +83,8 @@ def solve(
         Who jumped when.
     borders
         int64 (segments + 1,), slots at which segments begin and end.
-    segments
-        Sufficient statistics of the segments.
+    statistics
+        float64 (6, segments), sufficient statistics of the segments, see `SufficientStatistics.table`.
     priors
         What is known before.
     variance
@@ -98,13 +92,6 @@ def solve(
     scatter
         Variance of the levels about the model, as `segments.level_scatter`.
     """
-    return solve_flat(path.flat(), borders, segments.table, priors, variance, scatter)
-
-
-def solve_flat(
-    path: FlatPath, borders: IntArray, statistics: FloatArray, priors: Priors, variance: float, scatter: float
-) -> Posterior:
-    """Solve the linear model of one path; as `solve`, of the arrays behind path and statistics."""
     table, cases = prior_tables(priors)
     evidence, mean, std, covariance, column = solve_cases(path, borders, table, statistics, cases, variance, scatter)
     return Posterior(evidence, mean, std, covariance, path.split(column))
@@ -117,12 +104,7 @@ def prior_tables(priors: Priors) -> tuple[FloatArray, Cases]:
 
 
 def measure(
-    path: SwitchingPath,
-    borders: IntArray,
-    segments: SufficientStatistics,
-    priors: Priors,
-    variance: float,
-    scatter: float,
+    path: FlatPath, borders: IntArray, statistics: FloatArray, priors: Priors, variance: float, scatter: float
 ) -> Posterior:
     """Solve the linear model of one path without friction laws: base and sojourns by the samples alone.
 
@@ -133,12 +115,11 @@ def measure(
 
     Parameters
     ----------
-    path, borders, segments, priors, variance, scatter
+    path, borders, statistics, priors, variance, scatter
         See `solve`; of the priors, those of the slope and of unattributed jumps count.
     """
-    flat = path.flat()
-    levels, column, laws = lay_out(flat, borders, law_table(priors.laws))
-    columns = flat.split(column)
+    levels, column, laws = lay_out(path, borders, law_table(priors.laws))
+    columns = path.split(column)
     free = 1 + laws.shape[1]
     mean, std = np.zeros(levels.shape[1] + 1), np.full(levels.shape[1] + 1, priors.unattributed_std)
     mean[0], mean[1:free], std[:free] = priors.base[0].mean, laws[1], FLAT_STD
@@ -146,7 +127,7 @@ def measure(
     covariance, independent = np.empty((mean.size, mean.size)), np.arange(mean.size)
     evidence = condition(
         levels,
-        segments.table,
+        statistics,
         mean.copy(),
         np.diag(std**2),
         independent,

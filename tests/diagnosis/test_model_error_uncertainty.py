@@ -52,7 +52,7 @@ def test_a_failing_wheel_is_found_where_the_missing_effect_does_not_touch_it(ano
 @given(base=DOUBTS, viscous=DOUBTS, systems=DOUBTS)
 def test_doubt_only_adds(base: float, viscous: float, systems: float) -> None:
     stds = np.array([0.0, 0.02])
-    components = Components(1.0, 0.01, 1.0, 0.02, (np.array([0.0, 0.5]),), (stds,), base_ambiguous=False)
+    components = Components(1.0, 0.01, 1.0, 0.02, (np.array([0.0, 0.5]),), (stds,))
     wide = ModelErrorUncertainty(base, viscous, systems).widen(components)
     assert (wide.base_dry, wide.viscous) == (1.0, 1.0)
     assert wide.base_dry_std >= max(0.01, base)

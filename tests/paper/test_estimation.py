@@ -5,11 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from rwa_monitor.changepoints import estimation
 from rwa_monitor.changepoints.stage_results import NoiseEstimate
 from rwa_monitor.paper.detection import FALSE_POSITIVE, Signal
-from rwa_monitor.paper.estimation import ERROR_SAMPLES, estimate
-from tests.switching.assignment_windows import NO_CANDIDATES, evidence_of
+from rwa_monitor.paper.estimation import ERROR_SAMPLES, estimate, kept
 
 SIGMA = 0.024
 NOISE = NoiseEstimate(SIGMA, np.array([SIGMA**2]), 1.0)
@@ -26,14 +24,25 @@ def _signal(seed: int = 3, share: float = 1.0) -> Signal:
 
 
 @pytest.mark.parametrize("share", [1.0, 0.7])
-def test_levels_and_slope_are_those_of_the_running_sums(share: float) -> None:
+def test_levels_and_slope_are_those_of_the_printed_matrix(share: float) -> None:
     signal = _signal(share=share)
     found = estimate(signal, INDEX, NOISE)
-    evidence = evidence_of(signal.x, signal.z, NO_CANDIDATES, SIGMA, signal.used)
-    expected = estimation.estimate(evidence, INDEX, ERROR_SAMPLES)
-    for field in ("level", "level_std", "viscous", "viscous_std", "rmse", "excess_rmse"):
-        assert getattr(found.friction, field) == pytest.approx(getattr(expected, field), rel=1e-9), field
-    assert found.jump_std == pytest.approx(estimation.jump_std(evidence, expected, ERROR_SAMPLES), rel=1e-9)
+    interval = np.searchsorted(INDEX, np.arange(3000), side="right")
+    used = kept(signal.used, interval, INDEX)
+    h = np.column_stack([np.equal.outer(interval[used], np.arange(4)), signal.x[used]])
+    solution, covariance = np.linalg.lstsq(h, signal.z[used], rcond=None)[0], SIGMA**2 * np.linalg.inv(h.T @ h)
+    assert [*found.friction.level, found.friction.viscous] == pytest.approx(solution, rel=1e-9)
+    stds = [*found.friction.level_std, found.friction.viscous_std]
+    assert stds == pytest.approx(np.sqrt(np.diag(covariance)), rel=1e-9)
+    assert found.friction.rmse == pytest.approx(np.sqrt(np.mean((signal.z[used] - h @ solution) ** 2)), rel=1e-9)
+    steps = np.eye(5)[1:4] - np.eye(5)[:3]
+    assert found.jump_std == pytest.approx(np.sqrt(np.diag(steps @ covariance @ steps.T)), rel=1e-9)
+
+
+def test_samples_beside_a_misplaced_changepoint_do_not_count() -> None:
+    signal = _signal()
+    moved, true = (np.diff(estimate(signal, INDEX + off, NOISE).friction.level)[2] for off in (12, 0))
+    assert abs(moved - true) < 0.01
 
 
 def test_rejection_is_the_loss_of_likelihood_when_intervals_merge() -> None:

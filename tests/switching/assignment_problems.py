@@ -68,3 +68,8 @@ def random_path(rng: np.random.Generator, problem: Problem) -> Path:
         mine = np.flatnonzero((rng.random(actions.size) < 0.4) & (actions == REJECT))
         actions[mine] = 2 + 6 * s + np.arange(1, mine.size + 1) % 2  # up, down, up …
     return Path(0.0, (0,) * problem.configurations.size, actions)
+
+
+def step_of(number: int) -> tuple[int, int]:
+    """Return the direction (±1) of a numbered step, and the jump without a candidate before it (±1, 0 for none)."""
+    return 2 * (number % 2) - 1, (0, -1, 1)[number // 2]

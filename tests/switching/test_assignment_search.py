@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from rwa_monitor.kernels.assignment import add_up_laws, expand, free_bounds, priced_bounds
-from rwa_monitor.switching.assignment_search import NO_SYSTEM, REJECT, Problem, search, step_of
-from tests.switching.assignment_problems import FREE, LONG, SHORT, random_path, random_problem
+from rwa_monitor.switching.assignment_search import NO_SYSTEM, REJECT, Problem, search
+from tests.switching.assignment_problems import FREE, LONG, SHORT, random_path, random_problem, step_of
 
 
 @dataclass(frozen=True)

@@ -12,8 +12,8 @@ from rwa_monitor.kernels.friction import condition
 from rwa_monitor.kernels.laws import level_densities, sojourn_densities, strays
 from rwa_monitor.kernels.segments import pair_moments
 from rwa_monitor.switching import segments
-from rwa_monitor.switching.assignment_search import NO_SYSTEM, REJECT, Path, Problem, search, step_of
-from tests.switching.assignment_problems import LONG, SHORT, random_path, random_problem
+from rwa_monitor.switching.assignment_search import NO_SYSTEM, REJECT, Path, Problem, search
+from tests.switching.assignment_problems import LONG, SHORT, random_path, random_problem, step_of
 from tests.switching.assignment_windows import sums_of
 
 

@@ -40,8 +40,6 @@ def test_parts_are_those_simulated():
     for made in windows(40, 12, rests=True):
         parts = split_of(made)
         assert parts.viscous == pytest.approx(1.0, abs=0.01)
-        if parts.base_ambiguous:
-            continue  # fss_2 rests, but its jumps would fit a configuration higher just as well
         assert parts.base_dry == pytest.approx(1.0, abs=max(5 * parts.base_dry_std, 0.005))
         assert parts.base_dry_std < 0.02
         starts = assign(made.evidence, WHEEL)[0].starts
@@ -55,7 +53,6 @@ def test_base_is_ambiguous_where_a_system_never_rests():
     errors, stds = [], []
     for made in windows(41, 10, rests=False):
         parts = split_of(made)
-        assert parts.base_ambiguous
         errors.append(parts.base_dry - 1.0)
         stds.append(parts.base_dry_std)
     assert np.min(stds) > 0.01  # it says that it does not know
@@ -85,8 +82,7 @@ def test_anomalies_are_not_explained_away():
         assert parts.base_dry == pytest.approx(1.0, abs=0.02)
     for made in windows(44, 5, rests=True, base=1.3):
         parts = split_of(made)
-        if not parts.base_ambiguous:
-            assert parts.base_dry == pytest.approx(1.3, abs=0.02)
+        assert parts.base_dry == pytest.approx(1.3, abs=0.02)
 
 
 def test_evidence_is_that_of_the_whole_gaussian():
@@ -100,7 +96,7 @@ def test_evidence_is_that_of_the_whole_gaussian():
     def densities(path: SwitchingPath, borders: np.ndarray) -> tuple[float, float]:
         sums = sums_of(x, z)
         moments = sums.between(borders[:-1], borders[1:])
-        closed = solve(path, borders, moments, priors, std**2, scatter).log_evidence
+        closed = solve(path.flat(), borders, moments.table, priors, std**2, scatter).log_evidence
         table, cases = prior_tables(priors)
         alone = evidence_of_cases(path.flat(), borders, table, moments.table, cases, std**2, scatter)
         assert alone == pytest.approx(closed, abs=1e-9)
@@ -152,7 +148,7 @@ def test_what_the_samples_say_alone_is_the_integral_over_flat_priors():
     def log_measured(configurations: tuple[int, ...], starts: tuple[int, ...], borders: np.ndarray) -> float:
         path = SwitchingPath((rest, np.array(configurations)), (rest, np.array(starts)), none)
         segments = sums_of(x, z).between(borders[:-1], borders[1:])
-        return measure(path, borders, segments, priors, std**2, 1e-12).log_evidence
+        return measure(path.flat(), borders, segments.table, priors, std**2, 1e-12).log_evidence
 
     base, first = np.meshgrid(grid, grid, indexing="ij")
     borders = np.array([0, 20, 60])
