@@ -21,7 +21,7 @@ from rwa_monitor.changepoints.candidates import TESTS_PER_SLOT, PeakList, ScanSt
 from rwa_monitor.changepoints.estimation import nominal_slope_prior
 from rwa_monitor.changepoints.noise import OutlierModel, estimate_noise, estimate_outliers, gaussian_outlier
 from rwa_monitor.changepoints.running_sums import RunningSums, StructureArrays, StructureSums, SumArrays
-from rwa_monitor.changepoints.stage_results import Candidates, Evidence, NoiseEstimate
+from rwa_monitor.changepoints.stage_results import Evidence
 from rwa_monitor.kernels.evidence import (
     ALL_DONE,
     COUNTED,
@@ -353,22 +353,18 @@ class WindowAccumulator:
         )
         noise = estimate_noise(levels, counts, self._scales, variances, self._sums.count, self._start_std)
         threshold = max(threshold_for(FALSE_CANDIDATES, TESTS_PER_SLOT * self._sums.count), KEPT_STATISTIC)
-        evidence = self._evidence(noise, self._peaks.above(threshold, variances), threshold)
-        candidates = choose(evidence, self._scales, variances, self._outliers(variances, quantiles), self.slope_prior)
-        return replace(evidence, candidates=candidates)
-
-    def _evidence(self, noise: NoiseEstimate, candidates: Candidates, threshold: float) -> Evidence:
-        """Return the evidence of the slots seen so far."""
-        return Evidence(
+        evidence = Evidence(
             slots=self._done,
             good=self.good,
             used=self._sums.count,
-            candidates=candidates,
+            candidates=self._peaks.above(threshold, variances),
             sums=self._sums,
             noise=noise,
             threshold=threshold,
             structure=self._structure.close(),
         )
+        candidates = choose(evidence, self._scales, variances, self._outliers(variances, quantiles), self.slope_prior)
+        return replace(evidence, candidates=candidates)
 
     # ---- detection -------------------------------------------------------------------------------------------------
 

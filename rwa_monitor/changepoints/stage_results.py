@@ -44,6 +44,11 @@ class NoiseEstimate:
     autocovariance: FloatArray
     long_run_factor: float
 
+    @property
+    def long_variance(self) -> float:
+        """Variance by which means of many samples scatter, times their number; no less than that of a sample."""
+        return self.std**2 * max(self.long_run_factor, 1.0)
+
 
 @dataclass(frozen=True, slots=True)
 class Candidates:

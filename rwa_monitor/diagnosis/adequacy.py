@@ -150,7 +150,7 @@ def _slope_deviations(evidence: Evidence, estimate: Estimate) -> tuple[FloatArra
     """Return each interval's slope less the common one in standard deviations, and its mean speed; (intervals,)."""
     edges = np.concatenate(([0], estimate.index, [evidence.slots]))
     sums = evidence.sums.between(edges[:-1], edges[1:])
-    variance = evidence.noise.std**2 * max(evidence.noise.long_run_factor, 1.0)
+    variance = evidence.noise.long_variance
     n = np.maximum(sums.n, 1.0)
     spread, cross = sums.xx - sums.x * sums.x / n, sums.xz - sums.x * sums.z / n
     # The slope must be known to a tenth of what speed spans: else rounding is read as a slope.
@@ -187,7 +187,7 @@ def half_differences(evidence: Evidence, blocks: Blocks) -> FloatArray:
     float64 (crossings,). Within four blocks on either side, up to the next changepoint; only jumps in the
     crossing itself are in it, and they do not follow the direction.
     """
-    variance = evidence.noise.std**2 * max(evidence.noise.long_run_factor, 1.0)
+    variance = evidence.noise.long_variance
     smallest = SMALLEST_SIDE * evidence.noise.std / SIDE_SIGMAS
     direction = evidence.structure.direction[: blocks.n.size]
     one_way = np.flatnonzero(blocks.usable & (np.abs(direction) == 1.0))

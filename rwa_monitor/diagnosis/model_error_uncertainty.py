@@ -180,7 +180,7 @@ def _moved_by_shapes(blocks: Blocks, shapes: FloatArray, evidence: Evidence) -> 
     """Return by how much supported shapes move the slope, the levels together, and the levels against each other."""
     weight = np.where(blocks.usable, blocks.n, 0.0)
     total = np.bincount(blocks.interval, weight, blocks.intervals)
-    variance = evidence.noise.std**2 * max(evidence.noise.long_run_factor, 1.0)
+    variance = evidence.noise.long_variance
     whole = float(total.sum())
     if not (whole > 0.0 and variance > 0.0):
         return 0.0, 0.0, 0.0

@@ -307,7 +307,7 @@ def too_few(inputs: DiagnosisInput, models: Sequence[AnomalyModel | None]) -> Wi
     systems = inputs.wheel.fss
     no_sojourns = SystemFeatures("", np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros(0), rests=True)
     features = Features(math.nan, math.nan, math.nan, math.nan, (no_sojourns,) * len(systems))
-    judged = unjudged(features, inputs.wheel.anomalies).anomalies
+    judgement = unjudged(features, inputs.wheel.anomalies)
     reason = f"Only {inputs.evidence.used} of the window's {inputs.evidence.slots} slots hold a usable sample."
     advice = explanation.CHECK_TELEMETRY
     if inputs.evidence.used == inputs.evidence.slots:
@@ -319,10 +319,7 @@ def too_few(inputs: DiagnosisInput, models: Sequence[AnomalyModel | None]) -> Wi
     return WindowDiagnosis(
         verdict="inconclusive",
         reason=reason,
-        anomalies=tuple(
-            anomaly_of(inputs.wheel, entry, learned, features, a)
-            for a, (entry, learned) in enumerate(zip(judged, models, strict=True))
-        ),
+        anomalies=anomalies_of(inputs, models, judgement),
         base_dry=Value(None, None, DRY_UNIT),
         viscous=Value(None, None, VISCOUS_UNIT),
         fss=tuple(SystemFriction(system.name, (), (), ()) for system in systems),

@@ -8,7 +8,6 @@ which assumes that every system rests at least once in the window.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import product
@@ -94,9 +93,13 @@ def assign(
     all_of_them = estimate(signal, index, noise)
     sizes = np.diff(all_of_them.friction.level)
     directions = np.where(sizes >= 0, 1, -1)  # Δf_i
-    choices, start, score, states, pruned = most_likely_jumps(
-        wheel.fss, index, directions, all_of_them.rejection, limit=limit, hard=hard
-    )
+    tables = [_tables(system, index) for system in wheel.fss]
+    choices, start, score, states, pruned = _programme(tables, directions, all_of_them.rejection, limit)
+    if choices is None and not hard:
+        # A jump that was missed makes every sequence impossible under hard laws; then the impossible gets a price.
+        tables = [_softened(table) for table in tables]
+        choices, start, score, more, pruned = _programme(tables, directions, all_of_them.rejection, limit)
+        states += more
     system = np.array(choices, dtype=np.int64) if choices is not None else np.full(index.size, UNATTRIBUTED)
     accepted = system != REJECTED
     remaining = estimate(signal, index[accepted], noise)
@@ -118,45 +121,6 @@ def assign(
         pruned=pruned,
     )
     return assignment, remaining.friction
-
-
-def most_likely_jumps(
-    systems: Sequence[SwitchingSystem],
-    index: IntArray,
-    directions: IntArray,
-    rejection: FloatArray,
-    *,
-    limit: int = STATE_CAP,
-    hard: bool = False,
-) -> tuple[_Choices | None, tuple[int, ...], float, int, bool]:
-    """Find the most likely sequence of jumps.
-
-    Parameters
-    ----------
-    systems
-        The switching systems.
-    index, directions
-        int64 (m,), the candidates' slots, and +1 or -1 for a level that rises or falls there.
-    rejection
-        float64 (m,), what taking a changepoint for none adds to the score.
-    limit
-        States kept per candidate.
-    hard
-        Whether to forbid impossible durations also where there is no other way.
-
-    Returns
-    -------
-    tuple
-        The system that jumped at each candidate, or REJECTED (None where no sequence is possible); the configurations
-        at the begin; the score; the states expanded; whether the limit cut any.
-    """
-    tables = [_tables(system, index) for system in systems]
-    choices, start, score, states, pruned = _programme(tables, directions, rejection, limit)
-    if choices is None and not hard:
-        # A jump that was missed makes every sequence impossible under hard laws; then the impossible gets a price.
-        choices, start, score, more, pruned = _programme([_softened(t) for t in tables], directions, rejection, limit)
-        states += more
-    return choices, start, score, states, pruned
 
 
 def _softened(tables: _Tables) -> _Tables:

@@ -125,7 +125,7 @@ def typical_jump(jump: FloatArray) -> float:
 
 def reach_of(candidates: Candidates) -> IntArray:
     """Return how far each candidate's position may be off [slots]: half the window that found it."""
-    return np.minimum(np.maximum(candidates.scale // 2, MIN_REACH), MAX_REACH)
+    return np.clip(candidates.scale // 2, MIN_REACH, MAX_REACH)
 
 
 def possible_signs(candidates: Candidates, pairs: FloatArray, nodes: IntArray, slope: float) -> BoolArray:
