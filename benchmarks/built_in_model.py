@@ -13,6 +13,7 @@ from typing import Final
 from benchmarks.accuracy.campaign import outcomes
 from rwa_monitor.diagnosis.model import Model
 from rwa_monitor.diagnosis.training import train
+from rwa_monitor.paper.classification import with_classifiers
 from rwa_monitor.wheel.wheel import built_in_wheel
 
 RECIPE: Final = "mild"
@@ -31,8 +32,10 @@ def train_built_in_model(workers: int, windows: int = WINDOWS) -> Model:
     windows
         Number of windows; fewer give a rougher model for a test.
     """
-    labelled = [outcome.labelled() for outcome in outcomes(RECIPE, windows, SEED, workers)]
-    return train(labelled, built_in_wheel(), source=f"recipe {RECIPE}, {windows} windows, seed {SEED}", command=COMMAND)
+    found = list(outcomes(RECIPE, windows, SEED, workers))
+    joint, paper = ([outcome.labelled(method) for outcome in found] for method in ("joint", "paper"))
+    source = f"recipe {RECIPE}, {windows} windows, seed {SEED}"
+    return with_classifiers(train(joint, built_in_wheel(), source=source, command=COMMAND), paper)
 
 
 def main() -> None:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from rwa_monitor.changepoints.evidence import WindowAccumulator
-from rwa_monitor.changepoints.stage_results import Evidence, Method
+from rwa_monitor.changepoints.stage_results import Evidence, NoiseEstimate
 from rwa_monitor.samples import BoolArray, FloatArray, Samples
 from rwa_monitor.simulation.datasets import LabelledWindow
 from rwa_monitor.wheel.torque_balance import mended_friction, torque_per_ampere
@@ -59,9 +59,14 @@ class Window:
         everywhere = np.ones(len(samples), dtype=np.bool_)
         return cls(wheel, samples.speed_rad_s, samples.friction_torque_Nm, everywhere, np.nan, np.nan)
 
-    def evidence(self, method: Method = "joint") -> Evidence:
+    @property
+    def noise(self) -> NoiseEstimate:
+        """The window's noise as if it was white."""
+        return NoiseEstimate(self.noise_std, np.array([self.noise_std**2]), long_run_factor=1.0)
+
+    def evidence(self) -> Evidence:
         """Run stage 1 over the window at once."""
-        accumulator = WindowAccumulator(self.wheel, method, self.speed_rad_s.size)
+        accumulator = WindowAccumulator(self.wheel, self.speed_rad_s.size)
         accumulator.append(self.speed_rad_s, self.torque_Nm, self.good)
         return accumulator.close()
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 import argparse
 import sys
 
-from benchmarks.accuracy.benchmark import LAWS_WHEELS, RECIPES, SEED, SPLITS, STORY_WHEELS, WINDOWS, run, targets
+from benchmarks.accuracy.benchmark import COURSE_WHEELS, LAWS_WHEELS, RECIPES, SEED, SPLITS, WINDOWS, run, targets
 from benchmarks.accuracy.page import to_markdown
 from benchmarks.page import add_output_option, put_out
 from benchmarks.target import exit_code
@@ -34,7 +34,7 @@ def main() -> int:
         options.seed,
         options.jobs,
         options.splits,
-        stories={} if options.recipes_only else STORY_WHEELS,
+        courses={} if options.recipes_only else COURSE_WHEELS,
         laws_wheels=0 if options.recipes_only else LAWS_WHEELS,
     )
     size = f"--windows {options.windows} --seed {options.seed} --splits {options.splits}"

@@ -10,7 +10,7 @@ from typing import Final
 import numpy as np
 
 from benchmarks.accuracy.campaign import StageTimes, in_processes, outcomes, time_stages
-from benchmarks.accuracy.carried import JudgedWindows, StoryName, judge_story
+from benchmarks.accuracy.carried import CourseName, JudgedWindows, judge_course
 from benchmarks.accuracy.learned_laws import LawsResult, compare_laws
 from benchmarks.accuracy.outcome import JumpScore, Outcome
 from benchmarks.accuracy.splits import Accuracy, measure
@@ -27,7 +27,7 @@ SPLITS: Final = 5  # with a thousand windows judged in each, more add little
 SEED: Final = 61_803
 # What earlier windows are worth and what identified laws cost is measured on wheels of their own: the data sets' seed
 # and these added.
-STORY_SEED: Final = 1
+COURSE_SEED: Final = 1
 LAWS_SEED: Final = 2
 TIMED_WINDOWS: Final = 20
 # What is compared: the features and the classifier on them.
@@ -39,11 +39,11 @@ COMPARED: Final[dict[str, tuple[str, Method]]] = {
 }
 # The paper's method is tried on the paper's statistics; on many candidates it takes a second a window.
 PAPERS_RECIPES: Final = ("paper",)
-STORY_WHEELS: Final[dict[StoryName, int]] = {
+COURSE_WHEELS: Final[dict[CourseName, int]] = {
     "lasting": 100,
     "sudden": 100,
     "growing": 42,
-}  # wheels of each story of `carried`
+}  # wheels of each course of `carried`
 LAWS_WHEELS: Final = 40
 
 
@@ -83,14 +83,14 @@ class Benchmark:
     times
         Of each stage, by method.
     carried
-        By story of `carried`; empty where it was not asked for.
+        By course of `carried`; empty where it was not asked for.
     laws
         With identified laws; None where it was not asked for.
     """
 
     recipes: tuple[RecipeResult, ...]
     times: tuple[StageTimes, ...]
-    carried: Mapping[StoryName, JudgedWindows] = field(default_factory=dict)
+    carried: Mapping[CourseName, JudgedWindows] = field(default_factory=dict)
     laws: LawsResult | None = None
 
     def recipe(self, name: str) -> RecipeResult:
@@ -107,7 +107,7 @@ def run(
     seed: int = SEED,
     workers: int = 2,
     splits: int = SPLITS,
-    stories: Mapping[StoryName, int] | None = None,
+    courses: Mapping[CourseName, int] | None = None,
     laws_wheels: int = 0,
 ) -> Benchmark:
     """Run the benchmark.
@@ -120,8 +120,8 @@ def run(
         Processes; the accuracy does not depend on their number, the times are taken in this one.
     splits
         Random splits of the paper's protocol.
-    stories
-        Wheels of each story of `carried`.
+    courses
+        Wheels of each course of `carried`.
     laws_wheels
         Wheels that are identified; 0 leaves that out.
     """
@@ -131,7 +131,7 @@ def run(
         found = list(track(outcomes(recipe, windows, seed, workers, methods), windows, f"recipe {recipe}"))
         results.append(summarise(recipe, found, seed, splits, workers))
     carried = {
-        story: judge_story(story, wheels, seed + STORY_SEED, workers) for story, wheels in (stories or {}).items()
+        course: judge_course(course, wheels, seed + COURSE_SEED, workers) for course, wheels in (courses or {}).items()
     }
     laws = compare_laws(laws_wheels, seed + LAWS_SEED, workers) if laws_wheels else None
     timed = list(islice(generate(recipes[0], TIMED_WINDOWS, seed), TIMED_WINDOWS))
@@ -193,9 +193,9 @@ def targets(benchmark: Benchmark) -> list[Target]:
         found += _targets_of_anomalies(result)
         if result.recipe != "paper":
             found += _targets_of_calibration(result)
-    for story in ("lasting",):
-        if story in benchmark.carried:
-            judged = benchmark.carried[story]
+    for course in ("lasting",):
+        if course in benchmark.carried:
+            judged = benchmark.carried[course]
             for anomaly, reached in zip(judged.anomalies, judged.rates(judged.carried)[0], strict=True):
                 found.append(at_least(f"mild after ten windows: detection of {anomaly}", float(reached), 0.99))
     if benchmark.laws:

@@ -17,8 +17,8 @@ from rwa_monitor.changepoints.stage_results import Method
 from rwa_monitor.diagnosis.classification import classify
 from rwa_monitor.diagnosis.features import features_of
 from rwa_monitor.diagnosis.model import Model, models_for
-from rwa_monitor.diagnosis.paper_classification import classify_as_paper
-from rwa_monitor.paper.assignment import assign_as_paper, split_as_paper
+from rwa_monitor.paper import assignment as paper_assignment
+from rwa_monitor.paper import classification, detection
 from rwa_monitor.samples import FloatArray
 from rwa_monitor.simulation.datasets import RECIPES, LabelledWindow, wheel_windows
 from rwa_monitor.switching.assignment import assign
@@ -98,19 +98,31 @@ def time_stages(windows: Sequence[LabelledWindow], model: Model, method: Method)
 
 
 def _time_window(window: LabelledWindow, model: Model, method: Method) -> tuple[float, float, float]:
+    return _time_paper(window, model) if method == "paper" else _time_joint(window, model)
+
+
+def _time_joint(window: LabelledWindow, model: Model) -> tuple[float, float, float]:
     wheel, empty, on_slots = window.wheel, CarriedState.empty(), window_of(window)
     models, names = models_for(wheel, model), wheel.anomalies
     begin = time.perf_counter()
-    evidence = on_slots.evidence(method)
+    evidence = on_slots.evidence()
     detected = time.perf_counter()
-    if method == "paper":
-        assignment, estimate = assign_as_paper(evidence, wheel)
-        components = split_as_paper(assignment, estimate, evidence, wheel)
-        assigned = time.perf_counter()
-        classify_as_paper(features_of(components, assignment, wheel), models, names)
-    else:
-        assignment, estimate = assign(evidence, wheel, empty)
-        components = split(assignment, estimate, evidence, wheel, empty)
-        assigned = time.perf_counter()
-        classify(features_of(components, assignment, wheel), models, names, model, empty)
+    assignment, estimate = assign(evidence, wheel, empty)
+    components = split(assignment, estimate, evidence, wheel, empty)
+    assigned = time.perf_counter()
+    classify(features_of(components, assignment, wheel), models, names, model, empty)
+    return detected - begin, assigned - detected, time.perf_counter() - assigned
+
+
+def _time_paper(window: LabelledWindow, model: Model) -> tuple[float, float, float]:
+    """The samples and the estimate of their noise are given."""
+    wheel, evidence = window.wheel, window_of(window).evidence()
+    models, names, signal = models_for(wheel, model), wheel.anomalies, detection.Signal.of(evidence)
+    begin = time.perf_counter()
+    index = detection.detect(signal, evidence.noise, wheel)
+    detected = time.perf_counter()
+    assignment, levels = paper_assignment.assign(signal, index, evidence.noise, wheel)
+    components = paper_assignment.split(assignment, levels, wheel)
+    assigned = time.perf_counter()
+    classification.classify(features_of(components, assignment, wheel), models, names)
     return detected - begin, assigned - detected, time.perf_counter() - assigned

@@ -1,6 +1,6 @@
 """What earlier windows of a wheel are worth: the last window of a record with and without the state carried to it.
 
-Judged by the built-in model, which knows none of these wheels. Three stories are told: an anomaly that was there all
+Judged by the built-in model, which knows none of these wheels. Three courses of an anomaly: one that was there all
 the time, one that begins with the last window (so that ten healthy windows went before), and the slow growth of the
 recipe `fleet`.
 """
@@ -25,9 +25,9 @@ from rwa_monitor.switching.carried_state import CarriedState
 from rwa_monitor.wheel.wheel import Wheel
 
 EARLIER: Final = 10  # windows before the one that is judged
-StoryName = Literal["lasting", "sudden", "growing"]
+CourseName = Literal["lasting", "sudden", "growing"]
 LASTING: Final = 2 * EARLIER  # windows of a wheel whose anomaly lasts; those with at least EARLIER before are judged
-STORIES: Final[dict[StoryName, str]] = {
+COURSES: Final[dict[CourseName, str]] = {
     "lasting": f"`mild`, {LASTING} windows a wheel, the anomaly there from the first; the last {EARLIER} are judged",
     "sudden": f"`mild`, the anomaly begins with the last of {EARLIER + 1} windows, which is judged",
     "growing": f"`fleet`, all {FLEET_WINDOWS} windows of each wheel are judged",
@@ -71,20 +71,20 @@ class JudgedWindows:
 
 @dataclass(frozen=True, slots=True)
 class _Task:
-    story: StoryName
+    course: CourseName
     number: int
     seed: int
 
     def run(self) -> list[tuple[list[bool], list[bool], list[bool], list[bool], bool, bool]]:
         """Return for each window what `JudgedWindows` holds, in its order."""
-        recipe = _recipe(self.story)
+        recipe = _recipe(self.course)
         windows = list(wheel_windows(recipe, self.number, self.seed))
         model, state, rows = built_in_model(), CarriedState.empty(), []
         for k, window in enumerate(windows):
             samples, wheel = window.telemetry.samples, window.wheel
             (with_state,) = diagnose_samples(samples, wheel, model, carried=state)
             state = with_state.carried
-            if self.story != "growing" and k < EARLIER:
+            if self.course != "growing" and k < EARLIER:
                 continue
             (without,) = diagnose_samples(samples, wheel, model)
             rows.append(
@@ -104,12 +104,12 @@ def _diagnosed(diagnosis: WindowDiagnosis, least: float) -> list[bool]:
     return [anomaly.active and anomaly.probability >= least for anomaly in diagnosis.anomalies]
 
 
-def _recipe(story: StoryName) -> Recipe:
-    if story == "growing":
+def _recipe(course: CourseName) -> Recipe:
+    if course == "growing":
         return RECIPES["fleet"]
     mild = RECIPES["mild"]
-    if story == "lasting":
-        return Recipe("lasting", STORIES[story], mild.wheel, mild.scenario, windows=LASTING)
+    if course == "lasting":
+        return Recipe("lasting", COURSES[course], mild.wheel, mild.scenario, windows=LASTING)
 
     def sudden(wheel: Wheel, number: int, windows: int, rng: np.random.Generator) -> Scenario:
         scenario = mild.scenario(wheel, number, windows, rng)
@@ -117,22 +117,22 @@ def _recipe(story: StoryName) -> Recipe:
         late = {name: anomaly.model_copy(update={"onset_s": onset}) for name, anomaly in scenario.anomalies.items()}
         return scenario.model_copy(update={"anomalies": late})
 
-    return Recipe("sudden", STORIES[story], mild.wheel, sudden, windows=EARLIER + 1)
+    return Recipe("sudden", COURSES[course], mild.wheel, sudden, windows=EARLIER + 1)
 
 
-def judge_story(story: StoryName, wheels: int, seed: int, workers: int) -> JudgedWindows:
-    """Judge the windows of a story.
+def judge_course(course: CourseName, wheels: int, seed: int, workers: int) -> JudgedWindows:
+    """Judge the windows of a course.
 
     Parameters
     ----------
-    story
-        One of `STORIES`.
+    course
+        One of `COURSES`.
     wheels, seed
         How many wheels, and the seed of all randomness.
     workers
         Processes; 0 works in this one. The result does not depend on it.
     """
-    tasks = [_Task(story, number, seed) for number in range(wheels)]
-    rows = list(chain.from_iterable(track(in_processes(_Task.run, tasks, workers), wheels, f"story {story}")))
+    tasks = [_Task(course, number, seed) for number in range(wheels)]
+    rows = list(chain.from_iterable(track(in_processes(_Task.run, tasks, workers), wheels, f"course {course}")))
     columns = [np.array(column, dtype=np.bool_) for column in zip(*rows, strict=True)]
     return JudgedWindows(next(wheel_windows("mild", 0, seed)).wheel.anomalies, *columns)

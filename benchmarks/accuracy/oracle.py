@@ -18,8 +18,7 @@ from rwa_monitor.changepoints.estimation import estimate
 from rwa_monitor.changepoints.running_sums import RunningSums
 from rwa_monitor.changepoints.stage_results import Assignment, Candidates, NoiseEstimate
 from rwa_monitor.diagnosis.features import Features, SystemFeatures, features_of
-from rwa_monitor.diagnosis.physical_units import changepoints_of
-from rwa_monitor.diagnosis.window_diagnosis import Changepoint
+from rwa_monitor.diagnosis.window_diagnosis import Changepoint, changepoints_of
 from rwa_monitor.kernels.changepoints import refine_in_colour
 from rwa_monitor.samples import IntArray
 from rwa_monitor.simulation.datasets import LabelledWindow
@@ -74,7 +73,7 @@ def features_with_true_jumps(window: LabelledWindow) -> Features:
     jumps = truth.changepoints
     index, system = jumps.index, jumps.system
     places = np.unique(index)
-    estimated = estimate(evidence, places, np.zeros(places.size, dtype=np.int64))
+    estimated = estimate(evidence, places)
     unit = wheel.torque_unit_Nm
     sojourns = [true_sojourns(truth, s, each.name) for s, each in enumerate(wheel.fss)]
     level_std = np.hypot(estimated.level_std[:-1], estimated.level_std[1:])
@@ -92,8 +91,8 @@ def features_with_true_jumps(window: LabelledWindow) -> Features:
         pruned=False,
     )
     components = split(assignment, estimated, evidence, wheel, CarriedState.empty())
-    if components.readings:  # the likeliest under broad friction laws comes first
-        assignment = replace(assignment, configurations=components.readings[0].story.configurations)
+    if components.by_path:  # the likeliest under broad friction laws comes first
+        assignment = replace(assignment, configurations=components.by_path[0].path.configurations)
         components = split(assignment, estimated, evidence, wheel, CarriedState.empty())
     return features_of(components, assignment, wheel)
 

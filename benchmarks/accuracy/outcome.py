@@ -72,9 +72,9 @@ class Outcome:
     features: Mapping[str, Features]
     jumps: Mapping[str, JumpScore]
 
-    def labelled(self, joint: str = "joint", paper: str = "paper") -> LabelledFeatures:
-        """Return the features to train on, by the names of the methods or oracles."""
-        return LabelledFeatures(self.features[joint], self.features[paper], self.labels)
+    def labelled(self, features: str = "joint") -> LabelledFeatures:
+        """Return the features to train on, by the name of the method or oracle."""
+        return LabelledFeatures(self.features[features], self.labels)
 
 
 def evaluate(window: LabelledWindow, methods: tuple[Method, ...] = ("joint", "paper")) -> Outcome:

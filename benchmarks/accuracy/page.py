@@ -8,8 +8,8 @@ from typing import Final
 import numpy as np
 
 from benchmarks.accuracy.benchmark import (
+    COURSE_SEED,
     LAWS_SEED,
-    STORY_SEED,
     Benchmark,
     RecipeResult,
     confusion,
@@ -18,7 +18,7 @@ from benchmarks.accuracy.benchmark import (
     targets,
 )
 from benchmarks.accuracy.campaign import STAGES, StageTimes
-from benchmarks.accuracy.carried import STORIES
+from benchmarks.accuracy.carried import COURSES
 from benchmarks.accuracy.learned_laws import RECORDINGS
 from benchmarks.accuracy.splits import COVERAGES, TRAINING_SHARE, Accuracy
 from benchmarks.page import NONE, page, percent, section, table, with_interval
@@ -41,7 +41,7 @@ PAPER_TIMES: Final = {
 CHANGED_AFTER_RESULTS: Final = (
     "What was changed after looking at results, and on which seed: the viscous severity of `paper`, from ×1.10 to "
     "×1.12, after viscous was detected in 97.8 % of its windows and fss_1 of `mild` in 98.45 % (seed 4711); the "
-    "weighing of several stories of who jumped when, which counted the sizes of the jumps twice and called dry "
+    "weighing of several switching paths, which counted the sizes of the jumps twice and called dry "
     "friction anomalous in 0.99 % of the nominal windows (seed 61803); and oracle B, which was told the "
     "configurations besides what its definition says. These two seeds and 27182 are used up by that, 101 and 777 by "
     "development."
@@ -226,7 +226,7 @@ def _jump_table(result: RecipeResult) -> str:
 
 def _carried_section(benchmark: Benchmark) -> list[str]:
     parts = []
-    for story, judged in benchmark.carried.items():
+    for course, judged in benchmark.carried.items():
         rows = []
         for a, anomaly in enumerate(judged.anomalies):
             cells = [
@@ -237,13 +237,13 @@ def _carried_section(benchmark: Benchmark) -> list[str]:
             rows.append([anomaly, *cells])
         inconclusive = f"{percent(float(judged.open_carried.mean()))}, alone {percent(float(judged.open_alone.mean()))}"
         header = ["anomaly", "detection", "without earlier windows", "false positives", "without earlier windows"]
-        title = f"{STORIES[story][0].upper()}{STORIES[story][1:]}"
+        title = f"{COURSES[course][0].upper()}{COURSES[course][1:]}"
         text = f"{judged.truth.shape[0]} windows. Inconclusive: {inconclusive}."
         parts.append(section(title, text, table(header, rows), level=3))
     if not parts:
         return []
     text = (
-        f"Seed {benchmark.recipes[0].seed + STORY_SEED}, judged by the built-in "
+        f"Seed {benchmark.recipes[0].seed + COURSE_SEED}, judged by the built-in "
         "model. Windows of one wheel share its base friction, so the intervals are somewhat too narrow. An anomaly "
         "that grows counts from half of its final size on; false positives are counted where it has not begun."
     )

@@ -18,8 +18,9 @@ from benchmarks.page import wilson
 from rwa_monitor.changepoints.stage_results import Method
 from rwa_monitor.diagnosis.classification import Judged, classify
 from rwa_monitor.diagnosis.model import Model, models_for
-from rwa_monitor.diagnosis.paper_classification import classify_as_paper
 from rwa_monitor.diagnosis.training import train
+from rwa_monitor.paper.classification import classify as classify_as_paper
+from rwa_monitor.paper.classification import with_classifiers
 from rwa_monitor.samples import BoolArray, FloatArray
 from rwa_monitor.switching.carried_state import CarriedState
 from rwa_monitor.wheel.wheel import Wheel
@@ -134,7 +135,7 @@ def _conclusive(anomalies: Sequence[Judged], low: float, high: float) -> bool:
     """
     if any(entry.active and entry.probability >= high for entry in anomalies):
         return True
-    return not any(low < entry.probability < high or entry.unlike or not entry.telling for entry in anomalies)
+    return not any(low < entry.probability < high or entry.unlike or not entry.informative for entry in anomalies)
 
 
 def _on_side(probability: float, *, active: bool) -> float:
@@ -171,7 +172,8 @@ def measure(
     for _ in range(splits):
         order = rng.permutation(len(outcomes))
         training, validation = order[:size], order[size:]
-        model = train([outcomes[i].labelled(features, features) for i in training], wheel, "split", "benchmark")
+        windows_learned = [outcomes[i].labelled(features) for i in training]
+        model = with_classifiers(train(windows_learned, wheel, "split", "benchmark"), windows_learned)
         probability, is_open = judge_windows([outcomes[i] for i in validation], features, method, model, wheel)
         rows = row_of[validation]
         # What is undecided counts as not diagnosed; the paper's method always decides.

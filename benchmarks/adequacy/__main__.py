@@ -141,11 +141,11 @@ def diagnosis_table(jobs: Sequence[Job], trials: Sequence[Trial]) -> str:
     rows = []
     for anomaly in ("", *MILD_SEVERITIES):
         for sigmas in STRENGTHS:
-            for doubting in (False, True):
+            for with_model_error in (False, True):
                 windows = [
                     trial.windows[0]
                     for job, trial in zip(jobs, trials, strict=True)
-                    if job[3:] == (sigmas, anomaly, doubting) and trial.windows
+                    if job[3:] == (sigmas, anomaly, with_model_error) and trial.windows
                 ]
                 there = [w.anomaly(anomaly).probability for w in windows] if anomaly else []
                 wrong = [w for w in windows if any(a.probability > SURE for a in w.anomalies if a.name != anomaly)]
@@ -153,7 +153,7 @@ def diagnosis_table(jobs: Sequence[Job], trials: Sequence[Trial]) -> str:
                     [
                         anomaly or "healthy",
                         f"{sigmas:g} σ",
-                        "yes" if doubting else "no",
+                        "yes" if with_model_error else "no",
                         f"{sum(p > 0.5 for p in there)} of {len(windows)}" if anomaly else NONE,
                         f"{sum(p > SURE for p in there)}" if anomaly else NONE,
                         counted(len(wrong), len(windows)),
@@ -195,11 +195,11 @@ def main() -> int:
     hidden = [(*case, options.seed + i) for case in _cases() for i in range(options.seeds)]
     recipes = [(name, i, options.seed + 10 + n) for n, name in enumerate(RECIPE_NAMES) for i in range(options.nominal)]
     jobs: list[Job] = [
-        (*case, options.seed + 20, sigmas, anomaly, doubting)
+        (*case, options.seed + 20, sigmas, anomaly, with_model_error)
         for case in _cases()
         for sigmas in STRENGTHS
         for anomaly in ("", *MILD_SEVERITIES)
-        for doubting in (False, True)
+        for with_model_error in (False, True)
     ]
     check_ms, assignment_ms = time_check()
     with multiprocessing.get_context("spawn").Pool(options.processes) as pool:

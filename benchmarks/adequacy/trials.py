@@ -35,7 +35,9 @@ MEAN_EFFECTS: Final = tuple(name for name, effect in CATALOGUE.items() if issubc
 WINDOW_SLOTS: Final = 80_000  # of the paper
 SHAPE_SPREAD: Final = 2.0  # shape parameters are drawn within this factor of the catalogue's typical value
 
-Job = tuple[str, ProfileKind, int, float, str, bool]  # effect, motion, seed, sigmas, anomaly ("" for none), doubting
+Job = tuple[
+    str, ProfileKind, int, float, str, bool
+]  # effect, motion, seed, sigmas, anomaly ("" for none), with_model_error
 Diagnosed = tuple[str, WindowDiagnosis, frozenset[str]]  # recipe, diagnosis, the window's anomalies
 
 
@@ -71,7 +73,7 @@ def hide_and_diagnose(
     sigmas: float = 0.5,
     windows: int = 3,
     anomalies: Mapping[str, Anomaly] | None = None,
-    doubting: bool = True,
+    with_model_error: bool = True,
     slots: int = WINDOW_SLOTS,
 ) -> Trial:
     """Hide an effect in windows of a wheel whose model lacks it, and diagnose them.
@@ -88,7 +90,7 @@ def hide_and_diagnose(
         Number of windows, each a motion of its own.
     anomalies
         What the wheel fails by.
-    doubting
+    with_model_error
         False: standard deviations as if nothing was missing, to show what the doubt changes.
     slots
         Length of a window.
@@ -104,7 +106,7 @@ def hide_and_diagnose(
     scenario = plain.model_copy(update={"effect": (block,), "anomalies": dict(anomalies or {})})
     diagnoses, carried = [], CarriedState.empty()
     for each in seeds:
-        diagnosis, carried = _diagnose(scenario, wheel, int(each), carried, doubting=doubting)
+        diagnosis, carried = _diagnose(scenario, wheel, int(each), carried, with_model_error=with_model_error)
         diagnoses.append(diagnosis)
     return Trial(name, motion, sigmas, tuple(diagnoses))
 
@@ -114,14 +116,16 @@ def diagnose_plain(motion: ProfileKind, seed: int, slots: int) -> WindowDiagnosi
     rng = np.random.default_rng([seed, MOTIONS.index(motion), slots])
     wheel = RECIPES["paper"].wheel(rng)
     scenario = Scenario(speed=SpeedProfile(kind=motion), duration_s=slots * wheel.sample_period_s)
-    return _diagnose(scenario, wheel, int(rng.integers(2**63)), CarriedState.empty(), doubting=True)[0]
+    return _diagnose(scenario, wheel, int(rng.integers(2**63)), CarriedState.empty(), with_model_error=True)[0]
 
 
 def _diagnose(
-    scenario: Scenario, wheel: Wheel, seed: int, carried: CarriedState, *, doubting: bool
+    scenario: Scenario, wheel: Wheel, seed: int, carried: CarriedState, *, with_model_error: bool
 ) -> tuple[WindowDiagnosis, CarriedState]:
     samples = simulate(scenario, wheel, np.random.default_rng(seed)).samples
-    return diagnose_window(Window.of(samples, wheel).evidence(), wheel, built_in_model(), carried, doubting=doubting)
+    return diagnose_window(
+        Window.of(samples, wheel).evidence(), wheel, built_in_model(), carried, with_model_error=with_model_error
+    )
 
 
 def _draw(
@@ -182,9 +186,11 @@ def seen(job: tuple[str, ProfileKind, int]) -> Trial:
 
 def judged(job: Job) -> Trial:
     """Run one trial of the diagnosis table: a single window."""
-    name, motion, seed, sigmas, anomaly, doubting = job
+    name, motion, seed, sigmas, anomaly, with_model_error = job
     anomalies = {anomaly: Anomaly(factor=MILD_SEVERITIES[anomaly])} if anomaly else None
-    return hide_and_diagnose(name, motion, seed, sigmas=sigmas, windows=1, anomalies=anomalies, doubting=doubting)
+    return hide_and_diagnose(
+        name, motion, seed, sigmas=sigmas, windows=1, anomalies=anomalies, with_model_error=with_model_error
+    )
 
 
 def lacking_nothing(job: tuple[str, int, int, bool]) -> Diagnosed:

@@ -10,8 +10,7 @@ import numpy as np
 
 from benchmarks.accuracy.outcome import Outcome
 from benchmarks.accuracy.splits import TRAINING_SHARE
-from rwa_monitor.diagnosis.paper_classification import decide
-from rwa_monitor.diagnosis.training import train_svm
+from rwa_monitor.paper.classification import decide, train_svm
 from rwa_monitor.samples import FloatArray
 
 SWEPT: Final = (2, 5, 10, 20, 40, 80, 160)

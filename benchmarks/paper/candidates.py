@@ -20,11 +20,10 @@ from scipy import signal
 
 from benchmarks.page import page, put_out, table
 from benchmarks.paper.peers import score
-from benchmarks.speed.plain_paper import changepoints as plain_changepoints
 from benchmarks.window import Window, window_of
-from rwa_monitor.changepoints.estimation import default_exclusion, estimate, nominal_slope_prior
+from rwa_monitor.changepoints.estimation import estimate, nominal_slope_prior
 from rwa_monitor.changepoints.evidence import WindowAccumulator
-from rwa_monitor.changepoints.stage_results import Method
+from rwa_monitor.paper.detection import Signal, detect
 from rwa_monitor.samples import FloatArray
 from rwa_monitor.simulation.datasets import generate
 from rwa_monitor.simulation.record import Changepoints
@@ -69,18 +68,18 @@ def windows_of(source: str, count: int, seed: int) -> Iterator[tuple[Window, Cha
         yield window, truth.changepoints
 
 
-def quality(windows: Iterable[tuple[Window, Changepoints]], method: Method) -> list[str]:
+def quality(windows: Iterable[tuple[Window, Changepoints]]) -> list[str]:
     """Return recall, confirmed recall, false candidates a window, and the times [ms] of append, close and fit."""
     counts, confirmed, laps = [], [], []
     for window, truth in windows:
-        accumulator = WindowAccumulator(window.wheel, method)
+        accumulator = WindowAccumulator(window.wheel)
         times = [time.perf_counter()]
         events = accumulator.append(window.speed_rad_s, window.torque_Nm, window.good)
         times.append(time.perf_counter())
         evidence = accumulator.close()
         times.append(time.perf_counter())
         candidates = evidence.candidates
-        estimate(evidence, candidates.index, default_exclusion(candidates.scale), nominal_slope_prior(window.wheel))
+        estimate(evidence, candidates.index, nominal_slope_prior(window.wheel))
         times.append(time.perf_counter())
         counts.append(score(candidates.index, truth))
         confirmed.append(score(np.array([event.index for event in events], dtype=np.int64), truth)[1])
@@ -91,11 +90,11 @@ def quality(windows: Iterable[tuple[Window, Changepoints]], method: Method) -> l
 
 
 def plain_quality(windows: Iterable[tuple[Window, Changepoints]]) -> list[str]:
-    """Return the same of the paper's method in plain numpy, which has no confirmed candidates and is not timed."""
+    """Return the same of the paper's method, which has no confirmed candidates and is not timed."""
     counts = []
     for window, truth in windows:
-        found = plain_changepoints(window.x[window.moving], window.z[window.moving], window.noise_std)
-        counts.append(score(np.flatnonzero(window.moving)[found], truth))
+        evidence = window.evidence()
+        counts.append(score(detect(Signal.of(evidence), evidence.noise, window.wheel), truth))
     visible, right, false = np.sum(counts, axis=0)
     return [f"{right / visible:.3f}", "", f"{false / len(counts):.3f}", "", "", ""]
 
@@ -106,13 +105,11 @@ def main() -> int:
     parser.add_argument("--windows", type=int, default=20)
     parser.add_argument("--seed", type=int, default=101)
     options = parser.parse_args()
-    methods: tuple[Method, ...] = ("joint", "paper")
     rows = [
-        [source, method, *quality(windows_of(source, options.windows, options.seed), method)]
+        [source, method, *measured(windows_of(source, options.windows, options.seed))]
         for source in SOURCES
-        for method in methods
+        for method, measured in (("joint", quality), ("paper", plain_quality))
     ]
-    rows.append(["paper", "numpy", *plain_quality(windows_of("paper", options.windows, options.seed))])
     header = ["windows", "method", "recall", "confirmed", "false a window", "append [ms]", "close [ms]", "fit [ms]"]
     put_out(page("Candidates of stage 1", table(header, rows)), None)
     return 0

@@ -13,7 +13,7 @@ from benchmarks.window import Window, window_of
 from rwa_monitor.changepoints.estimation import estimate
 from rwa_monitor.changepoints.stage_results import REJECTED, UNATTRIBUTED, Assignment, Estimate, Evidence
 from rwa_monitor.diagnosis.features import features_of
-from rwa_monitor.paper.assignment import assign_as_paper, split_as_paper
+from rwa_monitor.paper.method import split_friction
 from rwa_monitor.samples import FloatArray, IntArray
 from rwa_monitor.simulation.datasets import LabelledWindow
 from rwa_monitor.switching.assignment import assign
@@ -79,24 +79,24 @@ class Examined:
 def examine(labelled: LabelledWindow) -> Examined:
     """Run one labelled window through everything."""
     window, wheel = window_of(labelled), labelled.wheel
-    paper, joint = window.evidence("paper"), window.evidence()
-    as_paper, _ = assign_as_paper(paper, wheel)
-    hard, levels = assign_as_paper(paper, wheel, hard=True)
-    jointly, _ = assign(joint, wheel, CarriedState.empty())
-    features = features_of(split_as_paper(hard, levels, paper, wheel), hard, wheel)
+    evidence = window.evidence()
+    as_paper, _, _ = split_friction(evidence, wheel)
+    hard, _, components = split_friction(evidence, wheel, hard=True)
+    jointly, _ = assign(evidence, wheel, CarriedState.empty())
+    features = features_of(components, hard, wheel)
     outcome = evaluate(labelled)
-    naive = estimate(joint, np.zeros(0, dtype=np.int64))
+    naive = estimate(evidence, np.zeros(0, dtype=np.int64))
     true_jumps = np.unique(labelled.telemetry.truth.changepoints.index)
     return Examined(
         outcome=replace(outcome, features={**outcome.features, HARD: features}),
         naive_excess_rmse=naive.excess_rmse,
         fitted={
-            "paper": _fitted(window, paper, _accepted(as_paper)),
-            "joint": _fitted(window, joint, _accepted(jointly)),
-            ORACLE: _fitted(window, joint, true_jumps),
+            "paper": _fitted(window, evidence, _accepted(as_paper)),
+            "joint": _fitted(window, evidence, _accepted(jointly)),
+            ORACLE: _fitted(window, evidence, true_jumps),
         },
-        work={"paper": _work(as_paper, paper), "joint": _work(jointly, joint)},
-        possible=len(paper.candidates) == 0 or not bool((hard.system == UNATTRIBUTED).all()),
+        work={"paper": _work(as_paper, as_paper.index.size), "joint": _work(jointly, len(evidence.candidates))},
+        possible=hard.index.size == 0 or not bool((hard.system == UNATTRIBUTED).all()),
     )
 
 
@@ -104,9 +104,9 @@ def _accepted(assignment: Assignment) -> IntArray:
     return np.unique(assignment.index[assignment.system != REJECTED])
 
 
-def _work(assignment: Assignment, evidence: Evidence) -> Work:
+def _work(assignment: Assignment, candidates: int) -> Work:
     rejected = int(np.count_nonzero(assignment.system == REJECTED))
-    return Work(len(evidence.candidates), rejected, assignment.states, assignment.pruned)
+    return Work(candidates, rejected, assignment.states, assignment.pruned)
 
 
 def _fitted(window: Window, evidence: Evidence, index: IntArray) -> Fitted:

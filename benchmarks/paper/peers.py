@@ -15,8 +15,9 @@ import numpy as np
 
 from benchmarks.speed.peers import Peer
 from benchmarks.window import Window, window_of
-from rwa_monitor.changepoints.stage_results import REJECTED, Method
+from rwa_monitor.changepoints.stage_results import REJECTED
 from rwa_monitor.discrepancy.diagnosis_gain import PLACED_WITHIN
+from rwa_monitor.paper.detection import Signal, detect
 from rwa_monitor.samples import IntArray
 from rwa_monitor.simulation.datasets import LabelledWindow
 from rwa_monitor.simulation.truth import Changepoints
@@ -71,9 +72,9 @@ def compare(windows: Sequence[LabelledWindow], peers: Sequence[Peer]) -> list[De
     """
     pairs = [(whitened(labelled), labelled.telemetry.truth.changepoints) for labelled in windows]
     return [
-        _run("ours, `joint`: candidates", "samples", lambda window: candidates(window, "joint"), pairs),
+        _run("ours, `joint`: candidates", "samples", candidates, pairs),
         _run("ours, `joint`: accepted", "samples, switching laws", accepted, pairs),
-        _run("the paper's wGLR, w = 50", "samples", lambda window: candidates(window, "paper"), pairs),
+        _run("the paper's wGLR, w = 50", "samples", of_the_paper, pairs),
         *(_run(peer.name, "slope, noise", peer_detector(peer), pairs) for peer in peers),
         _run(f"dummy: every {DUMMY_EVERY} samples", "nothing", dummy, pairs),
     ]
@@ -86,9 +87,15 @@ def whitened(labelled: LabelledWindow) -> Window:
     )
 
 
-def candidates(window: Window, method: Method) -> IntArray:
+def candidates(window: Window) -> IntArray:
     """Return the candidates of stage 1, int64 (m,)."""
-    return window.evidence(method).candidates.index
+    return window.evidence().candidates.index
+
+
+def of_the_paper(window: Window) -> IntArray:
+    """Return the changepoints of the paper's method, int64 (m,)."""
+    evidence = window.evidence()
+    return detect(Signal.of(evidence), evidence.noise, window.wheel)
 
 
 def accepted(window: Window) -> IntArray:
@@ -161,7 +168,7 @@ def add_second_source(windows: Sequence[LabelledWindow], peer: Peer) -> SecondSo
     counts = np.zeros(5, dtype=np.int64)
     for labelled in windows:
         window, truth = whitened(labelled), labelled.telemetry.truth.changepoints
-        ours, theirs = candidates(window, "joint"), detect(window)
+        ours, theirs = candidates(window), detect(window)
         apart = (np.abs(theirs[:, None] - ours[None, :]) > PLACED_WITHIN).all(axis=1)
         visible, found, false = score(ours, truth)
         _, both, false_both = score(np.sort(np.concatenate([ours, theirs[apart]])), truth)

@@ -7,18 +7,19 @@ from typing import Final
 
 import numpy as np
 
-from benchmarks.speed import plain_paper
 from benchmarks.speed.peers import Peer
 from benchmarks.speed.race import Lap, Runner, laps
 from benchmarks.window import Window
-from rwa_monitor.changepoints.peaks import PeakList, ScanSettings, ScanState
+from rwa_monitor.changepoints.candidates import PeakList, ScanState
 from rwa_monitor.kernels.evidence import KEPT_STATISTIC
 from rwa_monitor.kernels.segmentation import five_sums
 from rwa_monitor.kernels.wglr import BINS, CHUNK, HISTORY, PREFIXES, scan, wglr
+from rwa_monitor.paper.detection import SCALE, WEIGHT, Signal, detect
+from rwa_monitor.paper.detection import wglr as plain_wglr
 from rwa_monitor.samples import FloatArray
 
 SEVEN_SCALES: Final = (2, 4, 8, 16, 32, 64, 128)
-ONE_SCALE: Final = plain_paper.SCALE
+ONE_SCALE: Final = SCALE
 NOMINAL_SLOPE: Final = 1.0  # normalised
 LIMIT: Final = "five sequential running sums, compiled (the limit)"
 OURS_ONE: Final = f"ours, one scale w = {ONE_SCALE}"
@@ -38,16 +39,16 @@ def detection_laps(window: Window, peers: list[Peer]) -> list[Lap]:
         Those that are installed.
     """
     x, z, used, series = window.x, window.z, window.good, window.series()
-    out = np.empty((5, x.size))
+    out, plain = np.empty((5, x.size)), Signal(x, z, used)
 
     runners = [
         Runner(LIMIT, "limit", lambda: five_sums(x, z, out)),
         Runner("five running sums, numpy cumsum", "limit", lambda: [np.cumsum(v) for v in (x, z, x * x, x * z, z * z)]),
-        Runner(OURS_ONE, "ours", lambda: wglr(x, z, used, ONE_SCALE, plain_paper.WEIGHT, NOMINAL_SLOPE)),
+        Runner(OURS_ONE, "ours", lambda: wglr(x, z, used, ONE_SCALE, WEIGHT, NOMINAL_SLOPE)),
         Runner(OURS_SEVEN, "ours", seven_scales(window)),
         Runner(OURS_STAGE, "ours", window.evidence),
-        Runner(PLAIN, "peer", lambda: plain_paper.wglr(x, z)),
-        Runner("plain numpy, with changepoints", "peer", lambda: plain_paper.changepoints(x, z, window.noise_std)),
+        Runner(PLAIN, "peer", lambda: plain_wglr(plain, NOMINAL_SLOPE)),
+        Runner("plain numpy, with changepoints", "peer", lambda: detect(plain, window.noise, window.wheel)),
         *(Runner(peer.name, "peer", _bound(peer, series), peer.rounds) for peer in peers),
     ]
     return laps(runners)
@@ -62,7 +63,7 @@ def seven_scales(window: Window) -> Callable[[], object]:
     scales = np.array(SEVEN_SCALES, dtype=np.int64)
     variances = np.full(scales.size, window.noise_std**2)
     floors = KEPT_STATISTIC * variances
-    settings = ScanSettings(scales, plain_paper.WEIGHT, NOMINAL_SLOPE, floors, floors, False)
+    settings = (scales, WEIGHT, NOMINAL_SLOPE, floors, floors, False)
     x, z, used = window.x, window.z, window.good
 
     def run() -> object:

@@ -5,17 +5,18 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from functools import partial
 from typing import Final
 
 import numpy as np
 
-from benchmarks.speed import plain_paper
 from benchmarks.speed.detection import seven_scales
 from benchmarks.speed.peers import Peer
 from benchmarks.window import Window, window_of
 from rwa_monitor.changepoints.evidence import WindowAccumulator
 from rwa_monitor.diagnosis.model import Model
 from rwa_monitor.diagnosis.window import diagnose_window
+from rwa_monitor.paper import method as paper
 from rwa_monitor.samples import FloatArray
 from rwa_monitor.simulation.datasets import LabelledWindow
 from rwa_monitor.switching.assignment import assign
@@ -40,7 +41,7 @@ class WindowTimes:
     kernel
         The seven-scale wGLR alone, over the window at once.
     plain
-        The paper's method in plain numpy and Python.
+        The paper's method in plain numpy and Python, from the samples and the estimate of their noise.
     fastest_peer
         Changepoints alone by the fastest peer; NaN throughout where it is not installed.
     """
@@ -79,14 +80,11 @@ def _time_window(window: Window, model: Model, peer: Peer | None, repeats: int, 
         begin = time.thread_time()
         accumulator.append(window.speed_rad_s, window.torque_Nm, window.good)
         full = time.thread_time()
-        diagnose_window(accumulator.close(), window.wheel, model, CarriedState.empty())
+        evidence = accumulator.close()
+        diagnose_window(evidence, window.wheel, model, CarriedState.empty())
         laps = [full - begin, time.thread_time() - full, _once(kernel), np.nan, np.nan]
         if with_plain:
-            laps[3] = _once(
-                lambda: plain_paper.diagnose(
-                    window.speed_rad_s, window.torque_Nm, window.wheel, model, window.noise_std
-                )
-            )
+            laps[3] = _once(partial(paper.diagnose_window, evidence, window.wheel, model, CarriedState.empty()))
             if peer is not None:
                 laps[4] = _once(lambda: peer.search(series))
         least = np.minimum(least, laps)

@@ -12,10 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from rwa_monitor.changepoints.noise import mean_variance_factor
-from rwa_monitor.changepoints.running_sums import Moments, SumArrays
+from rwa_monitor.changepoints.running_sums import SufficientStatistics
 from rwa_monitor.changepoints.stage_results import Estimate, Evidence, NoiseEstimate
-from rwa_monitor.kernels.estimation import interval_moments, slope_within
-from rwa_monitor.samples import FloatArray, IntArray
+from rwa_monitor.kernels.adequacy import cut
+from rwa_monitor.kernels.estimation import slope_within
+from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 from rwa_monitor.wheel.wheel import Wheel
 
 
@@ -49,19 +50,12 @@ def nominal_slope_prior(wheel: Wheel) -> SlopePrior | None:
     nominal = nominal_viscous(wheel)
     if nominal is None:
         return None
-    # A wheel may have no viscous friction to speak of; the dry torque at nominal speed then sets the spread.
+    # A wheel may have next to no viscous friction; the dry torque at nominal speed then sets the spread.
     return SlopePrior(nominal, NOMINAL_SLOPE_SPREAD * max(nominal, 0.1))
 
 
-def default_exclusion(scale: IntArray) -> IntArray:
-    """Return Δk_error = w/2 slots of the detecting scale (errata 6)."""
-    return scale // 2
-
-
-def estimate(
-    evidence: Evidence, index: IntArray, exclude: IntArray | int = 0, prior: SlopePrior | None = None
-) -> Estimate:
-    """Estimate the level of each interval, the shared slope and what it would cost to drop each changepoint.
+def estimate(evidence: Evidence, index: IntArray, prior: SlopePrior | None = None) -> Estimate:
+    """Estimate the level of each interval and the shared slope.
 
     Parameters
     ----------
@@ -69,24 +63,23 @@ def estimate(
         The window.
     index
         int64 (m,), changepoints, strictly ascending, within 1 … slots - 1.
-    exclude
-        Slots left out on each side of each changepoint, int64 (m,) or one number for all; see `default_exclusion`.
     prior
         What is known of the slope. Needed where the window cannot show it (constant speed).
 
     Returns
     -------
     Estimate. An interval without any used sample takes the level of its left neighbour (the first: the right one's),
-    with infinite standard deviation. Where neither the data nor a prior say anything about the slope, it is 0 with
+    with infinite standard deviation. Where neither the data nor a prior show anything of the slope, it is 0 with
     infinite standard deviation, and the levels' standard deviations are infinite wherever the speed is not zero.
     """
     index = np.asarray(index, dtype=np.int64)
-    window, noise = _window(evidence, index, exclude), evidence.noise
+    noise, whole = evidence.noise, np.zeros(index.size, dtype=np.int64)  # no slots are left out beside a changepoint
     known = (np.nan, np.nan) if prior is None else (prior.mean, prior.std)
-    slope, slope_std = slope_within(*window, noise.std**2 * noise.long_run_factor, *known)
-    moments = Moments(interval_moments(*window))
-    level, level_std, cost, squared_error = _levels(moments, slope, slope_std, noise)
-    total = float(moments.n.sum())
+    variance = noise.std**2 * noise.long_run_factor
+    slope, slope_std = slope_within(evidence.slots, index, whole, evidence.sums.arrays, variance, *known)
+    sums = _of_intervals(evidence, index)
+    level, level_std, squared_error = _levels(sums, slope, slope_std, noise)
+    total = float(sums.n.sum())
     rmse = float(np.sqrt(max(squared_error, 0.0) / total)) if total else 0.0
     return Estimate(
         index=index,
@@ -94,52 +87,102 @@ def estimate(
         level_std=level_std,
         viscous=slope,
         viscous_std=slope_std,
-        rejection_cost=cost,
         rmse=rmse,
         excess_rmse=rmse - noise.std if total else 0.0,
     )
 
 
-def _window(evidence: Evidence, index: IntArray, exclude: IntArray | int) -> tuple[int, IntArray, IntArray, SumArrays]:
-    """Return what the intervals between changepoints are measured from, as `interval_moments` takes it."""
-    return evidence.slots, index, np.full(index.size, exclude, dtype=np.int64), evidence.sums.arrays
+def _of_intervals(evidence: Evidence, index: IntArray) -> SufficientStatistics:
+    """Return the sufficient statistics of the intervals between changepoints."""
+    edges = np.concatenate(([0], index, [evidence.slots]))
+    return evidence.sums.between(edges[:-1], edges[1:])
 
 
 def _levels(
-    moments: Moments, slope: float, slope_std: float, noise: NoiseEstimate
-) -> tuple[FloatArray, FloatArray, FloatArray, float]:
-    """Return level and standard deviation of each interval, the rejection costs, and the sum of squared residuals."""
-    seen, n = moments.n > 0.0, np.maximum(moments.n, 1.0)
-    x_mean, z_mean = moments.x / n, moments.z / n
-    sxx, sxz = np.maximum(moments.xx - moments.x * x_mean, 0.0), moments.xz - moments.x * z_mean
-    errors = np.maximum(moments.zz - moments.z * z_mean, 0.0) - 2.0 * slope * sxz + slope * slope * sxx
+    sums: SufficientStatistics, slope: float, slope_std: float, noise: NoiseEstimate
+) -> tuple[FloatArray, FloatArray, float]:
+    """Return level and standard deviation of each interval, and the sum of squared residuals."""
+    seen, n = sums.n > 0.0, np.maximum(sums.n, 1.0)
+    x_mean, z_mean = sums.x / n, sums.z / n
+    sxx, sxz = np.maximum(sums.xx - sums.x * x_mean, 0.0), sums.xz - sums.x * z_mean
+    errors = np.maximum(sums.zz - sums.z * z_mean, 0.0) - 2.0 * slope * sxz + slope * slope * sxx
     level = np.where(seen, z_mean - slope * x_mean, np.nan)
     # An interval at zero speed does not feel the slope, however unknown.
     felt = np.where(x_mean != 0.0, slope_std, 0.0)
     own = noise.std**2 * mean_variance_factor(noise, n) / n
     level_std = np.where(seen, np.sqrt(own + x_mean * x_mean * felt * felt), np.inf)
-    # The fall of log-likelihood, -ΔSSE/2σ² for white noise, with the variance of the shorter interval's mean.
-    left, right, jump = n[:-1], n[1:], level[1:] - level[:-1]
-    variance = noise.std**2 * mean_variance_factor(noise, np.minimum(left, right))
-    with np.errstate(divide="ignore", invalid="ignore"):  # without noise
-        cost = -0.5 * jump * jump * left * right / (left + right) / variance
     # An interval without samples has the level of the last seen one before it, or of the first.
     place = np.maximum.accumulate(np.where(seen, np.arange(n.size), np.argmax(seen)))
     level = level[place] if seen.any() else np.zeros(n.size)
-    return level, level_std, np.where(seen[:-1] & seen[1:], cost, 0.0), float(np.cumsum(errors)[-1])
+    return level, level_std, float(np.cumsum(errors)[-1])
 
 
-def jump_std(evidence: Evidence, estimate_: Estimate, exclude: IntArray | int = 0) -> FloatArray:
+def jump_std(evidence: Evidence, estimate_: Estimate) -> FloatArray:
     """Return the standard deviation of each jump, float64 (m,): the slope's share is common to both levels.
 
     Parameters
     ----------
-    evidence, estimate_, exclude
-        The window, its estimate, and the exclusion it was made with.
+    evidence, estimate_
+        The window and its estimate.
     """
-    moments, noise = Moments(interval_moments(*_window(evidence, estimate_.index, exclude))), evidence.noise
-    seen, n = moments.n > 0.0, np.maximum(moments.n, 1.0)
-    step, mean_variance = np.diff(moments.x / n), mean_variance_factor(noise, n) / n
+    sums, noise = _of_intervals(evidence, estimate_.index), evidence.noise
+    seen, n = sums.n > 0.0, np.maximum(sums.n, 1.0)
+    step, mean_variance = np.diff(sums.x / n), mean_variance_factor(noise, n) / n
     shared = step * step * np.where(step != 0.0, estimate_.viscous_std, 0.0) ** 2  # however unknown the slope
     std = np.sqrt(noise.std**2 * (mean_variance[:-1] + mean_variance[1:]) + shared)
     return np.where(seen[:-1] & seen[1:], std, np.inf)
+
+
+# ---- residuals of short blocks, from running sums: no sample is read again -------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class Blocks:
+    """Blocks of equal length, in order; arrays (blocks,).
+
+    Attributes
+    ----------
+    size
+        Slots of a block.
+    n
+        Used samples of each.
+    x
+        Their mean speed, normalised.
+    friction
+        Their mean friction less the viscous part, normalised.
+    residual
+        The same less the level of their interval.
+    interval
+        Number of the interval between changepoints that the block lies in.
+    usable
+        Whether it lies in one interval and at least half of its slots are used.
+    intervals
+        Number of intervals.
+    """
+
+    size: int
+    n: FloatArray
+    x: FloatArray
+    friction: FloatArray
+    residual: FloatArray
+    interval: IntArray
+    usable: BoolArray
+    intervals: int
+
+
+def residual_blocks(evidence: Evidence, estimate: Estimate, size: int) -> Blocks:
+    """Cut a window into blocks and return what the friction model leaves of them.
+
+    Parameters
+    ----------
+    evidence, estimate
+        The window, and its levels and slope between the accepted changepoints.
+    size
+        Slots of a block; with a multiple of the running sums' stride no sample is read. The rest of the window that
+        fills no block is left out.
+    """
+    blocks, count = evidence.slots // size, estimate.index.size + 1
+    n, x, friction, residual, interval, usable = cut(
+        size, blocks, estimate.index, estimate.viscous, evidence.sums.arrays
+    )
+    return Blocks(size, n, x, friction, residual, interval, usable.view(np.bool_), count)

@@ -17,23 +17,17 @@ from typing import Final, NamedTuple
 import numpy as np
 from scipy import special
 
-from rwa_monitor.changepoints.candidates import choose
-from rwa_monitor.changepoints.changepoints import TESTS_PER_SLOT, threshold_for
-from rwa_monitor.changepoints.estimation import SlopePrior, nominal_slope_prior
-from rwa_monitor.changepoints.noise import estimate_noise
-from rwa_monitor.changepoints.outlier_model import Tails, estimate_tails, gaussian_outlier
-from rwa_monitor.changepoints.peaks import PeakList, ScanState
-from rwa_monitor.changepoints.running_sums import RunningSums, SumArrays
-from rwa_monitor.changepoints.stage_results import Candidates, Evidence, Method, NoiseEstimate
-from rwa_monitor.changepoints.structure import StructureArrays, StructureSums
+from rwa_monitor.changepoints.candidates import TESTS_PER_SLOT, PeakList, ScanState, choose, threshold_for
+from rwa_monitor.changepoints.estimation import nominal_slope_prior
+from rwa_monitor.changepoints.noise import OutlierModel, estimate_noise, estimate_outliers, gaussian_outlier
+from rwa_monitor.changepoints.running_sums import RunningSums, StructureArrays, StructureSums, SumArrays
+from rwa_monitor.changepoints.stage_results import Evidence
 from rwa_monitor.kernels.evidence import (
     ALL_DONE,
-    CONFIRMED_STATISTIC,
     COUNTED,
     KEPT_STATISTIC,
     NO_ROOM,
     OUTLIER,
-    PAPER_WEIGHT,
     VARIANCE,
     Window,
     gather,
@@ -44,8 +38,7 @@ from rwa_monitor.kernels.wglr import BINS, CHUNK, HISTORY, PREFIXES, STEP
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 from rwa_monitor.wheel.wheel import Wheel
 
-JOINT_SCALES: Final = (1, 2, 4, 8, 16, 32, 64, 128)
-PAPER_SCALES: Final = (50,)
+SCALES: Final[tuple[int, ...]] = (1, 2, 4, 8, 16, 32, 64, 128)  # half-widths [slots] (errata 5)
 
 PEAK_TESTS_PER_SLOT: Final = 1.5  # independent tests that the peaks of all scales are, a slot: Σ 1/w, hardly less
 FAR_AWAY: Final = -(2**40)  # a slot that lies near none
@@ -96,18 +89,18 @@ class Learned(NamedTuple):
 
     Attributes
     ----------
-    bars
+    thresholds
         float64 (3, S), of each scale: the variance of its contrast, NaN where not known; and the statistics [torque²]
         from which a peak is kept, and is sure, infinite where not known.
     announced
         int64 (STEP + 1,): the last indices announced, in turns, and how many there were.
     numbers
         float64 (8,): centre and weight of the slope's prior, dead band, and speed from which its sign is certain, all
-        normalised, the last two NaN until the first chunk is there; the three of `quantiles_of`; and the largest
+        normalised, the last three NaN until the first chunk is there; the three of `quantiles_of`; and the largest
         outlier of heavy tails where `gather` asked for it, else NaN.
     """
 
-    bars: FloatArray
+    thresholds: FloatArray
     announced: IntArray
     numbers: FloatArray
 
@@ -117,9 +110,9 @@ def nothing_learned(scales: int, slope: float) -> Learned:
     announced: IntArray = np.full(STEP + 1, FAR_AWAY, dtype=np.int64)
     announced[STEP] = 0
     return Learned(
-        bars=np.repeat([[np.nan], [np.inf], [np.inf]], scales, axis=1),
+        thresholds=np.repeat([[np.nan], [np.inf], [np.inf]], scales, axis=1),
         announced=announced,
-        numbers=np.array([slope, PAPER_WEIGHT, np.nan, np.nan, 0.0, 0.0, 0.0, np.nan]),
+        numbers=np.array([slope, np.nan, np.nan, np.nan, 0.0, 0.0, 0.0, np.nan]),
     )
 
 
@@ -177,8 +170,8 @@ class WindowSettings(NamedTuple):
         Largest outlier by chance of Gaussian noise, in standard deviations.
     chunk_peaks
         As for `scan`.
-    paper
-        Whether to detect as the paper does.
+    runs
+        Keep the maximum of each contiguous run instead of the maxima within ±w; False.
     """
 
     speed_unit: float
@@ -193,7 +186,7 @@ class WindowSettings(NamedTuple):
     nominal_slope: float
     outlier: float
     chunk_peaks: int
-    paper: bool
+    runs: bool
 
 
 class WindowAccumulator:
@@ -203,14 +196,8 @@ class WindowAccumulator:
     ----------
     wheel
         The wheel: units, nominal slope and noise, dead band.
-    method
-        "joint": several scales, each by the variance of its own contrast. "paper": one scale, contiguous runs.
     slots
         Length of the window; the wheel's where None.
-    slope_prior
-        What earlier windows say of the viscous coefficient; the wheel's nominal one where None.
-    false_candidates
-        Candidates wanted by chance in a window without a jump (joint).
 
     Examples
     --------
@@ -227,21 +214,12 @@ class WindowAccumulator:
     [2500]
     """
 
-    def __init__(
-        self,
-        wheel: Wheel,
-        method: Method = "joint",
-        slots: int | None = None,
-        slope_prior: SlopePrior | None = None,
-        false_candidates: float = FALSE_CANDIDATES,
-    ) -> None:
+    def __init__(self, wheel: Wheel, slots: int | None = None) -> None:
         self.wheel = wheel
-        self.method: Method = method
         self.slots = wheel.window.samples if slots is None else slots
         self.filled = 0
         self.good = 0
-        self.slope_prior = nominal_slope_prior(wheel) if slope_prior is None else slope_prior
-        self.false_candidates = false_candidates
+        self.slope_prior = nominal_slope_prior(wheel)
         start_std = wheel.noise.friction_std_Nm
         self._start_std = None if start_std is None else start_std / wheel.torque_unit_Nm
 
@@ -254,10 +232,8 @@ class WindowAccumulator:
         self._done = 0  # slots that detection has seen
         self._closed = False
 
-        scales: tuple[int, ...] = PAPER_SCALES if method == "paper" else JOINT_SCALES
-        if self.slope_prior is None:
-            # Without any idea of the slope, two neighbouring samples say nothing about a jump.
-            scales = tuple(w for w in scales if w > 1)
+        # Without any idea of the slope, two neighbouring samples show nothing of a jump.
+        scales = SCALES if self.slope_prior is not None else SCALES[1:]
         self._scales: IntArray = np.array(scales, dtype=np.int64)
         self._peaks = PeakList(self._scales)
         self._learned = nothing_learned(len(scales), 0.0 if self.slope_prior is None else self.slope_prior.mean)
@@ -303,7 +279,7 @@ class WindowAccumulator:
             nominal_slope=prior.mean if prior else 0.0,
             outlier=gaussian_outlier(self.slots),
             chunk_peaks=self._peaks.chunk_peaks,
-            paper=self.method == "paper",
+            runs=False,
         )
 
     # ---- samples in ------------------------------------------------------------------------------------------------
@@ -335,7 +311,7 @@ class WindowAccumulator:
         return Gathered(x, z, self._structure.turns(self.filled))
 
     def resume(self, gathered: Gathered) -> None:
-        """Take the samples that another accumulator had gathered, instead of `append`; what they confirm was told.
+        """Take the samples that another accumulator had gathered, instead of `append`; what they confirm was reported.
 
         Raises
         ------
@@ -376,25 +352,19 @@ class WindowAccumulator:
             start_variance,
         )
         noise = estimate_noise(levels, counts, self._scales, variances, self._sums.count, self._start_std)
-        threshold = self._threshold()
-        evidence = self._evidence(noise, self._peaks.above(threshold, variances), threshold)
-        if self.method == "paper":
-            return evidence  # the paper's runs as they are
-        candidates = choose(evidence, self._scales, variances, self._tails(variances, quantiles), self.slope_prior)
-        return replace(evidence, candidates=candidates)
-
-    def _evidence(self, noise: NoiseEstimate, candidates: Candidates, threshold: float) -> Evidence:
-        """Return the evidence of the slots seen so far."""
-        return Evidence(
+        threshold = max(threshold_for(FALSE_CANDIDATES, TESTS_PER_SLOT * self._sums.count), KEPT_STATISTIC)
+        evidence = Evidence(
             slots=self._done,
             good=self.good,
             used=self._sums.count,
-            candidates=candidates,
+            candidates=self._peaks.above(threshold, variances),
             sums=self._sums,
             noise=noise,
             threshold=threshold,
             structure=self._structure.close(),
         )
+        candidates = choose(evidence, self._scales, variances, self._outliers(variances, quantiles), self.slope_prior)
+        return replace(evidence, candidates=candidates)
 
     # ---- detection -------------------------------------------------------------------------------------------------
 
@@ -409,42 +379,38 @@ class WindowAccumulator:
         """Take new slots and detect in all that are there; return the jumps that became certain."""
         events: list[ConfirmedCandidate] = []
         while True:
-            count, self._done, told, why = gather(
+            count, self._done, reported, why = gather(
                 self._window, speed_rad_s, torque_Nm, good, self.filled, self._done, last
             )
             self.good += count
             self.filled += speed_rad_s.size
             self._sums.slots = self._done
-            if told:
-                events += self._announced(told)
+            if reported:
+                events += self._announced(reported)
             if why == ALL_DONE:
                 return events
             if why == NO_ROOM:
-                self._peaks.make_room(self._learned.bars[VARIANCE])
+                self._peaks.make_room(self._learned.thresholds[VARIANCE])
                 self._window = Window(self._arrays, self._settings, self._peaks.arrays)
             else:
                 numbers = self._learned.numbers
                 counted, median, far = numbers[COUNTED:OUTLIER].tolist()
-                tails = self._tails(self._learned.bars[VARIANCE], (counted, median, far))
-                numbers[OUTLIER] = tails.largest_outlier
+                outliers = self._outliers(self._learned.thresholds[VARIANCE], (counted, median, far))
+                numbers[OUTLIER] = outliers.largest_outlier
             speed_rad_s, torque_Nm, good = _NO_VALUES, _NO_VALUES, _NO_SLOTS
 
-    def _tails(self, variances: FloatArray, quantiles: tuple[float, float, float]) -> Tails:
+    def _outliers(self, variances: FloatArray, quantiles: tuple[float, float, float]) -> OutlierModel:
         variance = float(variances[0])
-        if self.method == "paper" or not math.isfinite(variance):
-            return Tails(math.inf, 0.0)  # the paper takes the noise as Gaussian
-        return estimate_tails(quantiles, variance, self.slots)
+        if not math.isfinite(variance):
+            return OutlierModel(math.inf, 0.0)
+        return estimate_outliers(quantiles, variance, self.slots)
 
-    def _announced(self, told: int) -> list[ConfirmedCandidate]:
-        """Return the peaks that were told of, as events."""
-        index, (jump, std, normalised) = self._peaks.arrays.told[:told], self._peaks.arrays.told_values[:, :told]
+    def _announced(self, reported: int) -> list[ConfirmedCandidate]:
+        """Return the reported peaks as events."""
+        index, (jump, std, normalised) = (
+            self._peaks.arrays.reported[:reported],
+            self._peaks.arrays.reported_values[:, :reported],
+        )
         chance = PEAK_TESTS_PER_SLOT * self.slots * special.chdtrc(1, normalised)
         columns = (index, jump, std, np.maximum(1.0 - chance, 0.0))
         return [ConfirmedCandidate(*row) for row in zip(*(column.tolist() for column in columns), strict=True)]
-
-    # ---- at the close ----------------------------------------------------------------------------------------------
-
-    def _threshold(self) -> float:
-        if self.method == "paper":
-            return CONFIRMED_STATISTIC
-        return max(threshold_for(self.false_candidates, TESTS_PER_SLOT * self._sums.count), KEPT_STATISTIC)

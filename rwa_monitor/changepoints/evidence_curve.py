@@ -1,9 +1,9 @@
-"""The wGLR over a window as one curve, for a person to look at: how much speaks for a jump of the friction, and where.
+"""The wGLR over a window as one curve, for a person to look at: the evidence of a jump of the friction, slot by slot.
 
 The detection itself keeps only its peaks. Here the same kernel is run once more over a window's samples, at its wider
 scales, and at each slot the largest of them is shown, each in units of the variance of its own contrast (errata 17).
-The bar is the one that the window's candidates must clear. A slot above it is no jump yet: near a large jump the curve
-has side lobes (errata 4), and of so many slots and scales some rise above it by chance.
+The threshold is the one that the window's candidates must clear. A slot above it is no jump yet: near a large jump the
+curve has side lobes (errata 4), and of so many slots and scales some rise above it by chance.
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ from typing import Final
 
 import numpy as np
 
-from rwa_monitor.changepoints.changepoints import TESTS_PER_SLOT, threshold_for
-from rwa_monitor.changepoints.evidence import FALSE_CANDIDATES, JOINT_SCALES
+from rwa_monitor.changepoints.candidates import TESTS_PER_SLOT, threshold_for
+from rwa_monitor.changepoints.evidence import FALSE_CANDIDATES, SCALES
 from rwa_monitor.changepoints.noise import chi_variance
 from rwa_monitor.kernels.evidence import KEPT_STATISTIC
 from rwa_monitor.kernels.noise import SMALLEST_STD, lean
@@ -24,8 +24,8 @@ from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 # The slope is the window's own, known: W_b so large against any window's Σ(x - x̄)² that it is not estimated again.
 KNOWN_SLOPE: Final = 1e12
 # Most tests of a window, and so most peaks by chance, are those of one or two samples; what they alone see is a spike.
-SHOWN_SCALES: Final = tuple(scale for scale in JOINT_SCALES if scale >= 4)
-LEAST_USED: Final = 64  # slots below which no variance can be told
+SHOWN_SCALES: Final = tuple(scale for scale in SCALES if scale >= 4)
+LEAST_USED: Final = 64  # slots below which no variance can be estimated
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,7 +1,7 @@
-"""Running sums of a window: the moments of any range of slots in constant time, from little memory.
+"""Running sums of a window: the sufficient statistics of any range of slots in constant time, from little memory.
 
-Prefix sums of (n, x, z, x², xz, z²) over the used samples are kept at every 16th slot only. A range's moments are the
-difference of two of them, mended by at most 15 samples at each end. All sums are taken in slot order from the
+Prefix sums of (n, x, z, x², xz, z²) over the used samples are kept at every 16th slot only. A range's statistics
+are the difference of two of them, mended by at most 15 samples at each end. All sums are taken in slot order from the
 window's first slot, so that they do not depend on how the samples arrived; x and z are centred on the window's first
 samples, so that an offset far larger than the noise costs no digits.
 """
@@ -14,13 +14,15 @@ from typing import Final, NamedTuple
 import numpy as np
 
 from rwa_monitor.kernels.running_sums import STRIDE, extend_checkpoints, find_centre, range_moments
+from rwa_monitor.kernels.structure import BLOCK, STRETCH
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
+from rwa_monitor.wheel.effects.torque_ripple import MAX_HARMONIC
 
 MOMENTS: Final = 6  # n, x, z, xx, xz, zz
 
 
 @dataclass(frozen=True, slots=True)
-class Moments:
+class SufficientStatistics:
     """Sums over the used samples of ranges of slots.
 
     Attributes
@@ -83,7 +85,7 @@ class SumArrays(NamedTuple):
 
 
 class RunningSums:
-    """Moments of any range of a window's slots; all that the later stages see of its samples.
+    """Sufficient statistics of any range of a window's slots; all that the later stages see of its samples.
 
     Parameters
     ----------
@@ -135,8 +137,8 @@ class RunningSums:
         extend_checkpoints(self.arrays, self.running, self.slots, stop)
         self.slots = stop
 
-    def between(self, start: IntArray, stop: IntArray) -> Moments:
-        """Return the moments of the slots [start, stop), element by element; empty ranges give zeros.
+    def between(self, start: IntArray, stop: IntArray) -> SufficientStatistics:
+        """Return the sufficient statistics of the slots [start, stop), element by element; empty ranges give zeros.
 
         Parameters
         ----------
@@ -154,4 +156,109 @@ class RunningSums:
         if read < 0:
             raise IndexError(f"a range reaches beyond the window's {self.slots} slots")
         self.samples_read += read
-        return Moments(out.reshape(MOMENTS, *starts.shape))
+        return SufficientStatistics(out.reshape(MOMENTS, *starts.shape))
+
+
+# ---- structure -------------------------------------------------------------------------------------------------------
+# The running sums hold neither the direction of rotation, nor the samples in the dead band, nor the wheel's angle. Here
+# each is kept in little memory while the samples come in: the direction of every block of slots, the statistics of the
+# dead band's samples, and how much of the friction repeats with the wheel's angle in some short stretches.
+
+
+ZERO_RUNS: Final = 5  # zeros in a row, the first and the second reading after them, zero runs and plateaus so far
+NEAR_ZERO: Final = 4  # n, Σx, Σz, Σz² of the dead band's samples of a block
+STRETCHES: Final = 20
+HARMONICS: Final = 2 * MAX_HARMONIC  # `torque_ripple` holds a harmonic and its double
+
+
+@dataclass(frozen=True, slots=True)
+class Structure:
+    """What the running sums do not hold of a window.
+
+    Attributes
+    ----------
+    direction
+        float64 (blocks,), mean of sign(ω) over the used samples of each block of 64 slots; 0 where there are none.
+    near_zero
+        float64 (4, blocks): n, Σx, Σz, Σz² of the good samples in the dead band whose sign of ω is certain.
+    ripple
+        float64 (stretches, harmonics), power of the friction at 1 … 96 times the wheel's angle in each stretch without
+        a masked slot, in units that are 2 on average for white noise; NaN where slow friction would look like it.
+    zero_runs, plateaus
+        Runs of speed readings of exactly zero, and how many of them end like a tachometer's dead zone.
+    """
+
+    direction: FloatArray
+    near_zero: FloatArray
+    ripple: FloatArray
+    zero_runs: int
+    plateaus: int
+
+
+class StructureArrays(NamedTuple):
+    """The arrays behind `StructureSums`, as compiled code takes them.
+
+    Attributes
+    ----------
+    signs, counts
+        int64 (blocks,): slots forward less those backward, and good slots.
+    near_zero
+        As in `Structure`.
+    zeros
+        float64 (5,), see `ZERO_RUNS`.
+    ripple
+        As in `Structure`; NaN for a stretch that is not complete or holds a masked slot.
+    """
+
+    signs: IntArray
+    counts: IntArray
+    near_zero: FloatArray
+    zeros: FloatArray
+    ripple: FloatArray
+
+
+class StructureSums:
+    """Gathers a window's `Structure` in slot order; nothing depends on the steps in which the slots come.
+
+    Parameters
+    ----------
+    slots
+        Length of the window.
+    angle_per_x
+        Angle by which the wheel turns in one slot at x = 1 [rad].
+
+    Attributes
+    ----------
+    arrays
+        What compiled code works on.
+    hop
+        Slots from one stretch that is compared with the angle to the next.
+    """
+
+    def __init__(self, slots: int, angle_per_x: float) -> None:
+        blocks = -(-slots // BLOCK)
+        self.angle_per_x = angle_per_x
+        self.hop = max(STRETCH, slots // STRETCHES // BLOCK * BLOCK)
+        self.arrays = StructureArrays(
+            signs=np.zeros(blocks, dtype=np.int64),
+            counts=np.zeros(blocks, dtype=np.int64),
+            near_zero=np.zeros((NEAR_ZERO, blocks)),
+            zeros=np.zeros(ZERO_RUNS),
+            ripple=np.full((max(0, (slots - STRETCH) // self.hop + 1), HARMONICS), np.nan),
+        )
+
+    def turns(self, filled: int) -> IntArray:
+        """Return, of the blocks that hold the slots [0, filled), the slots forward less those backward; int64."""
+        return self.arrays.signs[: -(-filled // BLOCK)].copy()
+
+    def resume(self, turns: IntArray, good: BoolArray) -> None:
+        """Go on from what `turns` returned and the slots that are good so far, bool (n,)."""
+        self.arrays.signs[: turns.size] = turns
+        self.arrays.counts[: turns.size] = np.bincount(np.arange(good.size) // BLOCK, good, turns.size).astype(np.int64)
+
+    def close(self) -> Structure:
+        """Return what was gathered."""
+        there = np.isfinite(self.arrays.ripple).any(axis=1)
+        zero_runs, plateaus = int(self.arrays.zeros[3]), int(self.arrays.zeros[4])
+        direction = self.arrays.signs / np.maximum(self.arrays.counts, 1)
+        return Structure(direction, self.arrays.near_zero, self.arrays.ripple[there], zero_runs, plateaus)

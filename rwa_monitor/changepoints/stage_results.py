@@ -17,8 +17,7 @@ from typing import Final, Literal, NamedTuple
 
 import numpy as np
 
-from rwa_monitor.changepoints.running_sums import RunningSums
-from rwa_monitor.changepoints.structure import Structure
+from rwa_monitor.changepoints.running_sums import RunningSums, Structure
 from rwa_monitor.kernels import assignment
 from rwa_monitor.samples import FloatArray, IntArray
 
@@ -44,6 +43,11 @@ class NoiseEstimate:
     std: float
     autocovariance: FloatArray
     long_run_factor: float
+
+    @property
+    def long_variance(self) -> float:
+        """Variance by which means of many samples scatter, times their number; no less than that of a sample."""
+        return self.std**2 * max(self.long_run_factor, 1.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,7 +93,7 @@ class Evidence:
     threshold
         The statistic from which a candidate was accepted.
     structure
-        What the running sums do not know of the window.
+        What the running sums do not hold of the window.
     """
 
     slots: int
@@ -114,8 +118,6 @@ class Estimate:
         float64 (m + 1,), dry friction of each interval and its standard deviation, normalised.
     viscous, viscous_std
         Shared viscous coefficient, normalised.
-    rejection_cost
-        float64 (m,), change of -SSE/2σ² when one changepoint is removed and its intervals merged (≤ 0).
     rmse, excess_rmse
         Root mean square residual, and the same less the noise's standard deviation, normalised.
     """
@@ -125,13 +127,12 @@ class Estimate:
     level_std: FloatArray
     viscous: float
     viscous_std: float
-    rejection_cost: FloatArray
     rmse: float
     excess_rmse: float
 
 
 @dataclass(frozen=True, slots=True)
-class Story:
+class SwitchingPath:
     """Who jumped when: all that the friction model needs of an assignment.
 
     Attributes
@@ -146,10 +147,10 @@ class Story:
     starts: tuple[IntArray, ...]
     unattributed: IntArray
 
-    def flat(self) -> FlatStory:
+    def flat(self) -> FlatPath:
         """Return the same, all systems in one array."""
         none = np.zeros(0, dtype=np.int64)  # a wheel may have no system
-        return FlatStory(
+        return FlatPath(
             np.concatenate((none, *self.configurations)),
             np.concatenate((none, *self.starts)),
             np.array([configurations.size for configurations in self.configurations], dtype=np.int64),
@@ -157,8 +158,8 @@ class Story:
         )
 
 
-class FlatStory(NamedTuple):
-    """A story as kernels take it.
+class FlatPath(NamedTuple):
+    """A switching path as kernels take it.
 
     Attributes
     ----------
@@ -167,7 +168,7 @@ class FlatStory(NamedTuple):
     sojourns
         int64 (systems,), how many of these each has.
     unattributed
-        As in `Story`.
+        As in `SwitchingPath`.
     """
 
     configurations: IntArray
@@ -180,31 +181,31 @@ class FlatStory(NamedTuple):
         ends = itertools.accumulate(self.sojourns.tolist(), initial=0)
         return tuple(values[begin:end] for begin, end in itertools.pairwise(ends))
 
-    def story(self) -> Story:
-        """Return the story."""
-        return Story(self.split(self.configurations), self.split(self.starts), self.unattributed)
+    def by_system(self) -> SwitchingPath:
+        """Return the same, system by system."""
+        return SwitchingPath(self.split(self.configurations), self.split(self.starts), self.unattributed)
 
 
 @dataclass(frozen=True, slots=True)
-class Rival:
-    """A story that the samples do not rule out beside the one that is told.
+class Alternative:
+    """A switching path that the samples do not rule out beside the best one.
 
     Attributes
     ----------
-    story
+    path
         Who jumped when.
     index
         int64, slots of all its jumps, without repeats.
-    log_laws
-        Log-probability of the story by durations, transitions and rare events, together with all stories in which the
+    log_durations
+        Log-likelihood of the path by durations, transitions and rare events, together with all paths in which the
         systems go through the same configurations.
     log_score
         Its log-likelihood under broad friction laws, on the scale of `Assignment.log_score`.
     """
 
-    story: Story
+    path: SwitchingPath
     index: IntArray
-    log_laws: float
+    log_durations: float
     log_score: float
 
 
@@ -229,8 +230,8 @@ class Assignment:
         Log-likelihood of the best path, up to a constant.
     states, pruned
         Work done: states expanded, and whether the state budget cut the search.
-    rivals
-        Stories that the samples do not rule out, the one that is told first.
+    alternatives
+        Paths that the samples do not rule out, the best first.
     """
 
     index: IntArray
@@ -244,24 +245,24 @@ class Assignment:
     log_score: float
     states: int
     pruned: bool
-    rivals: tuple[Rival, ...] = ()
+    alternatives: tuple[Alternative, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
-class Reading:
-    """What the samples say of friction if one story is true, friction laws left aside; normalised.
+class ConditionalEstimate:
+    """The estimate of friction given one path, friction laws left aside; normalised.
 
     Attributes
     ----------
-    story
+    path
         Who jumped when.
     log_weight
-        Log-probability of story and samples, base and friction of the sojourns integrated out over flat priors.
+        Log-probability of path and samples, base and friction of the sojourns integrated out over flat priors.
     base_dry, base_dry_std, fss_friction, fss_friction_std
         As in `Components`. Where a system never rests, one split of many between it and the base.
     """
 
-    story: Story
+    path: SwitchingPath
     log_weight: float
     base_dry: float
     base_dry_std: float
@@ -281,11 +282,8 @@ class Components:
         Viscous coefficient.
     fss_friction, fss_friction_std
         For each system: float64 (sojourns,), friction of each sojourn (0 in configuration 0).
-    base_ambiguous
-        True where a system never visits q = 0 in the window, so that base and system are told apart by friction
-        laws or earlier windows only (errata 10).
-    readings
-        The same by all stories that the samples do not rule out, where there is more than one.
+    by_path
+        The same by all paths that the samples do not rule out, where there is more than one.
     """
 
     base_dry: float
@@ -294,5 +292,4 @@ class Components:
     viscous_std: float
     fss_friction: tuple[FloatArray, ...]
     fss_friction_std: tuple[FloatArray, ...]
-    base_ambiguous: bool
-    readings: tuple[Reading, ...] = ()
+    by_path: tuple[ConditionalEstimate, ...] = ()

@@ -68,7 +68,7 @@ class Measured:
 
 @dataclass(frozen=True, slots=True)
 class TuningCheck:
-    """What a simulation says of a tuning.
+    """The result of a simulation of a tuning.
 
     Attributes
     ----------
@@ -173,8 +173,8 @@ def tune(
     half_width: FloatArray = np.arange(1, LONGEST_HALF + 1, dtype=np.float64)
     terms = _terms(half_width, acceleration, prior_weight)
     shift = terms.shift * slope_error / noise_std
-    bar = _bar(shift, terms.std, 1.0 / run_length)
-    reached = jump_sigmas * np.sqrt(terms.energy) - shift - bar
+    threshold = _threshold(shift, terms.std, 1.0 / run_length)
+    reached = jump_sigmas * np.sqrt(terms.energy) - shift - threshold
     enough = np.flatnonzero(reached >= -float(special.ndtri(missed)) * terms.std)
     if enough.size == 0:
         raise InputError(
@@ -183,21 +183,21 @@ def tune(
     k = int(enough[0])
     return Tuning(
         half_width=k + 1,
-        threshold=float(bar[k] ** 2),
+        threshold=float(threshold[k] ** 2),
         prior_weight=prior_weight,
         information=jump_sigmas**2 * float(terms.energy[k]),
         missed=float(special.ndtr(-reached[k] / terms.std[k])),
-        run_length=1.0 / float(_above(bar[k], shift[k], terms.std[k])),
+        run_length=1.0 / float(_above(threshold[k], shift[k], terms.std[k])),
     )
 
 
-def _above(bar: FloatArray, shift: FloatArray, std: FloatArray) -> FloatArray:
-    """Return the probability that |shift + std · N(0, 1)| exceeds the bar."""
-    return np.asarray(special.ndtr((shift - bar) / std) + special.ndtr(-(bar + shift) / std))
+def _above(threshold: FloatArray, shift: FloatArray, std: FloatArray) -> FloatArray:
+    """Return the probability that |shift + std · N(0, 1)| exceeds the threshold."""
+    return np.asarray(special.ndtr((shift - threshold) / std) + special.ndtr(-(threshold + shift) / std))
 
 
-def _bar(shift: FloatArray, std: FloatArray, probability: float) -> FloatArray:
-    """Return the bar that |shift + std · N(0, 1)| exceeds with a probability, by bisection; float64 (n,)."""
+def _threshold(shift: FloatArray, std: FloatArray, probability: float) -> FloatArray:
+    """Return the threshold that |shift + std · N(0, 1)| exceeds with a probability, by bisection; float64 (n,)."""
     low = np.zeros_like(shift)
     high = shift + std * float(-special.ndtri(probability / 2.0))  # enough: both tails are below half of it there
     for _ in range(60):  # bisections of a number of order 10: down to its last bit
@@ -236,7 +236,7 @@ def check(
     trials
         Windows for each rate; fewer where windows are long.
     """
-    w, bar = tuning.half_width, np.sqrt(tuning.threshold)
+    w, threshold = tuning.half_width, np.sqrt(tuning.threshold)
     contrast, ramp = _contrast(w, acceleration, tuning.prior_weight)
     length = 2 * w * (1 + CONTEXT)
     trials = max(min(trials, SIMULATED // length), 100)
@@ -245,11 +245,11 @@ def check(
     towards = -np.sign(contrast @ ramp) or 1.0  # the sign of the slope error that makes the jump look smaller
     signal_ = step + towards * off * ramp
     mean, norm = float(contrast @ signal_), float(np.linalg.norm(contrast))
-    tilt = (bar - mean) / norm
+    tilt = (threshold - mean) / norm
     noise = rng.standard_normal((trials, 2 * w)) + tilt * contrast / norm
     weight = np.exp(-tilt * (noise @ contrast) / norm + tilt**2 / 2.0)
-    missed = weight * ((noise + signal_) @ contrast < bar)
-    above, alarms = _false_alarms(contrast, ramp, off, bar, rng, trials, length)
+    missed = weight * ((noise + signal_) @ contrast < threshold)
+    above, alarms = _false_alarms(contrast, ramp, off, threshold, rng, trials, length)
     per_sample, per_alarm = _mean(above), _mean(alarms)
     return TuningCheck(_mean(missed), _inverse(per_sample), _inverse(per_alarm), trials)
 
@@ -272,27 +272,27 @@ def _false_alarms(
     contrast: FloatArray,
     ramp: FloatArray,
     off: float,
-    bar: float,
+    threshold: float,
     rng: np.random.Generator,
     trials: int,
     length: int,
 ) -> tuple[FloatArray, FloatArray]:
-    """Return for each trial its weighted count of samples above the bar and of alarms; float64 (trials,) each."""
+    """Return for each trial its weighted count of samples above the threshold and of alarms; float64 (trials,) each."""
     w, norm = contrast.size // 2, float(np.linalg.norm(contrast))
     shift = off * float(contrast @ ramp)
     begin = length // 2 - w  # of the window in the middle of a stretch
     toward = rng.choice([-1.0, 1.0], trials)
     # Both sides of the threshold are drawn, each as often; the slope's shift makes one nearer than the other.
-    tilt = (toward * bar - shift) / norm
+    tilt = (toward * threshold - shift) / norm
     noise = rng.standard_normal((trials, length))
     noise[:, begin : begin + 2 * w] += tilt[:, None] * contrast / norm
     along = noise[:, begin : begin + 2 * w] @ contrast / norm
-    sides = [np.exp(t * along - t * t / 2.0) for t in ((bar - shift) / norm, (-bar - shift) / norm)]
+    sides = [np.exp(t * along - t * t / 2.0) for t in ((threshold - shift) / norm, (-threshold - shift) / norm)]
     weight = 2.0 / (sides[0] + sides[1])
     # The shift by the slope's error is the same at every place: a steady acceleration looks alike everywhere.
-    statistic = np.abs(signal.fftconvolve(noise, contrast[None, ::-1], mode="valid", axes=1) + shift) > bar
+    statistic = np.abs(signal.fftconvolve(noise, contrast[None, ::-1], mode="valid", axes=1) + shift) > threshold
     above = statistic[:, begin]
-    # The run of samples above the bar that holds the middle one.
+    # The run of samples above the threshold that holds the middle one.
     after = np.argmin(statistic[:, begin:], axis=1)
     before = np.argmin(statistic[:, begin::-1], axis=1)
     # argmin gives 0 where all are above: a run longer than what was looked at counts with the length seen.

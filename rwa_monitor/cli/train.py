@@ -28,6 +28,7 @@ def command(labels_file: Path, wheel_file: Path, output: Path, scheduler: str | 
     from rwa_monitor.batch.cluster import each
     from rwa_monitor.batch.tasks import ReadFeatures
     from rwa_monitor.diagnosis.training import LabelledFeatures, train
+    from rwa_monitor.paper.classification import with_classifiers
     from rwa_monitor.telemetry.files import display_name
     from rwa_monitor.telemetry.labels import read_labels
     from rwa_monitor.telemetry.model_file import write_model
@@ -38,13 +39,14 @@ def command(labels_file: Path, wheel_file: Path, output: Path, scheduler: str | 
     files = read_labels(labels_file)
     reader = ReadFeatures(wheel)
     outcomes = each(reader, [file.path for file in files], scheduler=scheduler, workers=workers)
-    windows, failed = [], 0
+    joint, paper, failed = [], [], 0
     for file, outcome in zip(files, track(outcomes, len(files), "reading windows"), strict=True):
         if outcome.result is None:
             log(outcome.error)
             failed += 1
         else:
-            windows += [LabelledFeatures(joint, paper, file.anomalies) for joint, paper in outcome.result]
+            joint += [LabelledFeatures(features, file.anomalies) for features, _ in outcome.result]
+            paper += [LabelledFeatures(features, file.anomalies) for _, features in outcome.result]
     if failed:
         # A model that silently learned from less than its labels say would look like any other.
         raise InputError(
@@ -52,6 +54,6 @@ def command(labels_file: Path, wheel_file: Path, output: Path, scheduler: str | 
         )
     names = [display_name(path) for path in (labels_file, wheel_file, output)]
     again = shlex.join(["rwa-monitor", "train", names[0], "--wheel", names[1], "-o", names[2]])
-    model = train(windows, wheel, source=labels_file.name, command=again)
+    model = with_classifiers(train(joint, wheel, source=labels_file.name, command=again), paper)
     write_model(model, output)
-    log(f"{names[2]}: learned from {counted(len(windows), 'window')} of {counted(len(files), 'file')}")
+    log(f"{names[2]}: learned from {counted(len(joint), 'window')} of {counted(len(files), 'file')}")

@@ -1,6 +1,6 @@
 """Does the friction model fit the window? A cheap check at every window close, from running sums alone.
 
-The model says that between jumps friction is a level plus one viscous slope plus noise, and that jumps are as frequent
+The model is that between jumps friction is a level plus one viscous slope plus noise, and that jumps are as frequent
 as the switching systems make them. What it leaves out shows in one of these, each a test of its own:
 
 * **slopes**: intervals at different speeds have different slopes;
@@ -25,11 +25,11 @@ from typing import Final
 import numpy as np
 from scipy import special
 
+from rwa_monitor.changepoints.estimation import Blocks, residual_blocks
 from rwa_monitor.changepoints.noise import ar_coefficient
+from rwa_monitor.changepoints.running_sums import HARMONICS
 from rwa_monitor.changepoints.stage_results import REJECTED, UNATTRIBUTED, Assignment, Estimate, Evidence, NoiseEstimate
-from rwa_monitor.changepoints.structure import HARMONICS
-from rwa_monitor.diagnosis.residual_blocks import Blocks, residual_blocks
-from rwa_monitor.kernels.adequacy import crossing_deviations, deviations_of_slopes, lasting, side_differences
+from rwa_monitor.kernels.adequacy import lasting
 from rwa_monitor.kernels.structure import BLOCK
 from rwa_monitor.samples import FloatArray
 from rwa_monitor.wheel.switching_systems import jumping_chain_law
@@ -40,6 +40,8 @@ DISAGREEING_SIGMAS: Final = 4.0
 # A single missed jump bends one or two intervals. Only more than these are held against the model.
 DISAGREEING_INTERVALS: Final = 3
 DISAGREEING_SHARE: Final = 0.25
+MIN_INTERVAL: Final = 30.0  # samples: the slope of a shorter interval is not known
+SMALLEST_SPREAD: Final = 1e-9  # of Σx²: of less, rounding is a part
 # Healthy windows have at most one unattributed jump, and at most 1.2 standard deviations more jumps than expected
 # (their durations are more regular than a Poisson process, whose spread is used).
 UNATTRIBUTED_JUMPS: Final = 3
@@ -59,7 +61,9 @@ PERSISTS: Final = (60.0, 0.18)
 NEAR_ZERO_RATIO: Final = 5.0  # mean squared deviation over the noise's from which a crossing disagrees
 FEWEST_CROSSINGS: Final = 2  # that must disagree: a short sojourn may fall into one
 CROSSING_SHARE: Final = 0.5  # of all crossings
+FEWEST_NEAR_ZERO: Final = 4.0  # samples of a crossing
 
+SIDE_BLOCKS: Final = 4  # on either side of a crossing
 FEWEST_SIDES: Final = 3  # crossings that must disagree alike: jumps up and down may fall into two
 SIDE_SHARE: Final = 0.75  # of all crossings
 SIDES_ALIKE: Final = 2.0  # the largest of these differences over the smallest: jumps have many sizes
@@ -146,8 +150,16 @@ def _slope_deviations(evidence: Evidence, estimate: Estimate) -> tuple[FloatArra
     """Return each interval's slope less the common one in standard deviations, and its mean speed; (intervals,)."""
     edges = np.concatenate(([0], estimate.index, [evidence.slots]))
     sums = evidence.sums.between(edges[:-1], edges[1:])
-    variance = evidence.noise.std**2 * max(evidence.noise.long_run_factor, 1.0)
-    return deviations_of_slopes(sums.table, variance)
+    variance = evidence.noise.long_variance
+    n = np.maximum(sums.n, 1.0)
+    spread, cross = sums.xx - sums.x * sums.x / n, sums.xz - sums.x * sums.z / n
+    # The slope must be known to a tenth of what speed spans: else rounding is read as a slope.
+    shown = (sums.n >= MIN_INTERVAL) & (spread > SMALLEST_SPREAD * np.maximum(sums.xx, 1e-300))
+    if np.count_nonzero(shown) < 2 or not variance > 0.0:
+        return np.zeros(0), np.zeros(0)
+    spread, cross = spread[shown], cross[shown]
+    deviation = (cross / spread - cross.sum() / spread.sum()) * np.sqrt(spread / variance)
+    return np.asarray(deviation), np.asarray((sums.x / n)[shown])
 
 
 # ---- sides -----------------------------------------------------------------------------------------------------------
@@ -175,17 +187,26 @@ def half_differences(evidence: Evidence, blocks: Blocks) -> FloatArray:
     float64 (crossings,). Within four blocks on either side, up to the next changepoint; only jumps in the
     crossing itself are in it, and they do not follow the direction.
     """
-    variance = evidence.noise.std**2 * max(evidence.noise.long_run_factor, 1.0)
+    variance = evidence.noise.long_variance
     smallest = SMALLEST_SIDE * evidence.noise.std / SIDE_SIGMAS
-    return side_differences(
-        evidence.structure.direction,
-        blocks.n,
-        blocks.friction,
-        blocks.interval,
-        blocks.usable,
-        variance,
-        smallest,
-    )
+    direction = evidence.structure.direction[: blocks.n.size]
+    one_way = np.flatnonzero(blocks.usable & (np.abs(direction) == 1.0))
+    turns = np.flatnonzero(np.diff(direction[one_way]))
+    found = []
+    for left, right in zip(one_way[turns].tolist(), one_way[turns + 1].tolist(), strict=True):
+        before, before_n = _mean_beside(blocks, direction, range(max(left - SIDE_BLOCKS + 1, 0), left + 1), left)
+        after, after_n = _mean_beside(blocks, direction, range(right, right + SIDE_BLOCKS), right)
+        std = 0.5 * math.sqrt(variance * (1.0 / before_n + 1.0 / after_n))
+        found.append(0.5 * (after - before) * direction[right] / max(std, smallest))
+    return np.array(found)
+
+
+def _mean_beside(blocks: Blocks, direction: FloatArray, near: range, own: int) -> tuple[float, float]:
+    """Return the mean friction of the near blocks of one interval and direction with block `own`, and its samples."""
+    place = slice(near.start, near.stop)
+    alike = blocks.usable[place] & (blocks.interval[place] == blocks.interval[own])
+    n = np.where(alike & (direction[place] == direction[own]), blocks.n[place], 0.0)
+    return float(n @ blocks.friction[place] / n.sum()), float(n.sum())
 
 
 # ---- near zero -------------------------------------------------------------------------------------------------------
@@ -218,10 +239,26 @@ def near_zero_deviations(evidence: Evidence, estimate: Estimate) -> tuple[FloatA
         Mean squared deviation over the noise's variance; mean deviation [torque].
     """
     structure = evidence.structure
-    ratio, excess = crossing_deviations(
-        structure.near_zero, structure.direction, estimate.index, estimate.level, estimate.viscous, BLOCK
-    )
-    return ratio / evidence.noise.std**2, excess
+    n, direction = structure.near_zero[0], structure.direction
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], n != 0.0, [False])).astype(np.int8)))
+    squares, deviations = [], []
+    for first, stop in edges.reshape(-1, 2).tolist():
+        if first == 0 or stop == n.size or not direction[first - 1] * direction[stop] < 0.0:
+            continue
+        low, high = np.searchsorted(estimate.index, [(first - 1) * BLOCK, (stop + 1) * BLOCK]).tolist()
+        count, x, z, zz = structure.near_zero[:, first:stop]
+        # Each block is compared with the best of the levels beside it: (levels, blocks).
+        expected = estimate.level[low : high + 1, None] + estimate.viscous * x / count
+        square = np.maximum(zz - 2.0 * expected * z + count * expected**2, 0.0)
+        best = np.argmin(square, axis=0), np.arange(count.size)
+        counted = np.ones(count.size)
+        if high > low:  # a jump lies in or next to the crossing: the worst block holds it
+            counted[np.argmax(square[best])] = 0.0
+        samples = float(counted @ count)
+        if samples >= FEWEST_NEAR_ZERO:
+            squares.append(float(counted @ square[best]) / samples)
+            deviations.append(float(counted @ (z - count * expected[best])) / samples)
+    return np.array(squares) / evidence.noise.std**2, np.array(deviations)
 
 
 # ---- ripple ----------------------------------------------------------------------------------------------------------
@@ -232,9 +269,9 @@ def ripple_finding(evidence: Evidence) -> Adequacy | None:
     ripple = evidence.structure.ripple
     if len(ripple) == 0:
         return None
-    told = np.isfinite(ripple)
-    power = np.where(told, np.minimum(ripple, RIPPLE_CAP), 0.0).sum(axis=0)
-    over_chance = power / _ripple_by_chance(len(ripple))[np.count_nonzero(told, axis=0)]
+    shown = np.isfinite(ripple)
+    power = np.where(shown, np.minimum(ripple, RIPPLE_CAP), 0.0).sum(axis=0)
+    over_chance = power / _ripple_by_chance(len(ripple))[np.count_nonzero(shown, axis=0)]
     strongest = int(np.argmax(over_chance))
     # The least allowance is looked at first: as nearly always, nothing is left to allow for.
     if over_chance[strongest] < RIPPLE_COLOUR[0]:
@@ -247,8 +284,8 @@ def ripple_finding(evidence: Evidence) -> Adequacy | None:
 @functools.lru_cache(maxsize=256)
 def _ripple_by_chance(stretches: int) -> FloatArray:
     """Return the summed power that white noise exceeds in any harmonic with `RIPPLE_CHANCE`; over 0 … stretches."""
-    told = np.arange(stretches + 1)
-    return np.asarray(special.chdtri(2.0 * np.maximum(told, 1), RIPPLE_CHANCE / HARMONICS))
+    shown = np.arange(stretches + 1)
+    return np.asarray(special.chdtri(2.0 * np.maximum(shown, 1), RIPPLE_CHANCE / HARMONICS))
 
 
 def _spectral_peak(noise: NoiseEstimate) -> float:

@@ -1,4 +1,4 @@
-"""The shift that a system which never rests shares with the base dry friction (errata 10), integrated out.
+"""The offset that a system which never rests shares with the base dry friction (errata 10), integrated out.
 
 Where a switching system never rests in the window, only the sum of its friction and the base dry friction is measured.
 All splits of the sum are weighed, for all combinations of the anomalies concerned.
@@ -16,17 +16,16 @@ import numpy as np
 
 from rwa_monitor.diagnosis.features import Features
 from rwa_monitor.diagnosis.history import Coefficient
-from rwa_monitor.diagnosis.likelihood import system_evidence
-from rwa_monitor.diagnosis.model import AnomalyModel
+from rwa_monitor.diagnosis.model import AnomalyModel, system_evidence
 from rwa_monitor.kernels.order_statistics import sum_up
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 
-SHIFT_STEPS: Final = 1024  # grid over which an unknown shift is integrated, from no shift to all of the dry friction
+OFFSET_STEPS: Final = 1024  # grid over which an unknown offset is integrated, from no offset to all of the dry friction
 
 
 @dataclass(frozen=True, slots=True)
-class Shift:
-    """The unknown shift, integrated out, for each combination of dry and the k systems that never rest.
+class BaseSystemAmbiguity:
+    """The unknown offset, integrated out, for each combination of dry and the k systems that never rest.
 
     Attributes
     ----------
@@ -54,7 +53,7 @@ class Shift:
     def apply(self, features: Features, posterior: FloatArray, number: IntArray) -> Features:
         """Return the features at the expected base; what the base loses, the system that never rests gains.
 
-        With several such systems the data do not say how they share it, and stage 3's split of them stays.
+        With several such systems the data do not show how they share it, and stage 3's split of them stays.
         """
         weights = self._weights(posterior, number)
         mean = sum_up(weights * self.base)
@@ -78,12 +77,12 @@ class Shift:
         return np.bincount(number, weights=posterior, minlength=self.base.size).astype(np.float64)
 
 
-def integrate_shift(
+def integrate_ambiguity(
     features: Features,
     dry: Coefficient | None,
     unrested: Sequence[tuple[int, AnomalyModel]],
-) -> Shift:
-    """Integrate the shift of each system that never rests, for all combinations of dry and these systems.
+) -> BaseSystemAmbiguity:
+    """Integrate the offset of each system that never rests, for all combinations of dry and these systems.
 
     With T the level at which every such system is in its first sojourn, base = T - Σ o_s, and the friction of sojourn i
     of system s is o_s + (f_i - f_0): the likelihood is the convolution of the systems' likelihoods with the density of
@@ -94,23 +93,23 @@ def integrate_shift(
     features
         Of the window.
     dry
-        What was learned about dry friction, and earlier windows tell of it; None where nothing was.
+        What was learned of dry friction, and what earlier windows showed of it; None where nothing was.
     unrested
         Index and model of each system that never rests.
     """
     systems = [features.systems[s] for s, _ in unrested]
     first = [float(system.friction[0]) for system in systems]
     total = features.base_dry + sum(first)
-    step = max(total, 1e-3) / (SHIFT_STEPS - 1)
-    grid = step * np.arange(SHIFT_STEPS, dtype=np.float64)
+    step = max(total, 1e-3) / (OFFSET_STEPS - 1)
+    grid = step * np.arange(OFFSET_STEPS, dtype=np.float64)
     tables = [
         _scaled(system_evidence(model, system, grid - start))
         for (_, model), system, start in zip(unrested, systems, first, strict=True)
     ]
-    base = total - grid  # at each sum of shifts
-    of_base, held_of_base = np.ones((2, SHIFT_STEPS)), np.zeros((2, SHIFT_STEPS))
+    base = total - grid  # at each sum of offsets
+    of_base, held_of_base = np.ones((2, OFFSET_STEPS)), np.zeros((2, OFFSET_STEPS))
     if dry is not None:
-        steps = np.full(SHIFT_STEPS, step)
+        steps = np.full(OFFSET_STEPS, step)
         of_base = np.exp(dry.log_evidence(base, steps))
         if dry.before is not None:
             log_held, log_changed = dry.log_parts(base, steps)
@@ -130,11 +129,11 @@ def integrate_shift(
             mean[number] = sum_up(weight * base) / mass
             variance[number] = sum_up(weight * (base - mean[number]) ** 2) / mass
             held[number] = sum_up(weight * held_of_base[bits[0]]) / mass
-    return Shift(log_likelihood, mean, variance, held, tuple(s for s, _ in unrested))
+    return BaseSystemAmbiguity(log_likelihood, mean, variance, held, tuple(s for s, _ in unrested))
 
 
 def _convolve(tables: Sequence[tuple[FloatArray, float]]) -> tuple[FloatArray, float]:
-    """Convolve likelihoods over the grid of shifts; the log of what they were divided by adds up."""
+    """Convolve likelihoods over the grid of offsets; the log of what they were divided by adds up."""
     together, log_scale = tables[0]
     for table, scale in tables[1:]:
         together = np.convolve(together, table)[: together.size]

@@ -2,10 +2,10 @@
 
 Each sojourn of a system, and each of dry and viscous friction, is a measurement with its own standard deviation of a
 value that lies in the nominal or in the anomalous band (`model.Levels`). Wide uncertainty makes both densities equal
-and leaves the prior. Where a system never rests, its friction and the base dry friction share an
-unknown shift: all combinations of anomalies are compared with the shift integrated out, so that the base of a healthy
-wheel, the ranges of friction and earlier windows decide together what the shift can be, and what stays ambiguous stays
-probability (errata 10).
+and leaves the prior. Where a system never rests, its friction and the base dry friction share an unknown offset (the
+base/system ambiguity, errata 10): all combinations of anomalies are compared with it integrated out, so that the base
+of a healthy wheel, the ranges of friction and earlier windows decide together what it can be, and what stays ambiguous
+stays probability.
 """
 
 from __future__ import annotations
@@ -20,11 +20,10 @@ from typing import Final, TypeGuard
 import numpy as np
 from scipy import special
 
-from rwa_monitor.diagnosis.base_system_ambiguity import Shift, integrate_shift
-from rwa_monitor.diagnosis.features import Features, FeaturesOfStory
-from rwa_monitor.diagnosis.history import TELLING_STD, Coefficient, coefficient
-from rwa_monitor.diagnosis.likelihood import stray_probabilities, system_evidence
-from rwa_monitor.diagnosis.model import AnomalyModel, Model
+from rwa_monitor.diagnosis.base_system_ambiguity import BaseSystemAmbiguity, integrate_ambiguity
+from rwa_monitor.diagnosis.features import Features, FeaturesOfPath
+from rwa_monitor.diagnosis.history import INFORMATIVE_STD, Coefficient, coefficient
+from rwa_monitor.diagnosis.model import AnomalyModel, Model, stray_probabilities, system_evidence
 from rwa_monitor.kernels.order_statistics import sum_up
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 from rwa_monitor.switching.carried_state import CarriedState, Tracked, probability_before
@@ -47,7 +46,7 @@ class Judged:
         That it is there.
     active
         Whether it is diagnosed.
-    telling
+    informative
         Whether the window or, lately, earlier ones can show it at all; otherwise the probability is that before the
         window.
     unlike
@@ -61,7 +60,7 @@ class Judged:
     name: str
     probability: float
     active: bool
-    telling: bool
+    informative: bool
     unlike: bool
     leans: bool = False
     known: bool = True
@@ -76,7 +75,7 @@ class Judgement:
     anomalies
         One entry each, in the wheel's order.
     features
-        The features with the shift that was found most plausible; the given ones where nothing was ambiguous.
+        The features at the most plausible split of base and systems; the given ones where nothing was ambiguous.
     to_carry
         For each anomaly the probability that the next window starts from.
     configurations
@@ -92,19 +91,19 @@ class Judgement:
     tracked: tuple[Tracked | None, Tracked | None] = (None, None)
 
 
-def configurations_told(features: Features) -> tuple[IntArray, ...]:
-    """Return the configurations of each system's sojourns as the assignment told them, int64 (sojourns,) each."""
+def assigned_configurations(features: Features) -> tuple[IntArray, ...]:
+    """Return the configurations of each system's sojourns by the assignment, int64 (sojourns,) each."""
     return tuple(system.configuration for system in features.systems)
 
 
 def unjudged(features: Features, names: Sequence[str]) -> Judgement:
     """Return the judgement where nothing is known: neither active nor not."""
-    return Judgement(tuple(_not_judged(name) for name in names), features, {}, configurations_told(features))
+    return Judgement(tuple(_not_judged(name) for name in names), features, {}, assigned_configurations(features))
 
 
 def _not_judged(name: str) -> Judged:
     """Return the judgement on an anomaly of which nothing is known: neither active nor not."""
-    return Judged(name, UNKNOWN, active=False, telling=False, unlike=False, known=False)
+    return Judged(name, UNKNOWN, active=False, informative=False, unlike=False, known=False)
 
 
 def classify(
@@ -129,7 +128,7 @@ def classify(
     model
         The whole model, for how likely several anomalies at once are.
     carried
-        What earlier windows tell.
+        What earlier windows showed.
     new_share
         Share of the window's slots that no earlier window had; what is carried on counts the evidence by it, so that
         overlapping windows do not count it twice.
@@ -138,48 +137,57 @@ def classify(
     """
     history = _History(coefficient(models[0], carried.base_dry), coefficient(models[1], carried.viscous, viscous_unit))
     combinations = _all_combinations(len(names))
-    told = features.by_story or (FeaturesOfStory(0.0, features, same_jumps=True),)
-    weighed = [_log_likelihood(one.features, models, combinations, history) for one in told]
-    log_likelihood = np.array([one.log_weight + found[0] for one, found in zip(told, weighed, strict=True)])
+    conditional = features.by_path or (FeaturesOfPath(0.0, features, same_jumps=True),)
+    weighed = [_log_likelihood(one.features, models, combinations, history) for one in conditional]
+    log_likelihood = np.array([one.log_weight + found[0] for one, found in zip(conditional, weighed, strict=True)])
     prior = _prior(combinations, models, names, model, carried, history)
     log_prior = np.log(prior)
-    by_story = _softmax(log_prior + log_likelihood)
-    posterior = by_story.sum(axis=0)
+    by_path = _softmax(log_prior + log_likelihood)
+    posterior = by_path.sum(axis=0)
     likeliest = max(
-        (s for s, one in enumerate(told) if one.same_jumps), key=lambda s: float(by_story[s].sum()), default=None
+        (s for s, one in enumerate(conditional) if one.same_jumps), key=lambda s: float(by_path[s].sum()), default=None
     )
     configurations = (
-        configurations_told(features) if likeliest is None else configurations_told(told[likeliest].features)
+        assigned_configurations(features)
+        if likeliest is None
+        else assigned_configurations(conditional[likeliest].features)
     )
-    shift = None
+    ambiguity = None
     if not features.base_known:
-        # Without stories beside it the window's own features are all that was weighed.
-        shift = (_log_likelihood(features, models, combinations, history) if features.by_story else weighed[0])[1]
+        # Without paths beside it the window's own features are all that was weighed.
+        ambiguity = (_log_likelihood(features, models, combinations, history) if features.by_path else weighed[0])[1]
     base = None if history.dry is None else history.dry.before
-    if shift is None:
+    if ambiguity is None:
         base = history.dry.after(features.base_dry, features.base_dry_std) if history.dry else base
     else:
-        number = shift.number(combinations)
-        features = _widened(shift.apply(features, posterior, number), told, by_story.sum(axis=1))
+        number = ambiguity.number(combinations)
+        features = _widened(ambiguity.apply(features, posterior, number), conditional, by_path.sum(axis=1))
         # The window showed only its sum with the friction of a system: no value to take the old one's place.
-        base = base and base.believed(shift.held_after(posterior, number))
+        base = base and base.believed(ambiguity.held_after(posterior, number))
 
     judged, to_carry = [], {}
     shares, shares_before = shares_of(combinations, posterior), shares_of(combinations, prior)
     for a, (name, learned, share, before) in enumerate(zip(names, models, shares, shares_before, strict=True)):
-        if not _knows(learned):
+        if not _is_known(learned):
             judged.append(_not_judged(name))
             continue
         # Shares that add up to one do so to the last digit only: 1 + 2e-16 would be refused as a probability.
         probability = min(1.0, share)
-        telling, unlike = _quality(features, learned, a)
+        informative, unlike = _quality(features, learned, a)
         leans = a == 1 and history.viscous is not None and history.viscous.leans(features.viscous_std)
         judged.append(
-            Judged(name, probability, active=probability > 0.5, telling=telling or leans, unlike=unlike, leans=leans)
+            Judged(
+                name,
+                probability,
+                active=probability > 0.5,
+                informative=informative or leans,
+                unlike=unlike,
+                leans=leans,
+            )
         )
-        # A coefficient that the window hardly measures is drawn to the same side of doubt by each window like it.
-        hardly = a < 2 and not telling and (a == 1 or shift is None)
-        repeated = hardly or _says_the_same(features, a)
+        # A coefficient that the window hardly measures is drawn to the same side by each window like it.
+        hardly = a < 2 and not informative and (a == 1 or ambiguity is None)
+        repeated = hardly or _repeats(features, a)
         log_odds = _logit(before)
         gained = 0.0 if repeated else new_share * (_logit(probability) - log_odds)
         to_carry[name] = float(special.expit(log_odds + gained))
@@ -206,24 +214,24 @@ def _softmax(scores: FloatArray) -> FloatArray:
     return np.asarray(weights / weights.sum())
 
 
-def _says_the_same(features: Features, a: int) -> bool:
-    """Return whether of this anomaly the next window will say the same again, so that it must not add up to certainty.
+def _repeats(features: Features, a: int) -> bool:
+    """Return whether of this anomaly the next window shows the same again, so that it must not add up to certainty.
 
     A system that made no jump shows nothing at rest; elsewhere it shows only the sum of its friction and the base's,
-    and neither is told from the other however long that lasts.
+    and neither is distinguished from the other however long that lasts.
     """
     if a == 0:
         return any(not system.rests and system.configuration.size < 2 for system in features.systems)
     return a > 1 and features.systems[a - 2].configuration.size < 2
 
 
-def _widened(features: Features, told: Sequence[FeaturesOfStory], weights: FloatArray) -> Features:
-    """Return the features with a base as uncertain as the stories make it in which all systems rest.
+def _widened(features: Features, conditional: Sequence[FeaturesOfPath], weights: FloatArray) -> Features:
+    """Return the features with a base as uncertain as the paths make it in which all systems rest.
 
-    `weights` (stories,) are their probabilities. A base higher by what a system's step is worth, with the system a
-    configuration lower, is another story of the same samples.
+    `weights` (paths,) are their probabilities. A base higher by what a system's step is worth, with the system a
+    configuration lower, is another path of the same samples.
     """
-    apart = [(one.features.base_dry - features.base_dry) * one.features.base_known for one in told]
+    apart = [(one.features.base_dry - features.base_dry) * one.features.base_known for one in conditional]
     spread = float(np.sqrt(weights @ np.square(apart)))
     return replace(features, base_dry_std=math.hypot(features.base_dry_std, spread))
 
@@ -238,33 +246,33 @@ class _History:
 
 def _log_likelihood(
     features: Features, models: Sequence[AnomalyModel | None], combinations: BoolArray, history: _History
-) -> tuple[FloatArray, Shift | None]:
-    """Return the log likelihood of each combination, float64 (combinations,), and the shift integrated for it."""
+) -> tuple[FloatArray, BaseSystemAmbiguity | None]:
+    """Return the log likelihood of each combination, float64 (combinations,), and what was integrated for it."""
     # Systems that never rest are judged together with the base dry friction, all others alone.
     unrested = [
         (s, learned)
         for s, (system, learned) in enumerate(zip(features.systems, models[2:], strict=True))
-        if not system.rests and _knows(learned)
+        if not system.rests and _is_known(learned)
     ]
     log_likelihood = np.zeros(len(combinations))
     for a, rows in enumerate(_evidence_alone(features, models, history, dry_too=not unrested)):
         log_likelihood += np.where(combinations[:, a], rows[1], rows[0])
     if not unrested:
         return log_likelihood, None
-    shift = integrate_shift(features, history.dry, unrested)
-    return log_likelihood + shift.log_likelihood[shift.number(combinations)], shift
+    ambiguity = integrate_ambiguity(features, history.dry, unrested)
+    return log_likelihood + ambiguity.log_likelihood[ambiguity.number(combinations)], ambiguity
 
 
 def _evidence_alone(
     features: Features, models: Sequence[AnomalyModel | None], history: _History, *, dry_too: bool
 ) -> list[FloatArray]:
     """Return the log likelihoods (2,) of each anomaly on its own; equal for those that are judged together."""
-    no_shift = np.zeros(1)
+    no_offset = np.zeros(1)
     return [
         _value_evidence(history.dry, features.base_dry, features.base_dry_std) if dry_too else np.zeros(2),
         _value_evidence(history.viscous, features.viscous, features.viscous_std),
         *(
-            system_evidence(model, system, no_shift)[:, 0] if system.rests else np.zeros(2)
+            system_evidence(model, system, no_offset)[:, 0] if system.rests else np.zeros(2)
             for model, system in zip(models[2:], features.systems, strict=True)
         ),
     ]
@@ -288,11 +296,11 @@ def _prior(
     """Return the probability of each combination before the window, float64 (combinations,).
 
     How many anomalies come at once is learned, which ones is equally likely; then each anomaly's odds are brought to
-    how often it occurs, and to what earlier windows tell, the latter in turns until all agree (iterative proportional
-    fitting): ruling out one anomaly must not, window after window, speak for the others.
+    how often it occurs, and to what earlier windows showed, the latter in turns until all agree (iterative proportional
+    fitting): ruling out one anomaly must not, window after window, raise the others.
     """
     prior, rates = _learned_prior(model.simultaneous, tuple(learned and learned.rate for learned in models))
-    wanted = _told_before(names, rates, carried, history)
+    wanted = _shown_before(names, rates, carried, history)
     for _ in range(PRIOR_ROUNDS if wanted else 0):
         for a, now in wanted.items():
             there = combinations[:, a]
@@ -323,32 +331,32 @@ def _learned_prior(
     return _softmax(log_prior), tuple(rates)
 
 
-def _told_before(
+def _shown_before(
     names: Sequence[str], rates: Sequence[float], carried: CarriedState, history: _History
 ) -> dict[int, float]:
-    """Return by anomaly the probability that earlier windows give it; none for those of which they tell nothing.
+    """Return by anomaly the probability that earlier windows give it; none for those of which they showed nothing.
 
     That of a coefficient which they measured comes from its value; the others' from what was concluded, and the
     hazard that it changed since.
     """
-    told: dict[int, float] = {}
+    shown: dict[int, float] = {}
     for a, (name, rate) in enumerate(zip(names, rates, strict=True)):
         value = (history.dry, history.viscous)[a] if a < 2 else None
         if value is not None and value.before is not None:
-            told[a] = value.prior
+            shown[a] = value.prior
         elif name in carried.probability:
-            told[a] = probability_before(carried.probability[name], rate)
-    return {a: min(max(p, LEAST_PRIOR), 1.0 - LEAST_PRIOR) for a, p in told.items()}
+            shown[a] = probability_before(carried.probability[name], rate)
+    return {a: min(max(p, LEAST_PRIOR), 1.0 - LEAST_PRIOR) for a, p in shown.items()}
 
 
-def _knows(model: AnomalyModel | None) -> TypeGuard[AnomalyModel]:
-    """Say whether anything is known of an anomaly's friction, learned or stated by the wheel file."""
+def _is_known(model: AnomalyModel | None) -> TypeGuard[AnomalyModel]:
+    """Return whether anything is known of an anomaly's friction, learned or stated by the wheel file."""
     return model is not None and model.knows_friction
 
 
 def _quality(features: Features, model: AnomalyModel | None, a: int) -> tuple[bool, bool]:
     """Return whether the window can show an anomaly, and whether what it shows is unlike everything learned."""
-    if not _knows(model):
+    if not _is_known(model):
         return False, False
     if a < 2:
         value, std = ((features.base_dry, features.base_dry_std), (features.viscous, features.viscous_std))[a]
@@ -358,7 +366,7 @@ def _quality(features: Features, model: AnomalyModel | None, a: int) -> tuple[bo
     stray, relative_std = stray_probabilities(model, *found)
     if stray.size == 0:
         return False, False
-    return float(relative_std.min()) < TELLING_STD, float(stray.sum()) / stray.size > UNLIKE_SHARE
+    return float(relative_std.min()) < INFORMATIVE_STD, float(stray.sum()) / stray.size > UNLIKE_SHARE
 
 
 def _logit(probability: float) -> float:

@@ -124,7 +124,7 @@ def reason_silent(silent: Sequence[str], anomalies: int, lacking: str) -> str:
 
 
 def reason_unknown(unknown: Sequence[str], lacking: str) -> str:
-    """Return the reason of a verdict kept open by parts of which nothing says what they are when healthy."""
+    """Return the reason of a verdict kept open by parts whose healthy friction is not given."""
     return f"Nothing else is anomalous, but nothing says how large healthy {listed(unknown)} is{lacking}."
 
 
@@ -157,7 +157,7 @@ def explain(
     verdict, reason, anomalies
         Of the diagnosis.
     base_known
-        Whether the window itself tells base dry friction from the switching systems'.
+        Whether the window itself distinguishes base dry friction from the switching systems'.
     windows_before
         Earlier windows that were used.
     adequacy
@@ -169,7 +169,9 @@ def explain(
     """
     worst = max((a for a in anomalies if a.active), key=lambda anomaly: anomaly.severity or 0.0, default=None)
     if verdict == "anomalous" and worst is not None:
-        qualification = _rivals(anomalies, base_known=base_known) or (_severity(worst) if base_known else _NEVER_RESTED)
+        qualification = _alternatives(anomalies, base_known=base_known) or (
+            _severity(worst) if base_known else _NEVER_RESTED
+        )
         action = _ACTION.get(worst.name, _ACTION_SYSTEM)
     elif verdict == "nominal":
         qualification = "" if base_known else _NEVER_RESTED
@@ -186,12 +188,14 @@ def explain(
     return " ".join(sentence for sentence in (reason, qualification, action) if sentence)
 
 
-def _rivals(anomalies: Sequence[AnomalyDiagnosis], *, base_known: bool) -> str:
+def _alternatives(anomalies: Sequence[AnomalyDiagnosis], *, base_known: bool) -> str:
     """Return a sentence that names what it could be instead, "" where nothing else is likely."""
-    rivals = [anomaly for anomaly in anomalies if not anomaly.active and anomaly.probability > WORTH_NAMING]
-    if not rivals:
+    alternatives = [anomaly for anomaly in anomalies if not anomaly.active and anomaly.probability > WORTH_NAMING]
+    if not alternatives:
         return ""
-    names = " or ".join(f"{title(rival.name)} ({percent(rival.probability)})" for rival in rivals)
+    names = " or ".join(
+        f"{title(alternative.name)} ({percent(alternative.probability)})" for alternative in alternatives
+    )
     why = "" if base_known else ", since a switching system never rested in it"
     return f"It may be {names} instead: this window alone cannot fully tell them apart{why}."
 

@@ -1,8 +1,8 @@
 """Features: what stage 3 hands to the classifiers, one set per window.
 
 dry and viscous are single coefficients; a switching system is the list of its sojourns. Where a system never rests in
-the window (q = 0), its friction is known only up to a shift that is missing from the base dry friction (errata 10);
-`rests` says so and the joint classifier integrates over the shift.
+the window (q = 0), its friction is known only up to a offset that is missing from the base dry friction (errata 10);
+`rests` marks that, and the joint classifier integrates over the offset.
 """
 
 from __future__ import annotations
@@ -14,12 +14,12 @@ from typing import Final
 import numpy as np
 
 from rwa_monitor.changepoints.estimation import SlopePrior
-from rwa_monitor.changepoints.stage_results import Assignment, Components, Reading
+from rwa_monitor.changepoints.stage_results import Assignment, Components, ConditionalEstimate
 from rwa_monitor.kernels.order_statistics import sum_up
 from rwa_monitor.samples import FloatArray, IntArray
 from rwa_monitor.wheel.wheel import Wheel
 
-LEAST_INFORMATION: Final = 1e-3  # share of what is known of the slope that the window adds; with less it tells nothing
+LEAST_INFORMATION: Final = 1e-3  # share of what is known of the slope that the window adds; with less it shows nothing
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +34,7 @@ class SystemFeatures:
         int64 (sojourns,).
     friction, friction_std
         float64 (sojourns,), normalised by the nominal dry torque. Where the system never rests, `friction_std` is that
-        of the differences, not of the common shift.
+        of the differences, not of the common offset.
     rests
         Whether it visits q = 0, so that friction is absolute.
     """
@@ -73,8 +73,8 @@ class Features:
         Viscous friction, by the nominal viscous friction (where the wheel has one).
     systems
         One entry per switching system, in the wheel's order.
-    by_story
-        The same by all stories that the samples do not rule out, where there is more than one.
+    by_path
+        The same by all paths that the samples do not rule out, where there is more than one.
     """
 
     base_dry: float
@@ -82,7 +82,7 @@ class Features:
     viscous: float
     viscous_std: float
     systems: tuple[SystemFeatures, ...]
-    by_story: tuple[FeaturesOfStory, ...] = ()
+    by_path: tuple[FeaturesOfPath, ...] = ()
 
     @property
     def base_known(self) -> bool:
@@ -91,17 +91,17 @@ class Features:
 
 
 @dataclass(frozen=True, slots=True)
-class FeaturesOfStory:
-    """The features if one story of who jumped when is true.
+class FeaturesOfPath:
+    """The features if one path of who jumped when is true.
 
     Attributes
     ----------
     log_weight
-        See `stage_results.Reading`.
+        See `stage_results.ConditionalEstimate`.
     features
         With standard deviations of the measurement alone.
     same_jumps
-        Whether every jump is made by the system that the assignment says; only configurations may differ.
+        Whether every jump is made by the system of the assignment; only configurations may differ.
     """
 
     log_weight: float
@@ -119,25 +119,25 @@ def features_of(components: Components, assignment: Assignment, wheel: Wheel) ->
         viscous_std=components.viscous_std / nominal_viscous,
         systems=_systems(components, assignment.configurations, assignment, wheel),
     )
-    if not components.readings:
+    if not components.by_path:
         return features
-    by_story = tuple(
-        FeaturesOfStory(
-            reading.log_weight,
+    by_path = tuple(
+        FeaturesOfPath(
+            estimate.log_weight,
             replace(
                 features,
-                base_dry=reading.base_dry,
-                base_dry_std=reading.base_dry_std,
-                systems=_systems(reading, reading.story.configurations, assignment, wheel),
+                base_dry=estimate.base_dry,
+                base_dry_std=estimate.base_dry_std,
+                systems=_systems(estimate, estimate.path.configurations, assignment, wheel),
             ),
             same_jumps=all(
                 np.array_equal(mine, others)
-                for mine, others in zip(reading.story.starts, assignment.starts, strict=True)
+                for mine, others in zip(estimate.path.starts, assignment.starts, strict=True)
             ),
         )
-        for reading in components.readings
+        for estimate in components.by_path
     )
-    return replace(features, by_story=by_story)
+    return replace(features, by_path=by_path)
 
 
 def normalised_nominal_viscous(wheel: Wheel) -> float:
@@ -150,7 +150,7 @@ def normalised_nominal_viscous(wheel: Wheel) -> float:
 def without_prior(features: Features, prior: SlopePrior, viscous_unit: float) -> Features:
     """Return the features with viscous friction as this window alone measures it.
 
-    Stage 3 starts from what earlier windows tell of the slope. Handed on as a measurement, that would count again in
+    Stage 3 starts from what earlier windows showed of the slope. Handed on as a measurement, that would count again in
     every window which hardly shows it: a Gaussian posterior over a Gaussian prior is the window's own likelihood.
 
     Parameters
@@ -170,11 +170,11 @@ def without_prior(features: Features, prior: SlopePrior, viscous_unit: float) ->
     else:
         viscous = (features.viscous - left * mean) / own
         viscous_std = features.viscous_std / np.sqrt(own)
-    by_story = tuple(
+    by_path = tuple(
         replace(one, features=replace(one.features, viscous=float(viscous), viscous_std=float(viscous_std)))
-        for one in features.by_story
+        for one in features.by_path
     )
-    return replace(features, viscous=float(viscous), viscous_std=float(viscous_std), by_story=by_story)
+    return replace(features, viscous=float(viscous), viscous_std=float(viscous_std), by_path=by_path)
 
 
 def _jump_std(assignment: Assignment, s: int) -> float:
@@ -184,27 +184,13 @@ def _jump_std(assignment: Assignment, s: int) -> float:
 
 
 def _systems(
-    parts: Components | Reading, configurations: tuple[IntArray, ...], assignment: Assignment, wheel: Wheel
+    parts: Components | ConditionalEstimate, configurations: tuple[IntArray, ...], assignment: Assignment, wheel: Wheel
 ) -> tuple[SystemFeatures, ...]:
     found = []
     for s, (system, configuration) in enumerate(zip(wheel.fss, configurations, strict=True)):
         rests = not configuration.all()
-        # What stage 3 gives of a system that never rests includes the shift that all sojourns share; the differences
+        # What stage 3 gives of a system that never rests includes the offset that all sojourns share; the differences
         # come from the jumps.
         std = parts.fss_friction_std[s] if rests else np.full(configuration.size, _jump_std(assignment, s))
         found.append(SystemFeatures(system.name, configuration, parts.fss_friction[s], std, rests))
     return tuple(found)
-
-
-def histogram(values: FloatArray, low: float, high: float, bins: int) -> FloatArray:
-    """Return the normalised histogram of the paper, float64 (bins,), with errata 13.
-
-    Bins are half-open and cover [low, high]; values outside count in the end bins. All zero without values.
-    """
-    counts = np.zeros(bins)
-    values = values[np.isfinite(values)]
-    if values.size == 0 or high <= low:
-        return counts
-    bin_of = np.clip(np.floor((values - low) / (high - low) * bins), 0, bins - 1).astype(np.int64)
-    np.add.at(counts, bin_of, 1.0 / values.size)
-    return counts

@@ -1,4 +1,4 @@
-"""What earlier windows of a wheel tell of a friction coefficient, and what a window changes in it.
+"""What earlier windows of a wheel showed of a friction coefficient, and what a window changes in it.
 
 A healthy wheel's coefficient lies where it lies in its band, window after window, so a second measurement of the same
 value is no second piece of evidence: what is carried is the value x, and whether it is anomalous is asked of x anew in
@@ -27,13 +27,12 @@ from typing import Final
 
 import numpy as np
 
-from rwa_monitor.diagnosis.likelihood import log_densities
-from rwa_monitor.diagnosis.model import AnomalyModel, Levels
+from rwa_monitor.diagnosis.model import AnomalyModel, Levels, log_densities
 from rwa_monitor.samples import FloatArray
 from rwa_monitor.switching.carried_state import Tracked, rate_after_change
 
-# A value tells nothing when its standard deviation exceeds this share of the distance between nominal and anomalous.
-TELLING_STD: Final = 0.4
+# A value shows nothing when its standard deviation exceeds this share of the distance between nominal and anomalous.
+INFORMATIVE_STD: Final = 0.4
 # A window shows a coefficient by itself when the middle between the two is two standard deviations away from either.
 SHOWING_STD: Final = 0.25
 # From this probability that a value is still the one measured earlier, a window that does not show it leans on it: it
@@ -52,7 +51,7 @@ class Coefficient:
     levels, rate
         What was learned of it, and how often the anomaly occurs.
     before
-        What earlier windows tell, drifted to this window; None where they tell nothing.
+        What earlier windows showed, drifted to this window; None where they showed nothing.
     """
 
     levels: Levels
@@ -97,17 +96,17 @@ class Coefficient:
     def _rate_after_change(self) -> float:
         return self.rate if self.before is None else rate_after_change(self._anomalous_before(), self.rate)
 
-    def telling(self, std: float) -> bool:
-        """Say whether a measurement this good tells nominal from anomalous at all."""
-        return std < TELLING_STD * self.levels.reach
+    def informative(self, std: float) -> bool:
+        """Return whether a measurement this good distinguishes nominal from anomalous at all."""
+        return std < INFORMATIVE_STD * self.levels.reach
 
     def leans(self, std: float) -> bool:
-        """Say whether a window that measured the coefficient with `std` leans on earlier ones, which saw it better."""
+        """Return whether a window that measured the coefficient with `std` leans on earlier, better ones."""
         before = self.before
         return (
             before is not None
             and before.held > LEANING_HELD
-            and before.std < min(std, TELLING_STD * self.levels.reach)
+            and before.std < min(std, INFORMATIVE_STD * self.levels.reach)
             and not std < SHOWING_STD * self.levels.reach
         )
 
@@ -122,12 +121,12 @@ class Coefficient:
             return self.before
         measured = Tracked(mean=value, std=std, windows=1)
         if self.before is None:
-            return measured if self.telling(std) else None
+            return measured if self.informative(std) else None
         at, spread = np.array([value]), np.array([std])
         held, changed = (float(np.logaddexp(*part[:, 0])) for part in self.log_parts(at, spread))
         share = math.exp(held - np.logaddexp(held, changed))
         mean, narrowed, _ = _filtered(self.before, at, spread)
-        if not self.telling(std):
+        if not self.informative(std):
             return Tracked(mean=float(mean[0]), std=float(narrowed[0]), windows=self.before.windows + 1, held=share)
         both = share * float(mean[0]) + (1.0 - share) * value
         variance = share * (float(narrowed[0]) ** 2 + (float(mean[0]) - both) ** 2)
@@ -143,7 +142,7 @@ def coefficient(model: AnomalyModel | None, tracked: Tracked | None, unit: float
     model
         What was learned.
     tracked
-        What earlier windows tell, None if nothing.
+        What earlier windows showed, None if nothing.
     unit
         What the features' unit is in that of `tracked`.
     """

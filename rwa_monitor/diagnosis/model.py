@@ -1,4 +1,4 @@
-"""The model: what labelled windows taught about nominal and anomalous friction. Readable JSON, never pickle.
+"""The model: what was learned from labelled windows about nominal and anomalous friction. Readable JSON, never pickle.
 
 All values are normalised (torque by the nominal dry torque, viscous friction by nominal dry torque over nominal
 speed), so a model serves every wheel whose [nominal] is known. For each anomaly it holds two classifiers, side by
@@ -15,9 +15,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import Field, ValidationError, model_validator
 
+from rwa_monitor.diagnosis.features import SystemFeatures
 from rwa_monitor.errors import InputError
-from rwa_monitor.kernels.laws import LEVEL_NUMBERS, band_densities
-from rwa_monitor.samples import FloatArray
+from rwa_monitor.kernels.laws import LEVEL_NUMBERS, band_densities, level_densities, sojourn_densities, strays
+from rwa_monitor.samples import FloatArray, IntArray
 from rwa_monitor.wheel.canonical_json import Rounded, canonical_json, content_sha256
 from rwa_monitor.wheel.strict import Strict
 from rwa_monitor.wheel.wheel import RESERVED_ANOMALIES, SwitchingSystem, Wheel
@@ -180,7 +181,7 @@ class AnomalyModel(Strict):
         return any(levels is not None for levels in self.levels)
 
     def serves(self, system: SwitchingSystem) -> bool:
-        """Say whether what was learned is about this system: same configurations, and friction where stated."""
+        """Return whether what was learned is about this system: same configurations, and friction where stated."""
         if len(self.levels) != system.configurations:
             return False
         if system.friction is None:
@@ -282,9 +283,9 @@ class Model(Strict):
 
 
 def from_stated_friction(system: SwitchingSystem) -> AnomalyModel | None:
-    """Return what a wheel file says of a system's healthy friction, as a model without a learned anomaly.
+    """Return a system's healthy friction as the wheel file states it, as a model without a learned anomaly.
 
-    None where it does not say it, or not for any configuration above q = 0.
+    None where it does not state it, or not for any configuration above q = 0.
     """
     if system.friction is None or all(stated.high <= 0 for stated in system.friction[1:]):
         return None
@@ -304,7 +305,7 @@ def from_stated_friction(system: SwitchingSystem) -> AnomalyModel | None:
 def models_for(wheel: Wheel, model: Model | None) -> list[AnomalyModel | None]:
     """Return what is known about each anomaly of a wheel, in the wheel's order; None where nothing is.
 
-    A system that the model does not know, or knows with other configurations, is judged by the friction that the wheel
+    A system that the model does not hold, or holds with other configurations, is judged by the friction that the wheel
     file states for it: nominal within the stated ranges, without a learned anomaly.
     """
     if model is None or wheel.nominal is None:
@@ -329,3 +330,45 @@ def built_in_model() -> Model:
     if text is None:
         raise InputError(BUILT_IN_MODEL_FILE, "is missing from the installed package")
     return Model.from_json(text, BUILT_IN_MODEL_FILE)
+
+
+# ---- likelihoods of what a window shows, each value with its own standard deviation ----------------------------------
+
+
+def log_densities(levels: Levels, value: FloatArray, std: FloatArray) -> FloatArray:
+    """Return the log density of measured values under nominal (row 0) and anomalous (row 1), float64 (2, …).
+
+    `value` and `std` broadcast against each other to the shape behind the rows.
+
+    Both classes share the stray values of earlier stages' errors: heavy tails (Lomax, shape 1) around the nominal
+    band. The anomalous class also has values beyond the nominal bound that are no learned anomaly's.
+    """
+    if value.shape != std.shape:
+        value, std = np.broadcast_arrays(value, std)
+    return np.log(level_densities(value.ravel(), std.ravel(), levels.numbers)[:2]).reshape(2, *value.shape)
+
+
+def system_evidence(model: AnomalyModel | None, system: SystemFeatures, offset: FloatArray) -> FloatArray:
+    """Return the log likelihoods (2, offsets) of a system's sojourns above q = 0, with an offset added to all."""
+    configuration, friction, std = system.active()
+    if model is None or friction.size == 0:
+        return np.zeros((2, offset.size))
+    log_density = np.log(sojourn_densities(configuration, friction, std, offset, model.numbers))
+    # One after the other: the sum's last bit must not depend on how many there are.
+    return np.asarray(np.cumsum(log_density, axis=1)[:, -1])
+
+
+def stray_probabilities(
+    model: AnomalyModel, configuration: IntArray, value: FloatArray, std: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return the probability that each value lies in none of the learned bands, and its standard deviation over reach.
+
+    Parameters
+    ----------
+    model
+        What was learned.
+    configuration, value, std
+        (n,); values of configurations that were not learned, and those that are not finite, are left out.
+    """
+    stray, relative = strays(configuration, value, std, model.numbers)
+    return stray, relative

@@ -1,4 +1,4 @@
-"""How far a missing effect may have moved what a window says of its wheel's friction.
+"""How far a missing effect may have moved a window's estimates of its wheel's friction.
 
 Where the friction model does not fit, its parameters are those of the wrong model: a drag that grows with the square of
 speed reads as viscous friction, jumps that no system made as base dry friction. The estimates stay what they are, but
@@ -19,15 +19,15 @@ from typing import Final
 
 import numpy as np
 
+from rwa_monitor.changepoints.estimation import Blocks, residual_blocks
 from rwa_monitor.changepoints.stage_results import Assignment, Components, Estimate, Evidence
 from rwa_monitor.diagnosis.features import Features
-from rwa_monitor.diagnosis.residual_blocks import Blocks, residual_blocks
 from rwa_monitor.kernels.structure import BLOCK
 from rwa_monitor.samples import FloatArray, IntArray
 from rwa_monitor.wheel.wheel import SwitchingSystem, Wheel
 
 SUPPORTED: Final = 25.0  # fall of the deviance with which a shape counts at all: five standard deviations
-RIVALS: Final = 0.5  # share of the best shape's fall from which another counts beside it: none need be the true one
+COMPARABLE: Final = 0.5  # share of the best shape's fall from which another counts beside it: none need be the true one
 LONG_INTERVAL: Final = 0.01  # of the window: the lowest level is that of an interval at least as long
 CREDIBLE_SIZE: Final = 0.5  # of the least friction of its configuration: a sojourn with less is none
 SMALL_SHARE: Final = 0.3  # of a system's sojourns from which its rests are not believed
@@ -40,7 +40,7 @@ LAGS_S: Final = (60.0, 300.0)  # s, within the 10 s … 30 min that lubricant ta
 
 
 @dataclass(frozen=True, slots=True)
-class Doubt:
+class ModelErrorUncertainty:
     """By how much a missing effect may have moved each estimate, one standard deviation each, normalised.
 
     Attributes
@@ -56,7 +56,7 @@ class Doubt:
     systems: float
 
     def widen(self, components: Components) -> Components:
-        """Return the components with standard deviations that hold this doubt."""
+        """Return the components with standard deviations that hold this uncertainty."""
         return replace(
             components,
             base_dry_std=float(np.hypot(components.base_dry_std, self.base_dry)),
@@ -68,7 +68,7 @@ class Doubt:
         )
 
     def widen_features(self, features: Features, nominal_viscous: float) -> Features:
-        """Return the features with standard deviations that hold this doubt.
+        """Return the features with standard deviations that hold this uncertainty.
 
         Parameters
         ----------
@@ -84,14 +84,14 @@ class Doubt:
             systems=tuple(
                 replace(system, friction_std=np.hypot(system.friction_std, self.systems)) for system in features.systems
             ),
-            by_story=(),  # what a missing effect did to the samples must not decide between stories
+            by_path=(),  # what a missing effect did to the samples must not decide between paths
         )
 
 
-def doubt_of(
+def uncertainty_of(
     evidence: Evidence, estimate: Estimate, assignment: Assignment, components: Components, wheel: Wheel
-) -> Doubt:
-    """Return what a window whose friction model does not fit leaves in doubt.
+) -> ModelErrorUncertainty:
+    """Return the uncertainty of a window whose friction model does not fit.
 
     Parameters
     ----------
@@ -113,7 +113,7 @@ def doubt_of(
             wheel.fss, assignment.configurations, components.fss_friction, strict=True
         )
     )
-    return Doubt(
+    return ModelErrorUncertainty(
         base_dry=float(np.sqrt(level**2 + above**2 + hidden**2)),
         viscous=slope,
         systems=float(np.sqrt(spread**2 + above**2 + below**2 + hidden**2)),
@@ -144,7 +144,7 @@ def _shapes(blocks: Blocks, evidence: Evidence, estimate: Estimate, wheel: Wheel
     speed = direction * x
     acceleration = np.gradient(speed) if x.size > 1 else np.zeros(x.size)
     time = (np.arange(x.size) + 0.5) * BLOCK / slots
-    # The motor torque without noise: what the model says of friction, and the inertia's part.
+    # The motor torque without noise: friction by the model, and the inertia's part.
     inertia = (wheel.inertia_kg_m2 or 0.0) * wheel.speed_unit_rad_s / wheel.torque_unit_Nm
     block_s = BLOCK * wheel.sample_period_s
     level = blocks.friction - blocks.residual
@@ -180,7 +180,7 @@ def _moved_by_shapes(blocks: Blocks, shapes: FloatArray, evidence: Evidence) -> 
     """Return by how much supported shapes move the slope, the levels together, and the levels against each other."""
     weight = np.where(blocks.usable, blocks.n, 0.0)
     total = np.bincount(blocks.interval, weight, blocks.intervals)
-    variance = evidence.noise.std**2 * max(evidence.noise.long_run_factor, 1.0)
+    variance = evidence.noise.long_variance
     whole = float(total.sum())
     if not (whole > 0.0 and variance > 0.0):
         return 0.0, 0.0, 0.0
@@ -211,7 +211,7 @@ def _moved_by_shapes(blocks: Blocks, shapes: FloatArray, evidence: Evidence) -> 
         apart = float(np.sqrt(total @ (moved - mean) ** 2 / whole))
         found.append((strength**2 * energy / variance, abs(strength * tilt), together, apart))
     best = max((fall for fall, *_ in found), default=0.0)
-    kept = np.array([moves for fall, *moves in found if fall >= max(SUPPORTED, RIVALS * best)])
+    kept = np.array([moves for fall, *moves in found if fall >= max(SUPPORTED, COMPARABLE * best)])
     if kept.size == 0:
         return 0.0, 0.0, 0.0
     slope, level, spread = kept.max(axis=0).tolist()

@@ -1,8 +1,6 @@
 """Training: labelled windows in, a model out. Deterministic: the same windows give the same model.
 
-For the paper's classifier one linear support vector machine is fitted per anomaly. For the joint classifier the bands
-of nominal and anomalous values are fitted in closed form, with strays left out.
-scikit-learn is needed here only; a diagnosis needs no more than an inner product.
+The bands of nominal and anomalous values are fitted in closed form, with strays left out.
 """
 
 from __future__ import annotations
@@ -12,21 +10,16 @@ from dataclasses import dataclass
 from typing import Final
 
 import numpy as np
-from scipy import special
 
 from rwa_monitor.diagnosis.features import Features
-from rwa_monitor.diagnosis.model import AnomalyModel, Band, Levels, LinearSvm, Model, Provenance
-from rwa_monitor.diagnosis.paper_classification import paper_values, svm_features
+from rwa_monitor.diagnosis.model import AnomalyModel, Band, Levels, Model, Provenance
 from rwa_monitor.errors import InputError
 from rwa_monitor.samples import BoolArray, FloatArray
 from rwa_monitor.wheel.wheel import RESERVED_ANOMALIES, Wheel
 
-BINS: Final = 40  # errata 13
-# Cost of a margin violation. Both kinds of feature lie in [0, 1]; histograms of 40 bins need a large cost to use them.
-SVM_COST: Final = 100.0
 MIN_WINDOWS: Final = 2  # of each class, below which an anomaly is not learned
-# No band is softer than this share of the distance between nominal and anomalous: a data set knows its nominal values
-# far better than a wheel in orbit keeps them.
+# No band is softer than this share of the distance between nominal and anomalous: a data set has its nominal values
+# far more exactly than a wheel in orbit keeps them.
 MIN_SOFT: Final = 0.05
 MIN_SOFT_SYSTEM: Final = 0.02  # the same for a system's friction, whose band has a width of its own
 STRAYS: Final = (0.002, 0.2)  # share of strays: the least assumed, the most accepted
@@ -39,17 +32,13 @@ UNDECIDED: Final = (0.4, 0.6)
 # wheel can have two anomalies at once even where no training window has.
 PSEUDO_WINDOWS: Final = 1.0
 PSEUDO_SHARE: Final = 0.01  # of the training windows, on top, for each number of simultaneous anomalies
-CALIBRATION_WEIGHT: Final = 1e-3
-SVM_TOLERANCE: Final = 1e-10
-SVM_ITERATIONS: Final = 100_000
 
 
 @dataclass(frozen=True, slots=True)
 class LabelledFeatures:
-    """One window's features by both methods, and for each anomaly whether it is there."""
+    """One window's features, and for each anomaly whether it is there."""
 
-    joint: Features
-    paper: Features
+    features: Features
     labels: Mapping[str, bool]
 
 
@@ -105,23 +94,22 @@ def _train_anomaly(
     windows: Sequence[LabelledFeatures], wheel: Wheel, name: str, a: int, label: BoolArray
 ) -> AnomalyModel:
     rate = (label.sum() + PSEUDO_WINDOWS) / (label.size + 2.0 * PSEUDO_WINDOWS)
-    svm = train_svm([paper_values(window.paper)[a] for window in windows], label, bins=0 if a < 2 else BINS)
     if name in RESERVED_ANOMALIES:
-        known = [window.joint.base_known or a == 1 for window in windows]
+        known = [window.features.base_known or a == 1 for window in windows]
         value, std = (
-            np.array([getattr(window.joint, field) for window in windows])
+            np.array([getattr(window.features, field) for window in windows])
             for field in (("base_dry", "base_dry_std"), ("viscous", "viscous_std"))[a]
         )
         levels = fit_levels(value[known], std[known], label[known], MIN_SOFT)
         if levels is None:
             raise InputError("training windows", "show no nominal value", name)
-        return AnomalyModel(name=name, levels=(levels,), svm=svm, rate=rate)
+        return AnomalyModel(name=name, levels=(levels,), svm=None, rate=rate)
 
     per_configuration: list[Levels | None] = [None]
     for q in range(1, wheel.fss[a - 2].configurations):
         value, std, labels = _sojourns(windows, a - 2, q, label)
         per_configuration.append(fit_levels(value, std, labels, MIN_SOFT_SYSTEM))
-    return AnomalyModel(name=name, levels=tuple(per_configuration), svm=svm, rate=rate)
+    return AnomalyModel(name=name, levels=tuple(per_configuration), svm=None, rate=rate)
 
 
 def _sojourns(
@@ -130,7 +118,7 @@ def _sojourns(
     """Return friction, std and label of all sojourns in a configuration, of windows in which the system rests."""
     values, stds, labels = [np.zeros(0)], [np.zeros(0)], [np.zeros(0, dtype=bool)]
     for window, anomalous in zip(windows, label, strict=True):
-        system = window.joint.systems[s]
+        system = window.features.systems[s]
         if not system.rests:
             continue
         there = system.configuration == q
@@ -140,7 +128,7 @@ def _sojourns(
     return np.concatenate(values), np.concatenate(stds), np.concatenate(labels)
 
 
-# ---- the joint classifier --------------------------------------------------------------------------------------------
+# ---- bands -----------------------------------------------------------------------------------------------------------
 
 
 def fit_levels(value: FloatArray, std: FloatArray, anomalous: BoolArray, min_soft: float) -> Levels | None:
@@ -171,7 +159,7 @@ def _fit_band(value: FloatArray, std: FloatArray, min_soft: float, reach: float)
     """Fit a band and the share of strays.
 
     Two bands are tried, a range and a mean with scatter, each in a mixture with strays; the likelier one is taken.
-    Values that are uncertain because the window leaves open what they are (errata 10), not by noise, tell nothing of a
+    Values that are uncertain because the window leaves open what they are (errata 10), not by noise, show nothing of a
     band's shape: the less certain half is left out as far as it is not sharp.
     """
     sharp = std <= max(SHARP_STD * reach, float(np.median(std)))
@@ -186,7 +174,7 @@ def _fit_band(value: FloatArray, std: FloatArray, min_soft: float, reach: float)
 
 
 def _range_among_strays(value: FloatArray, stray: FloatArray, min_soft: float) -> tuple[Band, float]:
-    """Fit a range: how many of the lowest and of the highest values are strays, the likelihood says.
+    """Fit a range: how many of the lowest and of the highest values are strays is decided by the likelihood.
 
     With `i` and `j` values left out, n - i - j lie in the range, with density (1 - share)/width, and the others are
     strays, with density share·stray.
@@ -217,77 +205,3 @@ def _scatter_among_strays(value: FloatArray, std: FloatArray, min_soft: float) -
     mean = float(value[kept].mean())
     scatter = np.sqrt(max(float(value[kept].var()) - float(np.mean(std[kept] ** 2)), min_soft**2))
     return Band(low=mean, high=mean, soft=float(scatter)), float(np.clip((~kept).mean(), *STRAYS))
-
-
-# ---- the paper's classifier ------------------------------------------------------------------------------------------
-
-
-def train_svm(
-    values: Sequence[FloatArray], anomalous: BoolArray, bins: int, cost: float = SVM_COST
-) -> LinearSvm | None:
-    """Train a linear support vector machine; None where a class has too few windows.
-
-    Parameters
-    ----------
-    values
-        For each window the coefficient (1,), or the friction of a system's sojourns.
-    anomalous
-        bool (windows,).
-    bins
-        Of the histogram; 0 for a coefficient.
-    cost
-        C of the support vector machine.
-    """
-    if min(int(anomalous.sum()), int((~anomalous).sum())) < MIN_WINDOWS:
-        return None
-    everything = np.concatenate(list(values))
-    everything = everything[np.isfinite(everything)]
-    if everything.size == 0 or np.ptp(everything) == 0:
-        return None
-    low, high = float(everything.min()), float(everything.max())
-    features = np.stack([svm_features(bins, low, high, value) for value in values])
-    from sklearn.svm import LinearSVC  # takes a second to import
-
-    # The primal problem with squared hinge loss is strictly convex: one optimum, on every machine.
-    machine = LinearSVC(C=cost, dual=False, tol=SVM_TOLERANCE, max_iter=SVM_ITERATIONS).fit(features, anomalous)
-    weights, bias = machine.coef_[0], float(machine.intercept_[0])
-    slope, offset = _calibrate(features @ weights + bias, anomalous)
-    return LinearSvm(
-        bins=bins,
-        low=low,
-        high=high,
-        weights=tuple(float(weight) for weight in weights),
-        bias=bias,
-        slope=slope,
-        offset=offset,
-    )
-
-
-def _calibrate(decision: FloatArray, anomalous: BoolArray) -> tuple[float, float]:
-    """Return slope and offset of Platt's calibration (1999), with his smoothed targets.
-
-    A convex problem, solved to the last digits. The small weight on the slope matters only where all decisions are
-    alike, which no slope can tell apart.
-    """
-    positive, negative = int(anomalous.sum()), int((~anomalous).sum())
-    target = np.where(anomalous, (positive + 1.0) / (positive + 2.0), 1.0 / (negative + 2.0))
-    columns = np.stack([decision, np.ones(decision.size)])
-    weight = np.array([CALIBRATION_WEIGHT, 0.0])
-
-    def cost(parameters: FloatArray) -> float:
-        z = parameters @ columns
-        return float((np.logaddexp(0.0, z) - target * z).sum() + 0.5 * weight @ parameters**2)
-
-    def gradient(parameters: FloatArray) -> FloatArray:
-        return np.asarray(columns @ (special.expit(parameters @ columns) - target) + weight * parameters)
-
-    def hessian(parameters: FloatArray) -> FloatArray:
-        p = special.expit(parameters @ columns)
-        return np.asarray((columns * (p * (1.0 - p))) @ columns.T + np.diag(weight))
-
-    from scipy import optimize
-
-    fit = optimize.minimize(
-        cost, np.zeros(2), method="trust-exact", jac=gradient, hess=hessian, options={"gtol": 1e-10}
-    )
-    return float(fit.x[0]), float(fit.x[1])

@@ -112,7 +112,7 @@ class Lines:
 
 @dataclass(frozen=True, slots=True)
 class Trend:
-    """What many windows say about the course of one coefficient.
+    """What many windows show of the course of one coefficient.
 
     Attributes
     ----------
@@ -246,7 +246,7 @@ def _tone_down(at: FloatArray, hinges: FloatArray, y: FloatArray, variance: Floa
     """Return the variances with those of gross errors raised, and how many these are.
 
     For each beginning and size of the scatter a line is fitted under Student's t by reweighting; the likeliest of them
-    says which residuals are gross.
+    decides which residuals are gross.
     """
     scatter = np.square(SCATTERS)[None, :, None]
     total = variance + scatter  # (1, scatters, n)

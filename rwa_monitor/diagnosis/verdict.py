@@ -9,10 +9,9 @@ from typing import Final
 from rwa_monitor.diagnosis import explanation
 from rwa_monitor.diagnosis.adequacy import Adequacy
 from rwa_monitor.diagnosis.classification import Judged
-from rwa_monitor.diagnosis.diagnosis_input import Case
-from rwa_monitor.diagnosis.window_diagnosis import AnomalyDiagnosis, Verdict
+from rwa_monitor.diagnosis.window_diagnosis import AnomalyDiagnosis, DiagnosisInput, Verdict
 
-MIN_COVERAGE: Final = 0.5  # share of the slots that must be used; below, the window says little about what it missed
+MIN_COVERAGE: Final = 0.5  # share of the slots that must be used; below, the window shows little of what it missed
 FIRST_WINDOWS: Final = 2  # an alarm begins in the second one at the earliest
 # Learned anomalies have 1.2 to 2.2 times the nominal bound. What lies beyond from the first window on, or in so many
 # parts at once, is more often a wheel file of another wheel.
@@ -48,43 +47,41 @@ class Shown:
 
 
 def verdict_of(
-    case: Case,
+    inputs: DiagnosisInput,
     judged: Sequence[Judged],
     anomalies: Sequence[AnomalyDiagnosis],
     fits: Adequacy,
     shown: Shown,
 ) -> tuple[Verdict, str]:
     """Return the verdict and its reason. A found anomaly stands; what keeps a window from being nominal comes after."""
-    nothing = _nothing_to_judge(case)
-    if nothing or case.model is None:
+    nothing = nothing_to_judge(inputs)
+    if nothing or inputs.model is None:
         return "inconclusive", nothing
-    low, high = case.model.undecided if case.method == "joint" else (0.5, 0.5)
+    low, high = inputs.model.undecided
     leaning = [entry.name for entry in judged if entry.leans]
-    # Where the friction model lacks something, only what the window tells for sure counts as found: what is missing
-    # leaves base dry friction in doubt by its own size, and half of such a doubt lies above any nominal range.
-    # And a system that made no jump is not told from the base, or shows nothing at all.
-    open_to_doubt = [
-        not (entry.telling or fits.adequate) or jumpless for entry, jumpless in zip(judged, shown.unmoved, strict=True)
+    # Where the friction model lacks something, only what the window shows for sure counts as found: what is missing
+    # leaves base dry friction uncertain by its own size, and half of that lies above any nominal range.
+    # And a system that made no jump is not distinguished from the base, or shows nothing at all.
+    unsure = [
+        not (entry.informative or fits.adequate) or jumpless
+        for entry, jumpless in zip(judged, shown.unmoved, strict=True)
     ]
     certain = [
         anomaly
-        for anomaly, entry, doubtful in zip(anomalies, judged, open_to_doubt, strict=True)
-        if entry.active and entry.probability >= high and not doubtful
+        for anomaly, entry, uncertain in zip(anomalies, judged, unsure, strict=True)
+        if entry.active and entry.probability >= high and not uncertain
     ]
-    exchanged = _exchanged(anomalies[0], anomalies[1], shown.mean_speed_rad_s) if case.method == "joint" else None
-    if certain == [exchanged]:
+    if certain == [_exchanged(anomalies[0], anomalies[1], shown.mean_speed_rad_s)]:
         return "inconclusive", explanation.reason_exchanged(anomalies[0], anomalies[1])
     if certain:
         shown_before = [anomaly.name for anomaly in certain if anomaly.name in leaning]
         return "anomalous", explanation.reason_anomalous(certain, shown_before)
-    lacking = "" if fits.adequate else f" while the friction model lacks something ({fits.finding})"
-    if shown.unnamed_jumps and not lacking:
-        lacking = " while friction jumps and the wheel file names no switching system ([[fss]])"
-    for anomaly, entry, doubtful in zip(anomalies, judged, open_to_doubt, strict=True):
+    lacking = lacking_of(fits, shown)
+    for anomaly, entry, uncertain in zip(anomalies, judged, unsure, strict=True):
         what = explanation.title(entry.name)
         if _rested(anomaly) or not entry.known:
             continue
-        if low < entry.probability and (entry.probability < high or doubtful):
+        if low < entry.probability and (entry.probability < high or uncertain):
             return "inconclusive", (
                 f"Whether {what} is anomalous cannot be decided{lacking}: it is"
                 f" {explanation.quantity(anomaly.estimate, anomaly.unit)}"
@@ -98,30 +95,47 @@ def verdict_of(
                 f"{explanation.BELOW_NOMINAL if _below(anomaly) else ''}."
             )
     for anomaly, std in zip(anomalies, shown.deviations, strict=True):
-        if case.method == "joint" and _outside(anomaly, std, adequate=fits.adequate):
+        if _outside(anomaly, std, adequate=fits.adequate):
             return "inconclusive", explanation.reason_outside(anomaly, lacking, below=_below(anomaly))
-    silent = [entry.name for entry in judged if entry.known and not entry.telling]
+    return without_anomaly(inputs, judged, anomalies, lacking)
+
+
+def lacking_of(fits: Adequacy, shown: Shown) -> str:
+    """Return the part of a reason on what the friction model or the wheel file lacks; "" where nothing."""
+    if not fits.adequate:
+        return f" while the friction model lacks something ({fits.finding})"
+    return " while friction jumps and the wheel file names no switching system ([[fss]])" if shown.unnamed_jumps else ""
+
+
+def without_anomaly(
+    inputs: DiagnosisInput, judged: Sequence[Judged], anomalies: Sequence[AnomalyDiagnosis], lacking: str
+) -> tuple[Verdict, str]:
+    """Return verdict and reason of a window in which no anomaly is found: nominal, where it shows enough for that."""
+    leaning = [entry.name for entry in judged if entry.leans]
+    silent = [entry.name for entry in judged if entry.known and not entry.informative]
     if silent:
         return "inconclusive", explanation.reason_silent(silent, len(judged), lacking)
     unknown = [entry.name for entry in judged if not entry.known]
     if unknown:
         return "inconclusive", explanation.reason_unknown(unknown, lacking)
-    whole = case.wheel.window.samples
-    if case.evidence.used < MIN_SHARE * whole:
+    whole = inputs.wheel.window.samples
+    if inputs.evidence.used < MIN_SHARE * whole:
         return "inconclusive", (
-            f"Nothing is anomalous in these {case.evidence.used} samples, but a whole window has {whole}: they are too"
-            " few to call the wheel nominal."
+            f"Nothing is anomalous in these {inputs.evidence.used} samples, but a whole window has {whole}: they are"
+            " too few to call the wheel nominal."
         )
     return "nominal", explanation.reason_nominal(anomalies, leaning, lacking)
 
 
-def from_another_wheel(case: Case, verdict: Verdict, anomalies: Sequence[AnomalyDiagnosis], shown: Shown) -> bool:
+def from_another_wheel(
+    inputs: DiagnosisInput, verdict: Verdict, anomalies: Sequence[AnomalyDiagnosis], shown: Shown
+) -> bool:
     """Return whether friction is so far from the wheel file, from the first window on, that the file may be another's.
 
     It changes no judgement: a wheel that was monitored too late looks like this, too.
     """
     dry, viscous = anomalies[:2]
-    if verdict == "nominal" or case.carried.windows >= FIRST_WINDOWS or _nothing_to_judge(case):
+    if verdict == "nominal" or inputs.carried.windows >= FIRST_WINDOWS or nothing_to_judge(inputs):
         return False
     if _exchanged(dry, viscous, shown.mean_speed_rad_s) or any(map(_within, anomalies, shown.before)):
         return False  # what was nominal in the window before has come since then: the file fitted once
@@ -134,39 +148,39 @@ def from_another_wheel(case: Case, verdict: Verdict, anomalies: Sequence[Anomaly
     return both or len(clear) >= MANY_PARTS or any(_far(one) for one in clear if one in {dry, viscous})
 
 
-def covered(case: Case) -> bool:
+def covered(inputs: DiagnosisInput) -> bool:
     """Return whether enough of the window's slots hold a usable sample for it to be judged."""
-    return case.evidence.used >= MIN_COVERAGE * case.evidence.slots
+    return inputs.evidence.used >= MIN_COVERAGE * inputs.evidence.slots
 
 
-def _nothing_to_judge(case: Case) -> str:
+def nothing_to_judge(inputs: DiagnosisInput) -> str:
     """Return why nothing can be judged, whatever the friction is; "" where it can."""
-    if case.wheel.nominal is None:
+    if inputs.wheel.nominal is None:
         return "The wheel file has no [nominal], so there is nothing to compare the friction with."
-    if case.model is None:
+    if inputs.model is None:
         return "There is no model, so no nominal range to compare the friction with."
-    if not covered(case):
+    if not covered(inputs):
+        share = 100.0 * inputs.evidence.used / inputs.evidence.slots
         return (
-            f"Only {100.0 * case.evidence.used / case.evidence.slots:.0f} % of the window's slots hold a usable sample"
-            f" ({100.0 * MIN_COVERAGE:.0f} % are needed)."
+            f"Only {share:.0f} % of the window's slots hold a usable sample ({100.0 * MIN_COVERAGE:.0f} % are needed)."
         )
     return ""
 
 
-def remedy_of(case: Case, anomalies: Sequence[AnomalyDiagnosis], shown: Shown, *, adequate: bool) -> str:
+def remedy_of(inputs: DiagnosisInput, anomalies: Sequence[AnomalyDiagnosis], shown: Shown, *, adequate: bool) -> str:
     """Return what helps an inconclusive window where waiting for the next one does not; "" where it does."""
-    if case.wheel.nominal is None:
+    if inputs.wheel.nominal is None:
         return (
             "Friction, jumps and how well the model fits are measured; no part of it is judged. Learn the wheel file"
             " from healthy recordings with rwa-monitor identify, or add [nominal] to it."
         )
-    if not covered(case):
+    if not covered(inputs):
         return explanation.CHECK_TELEMETRY
     if shown.unnamed_jumps:
         return "Learn its switching systems from longer recordings with rwa-monitor identify: waiting does not help."
     if adequate and any(_below(anomaly) and not anomaly.active for anomaly in anomalies[:2]):
         return "Friction hardly falls below nominal: check units, sign and the wheel file before the wheel."
-    if case.model is not None and any(anomaly.nominal_low is None for anomaly in anomalies):
+    if inputs.model is not None and any(anomaly.nominal_low is None for anomaly in anomalies):
         return "State it in the wheel file, or learn it with rwa-monitor identify: waiting does not help."
     return ""
 

@@ -21,12 +21,10 @@ from rwa_monitor.changepoints.stage_results import (
     Components,
     Estimate,
     Evidence,
-    Method,
 )
 from rwa_monitor.diagnosis import adequacy, explanation
 from rwa_monitor.diagnosis.adequacy import Adequacy
 from rwa_monitor.diagnosis.classification import Judgement, classify, unjudged
-from rwa_monitor.diagnosis.diagnosis_input import Case
 from rwa_monitor.diagnosis.features import (
     Features,
     SystemFeatures,
@@ -35,35 +33,40 @@ from rwa_monitor.diagnosis.features import (
     without_prior,
 )
 from rwa_monitor.diagnosis.model import AnomalyModel, Model, models_for
-from rwa_monitor.diagnosis.model_error_uncertainty import doubt_of
-from rwa_monitor.diagnosis.paper_classification import classify_as_paper
-from rwa_monitor.diagnosis.physical_units import anomaly_of, changepoints_of, scaled, value_of, viscous_unit
+from rwa_monitor.diagnosis.model_error_uncertainty import uncertainty_of
 from rwa_monitor.diagnosis.verdict import Shown, covered, from_another_wheel, remedy_of, verdict_of
 from rwa_monitor.diagnosis.window_diagnosis import (
     DRY_UNIT,
     VISCOUS_UNIT,
+    AnomalyDiagnosis,
+    DiagnosisInput,
     Fit,
     SystemFriction,
     Value,
+    Verdict,
     WindowDiagnosis,
+    anomaly_of,
+    changepoints_of,
+    scaled,
+    value_of,
+    viscous_unit,
 )
-from rwa_monitor.paper.assignment import assign_as_paper, split_as_paper
 from rwa_monitor.samples import IntArray
 from rwa_monitor.switching.assignment import assign
 from rwa_monitor.switching.carried_state import CarriedState, Tracked, follow, next_state
 from rwa_monitor.switching.components import split
-from rwa_monitor.switching.friction_priors import slope_prior
+from rwa_monitor.switching.friction_model import slope_prior
 from rwa_monitor.wheel.wheel import Wheel
 
 MIN_USED: Final = 16  # samples below which nothing is estimated at all
 
 
 @dataclass(frozen=True, slots=True)
-class _Stages:
+class Stages:
     """Results of stages 2 and 3, and whether the friction model fits.
 
     `measured` are the features as this window alone measures them; in `features`, viscous friction also holds what
-    earlier windows tell of it.
+    earlier windows show of it.
     """
 
     assignment: Assignment
@@ -79,9 +82,8 @@ def diagnose_window(
     wheel: Wheel,
     model: Model | None,
     carried: CarriedState,
-    method: Method = "joint",
     *,
-    doubting: bool = True,
+    with_model_error: bool = True,
 ) -> tuple[WindowDiagnosis, CarriedState]:
     """Diagnose one window.
 
@@ -93,14 +95,12 @@ def diagnose_window(
         The wheel.
     model
         What was learned; None gives the friction and its parts, with an inconclusive verdict. What the model does not
-        know about this wheel is taken from the wheel file where it says it (friction of the configurations).
+        hold of this wheel is taken from the wheel file where it is stated (friction of the configurations).
     carried
-        What earlier windows tell; `CarriedState.empty()` for the first. The method `paper` ignores it.
-    method
-        joint or paper.
-    doubting
+        What earlier windows showed; `CarriedState.empty()` for the first.
+    with_model_error
         False keeps the standard deviations as they would be if no effect was missing where the friction model does not
-        fit: to measure what the doubt changes.
+        fit: to measure what the uncertainty of the model changes.
 
     Returns
     -------
@@ -108,24 +108,24 @@ def diagnose_window(
         The diagnosis, and the state for the next window. A window with too few samples to estimate anything leaves the
         state as it was.
     """
-    case = Case(evidence, wheel, model, carried, method, doubting)
+    inputs = DiagnosisInput(evidence, wheel, model, carried, with_model_error)
     models = models_for(wheel, model)
     if evidence.used < MIN_USED:
-        return _too_few(case, models), carried
-    stages = _run_stages(case)
-    judgement = _judge(case, models, stages)
+        return too_few(inputs, models), carried
+    stages = _run_stages(inputs)
+    judgement = _judge(inputs, models, stages)
     if _differ(judgement.configurations, stages.assignment.configurations):
-        # What was learned makes another reading of the same jumps likelier than the wheel's broad laws do.
-        told = replace(stages.assignment, configurations=judgement.configurations)
-        stages = _run_stages(case, (told, stages.estimate))
-        judgement = _judge(case, models, stages)
-    diagnosis = _diagnosis(case, models, stages, judgement)
+        # What was learned makes another interpretation of the same jumps likelier than the wheel's broad laws do.
+        relabelled = replace(stages.assignment, configurations=judgement.configurations)
+        stages = _run_stages(inputs, (relabelled, stages.estimate))
+        judgement = _judge(inputs, models, stages)
+    diagnosis = _diagnosis(inputs, models, stages, judgement)
     state = next_state(
         carried,
         wheel,
         assignment=stages.assignment,
         components=stages.components,
-        tracked=_tracked(case, stages, judgement),
+        tracked=_tracked(inputs, stages, judgement),
         noise_std=evidence.noise.std,
         probability=judgement.to_carry if model is not None else {},
         base_known=stages.features.base_known,
@@ -138,57 +138,54 @@ def _differ(first: Sequence[IntArray], second: Sequence[IntArray]) -> bool:
     return not all(np.array_equal(one, other) for one, other in zip(first, second, strict=True))
 
 
-def _run_stages(case: Case, given: tuple[Assignment, Estimate] | None = None) -> _Stages:
+def _run_stages(inputs: DiagnosisInput, given: tuple[Assignment, Estimate] | None = None) -> Stages:
     """Run the stages after detection; with an assignment `given`, those after the assignment."""
-    evidence, wheel = case.evidence, case.wheel
-    if case.method == "paper":
-        assignment, estimate = assign_as_paper(evidence, wheel)
-        components = split_as_paper(assignment, estimate, evidence, wheel)
-    else:
-        assignment, estimate = given or assign(evidence, wheel, case.carried)
-        components = split(assignment, estimate, evidence, wheel, case.carried)
+    evidence, wheel = inputs.evidence, inputs.wheel
+    assignment, estimate = given or assign(evidence, wheel, inputs.carried)
+    components = split(assignment, estimate, evidence, wheel, inputs.carried)
     features = features_of(components, assignment, wheel)
     measured = features
-    if case.method == "joint" and case.carried.viscous is not None:
-        measured = without_prior(features, slope_prior(wheel, case.carried, 0.0), normalised_nominal_viscous(wheel))
+    if inputs.carried.viscous is not None:
+        measured = without_prior(features, slope_prior(wheel, inputs.carried, 0.0), normalised_nominal_viscous(wheel))
     fits = adequacy.check(evidence, estimate, assignment, wheel.fss)
-    if case.method == "joint" and case.doubting and not fits.adequate:
-        doubt, unit = doubt_of(evidence, estimate, assignment, components, wheel), normalised_nominal_viscous(wheel)
-        features, measured = doubt.widen_features(features, unit), doubt.widen_features(measured, unit)
-        components = doubt.widen(components)
-    return _Stages(assignment, estimate, components, features, measured, fits)
+    if inputs.with_model_error and not fits.adequate:
+        uncertainty, unit = (
+            uncertainty_of(evidence, estimate, assignment, components, wheel),
+            normalised_nominal_viscous(wheel),
+        )
+        features, measured = uncertainty.widen_features(features, unit), uncertainty.widen_features(measured, unit)
+        components = uncertainty.widen(components)
+    return Stages(assignment, estimate, components, features, measured, fits)
 
 
-def _judge(case: Case, models: Sequence[AnomalyModel | None], stages: _Stages) -> Judgement:
-    names, features = case.wheel.anomalies, stages.features
-    if case.model is None:
+def _judge(inputs: DiagnosisInput, models: Sequence[AnomalyModel | None], stages: Stages) -> Judgement:
+    names, features = inputs.wheel.anomalies, stages.features
+    if inputs.model is None:
         return unjudged(features, names)
-    if not covered(case):
+    if not covered(inputs):
         # What is carried stays as it is, too: the few samples there are may be of another pace, or of another wheel.
-        return replace(unjudged(features, names), to_carry=dict(case.carried.probability))
-    if case.method == "paper":
-        return classify_as_paper(features, models, names)
-    window = case.wheel.window
-    new_share = min(1.0, window.hop_slots / window.samples) if case.carried.windows else 1.0
+        return replace(unjudged(features, names), to_carry=dict(inputs.carried.probability))
+    window = inputs.wheel.window
+    new_share = min(1.0, window.hop_slots / window.samples) if inputs.carried.windows else 1.0
     if not stages.fits.adequate:
-        new_share = 0.0  # what is missing says the same in every window: it must not add up to certainty
-    viscous_unit = normalised_nominal_viscous(case.wheel)
-    judgement = classify(stages.measured, models, names, case.model, case.carried, new_share, viscous_unit)
+        new_share = 0.0  # what is missing shows alike in every window: it must not add up to certainty
+    viscous_unit = normalised_nominal_viscous(inputs.wheel)
+    judgement = classify(stages.measured, models, names, inputs.model, inputs.carried, new_share, viscous_unit)
     seen = replace(judgement.features, viscous=features.viscous, viscous_std=features.viscous_std)
     return replace(judgement, features=seen)
 
 
-def _tracked(case: Case, stages: _Stages, judgement: Judgement) -> tuple[Tracked | None, Tracked | None]:
+def _tracked(inputs: DiagnosisInput, stages: Stages, judgement: Judgement) -> tuple[Tracked | None, Tracked | None]:
     """Return what is known of base dry and viscous friction after the window, normalised.
 
     A window that the friction model does not fit moves nothing: what is missing in it is in its estimates too. Nor does
     one of which most is missing.
     """
-    base, viscous = case.carried.base_dry, case.carried.viscous
-    if not (stages.fits.adequate and covered(case)):
+    base, viscous = inputs.carried.base_dry, inputs.carried.viscous
+    if not (stages.fits.adequate and covered(inputs)):
         return base and base.drifted(), viscous and viscous.drifted()
-    unit = normalised_nominal_viscous(case.wheel)
-    if case.model is not None and case.method == "joint":
+    unit = normalised_nominal_viscous(inputs.wheel)
+    if inputs.model is not None:
         base, viscous = judgement.tracked
         return base, None if viscous is None else viscous.scaled(unit)
     seen = stages.measured
@@ -198,23 +195,19 @@ def _tracked(case: Case, stages: _Stages, judgement: Judgement) -> tuple[Tracked
     )
 
 
-def _shown(case: Case, features: Features, assignment: Assignment) -> Shown:
-    wheel = case.wheel
+def shown_of(inputs: DiagnosisInput, features: Features, assignment: Assignment) -> Shown:
+    """Return what a verdict asks beside the judgement."""
+    wheel = inputs.wheel
     nominal = wheel.nominal.viscous_Nm_s_rad if wheel.nominal else 0.0
     deviations = (
         features.base_dry_std * wheel.torque_unit_Nm,
         features.viscous_std * (nominal if nominal > 0 else viscous_unit(wheel)),
         *(system.highest()[2] * wheel.torque_unit_Nm for system in features.systems),
     )
-    base, slope = case.carried.base_dry, case.carried.viscous
-    whole = case.evidence.sums.between(np.zeros(1, dtype=np.int64), np.array([case.evidence.slots]))
+    base, slope = inputs.carried.base_dry, inputs.carried.viscous
+    whole = inputs.evidence.sums.between(np.zeros(1, dtype=np.int64), np.array([inputs.evidence.slots]))
     return Shown(
-        # The paper's method judges each system by itself, whatever it did.
-        unmoved=(
-            False,
-            False,
-            *(case.method == "joint" and system.configuration.size < 2 for system in features.systems),
-        ),
+        unmoved=(False, False, *(system.configuration.size < 2 for system in features.systems)),
         deviations=tuple(std if math.isfinite(std) else 0.0 for std in deviations),
         unnamed_jumps=not wheel.fss and bool((assignment.system != REJECTED).any()),
         mean_speed_rad_s=float(whole.x[0] / whole.n[0]) * wheel.speed_unit_rad_s,
@@ -226,26 +219,63 @@ def _shown(case: Case, features: Features, assignment: Assignment) -> Shown:
 
 
 def _diagnosis(
-    case: Case,
+    inputs: DiagnosisInput,
     models: Sequence[AnomalyModel | None],
-    stages: _Stages,
+    stages: Stages,
     judgement: Judgement,
 ) -> WindowDiagnosis:
-    fits = stages.fits
-    wheel, features = case.wheel, judgement.features
-    torque, viscous = wheel.torque_unit_Nm, viscous_unit(wheel)
-    anomalies = tuple(
-        anomaly_of(wheel, judged, learned, features, a)
-        for a, (judged, learned) in enumerate(zip(judgement.anomalies, models, strict=True))
-    )
-    shown = _shown(case, features, stages.assignment)
-    verdict, reason = verdict_of(case, judgement.anomalies, anomalies, fits, shown)
-    another_wheel = from_another_wheel(case, verdict, anomalies, shown)
+    anomalies = anomalies_of(inputs, models, judgement)
+    shown = shown_of(inputs, judgement.features, stages.assignment)
+    verdict, reason = verdict_of(inputs, judgement.anomalies, anomalies, stages.fits, shown)
+    another_wheel = from_another_wheel(inputs, verdict, anomalies, shown)
     if another_wheel:
         reason = f"{reason.removesuffix('.')}; {explanation.ANOTHER_WHEEL}"
+    text = explanation.explain(
+        verdict,
+        reason,
+        anomalies,
+        base_known=stages.features.base_known,
+        windows_before=inputs.carried.windows,
+        adequacy=stages.fits,
+        remedy=remedy_of(inputs, anomalies, shown, adequate=stages.fits.adequate) if verdict == "inconclusive" else "",
+        another_wheel=another_wheel,
+    )
+    return assembled(inputs, stages, judgement.features, anomalies, (verdict, reason, text))
+
+
+def anomalies_of(
+    inputs: DiagnosisInput, models: Sequence[AnomalyModel | None], judgement: Judgement
+) -> tuple[AnomalyDiagnosis, ...]:
+    """Return the entry of each anomaly in the diagnosis, from the judgement on it and what was learned of it."""
+    return tuple(
+        anomaly_of(inputs.wheel, judged, learned, judgement.features, a)
+        for a, (judged, learned) in enumerate(zip(judgement.anomalies, models, strict=True))
+    )
+
+
+def assembled(
+    inputs: DiagnosisInput,
+    stages: Stages,
+    features: Features,
+    anomalies: tuple[AnomalyDiagnosis, ...],
+    verdict: tuple[Verdict, str, str],
+) -> WindowDiagnosis:
+    """Return the diagnosis of a window.
+
+    Parameters
+    ----------
+    inputs, stages
+        What it is a function of, and the results of its stages.
+    features
+        The features as judged.
+    anomalies, verdict
+        Its entries; the verdict with reason and explanation.
+    """
+    wheel, fits = inputs.wheel, stages.fits
+    torque, viscous = wheel.torque_unit_Nm, viscous_unit(wheel)
     return WindowDiagnosis(
-        verdict=verdict,
-        reason=reason,
+        verdict=verdict[0],
+        reason=verdict[1],
         anomalies=anomalies,
         base_dry=value_of(features.base_dry, features.base_dry_std, torque, DRY_UNIT),
         viscous=value_of(stages.components.viscous, stages.components.viscous_std, viscous, VISCOUS_UNIT),
@@ -262,44 +292,34 @@ def _diagnosis(
         fit=Fit(
             scaled(stages.estimate.rmse, torque),
             scaled(stages.estimate.excess_rmse, torque),
-            scaled(case.evidence.noise.std, torque),
+            scaled(inputs.evidence.noise.std, torque),
         ),
         model_adequate=fits.adequate,
         suspected_effect=fits.suspected_effect,
-        explanation=explanation.explain(
-            verdict,
-            reason,
-            anomalies,
-            base_known=stages.features.base_known,
-            windows_before=case.carried.windows if case.method == "joint" else 0,
-            adequacy=fits,
-            remedy=remedy_of(case, anomalies, shown, adequate=fits.adequate) if verdict == "inconclusive" else "",
-            another_wheel=another_wheel,
-        ),
+        explanation=verdict[2],
         features=stages.features,
-        **case.provenance(),
+        **inputs.provenance(),
     )
 
 
-def _too_few(case: Case, models: Sequence[AnomalyModel | None]) -> WindowDiagnosis:
-    """Return the diagnosis of a window that holds next to nothing: all there is to say is that."""
-    systems = case.wheel.fss
+def too_few(inputs: DiagnosisInput, models: Sequence[AnomalyModel | None]) -> WindowDiagnosis:
+    """Return the diagnosis of a window with less than `MIN_USED` samples: too few to estimate anything."""
+    systems = inputs.wheel.fss
     no_sojourns = SystemFeatures("", np.zeros(0, dtype=np.int64), np.zeros(0), np.zeros(0), rests=True)
     features = Features(math.nan, math.nan, math.nan, math.nan, (no_sojourns,) * len(systems))
-    judged = unjudged(features, case.wheel.anomalies).anomalies
-    reason = f"Only {case.evidence.used} of the window's {case.evidence.slots} slots hold a usable sample."
+    judgement = unjudged(features, inputs.wheel.anomalies)
+    reason = f"Only {inputs.evidence.used} of the window's {inputs.evidence.slots} slots hold a usable sample."
     advice = explanation.CHECK_TELEMETRY
-    if case.evidence.used == case.evidence.slots:
-        whole = case.wheel.window.samples
-        reason = f"The window holds {case.evidence.used} samples: too few to measure friction, a whole one has {whole}."
+    if inputs.evidence.used == inputs.evidence.slots:
+        whole = inputs.wheel.window.samples
+        reason = (
+            f"The window holds {inputs.evidence.used} samples: too few to measure friction, a whole one has {whole}."
+        )
         advice = "Give it a longer recording."
     return WindowDiagnosis(
         verdict="inconclusive",
         reason=reason,
-        anomalies=tuple(
-            anomaly_of(case.wheel, entry, learned, features, a)
-            for a, (entry, learned) in enumerate(zip(judged, models, strict=True))
-        ),
+        anomalies=anomalies_of(inputs, models, judgement),
         base_dry=Value(None, None, DRY_UNIT),
         viscous=Value(None, None, VISCOUS_UNIT),
         fss=tuple(SystemFriction(system.name, (), (), ()) for system in systems),
@@ -309,5 +329,5 @@ def _too_few(case: Case, models: Sequence[AnomalyModel | None]) -> WindowDiagnos
         suspected_effect=None,
         explanation=f"{reason} {advice}",
         features=features,
-        **case.provenance(),
+        **inputs.provenance(),
     )

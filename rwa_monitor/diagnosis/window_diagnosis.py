@@ -1,15 +1,22 @@
-"""What the diagnosis of a window says: plain, immutable, in SI units; the monitor room turns it into a message.
+"""The diagnosis of a window and its inputs: plain, immutable, in SI units; the monitor room turns it into a message.
 
-Slots and indices count within the window; nothing here knows the time of day, the spacecraft or the file.
+Slots and indices count within the window; nothing here depends on the time of day, the spacecraft or the file.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
-from rwa_monitor.changepoints.stage_results import Method
+import numpy as np
+
+from rwa_monitor.changepoints.stage_results import REJECTED, UNATTRIBUTED, Assignment, Evidence, Method
+from rwa_monitor.diagnosis.classification import Judged
 from rwa_monitor.diagnosis.features import Features
+from rwa_monitor.diagnosis.model import AnomalyModel, Levels, Model
+from rwa_monitor.switching.carried_state import CarriedState
+from rwa_monitor.wheel.wheel import Wheel
 
 Verdict = Literal["nominal", "anomalous", "inconclusive"]
 DRY_UNIT = "N m"
@@ -42,7 +49,7 @@ class AnomalyDiagnosis:
     estimate
         The coefficient; for a switching system the mean friction of its highest visited configuration.
     nominal_low, nominal_high
-        Range of the estimate on a healthy wheel; None where no model knows it.
+        Range of the estimate on a healthy wheel; None where no model holds it.
     unit
         Of estimate and range.
     """
@@ -93,7 +100,7 @@ class Changepoint:
 
 @dataclass(frozen=True, slots=True)
 class Fit:
-    """How well the friction model fits the window [N m]; None where too few samples tell."""
+    """How well the friction model fits the window [N m]; None with too few samples."""
 
     rmse_Nm: float | None
     excess_rmse_Nm: float | None
@@ -102,7 +109,7 @@ class Fit:
 
 @dataclass(frozen=True, slots=True)
 class WindowDiagnosis:
-    """Everything a diagnosis says about one window.
+    """The diagnosis of one window.
 
     Attributes
     ----------
@@ -161,3 +168,107 @@ class WindowDiagnosis:
             if anomaly.name == name:
                 return anomaly
         raise KeyError(name)
+
+
+# ---- what it is a function of ----------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class DiagnosisInput:
+    """What a diagnosis is a function of."""
+
+    evidence: Evidence
+    wheel: Wheel
+    model: Model | None
+    carried: CarriedState
+    with_model_error: bool = True
+
+    def provenance(self) -> dict[str, Any]:
+        """Return the fields of the diagnosis on what it was made from."""
+        return {
+            "slots": self.evidence.slots,
+            "good": self.evidence.good,
+            "used": self.evidence.used,
+            "coverage": self.evidence.good / self.evidence.slots if self.evidence.slots else 0.0,
+            "method": "joint",
+            "model_sha256": self.model.sha256() if self.model else "",
+            "wheel_sha256": self.wheel.sha256(),
+            "prior_sha256": self.carried.sha256(),
+        }
+
+
+# ---- from normalised values to SI units ------------------------------------------------------------------------------
+
+
+def viscous_unit(wheel: Wheel) -> float:
+    """Return what one normalised unit of viscous friction is [N m s/rad]."""
+    return wheel.torque_unit_Nm / wheel.speed_unit_rad_s
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None
+
+
+def scaled(value: float, unit: float) -> float | None:
+    """Return a value in another unit; None where it is not finite."""
+    return _finite(value * unit)
+
+
+def value_of(value: float, std: float, unit: float, name: str) -> Value:
+    """Return a value with its standard deviation in another unit, of that name."""
+    return Value(scaled(value, unit), scaled(std, unit), name)
+
+
+def anomaly_of(
+    wheel: Wheel, judged: Judged, model: AnomalyModel | None, features: Features, a: int
+) -> AnomalyDiagnosis:
+    """Return one entry of the diagnosis: estimate, nominal range and severity in SI units."""
+    levels: Levels | None
+    if a == 0:
+        value, std, unit, name = features.base_dry, features.base_dry_std, wheel.torque_unit_Nm, DRY_UNIT
+        levels = model.levels[0] if model else None
+    elif a == 1:
+        nominal = wheel.nominal.viscous_Nm_s_rad if wheel.nominal else 0.0
+        value, std, name = features.viscous, features.viscous_std, VISCOUS_UNIT
+        unit = nominal if nominal > 0 else viscous_unit(wheel)
+        levels = model.levels[0] if model else None
+    else:
+        q, value, std = features.systems[a - 2].highest()
+        unit, name = wheel.torque_unit_Nm, DRY_UNIT
+        if q == 0 and model is not None:
+            # At rest a system has no friction, healthy or not; its severity could be anything up to the learned one.
+            return AnomalyDiagnosis(judged.name, judged.active, judged.probability, 0.0, 1.0, 0.0, 0.0, 0.0, name)
+        levels = model.levels[q] if model else None
+    severity = severity_std = None
+    width = None if levels is None else levels.severity_unit
+    if levels is not None and width is not None:
+        severity = _finite(max(0.0, (value - levels.nominal_high) / width))
+        severity_std = _finite(std / width)
+    return AnomalyDiagnosis(
+        name=judged.name,
+        active=judged.active,
+        probability=judged.probability,
+        severity=severity,
+        severity_std=severity_std,
+        estimate=scaled(value, unit),
+        nominal_low=levels.nominal_low * unit if levels else None,
+        nominal_high=levels.nominal_high * unit if levels else None,
+        unit=name,
+    )
+
+
+def changepoints_of(assignment: Assignment, wheel: Wheel) -> tuple[Changepoint, ...]:
+    """Return all candidates of an assignment in SI units, sorted by slot."""
+    names = {REJECTED: "rejected", UNATTRIBUTED: "unattributed"}
+    names |= {s: system.name for s, system in enumerate(wheel.fss)}
+    torque = wheel.torque_unit_Nm
+    order = np.argsort(assignment.index, kind="stable")
+    # Of two jumps with no usable sample between them only the sum is known: either may be all of it.
+    std, open_ended = assignment.jump_std, ~np.isfinite(assignment.jump_std)
+    if open_ended.any():
+        std = np.where(open_ended, np.abs(assignment.jump[open_ended]).sum(), std)
+    columns = (assignment.index, assignment.jump * torque, std * torque, assignment.system, assignment.confidence)
+    return tuple(
+        Changepoint(index, jump_Nm, std_Nm, names[system], confidence)
+        for index, jump_Nm, std_Nm, system, confidence in zip(*(c[order].tolist() for c in columns), strict=True)
+    )

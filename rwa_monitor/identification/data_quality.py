@@ -1,4 +1,4 @@
-"""What casts doubt on a wheel learned from recordings: too little data, friction that drifts, jumps that are left."""
+"""Data-quality warnings on a learned wheel: too little data, friction that drifts, jumps that are left."""
 
 from __future__ import annotations
 
@@ -9,13 +9,14 @@ from typing import Final
 
 import numpy as np
 
-from rwa_monitor.discrepancy.base_fit import Fit, criterion, fit
+from rwa_monitor.discrepancy.base_fit import Fit, criterion, fit, remove_levels, segment_starts
 from rwa_monitor.discrepancy.likelihood import ACCEPT_GAIN
+from rwa_monitor.discrepancy.plausible import first_slope
 from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.errors import InputError
 from rwa_monitor.samples import FloatArray, IntArray
-from rwa_monitor.switching.jump_attribution import MOST_CONFUSED, TIERS, Parted, confused_share
-from rwa_monitor.wheel.wheel import SwitchingSystem
+from rwa_monitor.switching.jump_attribution import MOST_CONFUSED, TIERS, JumpAttribution, confused_share
+from rwa_monitor.wheel.wheel import SwitchingSystem, Wheel
 from rwa_monitor.words import counted
 
 # A nominal value is good for something while its standard deviation is about half of what the built-in model's bands of
@@ -28,7 +29,7 @@ LARGEST_DRIFT: Final = 0.02
 # Of the base dry friction, the standard deviation of what temperature adds, below which it is let be.
 SMALLEST_SWING: Final = 0.005
 MOST_SYSTEMS: Final = max(len(counts) for tier in TIERS for counts in tier)
-MOST_ODD: Final = 0.1  # of the stays, that fit no system: more are no accident
+MOST_ODD: Final = 0.1  # of the segments, that fit no system: more are no accident
 SURE_BY: Final = 3.0  # log-likelihood by which one description must beat the next: odds of 20
 MOST_TIMES: Final = 10.0  # as many recordings, where two descriptions hardly differ
 
@@ -42,7 +43,7 @@ def friction_errors(problem: Problem) -> tuple[float, float]:
 
 
 def check_enough(problem: Problem, base: float, viscous: float, names: str, cause: str | None) -> None:
-    """Refuse records that leave the nominal friction too uncertain to tell a healthy wheel from a failing one.
+    """Refuse records that leave the nominal friction too uncertain to distinguish a healthy wheel from a failing one.
 
     More data would not help where there is another `cause`.
     """
@@ -88,7 +89,7 @@ def with_temperature(problem: Problem, fitted: Fit, base: float) -> list[str]:
 
 
 def drift_in_words(problem: Problem, jumps: IntArray, residual: FloatArray, base: float) -> list[str]:
-    """Say whether friction drifts between jumps, where a healthy wheel's stays: nothing if not.
+    """Report whether friction drifts between jumps, where a healthy wheel's stays: nothing if not.
 
     The common slope in time of what levels and viscous friction leave, each interval taken by itself.
     """
@@ -127,12 +128,12 @@ def unnamed_jumps(problem: Problem, jumps: IntArray, systems: Sequence[Switching
     return [note]
 
 
-def check_told_apart(parted: Parted, base: float, hours: float) -> None:
-    """Refuse systems that the jumps do not tell apart, and say whether more of them would.
+def check_distinguished(attribution: JumpAttribution, base: float, hours: float) -> None:
+    """Refuse systems that the jumps do not distinguish, and report whether more of them would.
 
     Parameters
     ----------
-    parted
+    attribution
         The systems found.
     base
         Friction with all at rest [N m].
@@ -142,23 +143,23 @@ def check_told_apart(parted: Parted, base: float, hours: float) -> None:
     Raises
     ------
     InputError
-        If many stays fit no system, if another number of systems fits nearly as well, or if two systems of two
+        If many segments fit no system, if another number of systems fits nearly as well, or if two systems of two
         configurations have jumps of the same size that last alike.
     """
-    if parted.odd > MOST_ODD:
+    if attribution.odd > MOST_ODD:
         raise InputError(
             "identify",
-            f"{100.0 * parted.odd:.0f} % of the stays between jumps fit no sum of up to {MOST_SYSTEMS} switching"
-            " systems: is an effect missing, or does the wheel have more of them? Look at it with `discrepancy`, or"
-            " write the systems into the wheel file",
+            f"{100.0 * attribution.odd:.0f} % of the segments between jumps fit no sum of up to {MOST_SYSTEMS}"
+            " switching systems: is an effect missing, or does the wheel have more of them? Look at it with"
+            " `discrepancy`, or write the systems into the wheel file",
         )
-    counts = parted.chains.counts
+    counts = attribution.chains.counts
     for i, j in combinations(range(len(counts)), 2):
         if (
             counts[i] == counts[j] == 2
-            and (share := confused_share(parted.chains, parted.visits, i, j)) > MOST_CONFUSED
+            and (share := confused_share(attribution.chains, attribution.visits, i, j)) > MOST_CONFUSED
         ):
-            sizes = " and ".join(f"{parted.chains.size[k, 1] / base:.2g}" for k in (i, j))
+            sizes = " and ".join(f"{attribution.chains.size[k, 1] / base:.2g}" for k in (i, j))
             raise InputError(
                 "identify",
                 "two switching systems are seen, of two configurations each, but which jump is of which cannot be told:"
@@ -166,13 +167,13 @@ def check_told_apart(parted: Parted, base: float, hours: float) -> None:
                 f" {100.0 * share:.0f} % of the visits may be of the other. More recordings would not help: write the"
                 " systems with their duration laws into the wheel file ([[fss]])",
             )
-    for rival, worse in parted.rivals:
-        # A system more that is not worth its parameters is no rival.
-        if worse < SURE_BY and Counter(counts) - Counter(rival):
+    for alternative, worse in attribution.alternatives:
+        # A system more that is not worth its parameters is no alternative.
+        if worse < SURE_BY and Counter(counts) - Counter(alternative):
             times = int(np.ceil(SURE_BY / max(worse, SURE_BY / MOST_TIMES)))
             raise InputError(
                 "identify",
-                f"the jumps may be of {_in_words(counts)}, or nearly as well of {_in_words(rival)}"
+                f"the jumps may be of {_in_words(counts)}, or nearly as well of {_in_words(alternative)}"
                 f" (log-likelihoods differ by {worse:.1f} of the {SURE_BY:.0f} needed): give about {times} times as"
                 f" many recordings, {times * hours:.2g} h in all, or write the systems into the wheel file ([[fss]])",
             )
@@ -182,4 +183,106 @@ def _in_words(counts: tuple[int, ...]) -> str:
     """Say how many systems of how many configurations."""
     return " and ".join(
         f"{counted(counts.count(count), 'system')} of {count} configurations" for count in sorted(set(counts))
+    )
+
+
+# ---- friction that comes out negative --------------------------------------------------------------------------------
+
+
+MOTION_VISIBLE_AT: Final = 10.0  # standard deviations of an inertia left in friction, its noise taken to be white
+BENT_VISIBLE_AT: Final = 10.0  # standard deviations of drag with the square of the speed, its noise taken to be white
+BENT_SHARE: Final = 0.02  # of all friction (rms): less does no harm to what is learned
+MOTION_SHARE: Final = 0.02  # of all friction (rms): less does no harm to what is learned
+
+
+def why_negative(problem: Problem, fitted: Fit, wheel: Wheel, finding: str) -> str:
+    """Report why friction comes out negative, or ask.
+
+    In this order: at one speed dry and viscous friction are one number, of which each may be anything; torque that
+    drives the rotation has the wrong sign; drag that grows faster than the speed leaves less than nothing for the dry
+    friction, and while a wheel runs down it would pass for an inertia; friction that follows the acceleration holds a
+    part of the inertia's torque.
+
+    Parameters
+    ----------
+    problem, fitted
+        The records and the base law fitted to them.
+    wheel
+        Constants with which friction was derived.
+    finding
+        What came out negative, in words.
+    """
+    if problem.at_one_speed:
+        return at_one_speed(problem, fitted)
+    if float(np.mean(problem.z)) < 0:
+        return f"{finding}, and torque drives the rotation on the average: is the sign of speed or torque right?"
+    law = missing_law(problem, fitted)
+    if law is not None:
+        return f"{finding}, and {law}"
+    motion = motion_in_friction(problem, fitted, wheel)
+    if motion is not None:
+        return f"{finding}, and {motion}"
+    return (
+        f"{finding}: drag falls with the speed; is the range of speeds small, or the bearing warmer while the wheel is"
+        " fast?"
+    )
+
+
+def missing_law(problem: Problem, fitted: Fit) -> str | None:
+    """Say that friction is no straight line over the speed; None where it is, within its noise or nearly.
+
+    Parameters
+    ----------
+    problem, fitted
+        As for `why_negative`.
+    """
+    first = segment_starts(problem, fitted.jumps)
+    design = remove_levels(np.column_stack([problem.speed**2, problem.speed]), first)
+    value, std = first_slope(design, remove_levels(problem.z, first))
+    off_a_line = abs(value) * float(np.ptp(problem.speed)) ** 2 / 8.0  # of the parabola from its chord, in the middle
+    if abs(value) < BENT_VISIBLE_AT * std or off_a_line < BENT_SHARE * float(np.sqrt(np.mean(problem.z**2))):
+        return None
+    how = "upwards over the speed, as windage or a rise towards rest does" if value > 0 else "downwards over the speed"
+    return (
+        f"drag bends {how}: a law is missing, which rwa-monitor discrepancy names; its extended_wheel.toml, given with"
+        " --wheel, lets the rest be learned"
+    )
+
+
+def at_one_speed(problem: Problem, fitted: Fit) -> str:
+    """Report that dry and viscous friction cannot be told apart, and what is known instead: their sum."""
+    speed = float(problem.speed.mean())
+    together = float(fitted.level.mean()) + float(fitted.coefficients[0]) * speed
+    return (
+        f"the speed hardly leaves {speed:.4g} rad/s: there friction is {together:.4g} N m, and these data cannot"
+        " tell how much of that is dry and how much viscous; give recordings at several speeds"
+    )
+
+
+def motion_in_friction(problem: Problem, fitted: Fit, wheel: Wheel) -> str | None:
+    """Ask where friction follows the acceleration more than an acceptable part of it; None where it does not.
+
+    Parameters
+    ----------
+    problem, fitted, wheel
+        As for `why_negative`.
+    """
+    if wheel.friction.motor_off:  # friction is the inertia's torque
+        return None
+    along = problem.sign * problem.gather([record.channels.acceleration_rad_s2 for record in problem.records])
+    first = segment_starts(problem, fitted.jumps)
+    design = remove_levels(np.column_stack([along, problem.speed]), first)
+    value, std = first_slope(design, remove_levels(problem.z, first))
+    share = abs(value) * float(np.std(along)) / float(np.sqrt(np.mean(problem.z**2)))
+    if abs(value) < MOTION_VISIBLE_AT * std or share < MOTION_SHARE:
+        return None
+    inertia = wheel.inertia_kg_m2 if problem.friction_is_derived else None
+    asked = (
+        "was the acceleration taken out with the right inertia"
+        if inertia is None
+        else f"are inertia_kg_m2 = {inertia:.4g} and the units of speed and torque right"
+    )
+    return (
+        f"friction follows the acceleration as {value:.3g} ± {std:.1g} kg m² of inertia would: {asked}, and have both"
+        " channels the same time?"
     )

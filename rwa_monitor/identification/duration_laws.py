@@ -1,15 +1,15 @@
 """Duration laws learned from few sojourns: what the next one may last, not the one law that fits the last ones best.
 
 The ends of a uniform law fitted to nine sojourns miss the true ones by a tenth of their distance, and one sojourn in
-five of the future lies outside the nine. A law that calls these impossible makes a diagnosis certain of a wrong story.
-So what is written is the predictive law: the posterior mean over all laws of four families that the sojourns do not
-rule out, each by its probability (Bayesian model averaging).
+five of the future lies outside the nine. A law that calls these impossible makes a diagnosis certain of a wrong
+switching path. So what is written is the predictive law: the posterior mean over all laws of four families that the
+sojourns do not rule out, each by its probability (Bayesian model averaging).
 
 Four families stand beside each other: uniform, geometric, log-normal, Weibull. All have a scale, whose logarithm is
 flat a priori, and all but the geometric a shape with a proper prior, so that their evidences compare (the scale's prior
-is the same in all). Configurations of one system may share a law: each way to part them into groups of one law each is
-weighed by the evidence, too. So a configuration seen three times borrows from others as far as these are like it, and
-not where they are not.
+is the same in all). Configurations of one system may share a law: each way to divide them into groups of one law each
+is weighed by the evidence, too. So a configuration seen three times borrows from others as far as these are like it,
+and not where they are not.
 
 Records cut sojourns (errata 9). With S(e) = P(τ ≥ e), μ the mean and N the length of a record, the likelihoods are
 
@@ -166,7 +166,7 @@ def learn_laws(sojourns: Sequence[Sojourns]) -> list[LearnedLaw]:
         If a configuration was never seen.
     """
     groups: dict[tuple[int, ...], _Group] = {}
-    parted = []
+    weighted = []
     for partition in _partitions(tuple(range(len(sojourns)))):
         for group in partition:
             if group not in groups:
@@ -174,13 +174,13 @@ def learn_laws(sojourns: Sequence[Sojourns]) -> list[LearnedLaw]:
                 for q in group:
                     together = together.joined(sojourns[q])
                 groups[group] = _learn(together)
-        parted.append((partition, sum(groups[group].log_evidence for group in partition)))
-    weights = special.softmax([evidence for _, evidence in parted])
+        weighted.append((partition, sum(groups[group].log_evidence for group in partition)))
+    weights = special.softmax([evidence for _, evidence in weighted])
     return [
         _mixture(
             [
                 (float(weight), next(groups[group] for group in partition if q in group))
-                for weight, (partition, _) in zip(weights, parted, strict=True)
+                for weight, (partition, _) in zip(weights, weighted, strict=True)
             ],
             FARTHEST * max(one.longest for one in sojourns),
         )
@@ -189,7 +189,7 @@ def learn_laws(sojourns: Sequence[Sojourns]) -> list[LearnedLaw]:
 
 
 def _partitions(items: tuple[int, ...]) -> Iterator[tuple[tuple[int, ...], ...]]:
-    """Yield all ways to part items into groups."""
+    """Yield all ways to divide items into groups."""
     if not items:
         yield ()
         return
@@ -328,9 +328,9 @@ def _histogram(at: IntArray, survival: FloatArray) -> Histogram:
     edges: IntArray = np.unique([int(at[np.flatnonzero(survival >= level)[-1]]) for level in EDGES])
     if edges.size == 1:
         edges = np.append(edges, edges[0] + 1)
-    tails = np.interp(edges, at, survival)
-    tails[-1] = 0.0
+    beyond = np.interp(edges, at, survival)
+    beyond[-1] = 0.0
     return Histogram(
         edges=tuple(edges.tolist()),
-        weights=tuple(float(f"{share:.4g}") for share in -np.diff(tails)),
+        weights=tuple(float(f"{share:.4g}") for share in -np.diff(beyond)),
     )

@@ -1,7 +1,8 @@
 """A wheel's friction, noise and switching laws learned from its recordings alone (the paper's own open question).
 
-1. The recordings are segmented with a shared viscous slope: stays at constant friction, and jumps between them.
-2. The jumps are parted between switching systems, as many as they need, by size, duration and by closing (`parting`).
+1. The recordings are segmented with a shared viscous slope: segments at constant friction, and jumps between them.
+2. The jumps are attributed to switching systems, as many as they need, by size, duration and by closing
+   (`jump_attribution`).
 3. Each configuration's sojourns give its duration law (`duration_laws`), its friction a range.
 """
 
@@ -22,23 +23,26 @@ from rwa_monitor.discrepancy.problem import Problem
 from rwa_monitor.discrepancy.record import left_out_in_words, make_record
 from rwa_monitor.errors import InputError
 from rwa_monitor.identification.data_quality import (
+    at_one_speed,
+    check_distinguished,
     check_enough,
-    check_told_apart,
     drift_in_words,
     friction_errors,
+    missing_law,
+    motion_in_friction,
     unnamed_jumps,
+    why_negative,
     with_temperature,
 )
 from rwa_monitor.identification.duration_laws import LearnedLaw, Sojourns, learn_laws
-from rwa_monitor.identification.negative_friction import at_one_speed, missing_law, motion_in_friction, why_negative
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, SECONDS_PER_HOUR, FloatArray, IntArray, Samples
-from rwa_monitor.switching.chain_decoding import Stays
-from rwa_monitor.switching.jump_attribution import Visit, part
+from rwa_monitor.switching.chain_decoding import Segments
+from rwa_monitor.switching.jump_attribution import Visit, attribute_jumps
 from rwa_monitor.wheel.wheel import FrictionRange, Noise, Nominal, SwitchingSystem, Wheel, Window
 
 MIN_SOJOURNS: Final = 4  # of a configuration, whole or cut; fewer do not show that there is one
 # Of a mean duration, one standard deviation. The law written holds it, so that it misleads no diagnosis; but a law that
-# is known less well hardly says anything.
+# is known less well hardly shows anything.
 LARGEST_LAW_ERROR: Final = 0.3
 # Of the friction at rest, that of a jump below which it is none of a switching system: a third of what healthy base dry
 # friction spreads by. A slope that differs between recordings makes such jumps.
@@ -95,7 +99,7 @@ def identify(recordings: Sequence[tuple[str, Samples]], start: Wheel, *, systems
     Raises
     ------
     InputError
-        If a recording cannot be used, or there is too little to learn a law from; says how much more is needed.
+        If a recording cannot be used, or there is too little to learn a law from; reports how much more is needed.
     """
     bench = as_measured(recordings, start)
     recordings, start = bench.recordings, bench.wheel
@@ -110,7 +114,7 @@ def identify(recordings: Sequence[tuple[str, Samples]], start: Wheel, *, systems
         raise InputError(
             names, why_negative(problem, fitted, bare, f"viscous friction is negative ({viscous:.3g} N m s/rad)")
         )
-    records = _stays(problem, fitted.jumps, fitted.level + fitted.residual)
+    records = _segments(problem, fitted.jumps, fitted.level + fitted.residual)
     base, base_std = _lowest_level(records)
     warming = with_temperature(problem, fitted, base)
     drift = [*warming, *drift_in_words(problem, fitted.jumps, fitted.residual, base)]
@@ -157,11 +161,11 @@ def identify(recordings: Sequence[tuple[str, Samples]], start: Wheel, *, systems
         f"viscous {viscous:.5g} ± {viscous_std:.2g} N m s/rad, base dry {base:.5g} ± {dry_std:.2g} N m",
         f"noise {problem.noise.std:.3g} N m; the variance of a long mean is {colour:.1f} times that of white noise",
     )
-    doubts = [*drift, *unnamed_jumps(problem, fitted.jumps, blocks), *(why for why in (law, motion) if why)]
+    warnings = [*drift, *unnamed_jumps(problem, fitted.jumps, blocks), *(why for why in (law, motion) if why)]
     if start.nominal is not None:
         asked = slope_in_question(Shown(viscous, viscous_std), start.nominal.viscous_Nm_s_rad)
-        doubts += [asked] if asked else []
-    return Learned(Wheel.from_tables(wheel.to_tables(), "learned wheel"), (*head, *notes, *doubts))
+        warnings += [asked] if asked else []
+    return Learned(Wheel.from_tables(wheel.to_tables(), "learned wheel"), (*head, *notes, *warnings))
 
 
 def _window(known: Window, problem: Problem) -> Window:
@@ -171,8 +175,8 @@ def _window(known: Window, problem: Problem) -> Window:
     return known.model_copy(update={"samples": samples, "hop": None if known.hop is None else min(known.hop, samples)})
 
 
-def _stays(problem: Problem, jumps: IntArray, rest: FloatArray) -> list[Stays]:
-    """Return the records as stays between jumps, `rest` being friction less its viscous part, float64 (n,) [N m]."""
+def _segments(problem: Problem, jumps: IntArray, rest: FloatArray) -> list[Segments]:
+    """Return the records as segments between jumps, `rest` being friction less its viscous part, float64 (n,) [N m]."""
     found: list[tuple[FloatArray, IntArray, list[int]]] = []
     for begin, end in pairwise(problem.starts.tolist()):
         if end > begin:
@@ -184,12 +188,12 @@ def _stays(problem: Problem, jumps: IntArray, rest: FloatArray) -> list[Stays]:
     for values, slot, inside in found:
         _leave_out_small(values, inside, smallest)
         level, count = _levels(values, inside)
-        records.append(Stays(level, np.sqrt(variance / count), np.append(slot[[0, *inside]], slot[-1] + 1)))
+        records.append(Segments(level, np.sqrt(variance / count), np.append(slot[[0, *inside]], slot[-1] + 1)))
     return records
 
 
 def _levels(values: FloatArray, jumps: list[int]) -> tuple[FloatArray, IntArray]:
-    """Return the mean of each stay [N m] and how many samples it is of."""
+    """Return the mean of each segment [N m] and how many samples it is of."""
     count: IntArray = np.diff([0, *jumps, values.size])
     return np.add.reduceat(values, [0, *jumps]) / count, count
 
@@ -204,8 +208,8 @@ def _leave_out_small(values: FloatArray, jumps: list[int], smallest: float) -> N
         del jumps[least]
 
 
-def _lowest_level(records: Sequence[Stays]) -> tuple[float, float]:
-    """Return the mean of the lowest stays [N m], and its std by how recordings differ in it.
+def _lowest_level(records: Sequence[Segments]) -> tuple[float, float]:
+    """Return the mean of the lowest segments [N m], and its std by how recordings differ in it.
 
     They are those less than half a jump above the lowest of all: from one recording to another the base may differ by a
     little.
@@ -228,29 +232,31 @@ def _mean_of_records(bases: Sequence[tuple[float, int]]) -> tuple[float, float]:
     return float(np.average(level, weights=slots)), spread
 
 
-def _systems(records: Sequence[Stays], lowest: float, hours: float) -> tuple[list[_System], tuple[float, float]]:
+def _systems(records: Sequence[Segments], lowest: float, hours: float) -> tuple[list[_System], tuple[float, float]]:
     """Return the switching systems, fast ones first, and friction with all at rest with its standard deviation [N m].
 
     Raises
     ------
     InputError
-        If there are none, if they are seen too rarely, or if jumps do not tell them apart.
+        If there are none, if they are seen too rarely, or if jumps do not distinguish them.
     """
     if all(one.level.size == 1 for one in records):
         raise _too_little("a switching system", [Sojourns()], hours)
-    parted = part(records, lowest)
-    found = [_system_of(count, visits) for count, visits in zip(parted.chains.counts, parted.visits, strict=True)]
+    attribution = attribute_jumps(records, lowest)
+    found = [
+        _system_of(count, visits) for count, visits in zip(attribution.chains.counts, attribution.visits, strict=True)
+    ]
     for system in found:
         if min(one.seen for one in system.sojourns) < MIN_SOJOURNS or not all(one.complete for one in system.sojourns):
             raise _too_little("a switching system", system.sojourns, hours)
-    check_told_apart(parted, lowest, hours)
-    at_rest = [(level, slots) for level, slots in parted.base if slots > 0]
+    check_distinguished(attribution, lowest, hours)
+    at_rest = [(level, slots) for level, slots in attribution.base if slots > 0]
     found.sort(key=lambda system: min(float(np.median(one.complete)) for one in system.sojourns[1:]))
-    return found, _mean_of_records(at_rest or [(level, 1) for level, _ in parted.base])
+    return found, _mean_of_records(at_rest or [(level, 1) for level, _ in attribution.base])
 
 
 def _system_of(count: int, visits: Sequence[Visit]) -> _System:
-    """Return what the visits of one system say of each of its configurations."""
+    """Return what the visits of one system show of each of its configurations."""
     sojourns = [Sojourns() for _ in range(count)]
     friction: list[list[float]] = [[] for _ in range(count)]
     ups = [[0, 0] for _ in range(count)]
@@ -267,7 +273,7 @@ def _system_of(count: int, visits: Sequence[Visit]) -> _System:
 
 
 def _typical(seen: Sequence[Visit]) -> list[float]:
-    """Return the friction of the visits that say how far a configuration's reaches [N m].
+    """Return the friction of the visits that show how far a configuration's reaches [N m].
 
     A visit of a few slots is known too badly; and one far from the others may be another system's.
     """

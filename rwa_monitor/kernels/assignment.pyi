@@ -12,7 +12,7 @@ UNATTRIBUTED: Final[int]
 
 _Bounds = tuple[FloatArray, FloatArray, FloatArray]  # rest, rest_fit, own
 _Worth = tuple[FloatArray, FloatArray, FloatArray, FloatArray]  # single, twice, alone, with_law
-_FlatStory = tuple[IntArray, IntArray, IntArray, IntArray]
+_FlatPath = tuple[IntArray, IntArray, IntArray, IntArray]
 
 def free_bounds(scores: Scores) -> tuple[_Bounds, _Worth]: ...
 def priced_bounds(scores: Scores, worth: _Worth, start: IntArray, taken: IntArray) -> tuple[FloatArray, FloatArray]: ...
@@ -41,7 +41,7 @@ def find_paths(
 def add_up_laws(scores: Scores, start: IntArray, taken: IntArray, /) -> float: ...
 def tell(
     actions: IntArray, index: IntArray, start: IntArray, taken: IntArray
-) -> tuple[_FlatStory, IntArray, IntArray, IntArray]:
+) -> tuple[_FlatPath, IntArray, IntArray, IntArray]:
     """Turn a path into sojourns, and into systems and directions per candidate.
 
     Parameters
@@ -53,15 +53,15 @@ def tell(
 
     Returns
     -------
-    story, nodes, system, direction
-        Who jumped when, see `stage_results.FlatStory`; int64 (segments + 1,), the accepted candidates as nodes, and
+    path, nodes, system, direction
+        Who jumped when, see `stage_results.FlatPath`; int64 (segments + 1,), the accepted candidates as nodes, and
         both ends of the window; int64 (m, 2), who jumped at each candidate and which way: REJECTED or UNATTRIBUTED
         alone, REJECTED in second place.
     """
 
 def weigh(
     scores: Scores, start: IntArray, taken: IntArray, index: IntArray, pairs: FloatArray, knowns: Knowns
-) -> tuple[_FlatStory, IntArray, IntArray, IntArray, FloatArray, float, float]:
+) -> tuple[_FlatPath, IntArray, IntArray, IntArray, FloatArray, float, float]:
     """Weigh a path by its full likelihood.
 
     Parameters
@@ -69,14 +69,14 @@ def weigh(
     scores, start, taken, index
         As for `tell`.
     pairs
-        The moments between all pairs of nodes, see `segments.Level`.
+        The sufficient statistics between all pairs of nodes, see `segments.Level`.
     knowns
         What is known before the window.
 
     Returns
     -------
-    story, system, direction, borders, moments, log_evidence, score
-        The first three as from `tell`; slots at which its segments begin and end, and their moments; the samples'
+    path, system, direction, borders, statistics, log_evidence, score
+        The first three as from `tell`; slots at which its segments begin and end, and their statistics; the samples'
         log-likelihood, and the same with the laws'.
     """
 

@@ -9,8 +9,8 @@ NEVER: float
 def likeliest_path(
     record: Record, laws: Laws, states: States, moves: IntArray, beam: int
 ) -> tuple[IntArray, NDArray[np.uint8], float]:
-    """Return the configurations (stays, systems) of the likeliest path, which stays are outliers, its log-likelihood.
+    """Return the configurations (segments, systems) of the likeliest path, its outliers among them, its log-likelihood.
 
-    `moves`, int64 (moves, systems), are the steps -1, 0 or 1 of each system from a stay to the next; `beam` paths are
-    followed. Of paths that are exactly as likely, the first found is kept.
+    `moves`, int64 (moves, systems), are the steps -1, 0 or 1 of each system from a segment to the next; `beam` paths
+    are followed. Of paths that are exactly as likely, the first found is kept.
     """

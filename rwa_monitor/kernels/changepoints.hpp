@@ -1,4 +1,4 @@
-// From the peaks of all scales to the candidates of a window (see rwa_monitor/changepoints/changepoints.py).
+// From the peaks of all scales to the candidates of a window (see rwa_monitor/changepoints/candidates.py).
 #pragma once
 
 #include "running_sums.hpp"

@@ -1,4 +1,4 @@
-from rwa_monitor.changepoints.changepoints import Bar
+from rwa_monitor.changepoints.candidates import Threshold
 from rwa_monitor.changepoints.running_sums import SumArrays
 from rwa_monitor.samples import FloatArray, IntArray
 
@@ -26,7 +26,7 @@ def select(
     slope: float,
     correlation: float,
     sums: SumArrays,
-    bar: Bar,
+    bar: Threshold,
 ) -> tuple[IntArray, IntArray, FloatArray, FloatArray, int]:
     """Choose the candidates of a window among the peaks of all scales.
 
@@ -56,7 +56,7 @@ def choose(
     peak_scale: IntArray,
     slots: int,
     sums: SumArrays,
-    bar: Bar,
+    bar: Threshold,
     correlation: float,
     variance: float,
     prior_mean: float,

@@ -1,7 +1,7 @@
 from typing import Final
 
+from rwa_monitor.changepoints.candidates import PeakArrays
 from rwa_monitor.changepoints.evidence import WindowArrays, WindowSettings
-from rwa_monitor.changepoints.peaks import PeakArrays
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 
 CONFIRMED_STATISTIC: Final[float]

@@ -1,18 +1,18 @@
-from rwa_monitor.changepoints.stage_results import FlatStory
+from rwa_monitor.changepoints.stage_results import FlatPath
 from rwa_monitor.samples import FloatArray, IntArray
 from rwa_monitor.switching.friction_model import Cases
 
-def lay_out(story: FlatStory, borders: IntArray, table: FloatArray) -> tuple[FloatArray, IntArray, FloatArray]:
-    """Lay out the linear model of a story; its unknowns are base, sojourns, unattributed jumps, and the slope.
+def lay_out(path: FlatPath, borders: IntArray, table: FloatArray) -> tuple[FloatArray, IntArray, FloatArray]:
+    """Lay out the linear model of a path; its unknowns are base, sojourns, unattributed jumps, and the slope.
 
     Parameters
     ----------
-    story
+    path
         Who jumped when.
     borders
         int64 (segments + 1,), slots at which segments begin and end.
     table
-        See `friction_priors.law_table`.
+        See `friction_model.law_table`.
 
     Returns
     -------
@@ -43,7 +43,7 @@ def condition(
     levels
         As from `lay_out`.
     moments
-        float64 (6, segments), see `Moments`.
+        float64 (6, segments), see `SufficientStatistics`.
     mean, covariance
         Of the prior: float64 (unknowns,), (unknowns, unknowns) of which the lower triangle is read and destroyed.
     block
@@ -56,7 +56,7 @@ def condition(
     """
 
 def solve_cases(
-    story: FlatStory,
+    path: FlatPath,
     borders: IntArray,
     table: FloatArray,
     moments: FloatArray,
@@ -64,13 +64,13 @@ def solve_cases(
     variance: float,
     scatter: float,
 ) -> tuple[float, FloatArray, FloatArray, FloatArray, IntArray]:
-    """Lay a story out, condition its prior of each case on the segments, and mix what comes out.
+    """Lay a path out, condition its prior of each case on the segments, and mix what comes out.
 
     Returns log evidence, mean, standard deviation and covariance of the mixture, and `column` as from `lay_out`.
     """
 
 def evidence_of_cases(
-    story: FlatStory,
+    path: FlatPath,
     borders: IntArray,
     table: FloatArray,
     moments: FloatArray,

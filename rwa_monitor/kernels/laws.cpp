@@ -1,4 +1,4 @@
-// Laws of sojourns, and densities of measured values (see rwa_monitor/switching/duration_likelihoods.py, densities.py).
+// Laws of sojourns (rwa_monitor/switching/duration_likelihoods.py), densities of measured values (diagnosis/model.py).
 #include "arrays.hpp"
 
 #include <algorithm>

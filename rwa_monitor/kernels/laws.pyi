@@ -1,7 +1,7 @@
 from typing import Final
 
 from rwa_monitor.samples import FloatArray, IntArray
-from rwa_monitor.switching.duration_likelihoods import Chain, Told
+from rwa_monitor.switching.duration_likelihoods import Chain, FirstSojourn
 
 SOFT_SHARE: Final[float]
 OTHER_SIZE: Final[float]
@@ -12,7 +12,7 @@ def tabulate(
     slots: int,
     survivals: FloatArray,
     chain: Chain,
-    told: Told,
+    first: FirstSojourn,
     jump: FloatArray,
     stay: FloatArray,
     missed: FloatArray,
@@ -26,14 +26,14 @@ def tabulate(
     survivals
         float64 (Q, points), P(τ ≥ slots) of the laws, not softened: at the durations between all pairs of candidates
         (i < j, row by row), at these + 1, from the window's begin to each candidate, and from each to its end.
-    chain, told
+    chain, first
         The system's laws, and what is known of its first sojourn.
     jump, stay, missed
-        The system's part of `duration_likelihoods.LawTables`.
+        The system's part of `duration_likelihoods.DurationLikelihoods`.
     """
 
 def add_up(
-    configurations: IntArray, at: FloatArray, slots: int, survivals: FloatArray, chain: Chain, told: Told
+    configurations: IntArray, at: FloatArray, slots: int, survivals: FloatArray, chain: Chain, first: FirstSojourn
 ) -> float:
     """Add up the log-probabilities of a system's sojourns in `configurations`, the later ones begun at the slots `at`.
 

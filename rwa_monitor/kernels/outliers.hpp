@@ -1,4 +1,4 @@
-// How heavy the tails of a window's noise are (see rwa_monitor/changepoints/outlier_model.py).
+// How heavy the tails of a window's noise are (see rwa_monitor/changepoints/noise.py).
 #pragma once
 
 #include "arrays.hpp"

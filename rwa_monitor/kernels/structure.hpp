@@ -1,4 +1,4 @@
-// Direction, dead band and wheel angle beside the running sums (see rwa_monitor/changepoints/structure.py).
+// Direction, dead band and wheel angle beside the running sums (see rwa_monitor/changepoints/running_sums.py).
 #pragma once
 
 #include "arrays.hpp"

@@ -1,6 +1,6 @@
 from typing import Final
 
-from rwa_monitor.changepoints.structure import StructureArrays
+from rwa_monitor.changepoints.running_sums import StructureArrays
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 
 BLOCK: Final[int]

@@ -17,7 +17,7 @@ and batch agree to the last bit.
 
 from typing import Final
 
-from rwa_monitor.changepoints.peaks import PeakArrays, ScanSettings, ScanState
+from rwa_monitor.changepoints.candidates import PeakArrays, ScanState
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 
 CHUNK: Final[int]
@@ -41,7 +41,7 @@ def scan(
     start: int,
     stop: int,
     counting: bool,
-    settings: ScanSettings,
+    settings: tuple[IntArray, float, float, FloatArray, FloatArray, bool],
     state: ScanState,
     peaks: PeakArrays,
     chunk_peaks: int,
@@ -57,8 +57,12 @@ def scan(
         k = t - w for every new t, the end of its right half.
     counting
         Whether to add to the histogram (not when slots are scanned a second time).
-    settings, state, peaks
-        See their classes; state and peaks are changed in place.
+    settings
+        int64 (S,), the scales, ascending; W_b and f̃_v; float64 (S,) each, the statistics from which a peak is kept
+        (infinite to keep none), and confirmed; whether to keep the maximum of each contiguous run instead of the
+        maxima within ±w.
+    state, peaks
+        See their classes; both are changed in place.
     chunk_peaks
         Peaks that a chunk can give at most. There is room for those of the first chunk; it ends before another one
         for which there is none.

@@ -30,6 +30,7 @@ from rwa_monitor.monitor.events import Event, ProvisionalChangepoint, SensorFaul
 from rwa_monitor.monitor.ingest.sequencer import Counts
 from rwa_monitor.monitor.ingest.slot_assignment import PIECE_SLOTS
 from rwa_monitor.monitor.settings_check import with_sample_period
+from rwa_monitor.paper import method as paper
 from rwa_monitor.slots import SlotGrid
 from rwa_monitor.switching.carried_state import CarriedState
 from rwa_monitor.telemetry.friction import BLOCK_SLOTS, FrictionSource, Source
@@ -153,7 +154,7 @@ class Windows:
                 events.append(self._close(self._open.pop(0)))
                 self._find_border()
             if self._done == self._next_start and self._done < self.ring.end:
-                accumulator = WindowAccumulator(self.wheel, self.method)
+                accumulator = WindowAccumulator(self.wheel)
                 self._open.append(_OpenWindow(self._done, accumulator))
                 self._next_start += self._hop
                 self._find_border()
@@ -227,7 +228,8 @@ class Windows:
         end = min(window.start + self._samples, self._done)
         partial = end < window.start + self._samples
         evidence = window.accumulator.close()
-        diagnosis, self.carried = diagnose_window(evidence, self.wheel, self.model, self.carried, self.method)
+        diagnose = paper.diagnose_window if self.method == "paper" else diagnose_window
+        diagnosis, self.carried = diagnose(evidence, self.wheel, self.model, self.carried)
         if diagnosis.used < MIN_COVERAGE * diagnosis.slots:
             good = np.isfinite(window.accumulator.gathered().x)
             diagnosis = with_sample_period(diagnosis, good, self.wheel.sample_period_s)
@@ -308,7 +310,7 @@ class Windows:
         self.friction.memories = [None if m is None else np.array(m, dtype=np.float64) for m in effects.memories]
         self._done, self._next_start, self._last_end = windows.done, windows.next_start, windows.last_end
         for place, start in enumerate(windows.open):
-            accumulator = WindowAccumulator(self.wheel, self.method)
+            accumulator = WindowAccumulator(self.wheel)
             if windows.gathered is not None:
                 accumulator.resume(windows.gathered[place].gathered())
             else:

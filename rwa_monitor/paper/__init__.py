@@ -1,5 +1,9 @@
-"""The paper's own method where it differs from ours, plain numpy, to be read beside the paper.
+"""The paper's method, section by section in plain numpy, to be read beside the paper (`--method paper`).
 
-In: the evidence of a window. Out: assignment and components as the paper prints them (`--method paper`), mended only
-where they cannot run (errata 7 to 11, docs/theory.md).
+In: the samples of a window, the estimate of its noise, the wheel and its trained classifiers. Out: a diagnosis of the
+same form as the default method's.
+
+Read in the paper's order: `detection.py` (section IV-A), `estimation.py` (IV-B), `assignment.py` (IV-C and Algorithm
+1), `classification.py` (IV-D); `method.py` runs them on a window. "Errata 7" and the like are rows of the table in
+docs/theory.md: what the paper leaves open, and how it is mended here where it cannot run as printed.
 """

@@ -1,30 +1,35 @@
-"""Stage 3 as the paper prints it, mended only where it cannot run (errata 7-11, column "`--method paper`").
+"""Section IV-C, maximum likelihood assignment, as the paper prints it (errata 7 to 11), and Algorithm 1.
 
 Dynamic programming over (configuration, time since the last jump) of all systems, with hard duration supports, an
 optimistic beginning (the time before the window is chosen as it suits the first jump best), and an end of the window
-that is not scored. A candidate is rejected at the fall of log-likelihood of merging its two intervals plus the log
-probability of a false positive (sign and logarithm mended, errata 7). Friction values by Algorithm 1, which assumes
-that every system rests at least once in the window.
+that is not scored. A changepoint is rejected at the cost of merging its two intervals. Friction values by Algorithm 1,
+which assumes that every system rests at least once in the window.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import product
 from typing import Final
 
 import numpy as np
-from scipy import special
 
-from rwa_monitor.changepoints.estimation import default_exclusion, estimate, jump_std
-from rwa_monitor.changepoints.stage_results import REJECTED, UNATTRIBUTED, Assignment, Components, Estimate, Evidence
+from rwa_monitor.changepoints.stage_results import (
+    REJECTED,
+    UNATTRIBUTED,
+    Assignment,
+    Components,
+    Estimate,
+    NoiseEstimate,
+)
+from rwa_monitor.paper.detection import Signal
+from rwa_monitor.paper.estimation import estimate
 from rwa_monitor.samples import FloatArray, IntArray
 from rwa_monitor.wheel.durations import DurationLaw
 from rwa_monitor.wheel.wheel import SwitchingSystem, Wheel
 
-STATE_CAP: Final = 2000  # states kept per candidate: the paper's number "may increase exponentially"
+STATE_CAP: Final = 2000  # states kept per changepoint: the paper's number "may increase exponentially"
 OPTIMISTIC_GRID: Final = 257  # times before the window that are tried for the first sojourn
 LOG_IMPOSSIBLE: Final = -50.0  # of a duration outside its hard support, where there is no other way
 NOT_YET: Final = -1  # in place of a candidate: the system has not jumped in the window
@@ -54,19 +59,27 @@ _State = tuple[tuple[int, ...], tuple[int, ...]]
 _Choices = tuple[int, ...]
 
 
-def assign_as_paper(
-    evidence: Evidence, wheel: Wheel, *, limit: int = STATE_CAP, hard: bool = False
+def assign(
+    signal: Signal,
+    index: IntArray,
+    noise: NoiseEstimate,
+    wheel: Wheel,
+    *,
+    limit: int = STATE_CAP,
+    hard: bool = False,
 ) -> tuple[Assignment, Estimate]:
-    """Assign candidates to switching systems by the paper's dynamic programme.
+    """Assign changepoints to switching systems by the paper's dynamic programme.
 
     Parameters
     ----------
-    evidence
-        Candidates, range sums and noise of the window.
+    signal, noise
+        The window's samples and the estimate of its noise.
+    index
+        int64 (N_cp,), its changepoints, ascending.
     wheel
         Its wheel.
     limit
-        States kept per candidate.
+        States kept per changepoint.
     hard
         Whether to keep to the hard duration laws as printed, also where no sequence of jumps is possible under them.
 
@@ -74,78 +87,40 @@ def assign_as_paper(
     -------
     tuple[Assignment, Estimate]
         Where no sequence of jumps is possible under the hard duration laws, impossible durations are allowed at a
-        price, unless `hard`; where none is possible even so, all candidates are unattributed.
+        price, unless `hard`; where none is possible even so, all changepoints are unattributed. The levels are those
+        between the changepoints that were not rejected.
     """
-    candidates = evidence.candidates
-    exclude = default_exclusion(candidates.scale)
-    intervals = estimate(evidence, candidates.index, exclude)
-    directions = np.where(np.diff(intervals.level) >= 0, 1, -1)
-    log_false = float(np.log(max(special.chdtrc(1, evidence.threshold), 1e-300)))
-    rejection = intervals.rejection_cost + log_false
-    choices, start, score, states, pruned = most_likely_jumps(
-        wheel.fss, candidates.index, directions, rejection, limit=limit, hard=hard
-    )
-    system = np.array(choices, dtype=np.int64) if choices is not None else np.full(len(candidates), UNATTRIBUTED)
+    all_of_them = estimate(signal, index, noise)
+    sizes = np.diff(all_of_them.friction.level)
+    directions = np.where(sizes >= 0, 1, -1)  # Δf_i
+    tables = [_tables(system, index) for system in wheel.fss]
+    choices, start, score, states, pruned = _programme(tables, directions, all_of_them.rejection, limit)
+    if choices is None and not hard:
+        # A jump that was missed makes every sequence impossible under hard laws; then the impossible gets a price.
+        tables = [_softened(table) for table in tables]
+        choices, start, score, more, pruned = _programme(tables, directions, all_of_them.rejection, limit)
+        states += more
+    system = np.array(choices, dtype=np.int64) if choices is not None else np.full(index.size, UNATTRIBUTED)
     accepted = system != REJECTED
-    levels = estimate(evidence, candidates.index[accepted], exclude[accepted])
-    jump, std = candidates.jump.copy(), jump_std(evidence, intervals, exclude)
-    jump[accepted] = np.diff(levels.level)
-    std[accepted] = jump_std(evidence, levels, exclude[accepted])
+    remaining = estimate(signal, index[accepted], noise)
+    jump, std = sizes, all_of_them.jump_std
+    jump[accepted], std[accepted] = np.diff(remaining.friction.level), remaining.jump_std
     direction = np.where(accepted, directions, 0).astype(np.int64)
-    configurations, starts = _sojourns(start, system, direction, candidates.index)
+    configurations, starts = _sojourns(start, system, direction, index)
     assignment = Assignment(
-        index=candidates.index,
+        index=index,
         system=system.astype(np.int64),
         direction=direction,
         jump=jump,
         jump_std=std,
-        confidence=np.ones(len(candidates)),  # the paper gives none
+        confidence=np.ones(index.size),  # the paper gives none
         configurations=configurations,
         starts=starts,
         log_score=score,
         states=states,
         pruned=pruned,
     )
-    return assignment, levels
-
-
-def most_likely_jumps(
-    systems: Sequence[SwitchingSystem],
-    index: IntArray,
-    directions: IntArray,
-    rejection: FloatArray,
-    *,
-    limit: int = STATE_CAP,
-    hard: bool = False,
-) -> tuple[_Choices | None, tuple[int, ...], float, int, bool]:
-    """Find the most likely sequence of jumps.
-
-    Parameters
-    ----------
-    systems
-        The switching systems.
-    index, directions
-        int64 (m,), the candidates' slots, and +1 or -1 for a level that rises or falls there.
-    rejection
-        float64 (m,), what it costs to take a candidate for none.
-    limit
-        States kept per candidate.
-    hard
-        Whether to forbid impossible durations also where there is no other way.
-
-    Returns
-    -------
-    tuple
-        The system that jumped at each candidate, or REJECTED (None where no sequence is possible); the configurations
-        at the begin; the score; the states expanded; whether the limit cut any.
-    """
-    tables = [_tables(system, index) for system in systems]
-    choices, start, score, states, pruned = _programme(tables, directions, rejection, limit)
-    if choices is None and not hard:
-        # A jump that was missed makes every sequence impossible under hard laws; then the impossible gets a price.
-        choices, start, score, more, pruned = _programme([_softened(t) for t in tables], directions, rejection, limit)
-        states += more
-    return choices, start, score, states, pruned
+    return assignment, remaining.friction
 
 
 def _softened(tables: _Tables) -> _Tables:
@@ -252,17 +227,16 @@ def _sojourns(
     return tuple(configurations), tuple(starts)
 
 
-def split_as_paper(assignment: Assignment, levels: Estimate, evidence: Evidence, wheel: Wheel) -> Components:
+def split(assignment: Assignment, levels: Estimate, wheel: Wheel) -> Components:
     """Split friction by Algorithm 1: each system starts at 0, jumps add up, its minimum is taken to be 0.
 
     Parameters
     ----------
     assignment, levels
-        Result of `assign_as_paper`.
-    evidence, wheel
-        The window and its wheel.
+        Result of `assign`.
+    wheel
+        Its wheel.
     """
-    del evidence  # the levels hold all that Algorithm 1 reads
     base, base_variance = float(levels.level[0]), float(levels.level_std[0]) ** 2
     friction, friction_std = [], []
     for s in range(len(wheel.fss)):
@@ -283,5 +257,4 @@ def split_as_paper(assignment: Assignment, levels: Estimate, evidence: Evidence,
         viscous_std=levels.viscous_std,
         fss_friction=tuple(friction),
         fss_friction_std=tuple(friction_std),
-        base_ambiguous=False,  # the paper takes every system's minimum for 0 and sees no ambiguity
     )

@@ -3,8 +3,8 @@
 In: the evidence of a window, the wheel, and what earlier windows left (`carried_state.py`). Out: an `Assignment` of
 jumps to systems and the `Components` of the friction.
 
-Read `duration_likelihoods.py` (sojourns), `segments.py` (levels), `friction_priors.py` and `friction_model.py` (the
-linear model), `assignment_search.py` and `assignment.py` (the decoder), `components.py` (the split).
+Read `duration_likelihoods.py` (sojourns), `segments.py` (levels), `friction_model.py` (the linear model and its
+priors), `assignment_search.py` and `assignment.py` (the decoder), `components.py` (the split).
 `chain_decoding.py` and `jump_attribution.py` do the same for whole recordings of a wheel whose systems are not known
 yet.
 """

@@ -20,13 +20,13 @@ from rwa_monitor.changepoints.estimation import estimate, jump_std
 from rwa_monitor.changepoints.stage_results import (
     REJECTED,
     UNATTRIBUTED,
+    Alternative,
     Assignment,
     Candidates,
     Estimate,
     Evidence,
-    FlatStory,
-    Rival,
-    Story,
+    FlatPath,
+    SwitchingPath,
 )
 from rwa_monitor.kernels.assignment import add_agreement, weigh
 from rwa_monitor.kernels.segments import fit_table
@@ -34,9 +34,16 @@ from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 from rwa_monitor.switching import segments
 from rwa_monitor.switching.assignment_search import REJECT, Path, Problem, Sizes, search
 from rwa_monitor.switching.carried_state import CarriedState
-from rwa_monitor.switching.duration_likelihoods import Onset, law_tables, onsets
-from rwa_monitor.switching.friction_model import Cases, Posterior, prior_tables, solve_flat
-from rwa_monitor.switching.friction_priors import Priors, law_moments, priors_of
+from rwa_monitor.switching.duration_likelihoods import Onset, onsets, tabulated_durations
+from rwa_monitor.switching.friction_model import (
+    Cases,
+    Posterior,
+    Priors,
+    law_moments,
+    prior_tables,
+    priors_of,
+    solve,
+)
 from rwa_monitor.switching.segments import Level
 from rwa_monitor.wheel.wheel import Wheel
 
@@ -85,9 +92,9 @@ class Knowns(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class _Ranked:
-    """The story that a path tells, and its full log-likelihood."""
+    """A path of the search as a switching path, with its full log-likelihood."""
 
-    story: FlatStory
+    path: FlatPath
     system: IntArray  # (m, 2), see `kernels.assignment.tell`, as `direction`
     direction: IntArray
     borders: IntArray  # slots at which its segments begin and end
@@ -108,9 +115,9 @@ def assign(
     wheel
         Its wheel; any number of switching systems.
     carried
-        What earlier windows told, or None.
+        What earlier windows showed, or None.
     limit
-        Extensions of partial assignments kept per candidate; past it the search is pruned and says so.
+        Extensions of partial assignments kept per candidate; past it the search is pruned and marked so.
 
     Returns
     -------
@@ -151,7 +158,7 @@ def assign(
 
 
 def _priors(evidence: Evidence, wheel: Wheel, carried: CarriedState | None) -> Priors:
-    """Gather the priors; sizes seen in the window stand in for what the wheel does not tell."""
+    """Gather the priors; sizes seen in the window stand in for what the wheel file does not state."""
     whole = evidence.sums.between(np.array([0]), np.array([evidence.slots]))
     typical_level = float(whole.z[0] / max(whole.n[0], 1.0))
     return priors_of(wheel, carried, typical_level, segments.typical_jump(evidence.candidates.jump))
@@ -171,7 +178,7 @@ def _problem(case: _Case, level: Level, signs: BoolArray) -> Problem:
     systems, slots = case.wheel.fss, case.evidence.slots
     return Problem(
         fit=fit_table(level.pairs, level.slope, case.variance, level.spread),
-        laws=law_tables(systems, level.at, slots, case.onsets),
+        durations=tabulated_durations(systems, level.at, slots, case.onsets),
         configurations=np.array([system.configurations for system in systems], dtype=np.int64),
         signs=signs,
         reject=LOG_REJECT,
@@ -227,14 +234,14 @@ def _rank(case: _Case, problem: Problem, paths: tuple[Path, ...], level: Level) 
     for path in paths:
         start = np.array(path.start, dtype=np.int64)
         weighed = weigh(problem.scores, start, path.actions, level.at, level.pairs, knowns)
-        ranked.append(_Ranked(FlatStory(*weighed[0]), *weighed[1:]))
+        ranked.append(_Ranked(FlatPath(*weighed[0]), *weighed[1:]))
     return sorted(ranked, key=lambda one: -one.score)
 
 
 def _result(
     case: _Case, index: IntArray, ranked: list[_Ranked], states: int, pruned: bool
 ) -> tuple[Assignment, Estimate]:
-    """Put the best story into the form that later stages read."""
+    """Bring the best path into the form that later stages read."""
     best = ranked[0]
     evidence, candidates = case.evidence, case.evidence.candidates
     accepted = np.flatnonzero(best.system[:, 0] != REJECTED)
@@ -243,21 +250,21 @@ def _result(
     jump[accepted] = levels.level[1:] - levels.level[:-1]
     std[accepted] = jump_std(evidence, levels)
     sure = _confidence(ranked, index)
-    story = best.story.story()
+    path = best.path.by_system()
     double, alone = best.system[:, 1] != REJECTED, best.system[:, 0] == UNATTRIBUTED
     direction = best.direction.copy()
     direction[alone, 0] = np.sign(jump[alone])
     # One entry for each candidate, and a second one where two systems jump at once, of which each has its own share.
-    told = np.ones_like(best.system, dtype=np.bool_)
-    told[:, 1] = double
-    place = told.ravel().nonzero()[0]
+    reported = np.ones_like(best.system, dtype=np.bool_)
+    reported[:, 1] = double
+    place = reported.ravel().nonzero()[0]
     size, size_std = jump[place // 2], std[place // 2]
     if place.size > double.size:
         scatter = segments.level_scatter(case.variance)
-        posterior = solve_flat(best.story, best.borders, best.moments, case.priors, case.variance, scatter)
+        posterior = solve(best.path, best.borders, best.moments, case.priors, case.variance, scatter)
         for entry in np.flatnonzero(double[place // 2]):
             who, slot = int(best.system.ravel()[place[entry]]), int(index[place[entry] // 2])
-            size[entry], size_std[entry] = _own_jump(posterior, story, who, slot)
+            size[entry], size_std[entry] = _own_jump(posterior, path, who, slot)
     assignment = Assignment(
         index=index[place // 2],
         system=best.system.ravel()[place],
@@ -265,28 +272,28 @@ def _result(
         jump=size,
         jump_std=size_std,
         confidence=sure.ravel()[place],
-        configurations=story.configurations,
-        starts=story.starts,
+        configurations=path.configurations,
+        starts=path.starts,
         log_score=best.score,
         states=states,
         pruned=pruned,
-        rivals=_rivals(ranked, index),
+        alternatives=_alternatives(ranked, index),
     )
     return assignment, levels
 
 
-def _rivals(ranked: list[_Ranked], index: IntArray) -> tuple[Rival, ...]:
-    """Return the likeliest story of each sequence of configurations, with the weight of all that share it."""
+def _alternatives(ranked: list[_Ranked], index: IntArray) -> tuple[Alternative, ...]:
+    """Return the likeliest path of each sequence of configurations, with the weight of all that share it."""
     alike: dict[tuple[bytes, ...], list[_Ranked]] = {}
     for one in ranked:
-        story = one.story
-        same = tuple(part.tobytes() for part in (story.configurations, story.sojourns, story.unattributed))
+        path = one.path
+        same = tuple(part.tobytes() for part in (path.configurations, path.sojourns, path.unattributed))
         alike.setdefault(same, []).append(one)
     return tuple(
-        Rival(
-            story=best.story.story(),
+        Alternative(
+            path=best.path.by_system(),
             index=index[best.system[:, 0] != REJECTED],
-            log_laws=_log_sum(best.score, [one.score for one in others]) - best.log_evidence,
+            log_durations=_log_sum(best.score, [one.score for one in others]) - best.log_evidence,
             log_score=best.score,
         )
         for best, *others in alike.values()
@@ -299,7 +306,7 @@ def _log_sum(first: float, others: Sequence[float]) -> float:
 
 
 def _confidence(ranked: list[_Ranked], index: IntArray) -> FloatArray:
-    """Return the probability of each attribution of the best: the weight of all that say the same, (m, 2).
+    """Return the probability of each attribution of the best: the weight of all that agree, (m, 2).
 
     The same system and direction at a candidate within SAME_JUMP slots is the same attribution.
     """
@@ -317,9 +324,9 @@ def _contrast_std(candidates: Candidates) -> FloatArray:
     return np.asarray(np.abs(candidates.jump) / np.sqrt(np.maximum(candidates.statistic, 1e-12)))
 
 
-def _own_jump(posterior: Posterior, story: Story, who: int, slot: int) -> tuple[float, float]:
+def _own_jump(posterior: Posterior, path: SwitchingPath, who: int, slot: int) -> tuple[float, float]:
     """Return one system's share of a jump that two made at once, from the friction of its sojourns."""
-    after = int(np.searchsorted(story.starts[who], slot, side="right")) - 1
+    after = int(np.searchsorted(path.starts[who], slot, side="right")) - 1
     size, variance = 0.0, 0.0
     for sojourn, sign in ((after - 1, -1.0), (after, 1.0)):
         column = int(posterior.column[who][sojourn])

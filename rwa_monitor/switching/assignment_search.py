@@ -6,9 +6,9 @@ Paths that agree on it have the same future, so only the best few of each state 
     Σ segments  fit(segment)  +  Σ sojourns  log P(duration), log P(transition)  +  Σ priors of rare events
     +  Σ jumps  log P(size | friction of the system before).
 
-For given fits, laws, signs and sizes a path is dropped only when an upper bound of all that can follow stays more than
-`margin` below a complete path that is already known: a narrow first pass finds one. Past the budget the best by that
-bound survive, and the result says that it was pruned.
+For given fits, durations, signs and sizes a path is dropped only when an upper bound of all that can follow stays more
+than `margin` below a complete path that is already known: a narrow first pass finds one. Past the budget the best by
+that bound survive, and the result is marked as pruned.
 
 Without the last sum the search is exact. The sizes bring closure into it: a system that returns to rest undoes what it
 added before. A system's friction is a function of its state where it has two configurations, and the search stays
@@ -28,9 +28,9 @@ import numpy as np
 
 from rwa_monitor.kernels.assignment import NO_SYSTEM, REJECT, STEPS, find_paths
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
-from rwa_monitor.switching.duration_likelihoods import LawTables
+from rwa_monitor.switching.duration_likelihoods import DurationLikelihoods
 
-__all__ = ["NO_SYSTEM", "REJECT", "Path", "Problem", "Scores", "SearchResult", "Sizes", "search", "step_of"]
+__all__ = ["NO_SYSTEM", "REJECT", "Path", "Problem", "Scores", "SearchResult", "Sizes", "search"]
 
 QUICK_BUDGET: Final = 16  # width of the first pass, which only finds a good complete path
 KEPT_PER_STATE: Final = 4
@@ -93,21 +93,21 @@ class Problem:
     ----------
     fit
         (m + 2, m + 2): log-likelihood of one level from node i to node j > i.
-    laws
-        See `LawTables`.
+    durations
+        See `DurationLikelihoods`.
     configurations
         int64 (S,), number of configurations of each system.
     signs
         bool (m, 2): whether the level may fall, may rise at each candidate.
     reject, unattributed, simultaneous
         Log prior (≤ 0) of a candidate that is no jump, of a jump that no system made, of two systems jumping at once
-        beyond what their laws say.
+        beyond what their laws give.
     sizes
         Sizes of the jumps, or None to leave them out.
     """
 
     fit: FloatArray
-    laws: LawTables
+    durations: DurationLikelihoods
     configurations: IntArray
     signs: BoolArray
     reject: float
@@ -119,22 +119,23 @@ class Problem:
     def actions(self) -> IntArray:
         """What can happen at a candidate: rows (system, step, second system, step), -1 for none.
 
-        Steps are numbered from 0 to STEPS - 1; `step_of` tells them apart. The first two rows reject the
-        candidate, and accept it as a jump that no system made. Where two jump at once, no jump is missed before.
+        Step 2·m + d, from 0 to STEPS - 1, goes down (d = 0) or up (1), after no jump without a candidate (m = 0), or
+        one down (1) or up (2). The first two rows reject the candidate, and accept it as a jump that no system made.
+        Where two jump at once, no jump is missed before.
         """
         return _actions(self.configurations.size)
 
     @cached_property
     def scores(self) -> Scores:
         """All of it, as kernels take it."""
-        laws, sizes, count = self.laws, self.sizes, self.signs.shape[0]
-        none = np.zeros(laws.turn.shape[:2])
+        durations, sizes, count = self.durations, self.sizes, self.signs.shape[0]
+        none = np.zeros(durations.turn.shape[:2])
         return Scores(
             fit=self.fit,
-            jump=laws.jump,
-            stay=laws.stay,
-            turn=laws.turn,
-            missed=laws.missed,
+            jump=durations.jump,
+            stay=durations.stay,
+            turn=durations.turn,
+            missed=durations.missed,
             configurations=self.configurations,
             signs=self.signs,
             actions=self.actions,
@@ -159,11 +160,6 @@ def _actions(systems: int) -> IntArray:
     table = np.array(rows, dtype=np.int64)
     table.setflags(write=False)
     return table
-
-
-def step_of(number: int) -> tuple[int, int]:
-    """Return the direction (±1) of a numbered step, and the jump without a candidate before it (±1, 0 for none)."""
-    return 2 * (number % 2) - 1, (0, -1, 1)[number // 2]
 
 
 @dataclass(frozen=True, slots=True)

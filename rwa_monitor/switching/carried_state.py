@@ -1,9 +1,9 @@
-"""The carried state: what earlier windows of a wheel tell the next one.
+"""The carried state: what earlier windows of a wheel pass on to the next one.
 
 A window alone cannot show everything: where a switching system never rests (q = 0), its friction and the base dry
-friction are one number (errata 10). Earlier windows of the same wheel know better. What they tell is kept here, small,
-normalised as in `results`, and written as JSON with 12 significant digits; a diagnosis is a function of its window and
-this state, whose hash it names.
+friction are one number (errata 10). Earlier windows of the same wheel distinguish them. What they showed is kept here,
+small, normalised as in `stage_results`, and written as JSON with 12 significant digits; a diagnosis is a function of
+its window and this state, whose hash it names.
 
 What is carried never moves a nominal range. Those come from the model alone, so a slowly growing anomaly cannot become
 the new normal: the state only follows what the wheel's friction *is*, normal or not.
@@ -110,7 +110,7 @@ class FrictionMemory(Strict):
 
 
 class SystemState(Strict):
-    """What earlier windows tell about one switching system.
+    """What earlier windows showed of one switching system.
 
     Attributes
     ----------
@@ -130,7 +130,7 @@ class SystemState(Strict):
 
 
 class CarriedState(Strict):
-    """What earlier windows of a wheel tell the next one; all values normalised.
+    """What earlier windows of a wheel pass on to the next one; all values normalised.
 
     Attributes
     ----------

@@ -1,13 +1,14 @@
 """Which switching system each jump of a record is of: the likeliest paths of several semi-Markov chains at once.
 
-A record is a sequence of stays at constant friction. Each stay's level is the base plus what each system adds, and from
-one stay to the next a system steps to an adjacent configuration. A configuration's friction is drawn anew whenever it
-is entered and then stays, so a way down closes exactly with the way up, whatever happens in between: given the path,
-levels are linear in base and frictions, and a Kalman filter gives their likelihood. Paths are followed by a beam
-search: multiple-hypothesis tracking (Reid, IEEE Transactions on Automatic Control 24 (1979) 843) of jump Markov linear
-systems (Ghahramani, Hinton, Neural Computation 12 (2000) 831).
+A record is a sequence of segments at constant friction. Each segment's level is the base plus what each system adds,
+and from one segment to the next a system steps to an adjacent configuration. A configuration's friction is drawn anew
+whenever it is entered and then stays, so a way down closes exactly with the way up, whatever happens in between:
+given the path, levels are linear in base and frictions, and a Kalman filter gives their likelihood. Paths are followed
+by a beam search: multiple-hypothesis tracking (Reid, IEEE Transactions on Automatic Control 24 (1979) 843) of jump
+Markov linear systems (Ghahramani, Hinton, Neural Computation 12 (2000) 831).
 
-Durations are log-normal here, with a broad tail. That is only to part the jumps; laws are learned from what comes out.
+Durations are log-normal here, with a broad tail. That is only to attribute the jumps; laws are learned from what comes
+out.
 """
 
 from __future__ import annotations
@@ -21,12 +22,13 @@ import numpy as np
 from rwa_monitor.kernels.chain_decoding import NEVER, likeliest_path
 from rwa_monitor.samples import BoolArray, FloatArray, IntArray
 
-LARGEST_MOVE: Final = 2  # systems that step in the same slot, or between two stays of which the one between is not seen
+# Systems that step in the same slot, or between two segments of which the one between is not seen.
+LARGEST_MOVE: Final = 2
 
 
 @dataclass(frozen=True, slots=True)
-class Stays:
-    """A record as stays at constant friction.
+class Segments:
+    """A record as segments at constant friction.
 
     Attributes
     ----------
@@ -43,7 +45,7 @@ class Stays:
 
 @dataclass(frozen=True, slots=True)
 class Chains:
-    """Switching systems as they are known while jumps are parted; arrays (systems, configurations), padded.
+    """Switching systems as they are known while jumps are attributed; arrays (systems, configurations), padded.
 
     Attributes
     ----------
@@ -78,7 +80,7 @@ class Path:
     configurations
         int64 (k, systems).
     outlier
-        bool (k,), stays whose level no system explains.
+        bool (k,), segments whose level no system explains.
     log_likelihood
         Of levels and times together.
     """
@@ -88,13 +90,13 @@ class Path:
     log_likelihood: float
 
 
-def decode(stays: Stays, chains: Chains, beam: int) -> Path:
+def decode(segments: Segments, chains: Chains, beam: int) -> Path:
     """Return the likeliest path of a record.
 
     Parameters
     ----------
-    stays
-        The record, at least one stay.
+    segments
+        The record, at least one segment.
     chains
         The systems.
     beam
@@ -117,14 +119,14 @@ def decode(stays: Stays, chains: Chains, beam: int) -> Path:
         chains.base,
         chains.base_std**2,
     )
-    record = Record(stays.level, stays.std**2, stays.at)
+    record = Record(segments.level, segments.std**2, segments.at)
     states = States(configurations, _log_stationary(configurations, chains))
     found, outlier, value = likeliest_path(record, laws, states, moves, beam)
     return Path(found, outlier.view(np.bool_), value)
 
 
 class Record(NamedTuple):
-    """`Stays` as compiled code takes them: level [N m], its variance [N² m²], slots; see there."""
+    """`Segments` as compiled code takes them: level [N m], its variance [N² m²], slots; see there."""
 
     level: FloatArray
     variance: FloatArray

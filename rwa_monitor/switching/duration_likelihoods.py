@@ -14,8 +14,8 @@ jumping chain and N the length of the window, all of the soft laws:
 - last sojourn, in q, begun e slots before the end:     S_q(e)
 - a system that does not jump in the window:            π_q Σ_{r ≥ N} S_q(r) / Σ_j π_j μ_j
 
-Where earlier windows tell in which configuration a system entered the window, the first sojourn is a mixture of what
-they tell and of the above.
+Where earlier windows showed in which configuration a system entered the window, the first sojourn is a mixture of what
+they showed and of the above.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ class Onset:
 
 
 @dataclass(frozen=True, slots=True)
-class LawTables:
+class DurationLikelihoods:
     """Log-probabilities over nodes: node 0 is the window's begin, nodes 1 … m are the candidates.
 
     Axes: S systems, Q configurations (padded with -inf to the largest system), nodes where a sojourn begins (0: before
@@ -120,7 +120,7 @@ def soften(law: DurationLaw) -> SoftLaw:
 
 
 def onsets(systems: tuple[SwitchingSystem, ...], carried: CarriedState | None) -> tuple[Onset | None, ...]:
-    """Return for each system what earlier windows tell of its first sojourn."""
+    """Return for each system what earlier windows showed of its first sojourn."""
     found: list[Onset | None] = []
     for system in systems:
         known = carried.system(system.name) if carried else None
@@ -131,9 +131,9 @@ def onsets(systems: tuple[SwitchingSystem, ...], carried: CarriedState | None) -
     return tuple(found)
 
 
-def law_tables(
+def tabulated_durations(
     systems: tuple[SwitchingSystem, ...], index: IntArray, slots: int, first: tuple[Onset | None, ...]
-) -> LawTables:
+) -> DurationLikelihoods:
     """Tabulate the laws of all systems between the candidates of a window.
 
     Parameters
@@ -150,7 +150,7 @@ def law_tables(
     nodes = index.size + 1
     width = max((system.configurations for system in systems), default=1)
     shape = (len(systems), width)
-    tables = LawTables(
+    tables = DurationLikelihoods(
         jump=np.full((*shape, nodes, nodes), -np.inf),
         stay=np.full((*shape, nodes), -np.inf),
         turn=np.full((*shape, 2), -np.inf),
@@ -205,8 +205,8 @@ def _survivals(laws: tuple[SoftLaw, ...], slots: FloatArray) -> FloatArray:
     return survivals
 
 
-class Told(NamedTuple):
-    """What an earlier window tells of a first sojourn: its configuration (-1: nothing), and how long it goes on.
+class FirstSojourn(NamedTuple):
+    """What an earlier window showed of a first sojourn: its configuration (-1: nothing), and how long it goes on.
 
     `ends`, float64 (points,): probability that it ends after so many slots; `lasts`: that it outlasts the window.
     """
@@ -216,17 +216,17 @@ class Told(NamedTuple):
     lasts: float
 
 
-def _told_by(first: Onset | None, laws: tuple[SoftLaw, ...], after: FloatArray, slots: int) -> Told:
+def _first_sojourn(first: Onset | None, laws: tuple[SoftLaw, ...], after: FloatArray, slots: int) -> FirstSojourn:
     """Return what is known of a first sojourn that would end `after` slots of the window."""
     if first is None:
-        return Told(-1, after, 0.0)
+        return FirstSojourn(-1, after, 0.0)
     law = laws[first.configuration]
     alive, gone = law.survival(np.array([first.age + 1.0, float(first.age + slots)]))
-    return Told(first.configuration, law.pmf(first.age + after) / alive, float(gone / alive))
+    return FirstSojourn(first.configuration, law.pmf(first.age + after) / alive, float(gone / alive))
 
 
 def _fill(
-    tables: LawTables,
+    tables: DurationLikelihoods,
     s: int,
     system: SwitchingSystem,
     at: FloatArray,
@@ -237,8 +237,8 @@ def _fill(
     """Fill the tables of one system; `durations` as from `_durations`."""
     laws, chain = _laws_of(system, slots)
     tables.turn[s, : len(laws)] = chain.turn
-    told = _told_by(first, laws, at, slots)
-    tabulate(at, slots, _survivals(laws, durations), chain, told, tables.jump[s], tables.stay[s], tables.missed[s])
+    entered = _first_sojourn(first, laws, at, slots)
+    tabulate(at, slots, _survivals(laws, durations), chain, entered, tables.jump[s], tables.stay[s], tables.missed[s])
 
 
 def _durations(at: FloatArray, slots: int) -> FloatArray:
@@ -265,4 +265,4 @@ def log_probability(
     (laws, chain), at = _laws_of(system, slots), starts[1:].astype(np.float64)
     between = at[1:] - at[:-1]
     survivals = _survivals(laws, np.concatenate((between, between + 1.0, at[:1], slots - at[-1:])))
-    return add_up(configurations, at, slots, survivals, chain, _told_by(first, laws, at[:1], slots))
+    return add_up(configurations, at, slots, survivals, chain, _first_sojourn(first, laws, at[:1], slots))

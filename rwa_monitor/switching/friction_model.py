@@ -2,26 +2,29 @@
 
 The level between two changepoints is the base, plus the friction of the sojourn in which each system then is (0 in
 configuration 0: a return jump undoes its entry), plus jumps that no system made. With Gaussian priors the posterior
-and the evidence have closed forms; both come from the moments of the segments.
+and the evidence have closed forms; both come from the sufficient statistics of the segments.
 
-The priors are those of `friction_priors`: a mixture of cases, each a Gaussian model of its own. Where the window tells
-the parts apart, all cases agree; where it does not, the mixture is what is known.
+The priors are a mixture of cases, each a Gaussian model of its own. Where the window
+distinguishes the parts, all cases agree; where it does not, the mixture is the estimate.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
+from itertools import product
 from typing import Final, NamedTuple
 
 import numpy as np
 
-from rwa_monitor.changepoints.running_sums import Moments
-from rwa_monitor.changepoints.stage_results import FlatStory, Story
+from rwa_monitor.changepoints.estimation import SlopePrior, nominal_viscous
+from rwa_monitor.changepoints.stage_results import FlatPath
 from rwa_monitor.kernels.friction import condition, lay_out, solve_cases
 from rwa_monitor.samples import FloatArray, IntArray
-from rwa_monitor.switching.friction_priors import Priors, case_table, law_table
+from rwa_monitor.switching.carried_state import CHANGE_PER_WINDOW, CarriedState
+from rwa_monitor.wheel.wheel import SwitchingSystem, Wheel
 
-FLAT_STD: Final = 30.0  # normalised: a prior so wide says nothing, and the sums keep their digits
+FLAT_STD: Final = 30.0  # normalised: a prior so wide decides nothing, and the sums keep their digits
 
 
 class Cases(NamedTuple):
@@ -70,18 +73,18 @@ class Posterior:
 
 
 def solve(
-    story: Story, borders: IntArray, segments: Moments, priors: Priors, variance: float, scatter: float
+    path: FlatPath, borders: IntArray, statistics: FloatArray, priors: Priors, variance: float, scatter: float
 ) -> Posterior:
-    """Solve the linear model of one story.
+    """Solve the linear model of one path.
 
     Parameters
     ----------
-    story
+    path
         Who jumped when.
     borders
         int64 (segments + 1,), slots at which segments begin and end.
-    segments
-        Moments of the segments.
+    statistics
+        float64 (6, segments), sufficient statistics of the segments, see `SufficientStatistics.table`.
     priors
         What is known before.
     variance
@@ -89,16 +92,9 @@ def solve(
     scatter
         Variance of the levels about the model, as `segments.level_scatter`.
     """
-    return solve_flat(story.flat(), borders, segments.table, priors, variance, scatter)
-
-
-def solve_flat(
-    story: FlatStory, borders: IntArray, moments: FloatArray, priors: Priors, variance: float, scatter: float
-) -> Posterior:
-    """Solve the linear model of one story; as `solve`, of the arrays behind story and moments."""
     table, cases = prior_tables(priors)
-    evidence, mean, std, covariance, column = solve_cases(story, borders, table, moments, cases, variance, scatter)
-    return Posterior(evidence, mean, std, covariance, story.split(column))
+    evidence, mean, std, covariance, column = solve_cases(path, borders, table, statistics, cases, variance, scatter)
+    return Posterior(evidence, mean, std, covariance, path.split(column))
 
 
 def prior_tables(priors: Priors) -> tuple[FloatArray, Cases]:
@@ -108,23 +104,22 @@ def prior_tables(priors: Priors) -> tuple[FloatArray, Cases]:
 
 
 def measure(
-    story: Story, borders: IntArray, segments: Moments, priors: Priors, variance: float, scatter: float
+    path: FlatPath, borders: IntArray, statistics: FloatArray, priors: Priors, variance: float, scatter: float
 ) -> Posterior:
-    """Solve the linear model of one story without friction laws: what the samples alone say of base and sojourns.
+    """Solve the linear model of one path without friction laws: base and sojourns by the samples alone.
 
     The log evidence is then that of the samples with base and friction integrated out over flat priors of density 1,
-    so that stories with different numbers of them compare once their friction is weighed by its laws. Where systems
+    so that paths with different numbers of them compare once their friction is weighed by its laws. Where systems
     never rest, friction can move from the base to each of them without a trace in the samples; of these directions it
     is the evidence per unit of the systems' friction, and the means are one point of many.
 
     Parameters
     ----------
-    story, borders, segments, priors, variance, scatter
+    path, borders, statistics, priors, variance, scatter
         See `solve`; of the priors, those of the slope and of unattributed jumps count.
     """
-    flat = story.flat()
-    levels, column, laws = lay_out(flat, borders, law_table(priors.laws))
-    columns = flat.split(column)
+    levels, column, laws = lay_out(path, borders, law_table(priors.laws))
+    columns = path.split(column)
     free = 1 + laws.shape[1]
     mean, std = np.zeros(levels.shape[1] + 1), np.full(levels.shape[1] + 1, priors.unattributed_std)
     mean[0], mean[1:free], std[:free] = priors.base[0].mean, laws[1], FLAT_STD
@@ -132,7 +127,7 @@ def measure(
     covariance, independent = np.empty((mean.size, mean.size)), np.arange(mean.size)
     evidence = condition(
         levels,
-        segments.table,
+        statistics,
         mean.copy(),
         np.diag(std**2),
         independent,
@@ -146,3 +141,211 @@ def measure(
     lost = np.linalg.slogdet(np.ones((len(moving), len(moving))) + np.diag(moving))[1]
     evidence += (free - len(moving)) * np.log(FLAT_STD * np.sqrt(2.0 * np.pi)) + 0.5 * lost
     return Posterior(float(evidence), mean, np.sqrt(np.maximum(np.diag(covariance), 0.0)), covariance, columns)
+
+
+# ---- what is known of friction before a window: from the wheel file and from earlier windows -------------------------
+#
+# Prior of a system's friction: sojourn j in configuration q has (1 + a) (mid_q + d_j), where the anomaly a is shared by
+# all sojourns of the system (paper: an anomaly changes P_f) and d_j is the scatter of the friction law. The base and
+# each system are healthy, or one or two of them are not: each such case is Gaussian, and the model mixes them.
+
+VISCOUS_SPREAD: Final = 0.5  # the same of the viscous coefficient
+CARRIED_VISCOUS_SPREAD: Final = 0.05  # at least, where earlier windows showed the viscous coefficient
+LEARNED_SPREAD: Final = 0.15  # of the friction of a system against what earlier windows of this very wheel showed
+UNKNOWN_SPREAD: Final = 1.0  # relative, where no friction law is known at all
+MIN_LEARNED: Final = 3.0  # sojourns from which what earlier windows showed replaces the wheel's ranges
+UNATTRIBUTED_SPREAD: Final = 0.5  # prior std of a jump that no system made, over the unit of friction
+MOST_ANOMALIES: Final = 2  # at once, among base and systems
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """One of the states that a part may be in: its probability, and what it then is, Gaussian."""
+
+    probability: float
+    mean: float
+    std: float
+
+
+# Healthy wheels differ by a few per cent; anomalies worth finding are from +20 % to a multiple. Weights and widths are
+# broad on purpose: they only decide where the window cannot.
+BASE_CASES: Final = (Case(0.8, 1.0, 0.06), Case(0.2, 1.5, 0.4))  # base dry friction over its nominal value
+ANOMALY_CASES: Final = (Case(0.8, 0.0, 0.06), Case(0.2, 0.8, 0.5))  # a system's anomaly a
+
+
+@dataclass(frozen=True, slots=True)
+class FrictionLaw:
+    """Gaussian law of a configuration's friction in a healthy system, normalised: its mean and standard deviation."""
+
+    mid: float
+    scatter: float
+
+    @property
+    def fixed_at_zero(self) -> bool:
+        """Whether the configuration has no friction at all (rest)."""
+        return self.mid == 0.0 and self.scatter == 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Priors:
+    """What is known before the window, normalised.
+
+    Attributes
+    ----------
+    base
+        Cases of the dry friction with all systems at rest, the healthy one first.
+    anomaly
+        For each system: cases of its anomaly a, the healthy one first.
+    laws
+        For each system and configuration: the friction law at a = 0.
+    slope
+        Viscous coefficient.
+    unattributed_std
+        Standard deviation of a jump that no system made.
+    """
+
+    base: tuple[Case, ...]
+    anomaly: tuple[tuple[Case, ...], ...]
+    laws: tuple[tuple[FrictionLaw, ...], ...]
+    slope: SlopePrior
+    unattributed_std: float
+
+    def cases(self) -> list[tuple[Case, ...]]:
+        """Return all states of (base, each system) with at most `MOST_ANOMALIES` anomalies."""
+        parts = (self.base, *self.anomaly)
+        choices = _choices(self.base, self.anomaly)
+        return [tuple(part[i] for part, i in zip(parts, choice, strict=True)) for choice in choices]
+
+
+def priors_of(wheel: Wheel, carried: CarriedState | None, typical_level: float, typical_jump: float) -> Priors:
+    """Gather what the wheel file states and earlier windows showed.
+
+    Parameters
+    ----------
+    wheel, carried
+        The wheel; what earlier windows showed, or None.
+    typical_level, typical_jump
+        Sizes in this window: the scale of everything that neither of them gives.
+    """
+    jump = typical_jump if typical_jump > 0 else max(abs(typical_level), 1e-300)
+    if carried and carried.base_dry:
+        drifted = carried.base_dry.drifted()
+        held = Case(drifted.held, drifted.mean, max(drifted.std, 1e-6 * abs(drifted.mean)))
+        base: tuple[Case, ...] = (held, _anywhere(1.0 - drifted.held, drifted.mean, wheel))
+    elif wheel.nominal:
+        base = BASE_CASES
+    else:
+        base = (Case(1.0, typical_level, 3.0 * (abs(typical_level) + jump)),)
+    systems = [_system_of(system, carried, jump) for system in wheel.fss]
+    return Priors(
+        base=base,
+        anomaly=tuple(cases for cases, _ in systems),
+        laws=tuple(laws for _, laws in systems),
+        slope=slope_prior(wheel, carried, typical_level),
+        unattributed_std=UNATTRIBUTED_SPREAD * (1.0 if wheel.nominal else jump),
+    )
+
+
+def _anywhere(probability: float, mean: float, wheel: Wheel) -> Case:
+    """Return the case of a base that changed since earlier windows: healthy or not, as one broad Gaussian."""
+    if wheel.nominal is None:
+        return Case(probability, mean, BASE_CASES[1].std * abs(mean))
+    middle = sum(case.probability * case.mean for case in BASE_CASES)
+    variance = sum(case.probability * (case.std**2 + (case.mean - middle) ** 2) for case in BASE_CASES)
+    return Case(probability, middle, variance**0.5)
+
+
+def slope_prior(wheel: Wheel, carried: CarriedState | None, typical_level: float) -> SlopePrior:
+    """Return the prior of the viscous coefficient: of earlier windows, around the nominal one, or wide."""
+    nominal = nominal_viscous(wheel)
+    if carried and carried.viscous:
+        drifted = carried.viscous.drifted()
+        return SlopePrior(drifted.mean, max(drifted.std, CARRIED_VISCOUS_SPREAD * abs(drifted.mean)))
+    if nominal is None:
+        return SlopePrior(0.0, 10.0 * max(abs(typical_level), 1e-12))
+    # A wheel may have next to no viscous friction; the dry torque at nominal speed then sets the spread.
+    return SlopePrior(nominal, VISCOUS_SPREAD * max(nominal, 0.1))
+
+
+def _system_of(
+    system: SwitchingSystem, carried: CarriedState | None, jump: float
+) -> tuple[tuple[Case, ...], tuple[FrictionLaw, ...]]:
+    """Return a system's anomaly and friction laws: learned, else the wheel's, else wide and in proportion to q."""
+    known = carried.system(system.name) if carried else None
+    memories = [known.friction[q] if known and q < len(known.friction) else None for q in range(system.configurations)]
+    laws = _stated_laws(system, 0.0 if system.friction else jump)
+    if not any(memory is not None and memory.count >= MIN_LEARNED for memory in memories):
+        return (ANOMALY_CASES if system.friction else (Case(1.0, 0.0, UNKNOWN_SPREAD),)), laws
+    changed = ANOMALY_CASES[1]
+    return (
+        Case(1.0 - CHANGE_PER_WINDOW, 0.0, LEARNED_SPREAD),
+        Case(CHANGE_PER_WINDOW, changed.mean, changed.std),
+    ), tuple(
+        stated
+        if memory is None or memory.count < MIN_LEARNED or (q == 0 and stated.fixed_at_zero)
+        else FrictionLaw(memory.mean, max(memory.std, 0.02 * abs(memory.mean)))
+        for q, (stated, memory) in enumerate(zip(laws, memories, strict=True))
+    )
+
+
+@lru_cache(maxsize=256)
+def _stated_laws(system: SwitchingSystem, jump: float) -> tuple[FrictionLaw, ...]:
+    """Return a system's friction laws as the wheel states them; where it does not, in proportion to q."""
+    if system.friction is None:
+        return FrictionLaw(0.0, 0.0), *(
+            FrictionLaw(q * jump, UNKNOWN_SPREAD * jump) for q in range(1, system.configurations)
+        )
+    laws = []
+    for given in system.friction:
+        mid = 0.5 * (given.low + given.high)
+        laws.append(FrictionLaw(mid, max((given.high - given.low) / 12.0**0.5, 0.02 * abs(mid))))
+    return tuple(laws)
+
+
+def _choices(base: tuple[Case, ...], anomaly: tuple[tuple[Case, ...], ...]) -> list[tuple[int, ...]]:
+    """Return which state each part is in, in each case."""
+    numbered = product(*(range(len(part)) for part in (base, *anomaly)))
+    return [choice for choice in numbered if sum(i > 0 for i in choice) <= MOST_ANOMALIES]
+
+
+@lru_cache(maxsize=256)
+def case_table(
+    base: tuple[Case, ...], anomaly: tuple[tuple[Case, ...], ...]
+) -> tuple[FloatArray, IntArray, FloatArray]:
+    """Return states, choice and log_prior of `friction_model.Cases`."""
+    parts, choices = (base, *anomaly), _choices(base, anomaly)
+    states = [[part[i if i < len(part) else 0] for part in parts] for i in range(max(map(len, parts)))]
+    return (
+        np.array([[(part.mean, part.std) for part in state] for state in states], dtype=np.float64),
+        np.array(choices, dtype=np.int64),
+        np.array([sum(np.log(parts[p][i].probability) for p, i in enumerate(choice)) for choice in choices]),
+    )
+
+
+@lru_cache(maxsize=256)
+def law_table(laws: tuple[tuple[FrictionLaw, ...], ...]) -> FloatArray:
+    """Return mean and standard deviation of all friction laws, float64 (systems, configurations, 2); padded."""
+    table = np.zeros((len(laws), max((len(of_system) for of_system in laws), default=1), 2))
+    for s, of_system in enumerate(laws):
+        table[s, : len(of_system)] = [(law.mid, law.scatter) for law in of_system]
+    return table
+
+
+@lru_cache(maxsize=256)
+def law_moments(
+    laws: tuple[tuple[FrictionLaw, ...], ...], anomaly: tuple[tuple[Case, ...], ...]
+) -> tuple[FloatArray, FloatArray]:
+    """Return mean and variance of the friction of a sojourn over all cases of its system; padded.
+
+    float64 (systems, configurations) each.
+    """
+    shape = (len(laws), max((len(of_system) for of_system in laws), default=1))
+    mean, variance = np.zeros(shape), np.zeros(shape)
+    for s, (of_system, cases) in enumerate(zip(laws, anomaly, strict=True)):
+        total = sum(case.probability for case in cases)
+        first = sum(case.probability * (1 + case.mean) for case in cases) / total
+        second = sum(case.probability * ((1 + case.mean) ** 2 + case.std**2) for case in cases) / total
+        for q, law in enumerate(of_system):
+            mean[s, q] = law.mid * first
+            variance[s, q] = second * (law.mid**2 + law.scatter**2) - (law.mid * first) ** 2
+    return mean, variance

@@ -1,10 +1,11 @@
-"""Jumps of recordings parted between switching systems, without knowing how many there are.
+"""Jumps of recordings attributed to switching systems, without knowing how many there are.
 
-Two systems are told apart by the sizes of their jumps, by how long they last, and by what a system is: it steps between
-adjacent configurations, and what it adds on its way up it takes away on its way down. All three are in the likelihood
-of `chain_decoding`. For each number of systems and of their configurations, decoding and estimates of sizes and
-durations alternate until they agree (segmental k-means: Rabiner, Wilpon, Juang, AT&T Technical Journal 65 (1986) 21),
-from several starts; the description that is worth its parameters wins (Schwarz, Annals of Statistics 6 (1978) 461).
+Two systems are distinguished by the sizes of their jumps, by how long they last, and by what a system is: it steps
+between adjacent configurations, and what it adds on its way up it takes away on its way down. All three are in the
+likelihood of `chain_decoding`. For each number of systems and of their configurations, decoding and estimates of sizes
+and durations alternate until they agree (segmental k-means: Rabiner, Wilpon, Juang, AT&T Technical Journal 65 (1986)
+21), from several starts; the description that is worth its parameters wins (Schwarz, Annals of Statistics 6 (1978)
+461).
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ import numpy as np
 from scipy import special
 
 from rwa_monitor.samples import FloatArray, IntArray
-from rwa_monitor.switching.chain_decoding import Chains, Path, Stays, decode
+from rwa_monitor.switching.chain_decoding import Chains, Path, Segments, decode
 
 # Configurations of the systems, simple ones first: more is looked at as long as it is worth more.
 TIERS: Final = (
@@ -31,7 +32,7 @@ PER_SYSTEM: Final = 2.0  # log odds a priori against a system more: steps of the
 # drag that is known to so much.
 LEVEL_ERROR: Final = 0.002
 BASE_SPREAD: Final = 0.02  # of the base, from one recording to another, before it is known
-ENOUGH_JUMPS: Final = 1500  # to tell how many systems there are; more only sharpen what they are like
+ENOUGH_JUMPS: Final = 1500  # to estimate how many systems there are; more only sharpen what they are like
 FIRST_PASSES: Final = 2  # after which the worse starts are given up
 LAST_PASSES: Final = 12
 FIRST_BEAM: Final = 12  # paths followed
@@ -52,7 +53,7 @@ START_SPREAD: Final = 0.3  # of a size, at the start
 START_SIGMA: Final = 1.2
 START_STEPS: Final = (0.3, 0.5, 0.7)  # quantiles of the jumps' sizes that may be the step of a longer chain
 
-# Of the visits, that may be another system's. Halves of one Gaussian lot, parted at its middle and taken for two, have
+# Of the visits, that may be another system's. Halves of one Gaussian lot, divided at its middle and taken for two, have
 # 0.09; one visit in twenty shifts the median of a law by less than the sampling error of a hundred.
 MOST_CONFUSED: Final = 0.05
 
@@ -88,8 +89,8 @@ class Visit:
 
 
 @dataclass(frozen=True, slots=True)
-class Parted:
-    """Jumps parted between systems.
+class JumpAttribution:
+    """Jumps attributed to systems.
 
     Attributes
     ----------
@@ -99,33 +100,33 @@ class Parted:
         By system, in the order of time.
     base
         By record, friction with all at rest [N m], and the slots in which all was.
-    rivals
+    alternatives
         Other descriptions, best first: configurations of the systems, and by how much their criterion is worse.
     criterion
         Log-likelihood less half log n for each parameter: higher is better.
     odd
-        Share of the stays whose level no system explains.
+        Share of the segments whose level no system explains.
     """
 
     chains: Chains
     visits: tuple[tuple[Visit, ...], ...]
     base: tuple[tuple[float, int], ...]
-    rivals: tuple[tuple[tuple[int, ...], float], ...]
+    alternatives: tuple[tuple[tuple[int, ...], float], ...]
     criterion: float
     odd: float
 
 
-def part(records: Sequence[Stays], base: float) -> Parted:
-    """Part the jumps of a wheel's records.
+def attribute_jumps(records: Sequence[Segments], base: float) -> JumpAttribution:
+    """Attribute the jumps of a wheel's records to switching systems.
 
     Parameters
     ----------
     records
         With a jump in one of them, at least.
     base
-        Friction of the lowest stays [N m].
+        Friction of the lowest segments [N m].
     """
-    records = [Stays(one.level, np.hypot(one.std, LEVEL_ERROR * abs(base)), one.at) for one in records]
+    records = [Segments(one.level, np.hypot(one.std, LEVEL_ERROR * abs(base)), one.at) for one in records]
     known = _described(_first_of(records, ENOUGH_JUMPS), base)
     order = sorted(known, key=lambda counts: -known[counts][0])
     while True:
@@ -136,23 +137,23 @@ def part(records: Sequence[Stays], base: float) -> Parted:
             break
         del order[0]
     odd = float(np.mean(np.concatenate([path.outlier for path in paths])))
-    rivals = tuple((counts, float(criterion - known[counts][0])) for counts in order[1:])
-    return Parted(chains, visits, bases, rivals, float(criterion), odd)
+    alternatives = tuple((counts, float(criterion - known[counts][0])) for counts in order[1:])
+    return JumpAttribution(chains, visits, bases, alternatives, float(criterion), odd)
 
 
-def _first_of(records: Sequence[Stays], jumps: int) -> list[Stays]:
+def _first_of(records: Sequence[Segments], jumps: int) -> list[Segments]:
     """Return the first records, the last of them cut, with so many jumps, or all that there are."""
-    first: list[Stays] = []
+    first: list[Segments] = []
     for one in records:
-        stays = min(one.level.size, jumps + 1)
-        first.append(Stays(one.level[:stays], one.std[:stays], one.at[: stays + 1]))
-        jumps -= stays - 1
+        segments = min(one.level.size, jumps + 1)
+        first.append(Segments(one.level[:segments], one.std[:segments], one.at[: segments + 1]))
+        jumps -= segments - 1
         if jumps <= 0:
             break
     return first
 
 
-def _described(records: Sequence[Stays], base: float) -> dict[tuple[int, ...], tuple[float, Chains, list[Path]]]:
+def _described(records: Sequence[Segments], base: float) -> dict[tuple[int, ...], tuple[float, Chains, list[Path]]]:
     """Describe the records by each number of systems and configurations, simple ones first while more is worth more.
 
     Returns the criterion, the systems and the paths by the numbers of configurations.
@@ -175,7 +176,7 @@ def _parameters(counts: tuple[int, ...]) -> int:
     return sum(2 * (count - 1) + 2 * count + (count - 2) for count in counts)
 
 
-def _best_of(records: Sequence[Stays], counts: tuple[int, ...], base: float) -> tuple[float, Chains, list[Path]]:
+def _best_of(records: Sequence[Segments], counts: tuple[int, ...], base: float) -> tuple[float, Chains, list[Path]]:
     """Return the best of the starts."""
     tried = [_alternate(records, start, FIRST_PASSES, FIRST_BEAM) for start in _starts(records, counts, base)]
     tried.sort(key=lambda one: -one[0])
@@ -183,7 +184,7 @@ def _best_of(records: Sequence[Stays], counts: tuple[int, ...], base: float) -> 
     return max(finished, key=lambda one: one[0])
 
 
-def _alternate(records: Sequence[Stays], chains: Chains, passes: int, beam: int) -> tuple[float, Chains, list[Path]]:
+def _alternate(records: Sequence[Segments], chains: Chains, passes: int, beam: int) -> tuple[float, Chains, list[Path]]:
     """Alternate paths and estimates; return the best log-likelihood with what gave it."""
     best: tuple[float, Chains, list[Path]] | None = None
     for _ in range(passes):
@@ -205,7 +206,7 @@ def confused_share(chains: Chains, visits: Sequence[Sequence[Visit]], i: int, j:
 
     The mean probability, by size and duration, that a visit belongs to the other of the two.
     """
-    doubt = []
+    confusion = []
     for own in (i, j):
         for visit in visits[own]:
             if visit.configuration == 1:
@@ -216,12 +217,12 @@ def confused_share(chains: Chains, visits: Sequence[Sequence[Visit]], i: int, j:
                     slots = (np.log(visit.slots) - chains.mu[k, 1]) / chains.sigma[k, 1]
                     count = sum(1 for other in visits[k] if other.configuration == 1)
                     worth.append(np.log(count / (width * chains.sigma[k, 1])) - 0.5 * (size**2 + slots**2))
-                doubt.append(1.0 - float(special.softmax(worth)[(i, j).index(own)]))
-    return float(np.mean(doubt))
+                confusion.append(1.0 - float(special.softmax(worth)[(i, j).index(own)]))
+    return float(np.mean(confusion))
 
 
 def _is_halved(chains: Chains, visits: Sequence[Sequence[Visit]]) -> bool:
-    """Say whether two of the systems are one whose visits are parted: alike, and never away from rest together.
+    """Return whether two of the systems are one whose visits are divided: alike, and never away from rest together.
 
     Choosing for each visit the half that it fits better makes a description with a system more look better than it is,
     and the more so the more visits there are.
@@ -241,7 +242,7 @@ def _is_halved(chains: Chains, visits: Sequence[Sequence[Visit]]) -> bool:
 # ---- starts ----------------------------------------------------------------------------------------------------------
 
 
-def _starts(records: Sequence[Stays], counts: tuple[int, ...], base: float) -> Iterator[Chains]:
+def _starts(records: Sequence[Segments], counts: tuple[int, ...], base: float) -> Iterator[Chains]:
     """Yield what systems may be like.
 
     Those of two configurations from visits that close, grouped by size, by duration, or at the widest gaps between
@@ -263,7 +264,7 @@ def _starts(records: Sequence[Stays], counts: tuple[int, ...], base: float) -> I
                 yield chains
 
 
-def _closed(one: Stays) -> Iterator[tuple[float, float]]:
+def _closed(one: Segments) -> Iterator[tuple[float, float]]:
     """Yield size [N m] and slots of jumps up and of those that undo them, the nearest in time."""
     size, std = np.diff(one.level), np.hypot(one.std[1:], one.std[:-1])
     free = np.ones(size.size, dtype=bool)
@@ -276,7 +277,7 @@ def _closed(one: Stays) -> Iterator[tuple[float, float]]:
 
 
 def _grouped(pairs: FloatArray, groups: int) -> Iterator[list[FloatArray]]:
-    """Yield ways to part visits (n, 2) into groups."""
+    """Yield ways to divide visits (n, 2) into groups."""
     if groups == 0:
         yield []
         return
@@ -320,7 +321,7 @@ def _start(
 
 
 def _visits(
-    records: Sequence[Stays], chains: Chains, paths: Sequence[Path]
+    records: Sequence[Segments], chains: Chains, paths: Sequence[Path]
 ) -> tuple[tuple[tuple[Visit, ...], ...], tuple[tuple[float, int], ...]]:
     """Return the visits of each system, and each record's base with the slots in which all systems are at rest."""
     of_all: list[list[Visit]] = [[] for _ in chains.counts]
@@ -349,13 +350,13 @@ def _visits(
 
 
 def _spans(configuration: IntArray) -> list[tuple[int, int]]:
-    """Return the stays, first and beyond the last, of each sojourn."""
+    """Return the segments, first and beyond the last, of each sojourn."""
     cuts = [0, *(np.flatnonzero(np.diff(configuration)) + 1).tolist(), configuration.size]
     return list(pairwise(cuts))
 
 
 def _frictions(
-    one: Stays, chains: Chains, path: Path, spans: Sequence[Sequence[tuple[int, int]]]
+    one: Segments, chains: Chains, path: Path, spans: Sequence[Sequence[tuple[int, int]]]
 ) -> tuple[list[list[float]], list[list[float]], float]:
     """Return friction and standard deviation of each sojourn, and the base [N m], by least squares given the path."""
     columns, prior, width, place = [np.ones(one.level.size)], [chains.base], [chains.base_std], {}

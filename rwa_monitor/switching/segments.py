@@ -28,7 +28,7 @@ class Level(NamedTuple):
     at
         int64 (m,), the positions [slots].
     pairs
-        Moments between all pairs of nodes, see `kernels.segments.pair_moments`.
+        Sufficient statistics between all pairs of nodes, see `kernels.segments.pair_moments`.
     slope, information
         The slope that the segments between accepted candidates share, and its information.
     spread
@@ -96,7 +96,7 @@ def levels_of(pairs: FloatArray, nodes: IntArray, slope: float) -> FloatArray:
 
 
 def level_scatter(variance: float) -> float:
-    """Return the variance of levels about what the friction model says, which no number of samples averages out."""
+    """Return the variance of levels about the friction model's, which no number of samples averages out."""
     return LEVEL_SCATTER**2 * variance
 
 
@@ -125,13 +125,13 @@ def typical_jump(jump: FloatArray) -> float:
 
 def reach_of(candidates: Candidates) -> IntArray:
     """Return how far each candidate's position may be off [slots]: half the window that found it."""
-    return np.minimum(np.maximum(candidates.scale // 2, MIN_REACH), MAX_REACH)
+    return np.clip(candidates.scale // 2, MIN_REACH, MAX_REACH)
 
 
 def possible_signs(candidates: Candidates, pairs: FloatArray, nodes: IntArray, slope: float) -> BoolArray:
     """Return whether the level may fall, may rise at each candidate, bool (m, 2).
 
-    The contrast that found a candidate and the levels between accepted candidates, of which `nodes` tell, usually
+    The contrast that found a candidate and the levels between accepted candidates, given by `nodes`, usually
     agree; where they do not, or the contrast is weak, both directions stay open.
     """
     levels = levels_of(pairs, nodes, slope)

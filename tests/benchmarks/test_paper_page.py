@@ -160,7 +160,7 @@ def test_a_second_source_that_knows_the_truth_recovers_all_that_ours_miss(window
     kept = np.flatnonzero(window.moving)
     told = np.searchsorted(kept, np.unique(truth.index))
     added = add_second_source([labelled], Peer("truth", lambda series: told))
-    visible, found, false = score(candidates(window, "joint"), truth)
+    visible, found, false = score(candidates(window), truth)
     assert (added.visible, added.missed, added.false_ours) == (visible, visible - found, false)
     assert added.recovered == added.missed
     assert added.false_both == added.false_ours

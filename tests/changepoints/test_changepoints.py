@@ -8,13 +8,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import signal
 
-from rwa_monitor.changepoints.changepoints import (
-    Bar,
+from rwa_monitor.changepoints.candidates import (
+    Threshold,
     in_turn,
     peaks_behind_gaps,
     variance_table,
 )
-from rwa_monitor.changepoints.outlier_model import Tails
+from rwa_monitor.changepoints.noise import OutlierModel
 from rwa_monitor.changepoints.running_sums import RunningSums
 from rwa_monitor.changepoints.stage_results import Candidates
 from rwa_monitor.kernels.changepoints import contrast, kept_apart, select
@@ -22,7 +22,7 @@ from rwa_monitor.kernels.wglr import CHUNK, MAX_SCALE, wglr
 from tests.switching.assignment_windows import sums_of
 
 SIGMA = 0.024  # the paper's noise, normalised
-NO_TAILS = Tails(np.inf, 0.0)
+NO_TAILS = OutlierModel(np.inf, 0.0)
 
 
 def _glr_by_least_squares(x, z, used, k, w, weight, slope):
@@ -129,15 +129,15 @@ def _all_peaks(sums, scales, least):
     return Candidates(index, scale, statistic, np.zeros(index.size))
 
 
-def _choose(sums, threshold=20.0, tails=NO_TAILS):
+def _choose(sums, threshold=20.0, outliers=NO_TAILS):
     scales = np.array([1, 2, 4, 8, 16, 32, 64, 128])
     peaks = _all_peaks(sums, scales, threshold)
     table = variance_table(scales, np.full(scales.size, SIGMA**2))
-    return _select(peaks, sums, table, threshold, tails)
+    return _select(peaks, sums, table, threshold, outliers)
 
 
-def _select(peaks, sums, table, threshold, tails=NO_TAILS, correlation=0.0):
-    tried, bar = in_turn(peaks), Bar(table, threshold, tails.largest_outlier)
+def _select(peaks, sums, table, threshold, outliers=NO_TAILS, correlation=0.0):
+    tried, bar = in_turn(peaks), Threshold(table, threshold, outliers.largest_outlier)
     *fields, read = select(tried.index, tried.scale, sums.slots, 0.0, correlation, sums.arrays, bar)
     sums.samples_read += read
     return Candidates(*fields)
@@ -177,7 +177,7 @@ def test_an_outlier_within_the_tails_is_no_pair_of_jumps_but_a_lasting_jump_stay
     z[500] += 15 * SIGMA
     z[1200:] += 6 * SIGMA
     assert _choose(_window(z)).index.tolist() == [500, 501, 1200]
-    assert _choose(_window(z), tails=Tails(3.0, 40 * SIGMA)).index.tolist() == [1200]
+    assert _choose(_window(z), outliers=OutlierModel(3.0, 40 * SIGMA)).index.tolist() == [1200]
 
 
 def test_in_coloured_noise_places_are_found_better_with_its_colour():

@@ -10,11 +10,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy import signal, special
+from scipy import signal
 
 from rwa_monitor.changepoints.estimation import estimate
 from rwa_monitor.changepoints.evidence import WindowAccumulator
-from rwa_monitor.kernels.evidence import KEPT_STATISTIC
 from rwa_monitor.kernels.wglr import CHUNK, STEP
 from rwa_monitor.wheel.wheel import Wheel, built_in_wheel
 
@@ -77,16 +76,15 @@ def _bytes(evidence):
     n=st.integers(0, 5 * CHUNK),
     cuts=st.lists(st.integers(0, 5 * CHUNK), max_size=12),
     share=st.sampled_from([1.0, 0.9, 0.02]),
-    method=st.sampled_from(["joint", "paper"]),
     wheel=st.sampled_from([WHEEL, Wheel(name="bare", sample_period_s=0.125)]),
 )
 @settings(max_examples=60, deadline=None)
-def test_any_cut_gives_the_same_evidence_and_events(seed, n, cuts, share, method, wheel):
+def test_any_cut_gives_the_same_evidence_and_events(seed, n, cuts, share, wheel):
     jumps = [(k, 15.0) for k in range(700, n, 1000)] + [(k, -15.0) for k in range(703, n, 1300)]
     speed, torque, good = _telemetry(seed, n, jumps)
     good = np.random.default_rng(seed).random(n) < share
-    whole, events = _gather(speed, torque, good, method=method, wheel=wheel)
-    pieces, others = _gather(speed, torque, good, np.sort(np.minimum(cuts, n)), method=method, wheel=wheel)
+    whole, events = _gather(speed, torque, good, wheel=wheel)
+    pieces, others = _gather(speed, torque, good, np.sort(np.minimum(cuts, n)), wheel=wheel)
     assert _bytes(pieces) == _bytes(whole)
     assert others == events
 
@@ -293,31 +291,6 @@ def test_a_window_full_of_jumps_keeps_its_memory_bounded():
     evidence, _ = _gather(speed, torque, good)
     assert evidence.used == 40_000
     assert len(evidence.candidates) <= 1000
-
-
-# ---- the paper's method ----------------------------------------------------------------------------------------------
-
-
-def test_paper_mode_has_one_scale_and_takes_the_maximum_of_each_run():
-    jumps = [(3000, 8.0), (6000, -8.0)]
-    evidence, events = _gather(*_telemetry(18, 9000, jumps), method="paper")
-    assert set(evidence.candidates.scale.tolist()) == {50}
-    assert {3000, 6000} <= {int(k) + d for k in evidence.candidates.index for d in (-1, 0, 1)}
-    assert evidence.threshold == pytest.approx(
-        special.chdtri(1, 1e-9), rel=1e-15
-    )  # the paper's false-alarm probability
-    assert [event.index for event in events] == evidence.candidates.index.tolist()
-
-
-def test_paper_mode_shows_the_side_lobes_of_big_jumps_and_joint_does_not():
-    """Errata 4: jumps of 10–25 σ have side lobes 20–30 slots away, where the speed changes."""
-    jumps = [(k, 25.0 * (-1) ** i) for i, k in enumerate(range(2500, 40_000, 1000))]
-    telemetry = _telemetry(19, 40_000, jumps, crossing=True)
-    paper, _ = _gather(*telemetry, method="paper")
-    joint, _ = _gather(*telemetry)
-    assert joint.candidates.index.tolist() == [index for index, _ in jumps]
-    assert len(paper.candidates) > len(joint.candidates)
-    assert KEPT_STATISTIC < joint.threshold < paper.threshold
 
 
 # ---- what hides jumps, or looks like them ----------------------------------------------------------------------------

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from scipy import signal, stats
 
-from rwa_monitor.changepoints.noise import ar_coefficient, estimate_noise
-from rwa_monitor.changepoints.outlier_model import OUTLIERS, estimate_tails
+from rwa_monitor.changepoints.noise import OUTLIERS, ar_coefficient, estimate_noise, estimate_outliers
 from rwa_monitor.changepoints.stage_results import NoiseEstimate
 from rwa_monitor.kernels.noise import (
     BLOCK,
@@ -126,17 +125,17 @@ def test_heavy_tails_are_measured(freedom):
     rng = np.random.default_rng(7)
     z = rng.standard_t(freedom, N)
     counts = _histogram(np.maximum(np.diff(z) ** 2 / 2, 1e-300))
-    tails = estimate_tails(quantiles_of(counts), 1.0, N)
-    assert tails.degrees_of_freedom == pytest.approx(freedom, rel=0.25)
+    outliers = estimate_outliers(quantiles_of(counts), 1.0, N)
+    assert outliers.degrees_of_freedom == pytest.approx(freedom, rel=0.25)
     expected = stats.t(freedom).isf(0.5 * OUTLIERS / N)
-    assert tails.largest_outlier == pytest.approx(expected, rel=0.5)
+    assert outliers.largest_outlier == pytest.approx(expected, rel=0.5)
 
 
 def test_gaussian_noise_has_light_tails_also_with_jumps_in_it():
     rng = np.random.default_rng(8)
     z = rng.standard_normal(N) + 15.0 * (np.arange(N) // 2000 % 2)
-    tails = estimate_tails(quantiles_of(_histogram(np.maximum(np.diff(z) ** 2 / 2, 1e-300))), 1.0, N)
-    assert tails.largest_outlier < 6.0
+    outliers = estimate_outliers(quantiles_of(_histogram(np.maximum(np.diff(z) ** 2 / 2, 1e-300))), 1.0, N)
+    assert outliers.largest_outlier < 6.0
 
 
 @pytest.mark.parametrize("share", [0.9, 1.0])
@@ -182,7 +181,7 @@ def test_block_differences_imply_the_variance_of_each_contrast(phi):
 def test_a_lattice_has_no_heavy_tails():
     z = np.round(np.random.default_rng(14).standard_normal(N) / 5.0)
     counts = _histogram(np.maximum(np.diff(z) ** 2 / 2, 1e-300))
-    assert np.isinf(estimate_tails(quantiles_of(counts), 0.05, N).degrees_of_freedom)
+    assert np.isinf(estimate_outliers(quantiles_of(counts), 0.05, N).degrees_of_freedom)
 
 
 def test_eight_sums_side_by_side_leave_nothing_out():

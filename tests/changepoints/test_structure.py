@@ -8,7 +8,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rwa_monitor.changepoints.structure import HARMONICS, Structure, StructureSums
+from rwa_monitor.changepoints.running_sums import HARMONICS, Structure, StructureSums
 from rwa_monitor.kernels.structure import BLOCK, STRETCH, cosines_and_sines, count_signs, extend_structure
 from rwa_monitor.samples import BoolArray, FloatArray
 

@@ -7,9 +7,8 @@ import pytest
 from scipy import signal
 
 from benchmarks.adequacy.trials import MEAN_EFFECTS, MOTIONS, diagnose_recipe, hide_and_diagnose
-from rwa_monitor.diagnosis.adequacy import expected_jumps, persistence
+from rwa_monitor.diagnosis.adequacy import Blocks, expected_jumps, persistence
 from rwa_monitor.diagnosis.model import built_in_model
-from rwa_monitor.diagnosis.residual_blocks import Blocks
 from rwa_monitor.monitor.core import diagnose_samples
 from rwa_monitor.samples import FloatArray
 from rwa_monitor.simulation.motion import SpeedProfile

@@ -8,10 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rwa_monitor.diagnosis.classification import Judgement, classify
-from rwa_monitor.diagnosis.features import Features, FeaturesOfStory, SystemFeatures
-from rwa_monitor.diagnosis.likelihood import log_densities
-from rwa_monitor.diagnosis.model import built_in_model, models_for
-from rwa_monitor.diagnosis.paper_classification import classify_as_paper
+from rwa_monitor.diagnosis.features import Features, FeaturesOfPath, SystemFeatures
+from rwa_monitor.diagnosis.model import built_in_model, log_densities, models_for
 from rwa_monitor.switching.carried_state import CarriedState, Tracked, probability_before
 from rwa_monitor.wheel.wheel import built_in_wheel
 
@@ -106,7 +104,7 @@ def test_uncertainty_leaves_the_prior() -> None:
     for name, probability in judged(seen).items():
         anomaly = MODEL.anomaly(name)
         assert probability == pytest.approx(anomaly.rate, abs=0.02)
-    assert not any(entry.telling for entry in classify(seen, MODELS, NAMES, MODEL, EMPTY).anomalies)
+    assert not any(entry.informative for entry in classify(seen, MODELS, NAMES, MODEL, EMPTY).anomalies)
 
 
 def test_wider_uncertainty_means_less_extreme_probability() -> None:
@@ -206,14 +204,14 @@ def test_overlapping_windows_do_not_count_their_evidence_twice() -> None:
 
 @pytest.mark.parametrize("against", [0.0, -2.0, 2.0])
 def test_stories_count_by_what_was_learned_of_friction(against: float) -> None:
-    """One story has healthy friction throughout, the other a base that no anomaly has: the samples cannot decide."""
+    """One path has healthy friction throughout, the other a base that no anomaly has: the samples cannot decide."""
     healthy = features()
     shifted = features(dry=1.48, factor_2=0.8)
     told = replace(
         shifted,
-        by_story=(
-            FeaturesOfStory(0.0, shifted, same_jumps=True),
-            FeaturesOfStory(against, healthy, same_jumps=True),
+        by_path=(
+            FeaturesOfPath(0.0, shifted, same_jumps=True),
+            FeaturesOfPath(against, healthy, same_jumps=True),
         ),
     )
     assert judged(shifted)["dry"] > 0.9
@@ -225,8 +223,8 @@ def test_stories_count_by_what_was_learned_of_friction(against: float) -> None:
 @pytest.mark.parametrize("weight", [-3.0, 0.0, 3.0])
 def test_stories_that_say_the_same_change_nothing(weight: float) -> None:
     for seen in (features(), features(rests=False), features(factor_2=1.4)):
-        one = FeaturesOfStory(weight, seen, same_jumps=True)
-        assert judged(replace(seen, by_story=(one, one))) == pytest.approx(judged(seen), abs=1e-9)
+        one = FeaturesOfPath(weight, seen, same_jumps=True)
+        assert judged(replace(seen, by_path=(one, one))) == pytest.approx(judged(seen), abs=1e-9)
 
 
 def test_unlike_anything_learned_is_said() -> None:
@@ -247,15 +245,6 @@ def test_no_model_leaves_an_anomaly_untold() -> None:
     models = [*MODELS[:3], None]
     entry = classify(features(factor_2=3.0), models, NAMES, MODEL, EMPTY).anomalies[3]
     assert not entry.known
-    assert not entry.telling
+    assert not entry.informative
     assert not entry.active
     assert entry.probability == 0.5
-    paper = classify_as_paper(features(factor_2=3.0), models, NAMES).anomalies[3]
-    assert not paper.telling
-
-
-def test_paper_is_active_exactly_where_its_decision_is_positive() -> None:
-    for factor in (1.0, 1.6):
-        judgement = classify_as_paper(features(factor_1=factor), MODELS, NAMES)
-        for entry in judgement.anomalies:
-            assert entry.active == (entry.probability > 0.5) or entry.probability == 0.5

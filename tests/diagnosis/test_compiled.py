@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 from scipy import special
 
-from rwa_monitor.changepoints.estimation import estimate
+from rwa_monitor.changepoints.estimation import Blocks, estimate, residual_blocks
 from rwa_monitor.changepoints.noise import mean_variance_factor
 from rwa_monitor.changepoints.stage_results import Evidence, NoiseEstimate
 from rwa_monitor.diagnosis.adequacy import PERSISTENCE_LAGS, persistence
 from rwa_monitor.diagnosis.model import built_in_model
-from rwa_monitor.diagnosis.residual_blocks import Blocks, residual_blocks
 from rwa_monitor.kernels.adequacy import FEWEST_BLOCKS, LARGEST_BLOCK
 from rwa_monitor.kernels.laws import OTHER_SIZE, level_densities
 from rwa_monitor.kernels.segments import LEVEL_SCATTER, PREFERENCE, jumps_of, pair_moments

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from benchmarks.adequacy.trials import hide_and_diagnose
 from rwa_monitor.changepoints.stage_results import Components
-from rwa_monitor.diagnosis.model_error_uncertainty import Doubt
+from rwa_monitor.diagnosis.model_error_uncertainty import ModelErrorUncertainty
 from rwa_monitor.simulation.motion import ProfileKind
 from rwa_monitor.simulation.scenario import Anomaly
 
@@ -21,7 +21,7 @@ DOUBTS = st.floats(0.0, 10.0)
     [("quadratic_drag", "rich", "viscous"), ("quadratic_drag", "orbit", "viscous"), ("lubricant_lag", "orbit", "")],
 )
 def test_what_the_effect_moved_is_not_near_certain(name: str, motion: ProfileKind, taken_for: str) -> None:
-    (sure,) = hide_and_diagnose(name, motion, 500, windows=1, doubting=False).windows
+    (sure,) = hide_and_diagnose(name, motion, 500, windows=1, with_model_error=False).windows
     (diagnosis,) = hide_and_diagnose(name, motion, 500, windows=1).windows
     assert not diagnosis.model_adequate
     assert max(anomaly.probability for anomaly in diagnosis.anomalies) < 0.9
@@ -52,8 +52,8 @@ def test_a_failing_wheel_is_found_where_the_missing_effect_does_not_touch_it(ano
 @given(base=DOUBTS, viscous=DOUBTS, systems=DOUBTS)
 def test_doubt_only_adds(base: float, viscous: float, systems: float) -> None:
     stds = np.array([0.0, 0.02])
-    components = Components(1.0, 0.01, 1.0, 0.02, (np.array([0.0, 0.5]),), (stds,), base_ambiguous=False)
-    wide = Doubt(base, viscous, systems).widen(components)
+    components = Components(1.0, 0.01, 1.0, 0.02, (np.array([0.0, 0.5]),), (stds,))
+    wide = ModelErrorUncertainty(base, viscous, systems).widen(components)
     assert (wide.base_dry, wide.viscous) == (1.0, 1.0)
     assert wide.base_dry_std >= max(0.01, base)
     assert wide.viscous_std >= max(0.02, viscous)

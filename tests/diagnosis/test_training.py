@@ -13,7 +13,7 @@ from benchmarks.accuracy.page import to_markdown
 from benchmarks.accuracy.splits import judge, measure, wilson
 from rwa_monitor.diagnosis.features import Features, SystemFeatures
 from rwa_monitor.diagnosis.model import built_in_model
-from rwa_monitor.diagnosis.training import LabelledFeatures, fit_levels, train, train_svm
+from rwa_monitor.diagnosis.training import LabelledFeatures, fit_levels, train
 from rwa_monitor.errors import InputError
 from rwa_monitor.wheel.wheel import built_in_wheel
 
@@ -101,7 +101,6 @@ def test_what_was_not_shown_is_not_learned() -> None:
     healthy = [window for window in labelled() if not any(window.labels.values())]
     model = train(healthy, WHEEL, "source", "command")
     for anomaly in model.anomalies:
-        assert anomaly.svm is None
         assert all(levels is None or levels.anomalous is None for levels in anomaly.levels)
     # Without a learned anomaly, what is far from nominal is still found.
     ill = [window for window in ideal_windows(50, 2) if window.labels["dry"]]
@@ -110,21 +109,11 @@ def test_what_was_not_shown_is_not_learned() -> None:
 
 def test_labels_that_are_missing_or_all_anomalous_are_refused() -> None:
     windows = labelled(10)
-    unlabelled = [LabelledFeatures(window.joint, window.paper, {"dry": False}) for window in windows]
+    unlabelled = [LabelledFeatures(window.features, {"dry": False}) for window in windows]
     with pytest.raises(InputError, match="viscous"):
         train(unlabelled, WHEEL, "labels.csv", "command")
     with pytest.raises(InputError, match="nothing nominal"):
         train([w for w in windows if w.labels["dry"]], WHEEL, "labels.csv", "command")
-
-
-def test_the_linear_machine_separates_what_a_line_separates() -> None:
-    rng = np.random.default_rng(5)
-    anomalous = np.arange(60) % 2 == 0
-    values = [np.array([1.3 if ill else 1.0]) + 0.02 * rng.standard_normal(1) for ill in anomalous]
-    svm = train_svm(values, anomalous, bins=0)
-    threshold = svm.low - svm.bias / svm.weights[0] * (svm.high - svm.low)
-    assert 1.05 < threshold < 1.25
-    assert train_svm(values, np.zeros(60, dtype=bool), bins=0) is None
 
 
 # ---- the benchmark's figures on small data ---------------------------------------------------------------------------
@@ -191,7 +180,7 @@ def test_friction_worked_out_from_speed_and_current_does_as_well_as_friction_giv
 
 
 def test_the_page_holds_every_part() -> None:
-    result = run(["mild"], 40, 31_339, 0, 1, stories={"sudden": 1})
+    result = run(["mild"], 40, 31_339, 0, 1, courses={"sudden": 1})
     page = to_markdown(result, "the command")
     for part in (
         "Targets",

@@ -2,16 +2,17 @@
 
 import math
 from dataclasses import asdict, replace
+from typing import Literal
 
 import numpy as np
 import pytest
 
 from rwa_monitor.changepoints.evidence import WindowAccumulator
-from rwa_monitor.changepoints.stage_results import Method
 from rwa_monitor.diagnosis import explanation
 from rwa_monitor.diagnosis.model import Model, built_in_model
 from rwa_monitor.diagnosis.window import diagnose_window
 from rwa_monitor.diagnosis.window_diagnosis import WindowDiagnosis
+from rwa_monitor.paper import method as paper
 from rwa_monitor.samples import BoolArray, FloatArray
 from rwa_monitor.simulation.record import simulate
 from rwa_monitor.simulation.scenario import Anomaly, Scenario
@@ -41,13 +42,14 @@ def diagnose(
     wheel: Wheel | None = None,
     model: Model | None = MODEL,
     carried: CarriedState = EMPTY,
-    method: Method = "joint",
+    method: Literal["joint", "paper"] = "joint",
     good: BoolArray | None = None,
 ) -> tuple[WindowDiagnosis, CarriedState]:
     wheel = wheel or built_in_wheel()
-    window = WindowAccumulator(wheel, method, speed.size)
+    window = WindowAccumulator(wheel, speed.size)
     window.append(speed, torque, np.isfinite(speed) & np.isfinite(torque) if good is None else good)
-    return diagnose_window(window.close(), wheel, model, carried, method)
+    by_method = {"joint": diagnose_window, "paper": paper.diagnose_window}[method]
+    return by_method(window.close(), wheel, model, carried)
 
 
 def active(diagnosis: WindowDiagnosis) -> set[str]:
@@ -118,7 +120,7 @@ def test_everything_that_leaves_is_plain_finite_and_in_order() -> None:
 
 
 @pytest.mark.parametrize("method", ["joint", "paper"])
-def test_the_same_window_gives_the_same_diagnosis(method: Method) -> None:
+def test_the_same_window_gives_the_same_diagnosis(method: Literal["joint", "paper"]) -> None:
     speed, torque = telemetry(7, fss_2=1.4)
     first, second = (diagnose(speed, torque, method=method) for _ in range(2))
     assert repr(first) == repr(second)
@@ -189,7 +191,7 @@ def test_masked_samples_lower_the_coverage_only() -> None:
 
 @pytest.mark.parametrize("used", [0, 1, 10, 100])
 @pytest.mark.parametrize("method", ["joint", "paper"])
-def test_too_few_samples_are_inconclusive_with_the_reason(used: int, method: Method) -> None:
+def test_too_few_samples_are_inconclusive_with_the_reason(used: int, method: Literal["joint", "paper"]) -> None:
     speed, torque = telemetry(12)
     good = np.zeros(speed.size, dtype=bool)
     good[20_000 : 20_000 + used] = True

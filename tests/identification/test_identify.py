@@ -72,7 +72,7 @@ def test_the_learned_wheel_loads(learned: Wheel) -> None:
 
 
 def test_what_the_temperature_does_is_no_switching_system() -> None:
-    """Viscous friction that falls by 2 % a kelvin: refused until the wheel file has the effect, which then stays."""
+    """Viscous friction that falls by 2 % a kelvin: refused until the wheel file has the effect, which then segments."""
     block = EffectBlock(
         name="viscosity_temperature", parameters={"strength_Nm_s_rad": 5e-6, "activation_temperature_K": 1800.0}
     )
@@ -174,10 +174,10 @@ def test_a_reversed_sign_is_refused() -> None:
         identify([(name, wrong)], Wheel(name="reversed", sample_period_s=0.125), systems=False)
 
 
-def in_levels(stays: list[tuple[int, float]], seed: int) -> Samples:
+def in_levels(segments: list[tuple[int, float]], seed: int) -> Samples:
     """Return a recording whose dry friction stays at these levels [mN m], each so many slots, with white noise."""
     rng, period_s = np.random.default_rng(seed), 0.125
-    level = np.concatenate([np.full(slots, 1e-3 * value) for slots, value in stays])
+    level = np.concatenate([np.full(slots, 1e-3 * value) for slots, value in segments])
     at_s = np.arange(level.size) * period_s
     speed = 200.0 + 50.0 * np.sin(at_s / 400.0)
     friction = level + 5.3e-6 * speed + rng.normal(0.0, 4e-5, level.size)
@@ -188,8 +188,8 @@ def test_a_configuration_seen_thrice_borrows_its_law_from_those_like_it() -> Non
     # The highest configuration is seen from begin to end three times, the others five and eight times; all last alike.
     lengths = np.random.default_rng(12).integers(1500, 4500, 19).tolist()
     levels = [2.4, 1.6, 2.4, 3.2, 2.4, 1.6, 2.4, 3.2, 2.4, 1.6, 2.4, 1.6, 2.4, 3.2, 2.4, 1.6, 2.4, 3.2, 2.4]
-    stays = list(zip(lengths, levels, strict=True))
-    (system,) = identify([("slow", in_levels(stays[:-1], 3))], Wheel(name="slow", sample_period_s=0.125)).wheel.fss
+    segments = list(zip(lengths, levels, strict=True))
+    (system,) = identify([("slow", in_levels(segments[:-1], 3))], Wheel(name="slow", sample_period_s=0.125)).wheel.fss
     for law in system.durations:
         # The means of 3000 are known to 0.29/√16, a fifteenth: 25 % is beyond three standard deviations.
         assert law.mean() == pytest.approx(3000.0, rel=0.25)
@@ -201,16 +201,16 @@ def test_a_visit_that_is_not_undone_is_no_configuration(place: str) -> None:
     # up: two jumps up in a row, which a chain of three configurations cannot make from its second. Or it is cut by an
     # end of the recording while the chain is at its highest.
     chain = [1.6, 2.4, 3.2, 2.4, 1.6, 2.4, 1.6, 2.4, 3.2, 2.4, 3.2, 2.4, 1.6, 2.4, 3.2, 2.4, 1.6, 2.4]
-    stays: list[tuple[int, float]] = []
+    segments: list[tuple[int, float]] = []
     for number, level in enumerate(chain):
-        stays += [(700, level), (10, level + 0.5), (900, level), (10, level + 0.4), (800, level)]
+        segments += [(700, level), (10, level + 0.5), (900, level), (10, level + 0.4), (800, level)]
         if number == 1 and place == "jump":
-            stays.append((8, level + 0.45))
+            segments.append((8, level + 0.45))
     if place == "begin":
-        stays[:0] = [(8, 3.7), (900, 3.2), (900, 2.4)]
+        segments[:0] = [(8, 3.7), (900, 3.2), (900, 2.4)]
     if place == "end":
-        stays += [(900, 3.2), (8, 3.7)]
-    wheel = identify([("both", in_levels(stays, 4))], Wheel(name="both", sample_period_s=0.125)).wheel
+        segments += [(900, 3.2), (8, 3.7)]
+    wheel = identify([("both", in_levels(segments, 4))], Wheel(name="both", sample_period_s=0.125)).wheel
     assert [system.configurations for system in wheel.fss] == [2, 3]
 
 
@@ -315,7 +315,7 @@ def test_at_one_speed_only_the_sum_is_told(seed: int) -> None:
 
 def test_what_is_missing_is_said_in_hours() -> None:
     # Three visits of 2000 slots, where four are needed.
-    stays = [(2000, 1.6 + 0.8 * (number % 2)) for number in range(7)]
+    segments = [(2000, 1.6 + 0.8 * (number % 2)) for number in range(7)]
     with pytest.raises(InputError, match=r"give about \d times as many recordings, [\d.]+ h in all") as refused:
-        identify([("few", in_levels(stays, 5))], Wheel(name="few", sample_period_s=0.125))
+        identify([("few", in_levels(segments, 5))], Wheel(name="few", sample_period_s=0.125))
     assert "…" not in str(refused.value)

@@ -7,12 +7,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from rwa_monitor.changepoints.stage_results import REJECTED, UNATTRIBUTED
-from rwa_monitor.paper.assignment import LOG_IMPOSSIBLE, assign_as_paper, split_as_paper
+from rwa_monitor.changepoints.stage_results import REJECTED, UNATTRIBUTED, Assignment, Estimate, Evidence
+from rwa_monitor.paper.assignment import LOG_IMPOSSIBLE, assign, split
+from rwa_monitor.paper.detection import Signal
 from rwa_monitor.wheel.wheel import built_in_wheel
 from tests.switching.assignment_windows import candidates_at, evidence_of, window
 
 WHEEL = built_in_wheel()
+
+
+def assigned(evidence: Evidence, **options: int) -> tuple[Assignment, Estimate]:
+    """Assign the candidates of a window as if they had been detected."""
+    return assign(Signal.of(evidence), evidence.candidates.index, evidence.noise, WHEEL, **options)
 
 
 def test_clean_windows_are_assigned_right():
@@ -20,7 +26,7 @@ def test_clean_windows_are_assigned_right():
     good = total = 0
     for _ in range(10):
         made = window(WHEEL, rng, false_candidates=0.0, jitter=0)
-        assignment, _ = assign_as_paper(made.evidence, WHEEL)
+        assignment, _ = assigned(made.evidence)
         found = set(zip(assignment.index.tolist(), assignment.system.tolist(), strict=True))
         good += sum((k, s) in found for k, s, _ in made.jumps)
         total += len(made.jumps)
@@ -32,7 +38,7 @@ def test_rejects_a_false_candidate():
     made = window(WHEEL, rng, false_candidates=0.0, jitter=0)
     slots = np.append(made.evidence.candidates.index, 5_000)
     evidence = evidence_of(made.x, made.z, candidates_at(made.x, made.z, slots, 0.024, 1.0), 0.024)
-    assignment, levels = assign_as_paper(evidence, WHEEL)
+    assignment, levels = assigned(evidence)
     assert assignment.system[assignment.index == 5_000].tolist() == [REJECTED]
     assert 5_000 not in levels.index
 
@@ -45,10 +51,10 @@ def test_an_infeasible_window_pays_the_price():
     for k in slots:
         z[k:] += 0.5
     evidence = evidence_of(x, z, candidates_at(x, z, slots, 0.024, 1.0), 0.024)
-    assignment, _ = assign_as_paper(evidence, WHEEL)
+    assignment, _ = assigned(evidence)
     assert assignment.log_score < LOG_IMPOSSIBLE
     assert (assignment.direction[assignment.system >= 0] == 1).all()
-    printed, levels = assign_as_paper(evidence, WHEEL, hard=True)
+    printed, levels = assigned(evidence, hard=True)
     assert (printed.system == UNATTRIBUTED).all()
     assert levels.index.tolist() == slots.tolist()
 
@@ -59,11 +65,11 @@ def test_algorithm_1_takes_the_minimum_for_rest():
     ambiguous = 0
     for _ in range(60):
         made = window(WHEEL, rng, false_candidates=0.0, jitter=0)
-        assignment, levels = assign_as_paper(made.evidence, WHEEL)
+        assignment, levels = assigned(made.evidence)
         found = set(zip(assignment.index.tolist(), assignment.system.tolist(), strict=True))
         if not all((k, s) in found for k, s, _ in made.jumps):
             continue
-        parts = split_as_paper(assignment, levels, made.evidence, WHEEL)
+        parts = split(assignment, levels, WHEEL)
         lowest = made.friction[1].min()
         assert parts.base_dry == pytest.approx(1.0 + lowest, abs=0.05)
         assert all(friction.min() == 0.0 for friction in parts.fss_friction)
@@ -74,9 +80,9 @@ def test_algorithm_1_takes_the_minimum_for_rest():
 def test_what_no_jump_is_known_by_is_not_known_and_says_so():
     """At one speed a jump may be known not at all: the lowest friction is 0 still, and no other is called certain."""
     made = window(WHEEL, np.random.default_rng(54), false_candidates=0.0, jitter=0)
-    assignment, levels = assign_as_paper(made.evidence, WHEEL)
+    assignment, levels = assigned(made.evidence)
     blind = replace(assignment, jump_std=np.full_like(assignment.jump_std, np.inf))
-    parts = split_as_paper(blind, levels, made.evidence, WHEEL)
+    parts = split(blind, levels, WHEEL)
     for friction, std in zip(parts.fss_friction, parts.fss_friction_std, strict=True):
         assert np.array_equal(np.isinf(std), np.arange(std.size) != np.argmin(friction))
 
@@ -85,12 +91,12 @@ def test_a_window_without_candidates():
     x = 0.5 + 0.3 * np.sin(np.arange(5_000) / 500.0)
     z = 1.0 + x + 0.024 * np.random.default_rng(54).standard_normal(x.size)
     evidence = evidence_of(x, z, candidates_at(x, z, np.zeros(0), 0.024, 1.0), 0.024)
-    assignment, levels = assign_as_paper(evidence, WHEEL)
+    assignment, levels = assigned(evidence)
     assert assignment.index.size == 0
-    assert split_as_paper(assignment, levels, evidence, WHEEL).base_dry == pytest.approx(1.0, abs=0.01)
+    assert split(assignment, levels, WHEEL).base_dry == pytest.approx(1.0, abs=0.01)
 
 
 def test_states_are_capped_and_said():
     made = window(WHEEL, np.random.default_rng(55), false_candidates=8.0)
-    assignment, _ = assign_as_paper(made.evidence, WHEEL, limit=2)
+    assignment, _ = assigned(made.evidence, limit=2)
     assert assignment.pruned

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from rwa_monitor.switching.assignment_search import REJECT, Path, Problem, Sizes
-from rwa_monitor.switching.duration_likelihoods import law_tables
+from rwa_monitor.switching.duration_likelihoods import tabulated_durations
 from rwa_monitor.wheel.durations import Geometric, Lognormal, Uniform
 from rwa_monitor.wheel.wheel import SwitchingSystem
 
@@ -35,12 +35,12 @@ def random_problem(
             weights = length[i:j] / length[i:j].sum()
             spread = weights @ level[i:j] ** 2 - (weights @ level[i:j]) ** 2
             fit[i, j] = -0.5 * spread * length[i:j].sum() / 4.0 - 3.0 - rng.exponential(1.0)
-    laws = law_tables(systems, index, SLOTS, (None,) * len(systems))
+    durations = tabulated_durations(systems, index, SLOTS, (None,) * len(systems))
     signs = rng.random((candidates, 2)) < 0.6
     signs[~signs.any(axis=1), 0] = True
     if not rare:
-        laws.missed[:] = -np.inf
-    at_rest = np.arange(laws.turn.shape[1]) == 0
+        durations.missed[:] = -np.inf
+    at_rest = np.arange(durations.turn.shape[1]) == 0
     sizes = Sizes(
         jump=np.diff(level),
         variance=0.01**2 * (1.0 + rng.exponential(1.0, size=candidates)),
@@ -51,7 +51,7 @@ def random_problem(
     )
     return Problem(
         fit=fit,
-        laws=laws,
+        durations=durations,
         configurations=np.array([system.configurations for system in systems], dtype=np.int64),
         signs=signs,
         reject=-float(rng.exponential(1.0)),
@@ -68,3 +68,8 @@ def random_path(rng: np.random.Generator, problem: Problem) -> Path:
         mine = np.flatnonzero((rng.random(actions.size) < 0.4) & (actions == REJECT))
         actions[mine] = 2 + 6 * s + np.arange(1, mine.size + 1) % 2  # up, down, up …
     return Path(0.0, (0,) * problem.configurations.size, actions)
+
+
+def step_of(number: int) -> tuple[int, int]:
+    """Return the direction (±1) of a numbered step, and the jump without a candidate before it (±1, 0 for none)."""
+    return 2 * (number % 2) - 1, (0, -1, 1)[number // 2]

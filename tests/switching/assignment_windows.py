@@ -6,9 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rwa_monitor.changepoints.running_sums import RunningSums
+from rwa_monitor.changepoints.running_sums import HARMONICS, NEAR_ZERO, RunningSums, Structure
 from rwa_monitor.changepoints.stage_results import Candidates, Evidence, NoiseEstimate
-from rwa_monitor.changepoints.structure import HARMONICS, NEAR_ZERO, Structure
 from rwa_monitor.samples import FloatArray, IntArray
 from rwa_monitor.wheel.switching_systems import simulate_system
 from rwa_monitor.wheel.wheel import Wheel

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from rwa_monitor.changepoints.evidence import WindowAccumulator
 from rwa_monitor.changepoints.stage_results import REJECTED, UNATTRIBUTED, Assignment, Evidence
-from rwa_monitor.paper.assignment import assign_as_paper
+from rwa_monitor.paper.method import split_friction
 from rwa_monitor.switching.assignment import assign
 from rwa_monitor.wheel.durations import Geometric, Histogram, Lognormal, Weibull
 from rwa_monitor.wheel.wheel import FrictionRange, SwitchingSystem, Wheel, built_in_wheel
@@ -39,11 +39,11 @@ def matched(found: list[tuple[int, int, int]], jumps: list[tuple[int, int, int]]
     return good, len(left)
 
 
-def detect(x: np.ndarray, z: np.ndarray, method: str, direction: int) -> Evidence:
+def detect(x: np.ndarray, z: np.ndarray, direction: int) -> Evidence:
     """Run stage 1 on SI values made of the normalised ones."""
     speed = direction * x * WHEEL.nominal.nominal_speed_rad_s
     torque = direction * z * WHEEL.nominal.dry_torque_Nm
-    accumulator = WindowAccumulator(WHEEL, method=method)  # type: ignore[arg-type]
+    accumulator = WindowAccumulator(WHEEL)
     accumulator.append(speed, torque, np.ones(x.size, dtype=np.bool_))
     return accumulator.close()
 
@@ -65,8 +65,8 @@ def test_places_jumps_of_the_examples_on_the_right_system(capsys):
     rng = np.random.default_rng(20)
     for number in range(windows):
         x, z, jumps, _, _ = simulate(WHEEL, rng, std=STD)
-        for method, run in (("joint", assign), ("paper", assign_as_paper)):
-            evidence = detect(x, z, method, 1 if number % 2 else -1)
+        evidence = detect(x, z, 1 if number % 2 else -1)
+        for method, run in (("joint", assign), ("paper", split_friction)):
             good, false = matched(accepted(run(evidence, WHEEL)[0]), jumps)  # type: ignore[operator]
             for place, value in enumerate((good, len(jumps), false)):
                 counts[method][place] += value
@@ -187,7 +187,7 @@ def test_a_missed_jump_costs_only_itself():
 
 
 def test_an_impossible_jump_is_unattributed():
-    """A level that climbs five times is no story that two systems can tell."""
+    """A level that climbs five times is no path that two systems can tell."""
     jumps = dict.fromkeys(range(12000, 80000, 6000), 0.5)
     x, z = steps(jumps)
     evidence = evidence_of(x, z, candidates_at(x, z, np.array(list(jumps)), STD, 1.0), STD)

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from rwa_monitor.kernels.assignment import add_up_laws, expand, free_bounds, priced_bounds
-from rwa_monitor.switching.assignment_search import NO_SYSTEM, REJECT, Problem, search, step_of
-from tests.switching.assignment_problems import FREE, LONG, SHORT, random_path, random_problem
+from rwa_monitor.switching.assignment_search import NO_SYSTEM, REJECT, Problem, search
+from tests.switching.assignment_problems import FREE, LONG, SHORT, random_path, random_problem, step_of
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ def follow(problem: Problem, before: Partial, k: int, number: int) -> Partial | 
     taken = (*before.taken, number)
     if number == REJECT:
         return replace(before, score=before.score + problem.reject, taken=taken)
-    laws, sizes = problem.laws, problem.sizes
+    durations, sizes = problem.durations, problem.sizes
     score = before.score + problem.fit[before.last, k]
     now, friction = list(before.now), list(before.friction)
     mean, variance = 0.0, 0.0
@@ -45,8 +45,8 @@ def follow(problem: Problem, before: Partial, k: int, number: int) -> Partial | 
         middle, after = q + missed, q + missed + direction
         if not (0 <= middle < problem.configurations[s] and 0 <= after < problem.configurations[s]):
             return None
-        table = laws.jump[s, q] if missed == 0 else laws.missed[s, q, max(missed, 0)]
-        score += table[since, k] + laws.turn[s, middle, max(direction, 0)]
+        table = durations.jump[s, q] if missed == 0 else durations.missed[s, q, max(missed, 0)]
+        score += table[since, k] + durations.turn[s, middle, max(direction, 0)]
         now[s] = (after, k)
         if sizes:
             old = before.friction[s]
@@ -73,13 +73,13 @@ def follow(problem: Problem, before: Partial, k: int, number: int) -> Partial | 
 
 def all_scores(problem: Problem) -> Iterator[tuple[float, tuple[int, ...], tuple[int, ...]]]:
     """Go through every assignment and score it by the definition, without any merging or bound."""
-    laws, sizes = problem.laws, problem.sizes
+    durations, sizes = problem.durations, problem.sizes
     candidates = problem.signs.shape[0]
 
     def visit(k: int, so_far: Partial) -> Iterator[Partial]:
         if k > candidates:
             end = so_far.score + problem.fit[so_far.last, candidates + 1]
-            end += sum(laws.stay[s, q, since] for s, (q, since) in enumerate(so_far.now))
+            end += sum(durations.stay[s, q, since] for s, (q, since) in enumerate(so_far.now))
             yield replace(so_far, score=float(end))
             return
         for number in range(len(problem.actions)):
@@ -137,7 +137,7 @@ def test_with_sizes_equals_exhaustive_search(systems, candidates, exact, capsys)
     for _ in range(trials):
         problem = random_problem(rng, systems, candidates, sized=True)
         if exact:
-            problem.laws.missed[:] = -np.inf
+            problem.durations.missed[:] = -np.inf
             problem = replace(problem, simultaneous=-np.inf)
         best = max(all_scores(problem))
         found = search(problem, paths=16, margin=14.0, budget=100_000).paths[0]

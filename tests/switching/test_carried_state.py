@@ -191,7 +191,6 @@ def _next(carried: CarriedState, *, wheel: Wheel | None = None, base_known: bool
         viscous_std=0.01,
         fss_friction=(np.array([0.0, 0.45, 0.0]), np.array([0.5])),
         fss_friction_std=(np.full(3, 0.01), np.full(1, 0.01)),
-        base_ambiguous=not base_known,
     )
     return next_state(
         carried,

@@ -1,23 +1,23 @@
-"""The kernels over paths, stories and levels of stage 3 against the same in plain Python and numpy."""
+"""The kernels over paths and levels of stage 3 against the same in plain Python and numpy."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from rwa_monitor.changepoints.stage_results import REJECTED, UNATTRIBUTED, Candidates, FlatStory
+from rwa_monitor.changepoints.stage_results import REJECTED, UNATTRIBUTED, Candidates, FlatPath
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.kernels.assignment import add_agreement, tell
 from rwa_monitor.kernels.friction import condition
 from rwa_monitor.kernels.laws import level_densities, sojourn_densities, strays
 from rwa_monitor.kernels.segments import pair_moments
 from rwa_monitor.switching import segments
-from rwa_monitor.switching.assignment_search import NO_SYSTEM, REJECT, Path, Problem, search, step_of
-from tests.switching.assignment_problems import LONG, SHORT, random_path, random_problem
+from rwa_monitor.switching.assignment_search import NO_SYSTEM, REJECT, Path, Problem, search
+from tests.switching.assignment_problems import LONG, SHORT, random_path, random_problem, step_of
 from tests.switching.assignment_windows import sums_of
 
 
-def plain_story(problem: Problem, path: Path, index: np.ndarray) -> tuple[list[list[int]], list[list[int]], list[int]]:
+def plain_path(problem: Problem, path: Path, index: np.ndarray) -> tuple[list[list[int]], list[list[int]], list[int]]:
     """Configurations and starts of each system's sojourns, and the slots of jumps that no system made."""
     configurations, starts = [[q] for q in path.start], [[0] for _ in path.start]
     alone = []
@@ -39,7 +39,7 @@ def plain_story(problem: Problem, path: Path, index: np.ndarray) -> tuple[list[l
     return configurations, starts, alone
 
 
-def test_a_path_tells_its_story():
+def test_a_path_of_the_search_becomes_a_switching_path():
     rng = np.random.default_rng(12)
     kinds = set()
     for _ in range(40):
@@ -48,14 +48,14 @@ def test_a_path_tells_its_story():
         paths = [*search(problem, paths=8, margin=12.0, budget=20_000).paths, random_path(rng, problem)]
         for path in paths:
             kinds.update(path.actions.tolist())
-            story, nodes, system, direction = tell(problem.actions, index, np.array(path.start), path.actions)
-            configurations, starts, alone = plain_story(problem, path, index)
-            told = FlatStory(*story).story()
-            assert [q.tolist() for q in told.configurations] == configurations
-            assert [slots.tolist() for slots in told.starts] == starts
-            assert told.unattributed.tolist() == alone
-            again = told.flat()
-            assert all(np.array_equal(one, other) for one, other in zip(story, again, strict=True))
+            flat, nodes, system, direction = tell(problem.actions, index, np.array(path.start), path.actions)
+            configurations, starts, alone = plain_path(problem, path, index)
+            nested = FlatPath(*flat).by_system()
+            assert [q.tolist() for q in nested.configurations] == configurations
+            assert [slots.tolist() for slots in nested.starts] == starts
+            assert nested.unattributed.tolist() == alone
+            again = nested.flat()
+            assert all(np.array_equal(one, other) for one, other in zip(flat, again, strict=True))
             accepted = np.flatnonzero(path.actions != REJECT)
             assert nodes.tolist() == [0, *(accepted + 1), 8]
             assert np.array_equal(system[:, 0] == REJECTED, path.actions == REJECT)
@@ -169,8 +169,8 @@ def test_densities_of_sojourns_are_those_of_their_levels():
     assert np.stack([stray, relative], axis=1) == pytest.approx(np.array(plain), rel=1e-12)
 
 
-def test_a_wheel_without_systems_has_an_empty_story():
+def test_a_wheel_without_systems_has_an_empty_path():
     none = np.zeros(0, dtype=np.int64)
-    flat = FlatStory(none, none, none, np.array([30]))
-    assert flat.story().configurations == ()
-    assert all(np.array_equal(one, other) for one, other in zip(flat.story().flat(), flat, strict=True))
+    flat = FlatPath(none, none, none, np.array([30]))
+    assert flat.by_system().configurations == ()
+    assert all(np.array_equal(one, other) for one, other in zip(flat.by_system().flat(), flat, strict=True))

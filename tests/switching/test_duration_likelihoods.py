@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from rwa_monitor.switching.carried_state import CarriedState, SystemState
-from rwa_monitor.switching.duration_likelihoods import Onset, law_tables, onsets, soften
+from rwa_monitor.switching.duration_likelihoods import Onset, onsets, soften, tabulated_durations
 from rwa_monitor.wheel.durations import Geometric, Histogram, Lognormal, Uniform, Weibull
 from rwa_monitor.wheel.switching_systems import simulate_system
 from rwa_monitor.wheel.wheel import FrictionRange, SwitchingSystem
@@ -27,7 +27,7 @@ SYSTEMS = {
 def total_probability(system: SwitchingSystem, slots: int, first: Onset | None) -> float:
     """Sum the probability of every start and every set of jumps of one system in a window."""
     index = np.arange(1, slots)
-    tables = law_tables((system,), index, slots, (first,))
+    tables = tabulated_durations((system,), index, slots, (first,))
     total = 0.0
     for count in range(slots):
         for jumps in combinations(range(1, slots), count):
@@ -64,7 +64,7 @@ def test_first_sojourn_is_that_of_a_simulated_record():
         friction=(FrictionRange(low=0, high=0), FrictionRange(low=1, high=1)),
     )
     slots, trials = 30, 4000
-    tables = law_tables((system,), np.arange(1, slots), slots, (None,))
+    tables = tabulated_durations((system,), np.arange(1, slots), slots, (None,))
     counts = np.zeros((2, slots))
     rng = np.random.default_rng(2)
     for _ in range(trials):
@@ -93,8 +93,8 @@ def test_earlier_windows_tell_the_first_configuration():
     carried = CarriedState(fss=(SystemState(name="a", configuration=1, age=1, friction=(None, None)),))
     assert onsets((system,), carried) == (Onset(1, 1),)
     assert onsets((system,), None) == (None,)
-    told = law_tables((system,), np.array([1, 2]), 10, (Onset(1, 1),))
-    plain = law_tables((system,), np.array([1, 2]), 10, (None,))
+    told = tabulated_durations((system,), np.array([1, 2]), 10, (Onset(1, 1),))
+    plain = tabulated_durations((system,), np.array([1, 2]), 10, (None,))
     # Active for one slot already, two at most: it ends after one slot of this window.
     assert told.jump[0, 1, 0, 1] > np.log(0.9)
     assert told.jump[0, 1, 0, 1] > plain.jump[0, 1, 0, 1]

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from rwa_monitor.errors import InputError
-from rwa_monitor.identification.data_quality import check_told_apart
+from rwa_monitor.identification.data_quality import check_distinguished
 from rwa_monitor.samples import FloatArray, IntArray
-from rwa_monitor.switching.chain_decoding import Chains, Stays, decode
-from rwa_monitor.switching.jump_attribution import Parted, confused_share, part
+from rwa_monitor.switching.chain_decoding import Chains, Segments, decode
+from rwa_monitor.switching.jump_attribution import JumpAttribution, attribute_jumps, confused_share
 
 BASE = 1.6e-3  # N m
 NOISE = 0.024  # of the base, of one sample
@@ -36,7 +36,7 @@ def pair(rest: float, visit: float, low: float, high: float, width: float = 0.7)
 CHAIN = Truth((3000.0, 3000.0, 3000.0), 0.4, ((0.0, 0.0), (0.4, 0.6), (0.8, 1.2)))
 
 
-def record(systems: list[Truth], rng: np.random.Generator) -> tuple[Stays, IntArray]:
+def record(systems: list[Truth], rng: np.random.Generator) -> tuple[Segments, IntArray]:
     """Return a record's stays with the noise of their means, and the configurations of the systems in each."""
     friction = np.zeros((len(systems), SLOTS))
     configuration = np.zeros((len(systems), SLOTS), dtype=np.int64)
@@ -52,13 +52,13 @@ def record(systems: list[Truth], rng: np.random.Generator) -> tuple[Stays, IntAr
     at = np.append(first, SLOTS)
     std = NOISE / np.sqrt(np.diff(at))
     level = 1.0 + friction[:, first].sum(axis=0) + rng.normal(0.0, std)
-    return Stays(BASE * level, BASE * std, at), configuration[:, first].T
+    return Segments(BASE * level, BASE * std, at), configuration[:, first].T
 
 
-def parted(systems: list[Truth], seed: int, count: int = 8) -> Parted:
+def parted(systems: list[Truth], seed: int, count: int = 8) -> JumpAttribution:
     """Part the jumps of some records of these systems."""
     rng = np.random.default_rng(seed)
-    return part([record(systems, rng)[0] for _ in range(count)], BASE)
+    return attribute_jumps([record(systems, rng)[0] for _ in range(count)], BASE)
 
 
 @pytest.mark.parametrize(
@@ -77,7 +77,7 @@ def parted(systems: list[Truth], seed: int, count: int = 8) -> Parted:
 )
 def test_systems_come_back_though_their_durations_overlap(systems: list[Truth]) -> None:
     found = parted(systems, 50_601)
-    check_told_apart(found, BASE, HOURS)
+    check_distinguished(found, BASE, HOURS)
     assert sorted(found.chains.counts) == sorted(len(system.medians) for system in systems)
     # Systems of as many configurations are compared in the order of their highest friction.
     order = sorted(range(len(systems)), key=lambda i: (found.chains.counts[i], found.chains.size[i].max()))
@@ -98,7 +98,7 @@ def test_systems_of_one_size_and_one_law_are_refused_without_asking_for_more() -
         found = parted(alike, seed)
         assert found.chains.counts == (2, 2)
         with pytest.raises(InputError, match="More recordings would not help") as refused:
-            check_told_apart(found, BASE, HOURS)
+            check_distinguished(found, BASE, HOURS)
         assert "give about" not in str(refused.value)
 
 
@@ -130,21 +130,21 @@ def known(systems: list[Truth]) -> Chains:
 @pytest.mark.parametrize("seed", range(50_630, 50_635))
 def test_the_path_of_known_systems_is_found(seed: int) -> None:
     systems = [pair(4000, 1000, 0.2, 0.28), CHAIN]
-    stays, true = record(systems, np.random.default_rng(seed))
-    path = decode(stays, known(systems), 64)
+    segments, true = record(systems, np.random.default_rng(seed))
+    path = decode(segments, known(systems), 64)
     assert np.array_equal(path.configurations, true)
     assert not path.outlier.any()
 
 
 def test_a_stay_at_no_system_s_level_is_an_outlier() -> None:
     systems = [pair(6000, 1000, 0.4, 0.6)]
-    stays, true = record(systems, np.random.default_rng(50_640))
+    segments, true = record(systems, np.random.default_rng(50_640))
     at_rest = int(np.flatnonzero(true[1:-1, 0] == 0)[0]) + 1
-    middle = (stays.at[at_rest] + stays.at[at_rest + 1]) // 2
+    middle = (segments.at[at_rest] + segments.at[at_rest + 1]) // 2
     # A piece of ten slots, at a level far from any configuration, in the middle of a rest.
-    level = np.insert(stays.level, at_rest + 1, [3.0 * BASE, stays.level[at_rest]])
-    std = np.insert(stays.std, at_rest + 1, [BASE * NOISE / np.sqrt(10.0), stays.std[at_rest]])
-    path = decode(Stays(level, std, np.insert(stays.at, at_rest + 1, [middle, middle + 10])), known(systems), 64)
+    level = np.insert(segments.level, at_rest + 1, [3.0 * BASE, segments.level[at_rest]])
+    std = np.insert(segments.std, at_rest + 1, [BASE * NOISE / np.sqrt(10.0), segments.std[at_rest]])
+    path = decode(Segments(level, std, np.insert(segments.at, at_rest + 1, [middle, middle + 10])), known(systems), 64)
     assert np.flatnonzero(path.outlier).tolist() == [at_rest + 1]
     assert path.configurations[[at_rest, at_rest + 2], 0].tolist() == [0, 0]
 
@@ -152,6 +152,6 @@ def test_a_stay_at_no_system_s_level_is_an_outlier() -> None:
 def test_the_beam_s_best_is_the_best_of_all_paths() -> None:
     # Wider beams find no better path in records of two systems.
     systems = [pair(6000, 400, 0.3, 0.5), pair(9000, 3000, 0.6, 0.9)]
-    stays, _ = record(systems, np.random.default_rng(50_650))
-    narrow, wide = (decode(stays, known(systems), beam).log_likelihood for beam in (64, 2000))
+    segments, _ = record(systems, np.random.default_rng(50_650))
+    narrow, wide = (decode(segments, known(systems), beam).log_likelihood for beam in (64, 2000))
     assert narrow == pytest.approx(wide)

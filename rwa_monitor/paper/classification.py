@@ -1,0 +1,182 @@
+"""Section IV-D, anomaly classification: one linear support vector machine for each anomaly.
+
+On the coefficient itself, or on the histogram of a system's friction (errata 13). scikit-learn is needed for training
+only: a diagnosis takes no more than an inner product.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Final
+
+import numpy as np
+from scipy import special
+
+from rwa_monitor.diagnosis.classification import UNKNOWN, Judged, Judgement, assigned_configurations
+from rwa_monitor.diagnosis.features import Features
+from rwa_monitor.diagnosis.model import AnomalyModel, LinearSvm, Model
+from rwa_monitor.diagnosis.training import MIN_WINDOWS, LabelledFeatures
+from rwa_monitor.samples import BoolArray, FloatArray
+
+BINS: Final = 40  # errata 13
+# Cost of a margin violation. Both kinds of feature lie in [0, 1]; histograms of 40 bins need a large cost to use them.
+SVM_COST: Final = 100.0
+SVM_TOLERANCE: Final = 1e-10
+SVM_ITERATIONS: Final = 100_000
+CALIBRATION_WEIGHT: Final = 1e-3
+
+
+def classified_values(features: Features) -> tuple[FloatArray, ...]:
+    """Return the values that the paper classifies, one array per anomaly; a system gives all its sojourns."""
+    return (
+        np.array([features.base_dry]),
+        np.array([features.viscous]),
+        *(system.friction for system in features.systems),
+    )
+
+
+def histogram(values: FloatArray, low: float, high: float, bins: int) -> FloatArray:
+    """Return the normalised histogram of a system's friction, float64 (bins,).
+
+    Bins are half-open and cover [low, high]; values outside count in the end bins. All zero without values.
+    """
+    counts = np.zeros(bins)
+    values = values[np.isfinite(values)]
+    if values.size == 0 or high <= low:
+        return counts
+    bin_of = np.clip(np.floor((values - low) / (high - low) * bins), 0, bins - 1).astype(np.int64)
+    np.add.at(counts, bin_of, 1.0 / values.size)
+    return counts
+
+
+def svm_features(bins: int, low: float, high: float, values: FloatArray) -> FloatArray:
+    """Return z: the value on the scale of the training data (0 bins), or the histogram of the values."""
+    if bins:
+        return histogram(values, low, high, bins)
+    return (values - low) / (high - low)
+
+
+def decide(svm: LinearSvm, values: FloatArray) -> tuple[float, float]:
+    """Return w·z + b and the calibrated probability, for one coefficient (1,) or a system's friction (sojourns,)."""
+    z = svm_features(svm.bins, svm.low, svm.high, values)
+    decision = float(np.dot(np.asarray(svm.weights), z)) + svm.bias
+    return decision, float(special.expit(svm.slope * decision + svm.offset))
+
+
+def classify(features: Features, models: Sequence[AnomalyModel | None], names: Sequence[str]) -> Judgement:
+    """Judge by one linear support vector machine per anomaly.
+
+    Parameters
+    ----------
+    features
+        Of the window.
+    models
+        What was learned about each anomaly, None where nothing was.
+    names
+        The anomalies' names, in the wheel's order.
+    """
+    judged = []
+    for name, model, values in zip(names, models, classified_values(features), strict=True):
+        if model is None or model.svm is None:
+            rate = model.rate if model else UNKNOWN
+            judged.append(Judged(name, rate, active=False, informative=False, unlike=False))
+            continue
+        decision, probability = decide(model.svm, values)
+        # Active is the sign of the decision, as printed; the calibrated probability must not contradict it.
+        probability = max(probability, 0.5) if decision > 0 else min(probability, 0.5)
+        judged.append(Judged(name, probability, active=decision > 0, informative=True, unlike=False))
+    to_carry = {entry.name: entry.probability for entry in judged}
+    return Judgement(tuple(judged), features, to_carry, assigned_configurations(features))
+
+
+# ---- training --------------------------------------------------------------------------------------------------------
+
+
+def with_classifiers(model: Model, windows: Sequence[LabelledFeatures]) -> Model:
+    """Return a model with the support vector machine of each anomaly, trained on labelled windows.
+
+    Parameters
+    ----------
+    model
+        What was learned otherwise; names the anomalies.
+    windows
+        Features by this method, and labels, of the training windows.
+    """
+    anomalies = []
+    for a, anomaly in enumerate(model.anomalies):
+        label = np.array([window.labels[anomaly.name] for window in windows], dtype=np.bool_)
+        values = [classified_values(window.features)[a] for window in windows]
+        svm = train_svm(values, label, bins=0 if a < 2 else BINS)
+        anomalies.append(anomaly.model_copy(update={"svm": svm}))
+    return model.model_copy(update={"anomalies": tuple(anomalies)})
+
+
+def train_svm(
+    values: Sequence[FloatArray], anomalous: BoolArray, bins: int, cost: float = SVM_COST
+) -> LinearSvm | None:
+    """Train a linear support vector machine; None where a class has too few windows.
+
+    Parameters
+    ----------
+    values
+        For each window the coefficient (1,), or the friction of a system's sojourns.
+    anomalous
+        bool (windows,).
+    bins
+        Of the histogram; 0 for a coefficient.
+    cost
+        C of the support vector machine.
+    """
+    if min(int(anomalous.sum()), int((~anomalous).sum())) < MIN_WINDOWS:
+        return None
+    everything = np.concatenate(list(values))
+    everything = everything[np.isfinite(everything)]
+    if everything.size == 0 or np.ptp(everything) == 0:
+        return None
+    low, high = float(everything.min()), float(everything.max())
+    features = np.stack([svm_features(bins, low, high, value) for value in values])
+    from sklearn.svm import LinearSVC  # takes a second to import
+
+    # The primal problem with squared hinge loss is strictly convex: one optimum, on every machine.
+    machine = LinearSVC(C=cost, dual=False, tol=SVM_TOLERANCE, max_iter=SVM_ITERATIONS).fit(features, anomalous)
+    weights, bias = machine.coef_[0], float(machine.intercept_[0])
+    slope, offset = _calibrate(features @ weights + bias, anomalous)
+    return LinearSvm(
+        bins=bins,
+        low=low,
+        high=high,
+        weights=tuple(float(weight) for weight in weights),
+        bias=bias,
+        slope=slope,
+        offset=offset,
+    )
+
+
+def _calibrate(decision: FloatArray, anomalous: BoolArray) -> tuple[float, float]:
+    """Return slope and offset of Platt's calibration (1999), with his smoothed targets.
+
+    A convex problem, solved to the last digits. The small weight on the slope matters only where all decisions are
+    alike, which no slope can tell apart.
+    """
+    positive, negative = int(anomalous.sum()), int((~anomalous).sum())
+    target = np.where(anomalous, (positive + 1.0) / (positive + 2.0), 1.0 / (negative + 2.0))
+    columns = np.stack([decision, np.ones(decision.size)])
+    weight = np.array([CALIBRATION_WEIGHT, 0.0])
+
+    def cost(parameters: FloatArray) -> float:
+        z = parameters @ columns
+        return float((np.logaddexp(0.0, z) - target * z).sum() + 0.5 * weight @ parameters**2)
+
+    def gradient(parameters: FloatArray) -> FloatArray:
+        return np.asarray(columns @ (special.expit(parameters @ columns) - target) + weight * parameters)
+
+    def hessian(parameters: FloatArray) -> FloatArray:
+        p = special.expit(parameters @ columns)
+        return np.asarray((columns * (p * (1.0 - p))) @ columns.T + np.diag(weight))
+
+    from scipy import optimize
+
+    fit = optimize.minimize(
+        cost, np.zeros(2), method="trust-exact", jac=gradient, hess=hessian, options={"gtol": 1e-10}
+    )
+    return float(fit.x[0]), float(fit.x[1])

@@ -1,0 +1,121 @@
+"""Section IV-B, friction estimation: Y = H [F f_v]ᵀ + v by least squares, and the cost of rejecting a changepoint.
+
+HᵀH is an arrow: the number of samples n_i of each interval on its diagonal, Σω_k of each interval beside it, Σω_k² in
+the corner. So f_v follows from the sums about the intervals' means, and F_i from f_v (errata 6).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Final
+
+import numpy as np
+
+from rwa_monitor.changepoints.noise import mean_variance_factor
+from rwa_monitor.changepoints.stage_results import Estimate, NoiseEstimate
+from rwa_monitor.paper.detection import FALSE_POSITIVE, SCALE, Signal
+from rwa_monitor.samples import BoolArray, FloatArray, IntArray
+
+ERROR_SAMPLES: Final = SCALE // 2  # Δk_error = w/2, on each side of a changepoint
+MOST_OF_INTERVAL: Final = 4  # but no more than one in so many samples of an interval, at each end of it
+LEAST_SPREAD: Final = 1e-11  # of Σω²: a smaller Σ(ω - ω̄)² is rounding, and shows no f_v
+
+
+@dataclass(frozen=True, slots=True)
+class Intervals:
+    """What the estimation hands on of N_cp changepoints.
+
+    Attributes
+    ----------
+    friction
+        F̂ and f̂_v with their standard deviations. An interval without a used sample has the level of the one before
+        it. Where the window does not show f_v, it is 0 with infinite standard deviation.
+    jump_std
+        float64 (N_cp,), standard deviation of F_{i+1} - F_i.
+    rejection
+        float64 (N_cp,), c_rjct: what it costs in log-likelihood to merge the intervals beside a changepoint.
+    """
+
+    friction: Estimate
+    jump_std: FloatArray
+    rejection: FloatArray
+
+
+def estimate(signal: Signal, index: IntArray, noise: NoiseEstimate) -> Intervals:
+    """Estimate the level of each interval and the shared viscous coefficient.
+
+    Parameters
+    ----------
+    signal, noise
+        The window's samples and the estimate of its noise.
+    index
+        int64 (N_cp,), changepoints, ascending.
+    """
+    interval = np.searchsorted(index, np.arange(signal.x.size), side="right")
+    used = kept(signal.used, interval, index)
+    x, z, place = signal.x[used], signal.z[used], interval[used]
+    count = np.bincount(place, minlength=index.size + 1)
+    seen, n = count > 0, np.maximum(count, 1)
+    x_mean, z_mean = (np.bincount(place, value, index.size + 1) / n for value in (x, z))
+    x_apart, z_apart = x - x_mean[place], z - z_mean[place]
+    s_xx = float(x_apart @ x_apart)
+    slope, slope_std = 0.0, np.inf
+    if s_xx > LEAST_SPREAD * float(x @ x):
+        slope, slope_std = float(x_apart @ z_apart) / s_xx, noise.std * np.sqrt(noise.long_run_factor / s_xx)
+    level = z_mean - slope * x_mean
+    mean_variance = noise.std**2 * mean_variance_factor(noise, n) / n
+    level_std = np.sqrt(mean_variance + _times(x_mean, slope_std) ** 2)
+    jump_std = np.sqrt(mean_variance[:-1] + mean_variance[1:] + _times(np.diff(x_mean), slope_std) ** 2)
+    rmse = float(np.sqrt(np.mean((z_apart - slope * x_apart) ** 2))) if x.size else 0.0
+    # The level of an interval without samples: that of the last one before it that has some, or of the first.
+    shown = np.maximum.accumulate(np.where(seen, np.arange(n.size), np.argmax(seen)))
+    both = seen[:-1] & seen[1:]
+    friction = Estimate(
+        index=index,
+        level=level[shown],
+        level_std=np.where(seen, level_std, np.inf),
+        viscous=slope,
+        viscous_std=float(slope_std),
+        rmse=rmse,
+        excess_rmse=rmse - noise.std if x.size else 0.0,
+    )
+    return Intervals(friction, np.where(both, jump_std, np.inf), rejection(n, level, noise, both))
+
+
+def kept(used: BoolArray, interval: IntArray, index: IntArray) -> BoolArray:
+    """Return the used samples outside Δk_error around each changepoint; of an interval that has no other, all of them.
+
+    Parameters
+    ----------
+    used, interval
+        bool (n,) and int64 (n,), of each sample whether it is used and in which interval it lies.
+    index
+        int64 (N_cp,), changepoints.
+    """
+    far = used.copy()
+    edges = np.concatenate(([0], index, [used.size]))
+    for first, at, end in zip(edges[:-2], edges[1:-1], edges[2:], strict=True):
+        left = min(ERROR_SAMPLES, (at - first) // MOST_OF_INTERVAL)
+        right = min(ERROR_SAMPLES, (end - at) // MOST_OF_INTERVAL)
+        far[at - left : at + right] = False
+    left_over = np.bincount(interval[far], minlength=index.size + 1)
+    return np.where(left_over[interval] > 0, far, used)
+
+
+def rejection(n: IntArray, level: FloatArray, noise: NoiseEstimate, both: BoolArray) -> FloatArray:
+    """Return c_rjct of each changepoint: the change of -SSE/2σ² when its intervals merge, and log P(false positive).
+
+    The sum of squared errors grows by n_i n_{i+1} / (n_i + n_{i+1}) · (F_i - F_{i+1})²; with n_i = (HᵀH)_ii (errata 7:
+    sign and logarithm mended). 0 but for the probability where not `both` intervals hold samples.
+    """
+    left, right = n[:-1], n[1:]
+    variance = noise.std**2 * mean_variance_factor(noise, np.minimum(left, right))
+    with np.errstate(divide="ignore", invalid="ignore"):  # without noise
+        merged = -0.5 * np.diff(level) ** 2 * left * right / (left + right) / variance
+    return np.where(both, merged, 0.0) + math.log(FALSE_POSITIVE)
+
+
+def _times(speed: FloatArray, slope_std: float) -> FloatArray:
+    """Return |speed| · slope_std; at zero speed 0, however unknown the slope."""
+    return np.abs(speed) * np.where(speed != 0.0, slope_std, 0.0)

@@ -1,0 +1,72 @@
+"""Section IV-A: the wGLR beside the compiled one, and its changepoints with what the errata say of them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import special
+
+from rwa_monitor.changepoints.evidence import WindowAccumulator
+from rwa_monitor.changepoints.stage_results import Evidence
+from rwa_monitor.kernels.wglr import wglr as compiled
+from rwa_monitor.paper.detection import SCALE, THRESHOLD, Signal, detect, maxima_of_runs, wglr
+from rwa_monitor.wheel.wheel import built_in_wheel
+
+WHEEL = built_in_wheel()
+SIGMA = 3.9e-5  # N m
+
+
+def _window(seed: int, slots: int, jumps: list[tuple[int, float]], *, crossing: bool = False) -> Evidence:
+    """Return a window with jumps (slot, size in σ)."""
+    rng = np.random.default_rng(seed)
+    speed = 200.0 + 60.0 * np.sin(np.arange(slots) / 7000.0 + rng.uniform(0, 6))
+    if crossing:
+        speed = 150.0 * np.sin(2 * np.pi * np.arange(slots) / slots)
+    level = np.full(slots, WHEEL.nominal.dry_torque_Nm)
+    for index, size in jumps:
+        level[index:] += size * SIGMA
+    friction = np.sign(speed) * (level + WHEEL.nominal.viscous_Nm_s_rad * np.abs(speed))
+    accumulator = WindowAccumulator(WHEEL, slots=slots)
+    accumulator.append(speed, friction + SIGMA * rng.standard_normal(slots), np.ones(slots, dtype=np.bool_))
+    return accumulator.close()
+
+
+def _found(evidence: Evidence) -> list[int]:
+    return detect(Signal.of(evidence), evidence.noise, WHEEL).tolist()
+
+
+@pytest.mark.parametrize("w", [2, 50, 128])
+@pytest.mark.parametrize("share", [1.0, 0.8])
+def test_the_wglr_is_that_of_the_compiled_kernel(w: int, share: float) -> None:
+    rng = np.random.default_rng(w)
+    x, z = 0.6 + 0.3 * np.sin(np.arange(9000) / 700.0), 1.5 + 0.02 * rng.standard_normal(9000)
+    used = rng.random(9000) < share
+    expected, _ = compiled(x, z, used, w, 1e-4, 0.9)
+    np.testing.assert_allclose(wglr(Signal(x, z, used), 0.9, w), expected, rtol=1e-6, atol=1e-9)
+
+
+def test_a_signal_shorter_than_the_window_shows_nothing() -> None:
+    signal = Signal(np.ones(2 * SCALE - 1), np.ones(2 * SCALE - 1), np.ones(2 * SCALE - 1, dtype=np.bool_))
+    assert np.isnan(wglr(signal, 1.0)).all()
+    assert maxima_of_runs(wglr(signal, 1.0), THRESHOLD).size == 0
+
+
+def test_the_threshold_is_that_of_the_paper() -> None:
+    assert special.chdtrc(1, THRESHOLD) == pytest.approx(1e-9, rel=1e-9)
+
+
+def test_each_run_above_the_threshold_gives_its_maximum() -> None:
+    assert maxima_of_runs(np.array([9.0, 0, 2, 3, 2, np.nan, 2, 0, 5, 5]), 1.0).tolist() == [0, 3, 6, 8]
+
+
+def test_jumps_are_found() -> None:
+    found = _found(_window(18, 9000, [(3000, 8.0), (6000, -8.0)]))
+    assert {3000, 6000} <= {k + d for k in found for d in (-1, 0, 1)}
+
+
+def test_big_jumps_have_side_lobes() -> None:
+    """Errata 4: jumps of 10 to 25 σ show again 20 to 30 slots away, where the speed changes."""
+    jumps = [(k, 25.0 * (-1) ** i) for i, k in enumerate(range(2500, 40_000, 1000))]
+    evidence = _window(19, 40_000, jumps, crossing=True)
+    assert evidence.candidates.index.tolist() == [index for index, _ in jumps]
+    assert len(_found(evidence)) > len(jumps)
