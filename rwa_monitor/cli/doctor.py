@@ -193,7 +193,7 @@ def _settings(ctx: click.Context) -> str:
 
 def _wheel(wheel_file: Path | None) -> str:
     """Check that the wheel file can be used, and return what it lacks."""
-    from rwa_monitor.monitor.wheel_words import first_verdict
+    from rwa_monitor.monitor.service import first_verdict
     from rwa_monitor.telemetry.wheel_file import read_wheel
     from rwa_monitor.words import counted
 

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from threading import Lock
-from typing import Final
+from typing import Final, Literal
 
-from rwa_monitor.dashboard.decimated_samples import Trace
-from rwa_monitor.dashboard.telemetry import DerivedFriction, Evidence, OpenWindow, Rhythm
-from rwa_monitor.dashboard.verdict_history import Course
+from rwa_monitor.dashboard.telemetry import DerivedFriction, Evidence, OpenWindow, Rhythm, Trace
 from rwa_monitor.messages import Changepoints, Diagnosis, Discrepancy, Message, Status, dump_json, key_of
 from rwa_monitor.monitor.wheel_set import WheelSet
 from rwa_monitor.samples import Samples
@@ -20,6 +20,11 @@ MAX_WHEELS: Final = 5_000
 SHOWN_WINDOWS: Final = 2  # closed ones, that a picture spans beside the open one
 MAX_PROVISIONAL: Final = 200  # changepoints of a running window that are kept
 MAX_OPEN_SAMPLES: Final = 8_000_000  # of all open windows: 128 MB, 100 wheels with windows of 80,000 slots
+NOTICEABLE: Final = 0.1  # change of the severity from one window to the next that is worth an arrow
+ERRORS: Final = 2.0  # and in standard deviations of the change: less is scatter of the estimates
+REMEMBERED: Final = 50  # windows that a course is begun with
+
+Change = Literal["worse", "better", "steady"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +51,61 @@ class Received:
         wall = b"null" if self.wall_ns is None else str(self.wall_ns).encode()
         head = b'{"key":"' + self.key.encode() + b'","received_wall_ns":' + wall + b',"beside":' + self.beside
         return head + b',"message":' + self.payload + b"}"
+
+
+@dataclass(slots=True)
+class Course:
+    """What earlier windows of a wheel say beside the latest one.
+
+    Attributes
+    ----------
+    since_ns
+        Beginning of the first of the windows in a row with the present verdict [ns, wheel's clock].
+    windows
+        How many these are.
+    change
+        Where the worst severity goes, steady where its errors allow that; None unless the last two windows are
+        anomalous.
+    """
+
+    since_ns: int | None = None
+    windows: int = 0
+    change: Change | None = None
+    _last: Diagnosis | None = None
+
+    def extend(self, diagnoses: Iterable[Diagnosis]) -> None:
+        """Take in windows, the oldest first; one that is not later than the last one changes nothing."""
+        for window in diagnoses:
+            before = self._last
+            if before is not None and window.window_end_ns <= before.window_end_ns:
+                continue
+            same = before is not None and before.verdict == window.verdict
+            if not same:
+                self.since_ns, self.windows = window.window_start_ns, 0
+            self.windows += 1
+            self.change = None
+            if same and before is not None and window.verdict == "anomalous":
+                self.change = _change(before, window)
+            self._last = window
+
+    def to_json(self) -> bytes:
+        """Return it as it goes with a diagnosis in the feed."""
+        return dump_json({"since_ns": self.since_ns, "windows": self.windows, "change": self.change})
+
+
+def _change(before: Diagnosis, after: Diagnosis) -> Change:
+    """Return where the worst severity goes from one anomalous window to the next."""
+    (was, was_std), (now, now_std) = _worst(before), _worst(after)
+    step = now - was
+    if abs(step) <= max(NOTICEABLE, ERRORS * math.hypot(was_std, now_std)):
+        return "steady"
+    return "worse" if step > 0.0 else "better"
+
+
+def _worst(window: Diagnosis) -> tuple[float, float]:
+    """Return the largest severity of a window's active anomalies and its standard deviation; 0 where none is known."""
+    found = [(one.severity, one.severity_std or 0.0) for one in window.anomalies.values() if one.active]
+    return max(((severity, std) for severity, std in found if severity is not None), default=(0.0, 0.0))
 
 
 @dataclass(slots=True)

@@ -17,12 +17,10 @@ import zenoh
 
 from rwa_monitor.dashboard.alarm_notifier import Voices
 from rwa_monitor.dashboard.bus_thread import BusThread
-from rwa_monitor.dashboard.decimated_samples import thinned_json
-from rwa_monitor.dashboard.fleet import Fleet, Received, Wheel
+from rwa_monitor.dashboard.fleet import REMEMBERED, Fleet, Received, Wheel
 from rwa_monitor.dashboard.monitor_watch import SILENT_S, MonitorWatch
 from rwa_monitor.dashboard.retired_wheels import Aside
-from rwa_monitor.dashboard.telemetry import Evidence
-from rwa_monitor.dashboard.verdict_history import REMEMBERED
+from rwa_monitor.dashboard.telemetry import Evidence, thinned_json
 from rwa_monitor.errors import InputError
 from rwa_monitor.history.database import HistoryError
 from rwa_monitor.history.records import WheelLine

@@ -9,8 +9,7 @@ from pydantic.json_schema import models_json_schema
 
 from rwa_monitor.dashboard.telemetry import Evidence
 from rwa_monitor.dashboard.trends import TrendRecord
-from rwa_monitor.history.records import AlarmRecord, EstimateRecord, WheelLine
-from rwa_monitor.history.signature import MAX_NAME, MAX_NOTE
+from rwa_monitor.history.records import MAX_NAME, MAX_NOTE, AlarmRecord, EstimateRecord, WheelLine
 from rwa_monitor.history.store import MAX_SHELVED_S
 from rwa_monitor.messages import Changepoints, Diagnosis, Discrepancy, Health, SamplesMessage, Status
 from rwa_monitor.version import RELEASE

@@ -8,10 +8,8 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Final
 
-from rwa_monitor.dashboard.decimated_samples import samples_of, thinned_json
-from rwa_monitor.dashboard.fleet import Received
-from rwa_monitor.dashboard.telemetry import DerivedFriction, Evidence, OpenWindow
-from rwa_monitor.dashboard.verdict_history import Course
+from rwa_monitor.dashboard.fleet import Course, Received
+from rwa_monitor.dashboard.telemetry import DerivedFriction, Evidence, OpenWindow, samples_of, thinned_json
 from rwa_monitor.errors import InputError
 from rwa_monitor.messages import (
     Changepoints,

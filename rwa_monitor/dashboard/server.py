@@ -15,16 +15,14 @@ from typing import TYPE_CHECKING, Final
 import uvicorn
 import zenoh
 
-from rwa_monitor.dashboard.alarm_notifier import Voices
+from rwa_monitor.dashboard.alarm_notifier import Herald, Voices, Webhook
 from rwa_monitor.dashboard.app import Sources, create_app
 from rwa_monitor.dashboard.feed import Hub
 from rwa_monitor.dashboard.fleet import Fleet
-from rwa_monitor.dashboard.health_publisher import Herald
 from rwa_monitor.dashboard.listener import Listener
 from rwa_monitor.dashboard.monitor_watch import SILENT_S
 from rwa_monitor.dashboard.recordings import latest_wheels
 from rwa_monitor.dashboard.retired_wheels import Aside
-from rwa_monitor.dashboard.webhook import Webhook
 from rwa_monitor.errors import RwaMonitorError
 from rwa_monitor.history.retention import Retention
 from rwa_monitor.history.store import History

@@ -14,13 +14,13 @@ from threading import Condition
 from typing import Any, Final
 from urllib.parse import quote
 
-from sqlalchemy import URL, Engine, create_engine, event, make_url
+from sqlalchemy import URL, Connection, Engine, create_engine, event, inspect, make_url, text
 from sqlalchemy.exc import ArgumentError, SQLAlchemyError
 from sqlalchemy.orm import Session
 from sqlalchemy.pool import StaticPool
 
 from rwa_monitor.errors import InputError, RwaMonitorError
-from rwa_monitor.history.schema import bring_up_to_date
+from rwa_monitor.history.tables import Table
 from rwa_monitor.telemetry.files import make_folder
 
 POSTGRESQL: Final = "pip install 'rwa-monitor[postgresql]'"
@@ -213,3 +213,50 @@ def _set_up_connection(connection: Any, record: object) -> None:
 
 def _reason(error: Exception) -> str:
     return str(getattr(error, "orig", None) or error).splitlines()[0]
+
+
+# ---- the tables ------------------------------------------------------------------------------------------------------
+
+
+REVISION: Final = "0004"  # the last one under migrations/versions
+FIRST: Final = "0001"
+_VERSIONS: Final = "alembic_version"
+
+
+def bring_up_to_date(engine: Engine) -> None:
+    """Make or migrate the tables, in one transaction where the database can do that.
+
+    Raises
+    ------
+    InputError
+        If the database is of a later release than this one.
+    """
+    with engine.begin() as connection:
+        known = set(inspect(connection).get_table_names())
+        if not known & set(Table.metadata.tables):
+            Table.metadata.create_all(connection)
+            _stamp(connection, REVISION)
+            return
+        if _VERSIONS not in known:  # made before revisions were counted
+            _stamp(connection, "0002" if "discrepancies" in known else FIRST)
+        found = connection.execute(text(f"SELECT version_num FROM {_VERSIONS}")).scalar_one()  # noqa: S608 - a constant
+        if found > REVISION:
+            raise InputError("history", f"is of a later release: its revision is {found}, this program's {REVISION}")
+        if found != REVISION:
+            migrate(connection, REVISION)
+
+
+def migrate(connection: Connection, revision: str) -> None:
+    """Run Alembic's revisions up to one of them."""
+    from alembic import command  # noqa: PLC0415 - only where there is something to migrate
+    from alembic.config import Config  # noqa: PLC0415
+
+    config = Config()
+    config.set_main_option("script_location", str(Path(__file__).parent / "migrations"))
+    config.attributes["connection"] = connection
+    command.upgrade(config, revision)
+
+
+def _stamp(connection: Connection, revision: str) -> None:
+    connection.execute(text(f"CREATE TABLE IF NOT EXISTS {_VERSIONS} (version_num VARCHAR(32) NOT NULL PRIMARY KEY)"))
+    connection.execute(text(f"INSERT INTO {_VERSIONS} VALUES (:revision)"), {"revision": revision})  # noqa: S608

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Annotated, Final, Literal
 
 from pydantic import Field
 
+from rwa_monitor.errors import InputError
 from rwa_monitor.messages import Message, Number
 
 LevelWord = Literal["normal", "watch", "warning", "distress", "critical"]
@@ -107,3 +108,24 @@ class EstimateRecord(Message):
     probability: Annotated[float, Field(ge=0, le=1)]
     severity: Number | None
     active: bool
+
+
+# ---- who did something -----------------------------------------------------------------------------------------------
+
+
+MAX_NAME: Final = 100  # characters of a person's name
+MAX_NOTE: Final = 2_000
+
+
+def signed(person: str, note: str) -> tuple[str, str]:
+    """Return name and note as they are kept.
+
+    Raises
+    ------
+    InputError
+        If the name is missing, or one of both too long.
+    """
+    person, note = person.strip(), note.strip()
+    if not person or len(person) > MAX_NAME or len(note) > MAX_NOTE:
+        raise InputError("name", f"is needed, of at most {MAX_NAME} characters, and a note of at most {MAX_NOTE}")
+    return person, note

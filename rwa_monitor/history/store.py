@@ -32,9 +32,8 @@ from rwa_monitor.history.alarms import (
     observe,
 )
 from rwa_monitor.history.database import Database
-from rwa_monitor.history.records import AlarmLine, AlarmRecord, EstimateRecord, MonitorWord
+from rwa_monitor.history.records import AlarmLine, AlarmRecord, EstimateRecord, MonitorWord, signed
 from rwa_monitor.history.retention import Retention, oldest_ns, prune
-from rwa_monitor.history.signature import signed
 from rwa_monitor.history.tables import (
     AlarmEventRow,
     AlarmRow,

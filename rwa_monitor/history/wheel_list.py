@@ -13,8 +13,7 @@ from sqlalchemy.orm import Session
 
 from rwa_monitor.errors import InputError
 from rwa_monitor.history.database import Database
-from rwa_monitor.history.records import WheelLine
-from rwa_monitor.history.signature import signed
+from rwa_monitor.history.records import WheelLine, signed
 from rwa_monitor.history.tables import AlarmRow, DiagnosisRow, WheelEventRow
 
 

@@ -11,10 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rwa_monitor.dashboard import fleet
-from rwa_monitor.dashboard.decimated_samples import thinned_json
-from rwa_monitor.dashboard.fleet import Fleet, Received
-from rwa_monitor.dashboard.telemetry import FIRST_STALE_S, DerivedFriction, OpenWindow, Rhythm
-from rwa_monitor.dashboard.verdict_history import Course
+from rwa_monitor.dashboard.fleet import Course, Fleet, Received
+from rwa_monitor.dashboard.telemetry import FIRST_STALE_S, DerivedFriction, OpenWindow, Rhythm, thinned_json
 from rwa_monitor.messages import SamplesMessage
 from rwa_monitor.monitor.wheel_set import WheelSet
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND as SECOND

@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 import zenoh
 
-from rwa_monitor.dashboard import webhook
+from rwa_monitor.dashboard import alarm_notifier
 from rwa_monitor.dashboard.fleet import Fleet
 from rwa_monitor.dashboard.metrics import Family, metrics
 from rwa_monitor.dashboard.server import DashboardOptions, serve
@@ -155,7 +155,7 @@ def listening(refusals: int = 0) -> Iterator[Listening]:
 def test_each_change_of_an_alarm_is_posted_and_posted_again_until_it_is_taken(
     session: zenoh.Session, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(webhook, "FIRST_WAIT_S", 0.01)
+    monkeypatch.setattr(alarm_notifier, "FIRST_WAIT_S", 0.01)
     with listening(refusals=2) as other:
         options = DashboardOptions(0, tmp_path, token="right", webhook=f"http://127.0.0.1:{other.server_port}/alarms")
         with serve(options, session) as running:

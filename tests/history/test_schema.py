@@ -11,8 +11,8 @@ from alembic.script import ScriptDirectory
 from sqlalchemy import Engine, create_engine, text
 
 from rwa_monitor.errors import InputError
-from rwa_monitor.history import schema
-from rwa_monitor.history.schema import FIRST, REVISION, bring_up_to_date, migrate
+from rwa_monitor.history import database
+from rwa_monitor.history.database import FIRST, REVISION, bring_up_to_date, migrate
 from rwa_monitor.history.store import History
 from rwa_monitor.history.tables import Table
 from tests.history.support import diagnosis
@@ -44,7 +44,7 @@ def differences(engine: Engine) -> list[object]:
 
 
 def test_the_last_revision_is_the_one_that_the_program_wants() -> None:
-    folder = Path(schema.__file__).parent / "migrations"
+    folder = Path(database.__file__).parent / "migrations"
     assert ScriptDirectory(str(folder)).get_current_head() == REVISION
 
 

@@ -14,8 +14,7 @@ from rwa_monitor.errors import InputError
 from rwa_monitor.messages import Diagnosis, Health, HealthAlarm, health_message
 from rwa_monitor.monitor.recording.foxglove_file import write_foxglove
 from rwa_monitor.monitor.recording.reader import read_recording
-from rwa_monitor.reporting.foxglove import Translator, View, schemas
-from rwa_monitor.reporting.foxglove_layout import Seen, layout
+from rwa_monitor.reporting.foxglove import Seen, Translator, View, layout, schemas
 from tests.program import run
 
 REPLAY = Path("replay")

@@ -1,4 +1,4 @@
-"""Alembic's environment: runs the revisions on the connection that it is given (`history.schema`)."""
+"""Alembic's environment: runs the revisions on the connection that it is given (`history.database`)."""
 
 from alembic import context
 

@@ -13,8 +13,7 @@ from rwa_monitor.errors import InputError
 from rwa_monitor.messages import MESSAGES, dump_json
 from rwa_monitor.monitor.recording.chain import recordings_of
 from rwa_monitor.monitor.recording.reader import read_recording
-from rwa_monitor.reporting.foxglove import Translator, View, schemas
-from rwa_monitor.reporting.foxglove_layout import Seen, layout
+from rwa_monitor.reporting.foxglove import Seen, Translator, View, layout, schemas
 from rwa_monitor.version import SOFTWARE
 
 LAYOUT_SUFFIX: Final = ".layout.json"
