@@ -34,11 +34,11 @@ from benchmarks.speed.live import free_endpoint
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.monitor.bus import BusOptions, open_session
 from rwa_monitor.monitor.core import WheelCore
+from rwa_monitor.monitor.monitor import RunOptions
 from rwa_monitor.monitor.publisher import SamplesPublisher
 from rwa_monitor.monitor.recording.chain import recordings_of
 from rwa_monitor.monitor.recording.reader import last_settings
 from rwa_monitor.monitor.recording.recorder import Recorder
-from rwa_monitor.monitor.run_options import RunOptions
 from rwa_monitor.samples import Samples
 from rwa_monitor.simulation.record import simulate
 from rwa_monitor.simulation.scenario import Scenario

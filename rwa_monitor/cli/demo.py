@@ -68,8 +68,8 @@ def command(duration: float, no_browser: bool, port: int | None, seed: int, reco
     from rwa_monitor.cli.signals import stop_on_signals
     from rwa_monitor.diagnosis.model import built_in_model
     from rwa_monitor.monitor.bus import open_session
+    from rwa_monitor.monitor.monitor import RunOptions
     from rwa_monitor.monitor.publisher import publish
-    from rwa_monitor.monitor.run_options import RunOptions
     from rwa_monitor.monitor.service import run
     from rwa_monitor.simulation.demo_satellite import simulate_satellite
 
@@ -202,7 +202,7 @@ class DemoView:
     """
 
     def __init__(self, session: Any, spacecraft: str, start_ns: int) -> None:
-        from rwa_monitor.monitor.bus import Inbox
+        from rwa_monitor.monitor.ingest.backfill import Inbox
 
         self.rows: dict[str, WheelRow] = {}
         self._start_ns = start_ns

@@ -308,8 +308,7 @@ def look_at_bus(bus: BusOptions, own_wheels: set[WheelKey]) -> str:
     import time
     from threading import Event
 
-    from rwa_monitor.monitor.bus import endpoints, open_session
-    from rwa_monitor.monitor.bus_watch import BusWatch
+    from rwa_monitor.monitor.bus import BusWatch, endpoints, open_session
     from rwa_monitor.words import counted, first_few
 
     def listed(wheels: set[WheelKey]) -> str:

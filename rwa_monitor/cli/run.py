@@ -79,7 +79,7 @@ def command(
     window. Stops cleanly on SIGINT and SIGTERM. Under systemd it notifies when it is ready, and its watchdog.
     """
     from rwa_monitor.cli.signals import stop_on_signals
-    from rwa_monitor.monitor.run_options import RunOptions
+    from rwa_monitor.monitor.monitor import RunOptions
     from rwa_monitor.monitor.service import Supervisor, run
     from rwa_monitor.telemetry.model_file import read_model
     from rwa_monitor.telemetry.wheel_file import read_wheel, read_wheel_folder

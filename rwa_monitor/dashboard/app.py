@@ -42,11 +42,11 @@ from rwa_monitor.dashboard.openapi import (
     openapi,
 )
 from rwa_monitor.dashboard.recordings import list_recordings, replay_json
-from rwa_monitor.dashboard.retired_wheels import Aside
 from rwa_monitor.dashboard.trends import trends
 from rwa_monitor.errors import InputError
 from rwa_monitor.history.database import HistoryError
 from rwa_monitor.history.records import AlarmRecord, WheelLine
+from rwa_monitor.history.retired_wheels import Aside
 from rwa_monitor.history.store import History
 from rwa_monitor.messages import Diagnosis, Discrepancy, Status, dump_json, key_of
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND

@@ -10,9 +10,9 @@ import zenoh
 from foxglove import Channel, Context, Schema
 from foxglove.websocket import ChannelView, Client, ServerListener
 
-from rwa_monitor.dashboard.bus_thread import BusThread
 from rwa_monitor.errors import InputError, RwaMonitorError
 from rwa_monitor.messages import dump_json
+from rwa_monitor.monitor.bus import BusThread
 from rwa_monitor.reporting.foxglove import LOG_SCHEMA, Translator, View, schemas
 from rwa_monitor.version import SOFTWARE
 

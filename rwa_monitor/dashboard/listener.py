@@ -16,14 +16,13 @@ from typing import Final, Self
 import zenoh
 
 from rwa_monitor.dashboard.alarm_notifier import Voices
-from rwa_monitor.dashboard.bus_thread import BusThread
 from rwa_monitor.dashboard.fleet import REMEMBERED, Fleet, Received, Wheel
 from rwa_monitor.dashboard.monitor_watch import SILENT_S, MonitorWatch
-from rwa_monitor.dashboard.retired_wheels import Aside
 from rwa_monitor.dashboard.telemetry import Evidence, thinned_json
 from rwa_monitor.errors import InputError
 from rwa_monitor.history.database import HistoryError
 from rwa_monitor.history.records import WheelLine
+from rwa_monitor.history.retired_wheels import Aside
 from rwa_monitor.history.store import History
 from rwa_monitor.messages import (
     Changepoints,
@@ -35,7 +34,7 @@ from rwa_monitor.messages import (
     key_of,
     split_key,
 )
-from rwa_monitor.monitor.bus_watch import BusWatch
+from rwa_monitor.monitor.bus import BusThread, BusWatch
 
 KINDS: Final[dict[str, type[Message]]] = {kind.kind: kind for kind in (Diagnosis, Changepoints, Status, Discrepancy)}
 RETRY_S: Final = 1.0

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import Final
 
 from rwa_monitor.history.records import MonitorWord
-from rwa_monitor.monitor.run_options import STATUS_PERIOD_S
+from rwa_monitor.monitor.monitor import STATUS_PERIOD_S
 from rwa_monitor.words import time_text
 
 # A restart takes a monitor some seconds, and one that diagnoses many wheels at once may be late by as many.

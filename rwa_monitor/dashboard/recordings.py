@@ -11,6 +11,7 @@ from typing import Final
 from rwa_monitor.dashboard.fleet import Course, Received
 from rwa_monitor.dashboard.telemetry import DerivedFriction, Evidence, OpenWindow, samples_of, thinned_json
 from rwa_monitor.errors import InputError
+from rwa_monitor.history.store import History
 from rwa_monitor.messages import (
     Changepoints,
     Diagnosis,
@@ -21,7 +22,7 @@ from rwa_monitor.messages import (
     key_of,
     split_key,
 )
-from rwa_monitor.monitor.recording.chain import RECORDING_SUFFIX
+from rwa_monitor.monitor.recording.chain import RECORDING_SUFFIX, read_chain
 from rwa_monitor.monitor.recording.reader import RecordedMessage, Recording, read_recording, time_span
 from rwa_monitor.monitor.wheel_set import COMMON, WheelSet
 from rwa_monitor.wheel.wheel import built_in_wheel
@@ -163,3 +164,46 @@ class _Replay:
 def _entry(message: RecordedMessage, key: str, payload: bytes, beside: bytes = b"null") -> bytes:
     entry = Received(key, payload, message.publish_time, beside).to_json()
     return b'{"time_ns":' + str(message.log_time).encode() + b"," + entry[1:]
+
+
+# ---- into the history ------------------------------------------------------------------------------------------------
+
+
+BATCH_WINDOWS: Final = 200  # of one transaction
+
+
+@dataclass(frozen=True, slots=True)
+class Imported:
+    """What an import did: windows found, those that were new, and what could not be read."""
+
+    windows: int
+    new: int
+    problems: tuple[str, ...]
+
+
+def import_recordings(history: History, path: Path) -> Imported:
+    """Import a recording, or all of a folder.
+
+    Raises
+    ------
+    InputError
+        If there is no recording there, or one holds a diagnosis that is none.
+    HistoryError
+        If the database cannot be written; what was imported before stays.
+    """
+    windows = new = 0
+    problems: list[str] = []
+    for recording in read_chain(path):
+        problems += [f"{recording.path.name}: {problem}" for problem in recording.problems]
+        diagnoses = [
+            Diagnosis.parse(message.data, f"{recording.path}: {message.topic}")
+            for message in recording.messages
+            if message.schema == Diagnosis.schema_name()
+        ]
+        for message in recording.messages:
+            if message.schema == Discrepancy.schema_name():
+                history.add_discrepancy(Discrepancy.parse(message.data, f"{recording.path}: {message.topic}"))
+        windows += len(diagnoses)
+        for begin in range(0, len(diagnoses), BATCH_WINDOWS):
+            new += history.add_all(diagnoses[begin : begin + BATCH_WINDOWS])
+    return Imported(windows, new, tuple(problems))

@@ -22,9 +22,9 @@ from rwa_monitor.dashboard.fleet import Fleet
 from rwa_monitor.dashboard.listener import Listener
 from rwa_monitor.dashboard.monitor_watch import SILENT_S
 from rwa_monitor.dashboard.recordings import latest_wheels
-from rwa_monitor.dashboard.retired_wheels import Aside
 from rwa_monitor.errors import RwaMonitorError
 from rwa_monitor.history.retention import Retention
+from rwa_monitor.history.retired_wheels import Aside
 from rwa_monitor.history.store import History
 from rwa_monitor.monitor.wheel_set import WheelSet
 from rwa_monitor.wheel.wheel import Wheel

@@ -34,6 +34,7 @@ from rwa_monitor.history.alarms import (
 from rwa_monitor.history.database import Database
 from rwa_monitor.history.records import AlarmLine, AlarmRecord, EstimateRecord, MonitorWord, signed
 from rwa_monitor.history.retention import Retention, oldest_ns, prune
+from rwa_monitor.history.retired_wheels import WheelList
 from rwa_monitor.history.tables import (
     AlarmEventRow,
     AlarmRow,
@@ -42,7 +43,6 @@ from rwa_monitor.history.tables import (
     DiscrepancyRow,
     EstimateRow,
 )
-from rwa_monitor.history.wheel_list import WheelList
 from rwa_monitor.messages import Diagnosis, Discrepancy
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND
 

@@ -11,6 +11,7 @@ is what a search found. `base` is what all have in common.
 from __future__ import annotations
 
 import json
+from pathlib import Path
 from typing import Final
 
 from rwa_monitor.messages.base import (
@@ -79,14 +80,22 @@ __all__ = [
     "samples_json",
     "schema_files",
     "split_key",
+    "write_schemas",
 ]
 
 MESSAGES: Final[tuple[type[Message], ...]] = (SamplesMessage, Status, Changepoints, Diagnosis, Discrepancy, Health)
 
 
 def schema_files() -> dict[str, str]:
-    """Return the JSON Schemas of all messages as file name and text; `messages.schemas` writes them into `schemas/`."""
+    """Return the JSON Schemas of all messages as file name and text."""
     return {
         f"{message.schema_name()}.json": json.dumps(message.json_schema(), indent=2, ensure_ascii=False) + "\n"
         for message in MESSAGES
     }
+
+
+def write_schemas(folder: Path) -> None:
+    """Write the JSON Schemas of all messages into a folder, over those that are there (`make schemas`)."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, text in schema_files().items():
+        (folder / name).write_text(text, encoding="utf-8")

@@ -6,27 +6,38 @@ One thread does everything in this order, so that what is on the disk is always 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from hashlib import blake2b
-from typing import Final, Protocol
+from pathlib import Path
+from typing import Any, Final, Protocol
 
 import zenoh
 
+from rwa_monitor.changepoints.stage_results import Method
+from rwa_monitor.diagnosis.model import Model
 from rwa_monitor.errors import InputError
 from rwa_monitor.messages import Diagnosis, Health, Message, SamplesMessage, Status, key_of, split_key
 from rwa_monitor.messages.samples import is_json, misspelt
-from rwa_monitor.monitor.bus import Inbox
+from rwa_monitor.monitor.bus import BusOptions
 from rwa_monitor.monitor.core import WheelCore
-from rwa_monitor.monitor.earlier_run import Past
-from rwa_monitor.monitor.events import Event, SensorFault, WindowDiagnosed
-from rwa_monitor.monitor.ingest.backfill import Arrival
-from rwa_monitor.monitor.outputs import Output, health_output, outputs_of, trouble_in
-from rwa_monitor.monitor.recording.recorder import Checkpoints, Recorder
-from rwa_monitor.monitor.run_options import RunOptions
+from rwa_monitor.monitor.events import (
+    Event,
+    Output,
+    SensorFault,
+    WindowDiagnosed,
+    health_output,
+    outputs_of,
+    trouble_in,
+)
+from rwa_monitor.monitor.ingest.backfill import Arrival, Inbox
+from rwa_monitor.monitor.recording.recorder import MAX_FILE_BYTES, Checkpoints, Recorder
 from rwa_monitor.monitor.searches import Searches
+from rwa_monitor.monitor.state_recovery import Past, Setup
+from rwa_monitor.monitor.wheel_set import WheelKey, WheelSet
 from rwa_monitor.version import SOFTWARE
+from rwa_monitor.wheel.wheel import Wheel, built_in_wheel
 from rwa_monitor.words import counted, time_text
 
 IDLE_WAIT_S: Final = 0.1  # how long to wait for a message before looking at the clock again
@@ -35,6 +46,62 @@ BUSY_MESSAGES: Final = 100  # waiting: a tenth of a second's of a thousand wheel
 STATUS_RECORDED_S: Final = 10.0  # every status is published; one in this time is recorded
 MAX_WHEELS: Final = 4_096  # of one process: 2.7 MB each with windows of 80,000 slots; `--shard` divides more
 MANY_WHEELS: Final = 100  # whose state takes seconds to write
+STATUS_PERIOD_S: Final = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class RunOptions:
+    """All settings of `run`; every one of them is in the recording.
+
+    Attributes
+    ----------
+    wheels
+        Key expression of the samples to listen to.
+    wheel
+        Constants of the wheels that have none of their own.
+    own_wheels
+        Constants of single wheels, by spacecraft and wheel.
+    model
+        What was learned about nominal and anomalous friction; None leaves all verdicts open.
+    method
+        "joint" or "paper".
+    record
+        Folder of the recordings, or None to record nothing.
+    max_file_bytes
+        Of one recording; then the next one is begun.
+    max_record_bytes
+        Of all recordings in the folder; the oldest are deleted to keep it. None keeps all.
+    bus
+        How to reach the bus.
+    shard
+        (I, N): this process serves share I of N, 1 ≤ I ≤ N.
+    status_period_s
+        Wall-clock time from one status message to the next [s].
+    tell_verdicts
+        Whether each change of a verdict is said, too; where somebody else shows the diagnoses it would be said twice.
+    """
+
+    wheels: str = "rwa/*/*/samples"
+    wheel: Wheel = field(default_factory=built_in_wheel)
+    own_wheels: Mapping[WheelKey, Wheel] = field(default_factory=dict)
+    model: Model | None = None
+    method: Method = "joint"
+    record: Path | None = None
+    max_file_bytes: int = MAX_FILE_BYTES
+    max_record_bytes: int | None = None
+    bus: BusOptions = field(default_factory=BusOptions)
+    shard: tuple[int, int] = (1, 1)
+    status_period_s: float = STATUS_PERIOD_S
+    tell_verdicts: bool = True
+
+    def setup(self) -> Setup:
+        """Return what diagnoses depend on."""
+        return Setup(WheelSet(self.wheel, self.own_wheels), self.model, self.method)
+
+    def settings(self) -> dict[str, Any]:
+        """Return the settings as they are written into a recording."""
+        share, of = self.shard
+        return {"wheels": self.wheels, "method": self.method, "shard": f"{share}/{of}"}
 
 
 @dataclass(slots=True)

@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 import secrets
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
 from threading import Event
 from typing import Any, Final, Protocol
 
@@ -13,6 +14,7 @@ import zenoh
 from zenoh import ext
 
 from rwa_monitor.messages import SamplesMessage, samples_json
+from rwa_monitor.monitor.recording.chain import recorded_inputs
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, Samples
 
 HISTORY_MESSAGES: Final = 8_192  # 3 days of one wheel at 8 Hz in messages of 256; some 120 MB if all are kept
@@ -166,3 +168,58 @@ def _batches(telemetry: Mapping[str, Samples], size: int) -> Iterator[tuple[int,
             cuts.append((due_ns, len(cuts), key, start))
     for due_ns, _, key, start in sorted(cuts):
         yield due_ns, key, telemetry[key][start : start + size]
+
+
+def replay_to_bus(
+    recordings: Path | Sequence[Path],
+    session: zenoh.Session,
+    *,
+    speed: float = 1.0,
+    from_ns: int | None = None,
+    stop: Event | None = None,
+) -> int:
+    """Publish a recording's inputs on the bus again, as they came, in the pace of their time.
+
+    Parameters
+    ----------
+    recordings
+        As for `replay`.
+    session
+        An open Zenoh session.
+    speed
+        Times faster than real time; `math.inf` for as fast as the bus takes it.
+    from_ns
+        Messages that end earlier, on the wheel's clock [ns], are left out.
+    stop
+        Ends it early when set.
+
+    Returns
+    -------
+    int
+        Messages published.
+
+    Raises
+    ------
+    InputError
+        If a path is no recording, or nothing in them is of `from_ns` or later.
+    """
+    stop = Event() if stop is None else stop
+    publishers: dict[str, ReliablePublisher] = {}
+    sent = 0
+    first_ns: int | None = None
+    begin_s = time.monotonic()
+    try:
+        for time_ns, topic, payload in recorded_inputs(recordings, from_ns):
+            first_ns = time_ns if first_ns is None else first_ns
+            due_s = begin_s + (time_ns - first_ns) / NANOSECONDS_PER_SECOND / speed
+            if stop.wait(0.0 if math.isinf(speed) else max(0.0, due_s - time.monotonic())):
+                break
+            if topic not in publishers:
+                publishers[topic] = ReliablePublisher(session, topic)
+            publishers[topic].put(payload)
+            sent += 1
+        stop.wait(LINGER_S)
+    finally:
+        for publisher in publishers.values():
+            publisher.close()
+    return sent

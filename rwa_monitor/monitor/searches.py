@@ -23,7 +23,7 @@ import numpy as np
 
 from rwa_monitor.errors import RwaMonitorError
 from rwa_monitor.messages import Discrepancy, SamplesMessage, key_of
-from rwa_monitor.monitor.outputs import Output
+from rwa_monitor.monitor.events import Output
 from rwa_monitor.monitor.wheel_set import WheelKey, WheelSet
 from rwa_monitor.samples import concatenate
 from rwa_monitor.telemetry.files import write_text

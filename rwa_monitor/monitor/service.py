@@ -23,12 +23,11 @@ import zenoh
 
 from rwa_monitor.build import build
 from rwa_monitor.errors import InputError
-from rwa_monitor.monitor.bus import Inbox, MonitorBus, check_wheels, endpoints, open_session
-from rwa_monitor.monitor.bus_watch import BusNews, BusWatch
-from rwa_monitor.monitor.earlier_run import Past, read_past
-from rwa_monitor.monitor.monitor import Clock, Monitor
+from rwa_monitor.monitor.bus import BusNews, BusWatch, MonitorBus, check_wheels, endpoints, open_session
+from rwa_monitor.monitor.ingest.backfill import Inbox
+from rwa_monitor.monitor.monitor import Clock, Monitor, RunOptions
 from rwa_monitor.monitor.recording.recorder import FolderLock, Recorder
-from rwa_monitor.monitor.run_options import RunOptions
+from rwa_monitor.monitor.state_recovery import Past, read_past
 from rwa_monitor.samples import SECONDS_PER_HOUR
 from rwa_monitor.wheel.wheel import Wheel
 

@@ -14,8 +14,8 @@ import zenoh
 from rwa_monitor.dashboard.server import DashboardOptions, serve
 from rwa_monitor.diagnosis.model import built_in_model
 from rwa_monitor.messages import Diagnosis, Health, SamplesMessage, health_message, key_of
+from rwa_monitor.monitor.monitor import RunOptions
 from rwa_monitor.monitor.publisher import publish
-from rwa_monitor.monitor.run_options import RunOptions
 from rwa_monitor.monitor.service import run
 from rwa_monitor.samples import Samples
 from rwa_monitor.wheel.wheel import Window, built_in_wheel
@@ -97,7 +97,8 @@ def test_a_dashboard_tells_the_health_at_each_change_of_an_alarm(session: zenoh.
 
 
 def test_who_asks_gets_the_later_of_what_monitor_and_dashboard_know(session: zenoh.Session, tmp_path: Path) -> None:
-    from rwa_monitor.monitor.bus import Inbox, MonitorBus
+    from rwa_monitor.monitor.bus import MonitorBus
+    from rwa_monitor.monitor.ingest.backfill import Inbox
 
     key, encoding = "rwa/sat/wheel_1/health", Health.encoding()
     with MonitorBus(session, Inbox()) as bus, serve(DashboardOptions(0, tmp_path, token="right"), session) as running:

@@ -8,9 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rwa_monitor.dashboard.recordings import POINTS_PER_WHEEL, list_recordings, replay_json
+from rwa_monitor.dashboard.recordings import POINTS_PER_WHEEL, import_recordings, list_recordings, replay_json
 from rwa_monitor.errors import InputError
-from rwa_monitor.history.imports import import_recordings
 from rwa_monitor.history.store import History
 from rwa_monitor.messages import Diagnosis
 from rwa_monitor.monitor.recording.reader import read_recording

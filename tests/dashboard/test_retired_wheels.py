@@ -11,9 +11,9 @@ import pytest
 import zenoh
 
 from rwa_monitor.dashboard import telemetry
-from rwa_monitor.dashboard.retired_wheels import Aside
 from rwa_monitor.dashboard.server import DashboardOptions, Running, serve
 from rwa_monitor.history.records import WheelLine
+from rwa_monitor.history.retired_wheels import Aside
 from rwa_monitor.history.store import History
 from rwa_monitor.messages import samples_json
 from tests.dashboard.support import (

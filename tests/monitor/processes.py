@@ -13,7 +13,7 @@ from typing import Any
 
 import zenoh
 
-from rwa_monitor.monitor.run_options import RunOptions
+from rwa_monitor.monitor.monitor import RunOptions
 from rwa_monitor.monitor.service import run
 from tests.program import command
 

@@ -10,7 +10,6 @@ import pytest
 
 from rwa_monitor.errors import InputError
 from rwa_monitor.messages import samples_json
-from rwa_monitor.monitor.recording import file_bytes
 from rwa_monitor.monitor.recording import reader as recording_module
 from rwa_monitor.monitor.recording.reader import read_recording
 from rwa_monitor.monitor.recording.recover import recover
@@ -109,7 +108,7 @@ def test_recover_says_nothing_is_lost_when_nothing_is(whole: tuple[Path, list[by
 def test_recover_takes_the_memory_of_a_piece_however_large_a_file_is(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(file_bytes, "PIECE_BYTES", 2**16)
+    monkeypatch.setattr(recording_module, "PIECE_BYTES", 2**16)
 
     def peak(messages: int) -> int:
         path = tmp_path / f"{messages}.mcap"

@@ -20,15 +20,14 @@ import pytest
 from benchmarks.references import SilentBus
 from rwa_monitor.messages import Diagnosis, SamplesMessage, samples_json
 from rwa_monitor.monitor.core import WheelCore
-from rwa_monitor.monitor.earlier_run import read_past
-from rwa_monitor.monitor.monitor import Clock, Monitor
-from rwa_monitor.monitor.outputs import outputs_of
+from rwa_monitor.monitor.events import outputs_of
+from rwa_monitor.monitor.monitor import Clock, Monitor, RunOptions
 from rwa_monitor.monitor.recording import recorder as recorder_module
 from rwa_monitor.monitor.recording.chain import file_sha256, read_chain, recordings_of
 from rwa_monitor.monitor.recording.reader import last_settings
 from rwa_monitor.monitor.recording.recorder import MAX_FILE_AGE_S, Recorder
 from rwa_monitor.monitor.replay import replay
-from rwa_monitor.monitor.run_options import RunOptions
+from rwa_monitor.monitor.state_recovery import read_past
 from tests.monitor.support import WINDOW, model, recorded, telemetry, wheel
 
 WHEELS: Final = ("wheel_1", "wheel_2", "wheel_3", "wheel_4")

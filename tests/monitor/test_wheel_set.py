@@ -13,10 +13,10 @@ from rwa_monitor.errors import InputError
 from rwa_monitor.messages import Diagnosis, samples_json
 from rwa_monitor.monitor.bus import BusOptions, open_session
 from rwa_monitor.monitor.core import WheelCore
-from rwa_monitor.monitor.outputs import outputs_of
+from rwa_monitor.monitor.events import outputs_of
+from rwa_monitor.monitor.monitor import RunOptions
 from rwa_monitor.monitor.recording.chain import recordings_of
 from rwa_monitor.monitor.replay import replay
-from rwa_monitor.monitor.run_options import RunOptions
 from rwa_monitor.monitor.searches import jobs_of
 from rwa_monitor.monitor.wheel_set import COMMON, WheelSet
 from rwa_monitor.samples import Samples
