@@ -14,13 +14,13 @@ from threading import Condition
 from typing import Any, Final
 from urllib.parse import quote
 
-from sqlalchemy import URL, Connection, Engine, create_engine, event, inspect, make_url, text
+from sqlalchemy import URL, Engine, create_engine, event, insert, make_url, select
 from sqlalchemy.exc import ArgumentError, SQLAlchemyError
 from sqlalchemy.orm import Session
 from sqlalchemy.pool import StaticPool
 
 from rwa_monitor.errors import InputError, RwaMonitorError
-from rwa_monitor.history.tables import Table
+from rwa_monitor.history.tables import REVISION, RevisionRow, Table
 from rwa_monitor.telemetry.files import make_folder
 
 POSTGRESQL: Final = "pip install 'rwa-monitor[postgresql]'"
@@ -174,7 +174,7 @@ def _url(place: Path | str | None) -> URL:
 
 
 def _open_engine(url: URL) -> Engine:
-    """Open the database and bring its tables up to date."""
+    """Open the database and make its tables where they are missing."""
     try:
         engine = _engine(url)
     except ModuleNotFoundError as error:
@@ -182,7 +182,7 @@ def _open_engine(url: URL) -> Engine:
     if engine.dialect.name == "sqlite":
         event.listen(engine, "connect", _set_up_connection)
     try:
-        bring_up_to_date(engine)
+        make_tables(engine)
     except SQLAlchemyError as error:
         engine.dispose()
         raise InputError(url.render_as_string(), f"cannot be used as a history: {_reason(error)}") from error
@@ -215,48 +215,19 @@ def _reason(error: Exception) -> str:
     return str(getattr(error, "orig", None) or error).splitlines()[0]
 
 
-# ---- the tables ------------------------------------------------------------------------------------------------------
-
-
-REVISION: Final = "0004"  # the last one under migrations/versions
-FIRST: Final = "0001"
-_VERSIONS: Final = "alembic_version"
-
-
-def bring_up_to_date(engine: Engine) -> None:
-    """Make or migrate the tables, in one transaction where the database can do that.
+def make_tables(engine: Engine) -> None:
+    """Make the tables where they are missing, in one transaction where the database can do that.
 
     Raises
     ------
     InputError
-        If the database is of a later release than this one.
+        If the database has tables of another revision.
     """
     with engine.begin() as connection:
-        known = set(inspect(connection).get_table_names())
-        if not known & set(Table.metadata.tables):
-            Table.metadata.create_all(connection)
-            _stamp(connection, REVISION)
-            return
-        if _VERSIONS not in known:  # made before revisions were counted
-            _stamp(connection, "0002" if "discrepancies" in known else FIRST)
-        found = connection.execute(text(f"SELECT version_num FROM {_VERSIONS}")).scalar_one()  # noqa: S608 - a constant
-        if found > REVISION:
-            raise InputError("history", f"is of a later release: its revision is {found}, this program's {REVISION}")
-        if found != REVISION:
-            migrate(connection, REVISION)
-
-
-def migrate(connection: Connection, revision: str) -> None:
-    """Run Alembic's revisions up to one of them."""
-    from alembic import command  # noqa: PLC0415 - only where there is something to migrate
-    from alembic.config import Config  # noqa: PLC0415
-
-    config = Config()
-    config.set_main_option("script_location", str(Path(__file__).parent / "migrations"))
-    config.attributes["connection"] = connection
-    command.upgrade(config, revision)
-
-
-def _stamp(connection: Connection, revision: str) -> None:
-    connection.execute(text(f"CREATE TABLE IF NOT EXISTS {_VERSIONS} (version_num VARCHAR(32) NOT NULL PRIMARY KEY)"))
-    connection.execute(text(f"INSERT INTO {_VERSIONS} VALUES (:revision)"), {"revision": revision})  # noqa: S608
+        Table.metadata.create_all(connection)
+        found = connection.scalar(select(RevisionRow.number))
+        if found is None:
+            connection.execute(insert(RevisionRow).values(number=REVISION))
+        elif found != REVISION:
+            reason = f"is of another release: its tables are of revision {found}, this program's of {REVISION}"
+            raise InputError("history", reason)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 from sqlalchemy import BigInteger, ForeignKey, Index, Integer, Text, UniqueConstraint
 from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
 
@@ -9,10 +11,21 @@ from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
 _RowId = BigInteger().with_variant(Integer, "sqlite")
 
 
+REVISION: Final = 1  # of all tables; a change of one raises it, and brings a migration along
+
+
 class Table(DeclarativeBase):
     """Base of all tables."""
 
     type_annotation_map = {int: BigInteger, str: Text}  # noqa: RUF012 - SQLAlchemy's own way to say it
+
+
+class RevisionRow(Table):
+    """The revision of the tables that a database holds: one row."""
+
+    __tablename__ = "revision"
+
+    number: Mapped[int] = mapped_column(primary_key=True, autoincrement=False)
 
 
 class DiagnosisRow(Table):
