@@ -1,4 +1,4 @@
-"""To whom the dashboard tells of alarms: pages, another service, the bus."""
+"""Where the dashboard reports alarms: on pages, to another service, on the bus."""
 
 from __future__ import annotations
 
@@ -24,28 +24,28 @@ from rwa_monitor.messages import Health, HealthAlarm, health_message, key_of
 
 
 @dataclass(frozen=True, slots=True)
-class Voices:
-    """The feed of the pages, the webhook, the voice on the bus; they may be used from any thread."""
+class AlarmNotifier:
+    """The feed of the pages, the webhook, the health on the bus; they may be used from any thread."""
 
     hub: Hub
     webhook: Webhook
-    herald: Herald
+    health: HealthPublisher
 
-    def announce(self, alarm: AlarmRecord) -> None:
-        """Tell of a change of an alarm; on the bus in the health of its wheel, if that has a window.
+    def publish(self, alarm: AlarmRecord) -> None:
+        """Report a change of an alarm; on the bus in the health of its wheel, if that has a window.
 
         Raises
         ------
         HistoryError
-            If the history cannot be read; pages and webhook are told then.
+            If the history cannot be read; pages and webhook have it then.
         """
         self.show(alarm)
-        self.herald.tell(alarm.spacecraft, alarm.wheel)
+        self.health.publish(alarm.spacecraft, alarm.wheel)
 
     def show(self, alarm: AlarmRecord) -> None:
-        """Tell pages and webhook of a change of an alarm."""
+        """Report a change of an alarm to pages and webhook."""
         self.hub.post(alarm_entry(alarm))
-        self.webhook.tell(alarm)
+        self.webhook.post(alarm)
 
 
 def alarm_entry(alarm: AlarmRecord) -> Received:
@@ -71,9 +71,9 @@ class Webhook:
     Parameters
     ----------
     url
-        http or https; None to tell nobody.
+        http or https; None for no webhook.
     hub
-        Where it says that the other side does not answer.
+        Where it notes that the other side does not answer.
 
     Raises
     ------
@@ -101,7 +101,7 @@ class Webhook:
         if self._url is not None:
             self._thread.join()
 
-    def tell(self, alarm: AlarmRecord) -> None:
+    def post(self, alarm: AlarmRecord) -> None:
         """Have a change of an alarm posted; from any thread."""
         if self._url is not None:
             self._waiting.append(alarm.to_json())
@@ -145,7 +145,7 @@ class Webhook:
 # ---- health on the bus -----------------------------------------------------------------------------------------------
 
 
-class Herald:
+class HealthPublisher:
     """Publishes …/health at each change of an alarm, and answers queries for it; use it with `with`, in any thread.
 
     The monitor publishes a wheel's health at each window's close. How many windows in a row were bad, and who has
@@ -158,13 +158,13 @@ class Herald:
     session
         An open Zenoh session; it is left open.
     history
-        What is known of windows and alarms.
+        Of windows and alarms.
     """
 
     def __init__(self, session: zenoh.Session, history: History) -> None:
         self._session = session
         self._history = history
-        self._telling = Lock()
+        self._publishing = Lock()
         self._latest: dict[str, tuple[bytes, Any]] = {}
         self._queryable: Any = session.declare_queryable("rwa/**/health", self._answer)
 
@@ -175,7 +175,7 @@ class Herald:
         with suppress(zenoh.ZError):  # the session may have been closed under us
             self._queryable.undeclare()
 
-    def tell(self, spacecraft: str, wheel: str) -> None:
+    def publish(self, spacecraft: str, wheel: str) -> None:
         """Publish the health of a wheel: its latest diagnosis, and all its alarms that are not closed.
 
         Raises
@@ -183,7 +183,7 @@ class Herald:
         HistoryError
             If the history cannot be read.
         """
-        with self._telling:  # else what was read before a change could be told after it
+        with self._publishing:  # else what was read before a change could be published after it
             latest = self._history.windows(spacecraft, wheel, 1)
             if not latest:
                 return
@@ -192,12 +192,12 @@ class Herald:
             key, payload = key_of(Health, spacecraft, wheel), health.to_json()
             timestamp = self._session.new_timestamp()
             self._latest[key] = payload, timestamp
-            with suppress(zenoh.ZError):  # nobody is there to hear it; who asks later is answered
+            with suppress(zenoh.ZError):  # the session is closed; a later query is answered
                 self._session.put(key, payload, encoding=Health.encoding(), timestamp=timestamp)
 
     def _answer(self, query: zenoh.Query) -> None:
         """Called in Zenoh's threads."""
-        for key, (payload, timestamp) in dict(self._latest).items():  # a copy: others tell meanwhile
+        for key, (payload, timestamp) in dict(self._latest).items():  # a copy: others publish meanwhile
             if query.key_expr.intersects(zenoh.KeyExpr(key)):
                 query.reply(key, payload, encoding=Health.encoding(), timestamp=timestamp)
         query.drop()  # type: ignore[no-untyped-call]

@@ -16,6 +16,7 @@ from rwa_monitor.messages import (
     Changepoints,
     Diagnosis,
     Discrepancy,
+    Message,
     SamplesMessage,
     Status,
     dump_json,
@@ -32,8 +33,7 @@ POINTS_PER_WHEEL: Final = 12_000  # of a whole recording, for its picture
 SHOWN: Final = {kind.schema_name(): kind for kind in (Diagnosis, Changepoints, Status, Discrepancy)}
 
 
-@dataclass(frozen=True, slots=True)
-class RecordingFile:
+class RecordingFile(Message):
     """One recording of the folder; the first and last time in it on the wheels' clocks, None where none is known."""
 
     name: str
@@ -52,7 +52,15 @@ def list_recordings(folder: Path | None) -> list[RecordingFile]:
         if path.is_file():
             facts = path.stat()
             first_ns, last_ns = _span(path, facts.st_size, facts.st_mtime_ns)
-            found.append(RecordingFile(path.name, facts.st_size, facts.st_mtime_ns, first_ns, last_ns))
+            found.append(
+                RecordingFile(
+                    name=path.name,
+                    size_bytes=facts.st_size,
+                    changed_wall_ns=facts.st_mtime_ns,
+                    first_ns=first_ns,
+                    last_ns=last_ns,
+                )
+            )
     return sorted(found, key=lambda entry: entry.name, reverse=True)
 
 

@@ -1,4 +1,4 @@
-"""What the history tells: plain records, as the API shows them."""
+"""The records of the history, as the API shows them."""
 
 from __future__ import annotations
 
@@ -51,19 +51,19 @@ class AlarmRecord(Message):
 
 
 @dataclass(frozen=True, slots=True)
-class MonitorWord:
-    """Whether the monitor of a wheel is heard.
+class MonitorState:
+    """Whether the monitor of a wheel reports.
 
     Attributes
     ----------
     spacecraft, wheel
         The wheel's.
     silent
-        True where it has not been heard for too long.
+        True where it has not reported for too long.
     time_ns
         The latest time known of the wheel [ns, the wheel's clock]; None where none is.
     reason
-        In one sentence, since when; "" where it is heard.
+        In one sentence, since when; "" where it reports.
     """
 
     spacecraft: str
@@ -73,10 +73,10 @@ class MonitorWord:
     reason: str = ""
 
 
-class WheelLine(Message):
-    """One deed on the list of wheels: put aside by somebody, brought back by somebody, or back because it spoke again.
+class RetirementEvent(Message):
+    """One audit event on the list of wheels: retired by a person, brought back by one, or back with its telemetry.
 
-    `time_ns` is the end of the latest window that was known when it was put aside, `wall_ns` when the deed was done, on
+    `time_ns` is the end of the latest window that was known when it was retired, `wall_ns` the time of the event, on
     this machine's clock.
     """
 
@@ -89,8 +89,8 @@ class WheelLine(Message):
     note: str
 
     @property
-    def aside(self) -> bool:
-        """Whether the wheel is put aside by this."""
+    def retired(self) -> bool:
+        """Whether the wheel is retired after this."""
         return self.event == "put_aside"
 
 

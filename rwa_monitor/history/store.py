@@ -32,9 +32,9 @@ from rwa_monitor.history.alarms import (
     observe,
 )
 from rwa_monitor.history.database import Database
-from rwa_monitor.history.records import AlarmLine, AlarmRecord, EstimateRecord, MonitorWord, signed
+from rwa_monitor.history.records import AlarmLine, AlarmRecord, EstimateRecord, MonitorState, signed
 from rwa_monitor.history.retention import Retention, oldest_ns, prune
-from rwa_monitor.history.retired_wheels import WheelList
+from rwa_monitor.history.retired_wheels import RetiredWheels
 from rwa_monitor.history.tables import (
     AlarmEventRow,
     AlarmRow,
@@ -67,8 +67,8 @@ class History:
 
     Attributes
     ----------
-    wheel_list
-        Which wheels somebody has put aside.
+    retired
+        Which wheels are retired.
 
     Raises
     ------
@@ -87,7 +87,7 @@ class History:
         self.retention = retention or Retention()
         self._wall_ns = wall_ns
         self._database = Database(place)
-        self.wheel_list = WheelList(self._database, wall_ns)
+        self.retired = RetiredWheels(self._database, wall_ns)
 
     def __enter__(self) -> Self:
         return self
@@ -146,10 +146,10 @@ class History:
         session.flush()
         return True
 
-    def hear_monitors(self, words: Iterable[MonitorWord]) -> list[AlarmRecord]:
-        """Note of which wheels the monitor is heard, and of which not any more; returns the alarms that this changed.
+    def take_monitors(self, reports: Iterable[MonitorState]) -> list[AlarmRecord]:
+        """Take in of which wheels the monitor reports, and of which not any more; returns the alarms that this changed.
 
-        From its first word on a monitor is expected, by every dashboard on this history, until its wheel is put aside.
+        From its first status on a monitor is expected, by every dashboard on this history, until its wheel is retired.
 
         Raises
         ------
@@ -157,11 +157,11 @@ class History:
             If the database cannot be written; nothing is noted then.
         """
         with self._database.session() as session:
-            for word in words:
-                state = _state_of(session, (word.spacecraft, word.wheel, MONITOR_ALARM))
-                time_ns = max(state.last_window_ns, 0) if word.time_ns is None else word.time_ns
-                observation = Observation(Level.WARNING if word.silent else Level.NORMAL, time_ns)
-                self._advance(session, state, observation, MONITOR_POLICY, word.reason)
+            for report in reports:
+                state = _state_of(session, (report.spacecraft, report.wheel, MONITOR_ALARM))
+                time_ns = max(state.last_window_ns, 0) if report.time_ns is None else report.time_ns
+                observation = Observation(Level.WARNING if report.silent else Level.NORMAL, time_ns)
+                self._advance(session, state, observation, MONITOR_POLICY, report.reason)
             return _changed(session)
 
     def _is_past_keeping(self, session: Session, diagnosis: Diagnosis) -> bool:

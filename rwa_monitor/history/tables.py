@@ -80,7 +80,7 @@ class DiscrepancyRow(Table):
 
 
 class WheelEventRow(Table):
-    """One deed on the list of wheels: who has put which wheel aside; never changed."""
+    """One audit event on the list of wheels: who has retired which wheel; never changed."""
 
     __tablename__ = "wheel_events"
     __table_args__ = (Index("wheel_events_by_wheel", "spacecraft", "wheel"),)
@@ -91,7 +91,7 @@ class WheelEventRow(Table):
     event: Mapped[str]
     time_ns: Mapped[int | None]  # end of the latest window known then
     wall_ns: Mapped[int]
-    person: Mapped[str]  # "" where the wheel came back by itself
+    person: Mapped[str]  # "" where the wheel came back with its telemetry
     note: Mapped[str]
 
 

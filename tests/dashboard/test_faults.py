@@ -133,7 +133,7 @@ def test_a_monitor_that_is_killed_leaves_stale_wheels_and_an_alarm_until_it_is_b
             expect(page.locator(".wheel")).to_contain_text("◌ stale")
             expect(page.locator(".wheel")).to_contain_text("◐ warning")
             page.get_by_role("link", name="Alarms (1)").click()
-            expect(page.get_by_text("No monitor has been heard since")).to_be_visible()
+            expect(page.get_by_text("No monitor has reported since")).to_be_visible()
             expect(page.get_by_text("look whether rwa-monitor run still runs")).to_be_visible()
             acknowledge(page)
             expect(page.get_by_text("Acknowledged by Ann")).to_be_visible()

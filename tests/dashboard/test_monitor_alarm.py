@@ -15,7 +15,7 @@ import zenoh
 from rwa_monitor.dashboard.monitor_watch import MonitorWatch
 from rwa_monitor.dashboard.server import HISTORY_NAME, DashboardOptions, serve
 from rwa_monitor.history.alarms import MONITOR_ALARM
-from rwa_monitor.history.records import MonitorWord
+from rwa_monitor.history.records import MonitorState
 from rwa_monitor.history.store import History
 from rwa_monitor.messages import samples_json
 from tests.dashboard.support import acknowledge, ask, expect, opened, reporting, send_windows, serious
@@ -23,7 +23,7 @@ from tests.dashboard.test_telemetry import with_friction
 from tests.history.support import START_NS
 from tests.monitor.processes import wait_for
 
-HEARD = MonitorWord("sat", "wheel_1", silent=False, time_ns=START_NS)
+HEARD = MonitorState("sat", "wheel_1", silent=False, time_ns=START_NS)
 
 
 class Clock:
@@ -41,7 +41,7 @@ def watch(expected: dict[tuple[str, str], bool]) -> tuple[MonitorWatch, Clock]:
 
 def test_silence_is_news_once_and_so_is_a_word() -> None:
     monitors, clock = watch({})
-    monitors.hear("sat", "wheel_1", START_NS)
+    monitors.take_status("sat", "wheel_1", START_NS)
     assert monitors.news((), "") == [HEARD]
     assert monitors.news((), "") == [HEARD], "until it is written"
     monitors.written([HEARD])
@@ -50,11 +50,11 @@ def test_silence_is_news_once_and_so_is_a_word() -> None:
     clock.s += 0.5
     (silent,) = monitors.news((), "The bus is gone.")
     assert silent.silent
-    assert "No monitor has been heard since 2026-11-18T" in silent.reason
+    assert "No monitor has reported since 2026-11-18T" in silent.reason
     assert silent.reason.endswith(": 30 s and longer. The bus is gone.")
     monitors.written([silent])
     assert monitors.news((), "") == []
-    monitors.hear("sat", "wheel_1", None)
+    monitors.take_status("sat", "wheel_1", None)
     assert monitors.news((), "") == [HEARD]
 
 
@@ -67,14 +67,14 @@ def test_a_dashboard_that_was_started_later_counts_from_its_start_and_knows_what
     assert "since this dashboard was started, at 2026-11-18T" in silent.reason
 
 
-def test_nobody_waits_for_a_wheel_that_is_put_aside_nor_where_no_alarm_is_wanted() -> None:
+def test_nobody_waits_for_a_wheel_that_is_retired_nor_where_no_alarm_is_wanted() -> None:
     monitors, clock = watch({("sat", "wheel_1"): False})
     clock.s += 31.0
     assert monitors.news({("sat", "wheel_1")}, "") == []
     assert monitors.news((), "")
     monitors = MonitorWatch(0.0, {("sat", "wheel_1"): False}, clock)
     clock.s += 31.0
-    monitors.hear("sat", "wheel_2", None)
+    monitors.take_status("sat", "wheel_2", None)
     assert monitors.news((), "") == []
 
 
@@ -86,7 +86,7 @@ def test_who_sends_samples_should_be_monitored() -> None:
     monitors.expect("sat", "wheel_1")
     (silent,) = monitors.news((), "")
     assert "since samples of this wheel came first, at 2026-11-18T" in silent.reason
-    monitors.hear("sat", "wheel_1", START_NS)
+    monitors.take_status("sat", "wheel_1", START_NS)
     assert monitors.news((), "") == [HEARD]
 
 

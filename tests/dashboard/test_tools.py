@@ -17,7 +17,7 @@ import zenoh
 
 from rwa_monitor.dashboard import alarm_notifier
 from rwa_monitor.dashboard.fleet import Fleet
-from rwa_monitor.dashboard.metrics import Family, metrics
+from rwa_monitor.dashboard.metrics import metrics
 from rwa_monitor.dashboard.server import DashboardOptions, serve
 from rwa_monitor.errors import InputError
 from tests.dashboard.support import acknowledge, reporting, send_windows
@@ -109,9 +109,11 @@ def test_grafanas_file_asks_for_what_the_metrics_have(scraped: dict[str, dict[st
 
 
 def test_labels_are_escaped_and_an_empty_fleet_has_metrics() -> None:
-    family = Family("rwa_test", "gauge", "For a test.")
-    family.add(1.5, text='a "quoted" \\ and\na new line')
-    assert list(family.lines())[2] == r'rwa_test{text="a \"quoted\" \\ and\na new line"} 1.5'
+    fleet = Fleet()
+    wheel = fleet.begin("sat", 'a "quoted" \\ and\na new line', [])
+    assert wheel is not None
+    wheel.rhythm.wall_ns = 0
+    assert r'{spacecraft="sat",wheel="a \"quoted\" \\ and\na new line"} 60.0' in metrics(fleet, [], 0)
     assert parse(metrics(Fleet(), [], 0))["rwa_dashboard_info"]["values"] == [1.0]
 
 

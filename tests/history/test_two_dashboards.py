@@ -11,7 +11,7 @@ from rwa_monitor.dashboard.server import DashboardOptions, serve
 from rwa_monitor.history.store import History
 from rwa_monitor.monitor.bus import BusOptions, open_session
 from tests.dashboard.support import WAIT_S
-from tests.dashboard.test_retired_wheels import put_aside
+from tests.dashboard.test_retired_wheels import retire
 from tests.history.support import diagnosis
 
 pytestmark = pytest.mark.processes
@@ -38,7 +38,7 @@ def test_a_wheel_that_is_put_aside_on_one_leaves_the_list_of_the_other(new_datab
     ):
         for feed in (feed_of_first, feed_of_second):
             feed.recv(timeout=WAIT_S)  # what is so far; what changes from now on is told once
-        assert put_aside(first, "wheel_1")[0] == 200
+        assert retire(first, "wheel_1")[0] == 200
         assert next_deed(feed_of_second) == "put_aside"
-        assert put_aside(second, "wheel_1", aside=False)[0] == 200
+        assert retire(second, "wheel_1", aside=False)[0] == 200
         assert [next_deed(feed_of_first), next_deed(feed_of_first)] == ["put_aside", "brought_back"]

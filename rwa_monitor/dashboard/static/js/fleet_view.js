@@ -1,4 +1,4 @@
-import { asideList } from "./retired_wheels.js";
+import { retiredList } from "./retired_wheels.js";
 import { h } from "./dom.js";
 import { age, counted, number, percent, span } from "./format.js";
 import { badge } from "./levels.js";
@@ -17,18 +17,18 @@ export function fleetView(store, base) {
   field.addEventListener("input", () => { search = field.value; refresh(); });
   const rows = new Map();
   const nothing = h("p", { class: "empty" });
-  const aside = asideList(store, base);
+  const retired = retiredList(store, base);
 
   function refresh() {
-    aside.refresh(matches);
-    const wheels = [...store.wheels.values()].filter((wheel) => !store.isAside(wheel.name) && matches(wheel)).map((wheel) => {
+    retired.refresh(matches);
+    const wheels = [...store.wheels.values()].filter((wheel) => !store.isRetired(wheel.name) && matches(wheel)).map((wheel) => {
       const state = store.state(wheel);
       return { wheel, state, rank: rank(store, wheel, state), worst: worst(wheel) };
     });
     wheels.sort((a, b) => a.rank - b.rank || b.worst - a.worst || (a.wheel.name < b.wheel.name ? -1 : 1));
     place(wheels.map(({ wheel, state }) => row(wheel, state)));
     if (!wheels.length) {
-      nothing.textContent = search ? "No wheel matches." : store.wheels.size ? "All wheels are put aside." : nobody();
+      nothing.textContent = search ? "No wheel matches." : store.wheels.size ? "All wheels are retired." : nobody();
       list.replaceChildren(nothing);
     }
     const heard = wheels.filter(({ state }) => state === "live");
@@ -99,7 +99,7 @@ export function fleetView(store, base) {
   }
 
   refresh();
-  return { element: h("div", {}, h("h1", {}, store.live ? "Fleet" : "Fleet in this recording"), h("div", { class: "row" }, field, summary), list, aside.element), refresh };
+  return { element: h("div", {}, h("h1", {}, store.live ? "Fleet" : "Fleet in this recording"), h("div", { class: "row" }, field, summary), list, retired.element), refresh };
 }
 
 const LEAD = { live: "", silent: "Not heard now; last known: ", starved: "No telemetry now; last known: ", past: "From the history: ", unserved: "" };

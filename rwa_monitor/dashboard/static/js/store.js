@@ -11,7 +11,7 @@ export class Store {
     this.live = live;
     this.wheels = new Map();
     this.alarms = new Map();
-    this.deeds = new Map(); // the last deed on the list of each wheel that was ever put aside
+    this.retirements = new Map(); // the last audit event of each wheel that was ever retired
     this.worst = null; // open alarm of each wheel, of the second worstOf
     this.now = 0; // time of the source, ms
   }
@@ -35,7 +35,7 @@ export class Store {
       return;
     }
     if (parts[3] === "aside") {
-      this.deeds.set(`${parts[1]}/${parts[2]}`, message);
+      this.retirements.set(`${parts[1]}/${parts[2]}`, message);
       this.worst = null;
       return;
     }
@@ -133,13 +133,13 @@ export class Store {
     return this.worst.get(name) ?? null;
   }
 
-  isAside(name) {
-    return this.deeds.get(name)?.event === "put_aside";
+  isRetired(name) {
+    return this.retirements.get(name)?.event === "put_aside";
   }
 
-  /** The open alarms of all wheels but those that are put aside. */
+  /** The open alarms of all wheels but the retired ones. */
   openAlarms() {
-    return [...this.alarms.values()].filter((alarm) => alarm.closed_ns === null && !this.isAside(`${alarm.spacecraft}/${alarm.wheel}`));
+    return [...this.alarms.values()].filter((alarm) => alarm.closed_ns === null && !this.isRetired(`${alarm.spacecraft}/${alarm.wheel}`));
   }
 }
 

@@ -1,4 +1,4 @@
-import { asideCard } from "./retired_wheels.js";
+import { retirementCard } from "./retired_wheels.js";
 import { ask } from "./ask.js";
 import { discrepancyReport } from "./discrepancy.js";
 import { h } from "./dom.js";
@@ -18,7 +18,7 @@ export function wheelView(store, name, base) {
   const samples = wheelSamples(store, wheel);
   const split = frictionSplit(wheel);
   const trends = estimateTrends();
-  const aside = asideCard(store, wheel);
+  const retirement = retirementCard(store, wheel);
   const report = h("section", { class: "card", hidden: true });
   const notice = h("p", { class: "inconclusive", role: "status", hidden: true });
   let drawn = "", reported = null, past = [], course = null;
@@ -58,7 +58,7 @@ export function wheelView(store, name, base) {
     drawHead(diagnosis, state);
     drawQuality(diagnosis, state);
     drawReport();
-    aside.refresh(state);
+    retirement.refresh(state);
     const now = `${wheel.diagnoses.length} ${diagnosis?.window_end_ns} ${wheel.t.length} ${wheel.t[wheel.t.length - 1]} ${wheel.curves.map((one) => one.time_ns.length)} ${samples.width} ${matchMedia("(prefers-color-scheme: dark)").matches}`;
     if (now === drawn) return;
     drawn = now;
@@ -146,7 +146,7 @@ export function wheelView(store, name, base) {
   }
 
   const element = h("div", {},
-    h("p", {}, h("a", { href: `${base}/` }, "← all wheels")), h("h1", {}, `${wheel.spacecraft} / ${wheel.wheel}`), notice, head, aside.element,
+    h("p", {}, h("a", { href: `${base}/` }, "← all wheels")), h("h1", {}, `${wheel.spacecraft} / ${wheel.wheel}`), notice, head, retirement.element,
     h("section", { class: "card" }, h("h2", {}, "Diagnosis of the latest window"), table),
     report, samples.element,
     h("div", { class: "two" }, h("section", { class: "card" }, h("h2", {}, "Friction split, window by window"), split.element), h("section", { class: "card" }, h("h2", {}, "Data quality"), quality)),
