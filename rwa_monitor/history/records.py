@@ -9,6 +9,7 @@ from pydantic import Field
 
 from rwa_monitor.errors import InputError
 from rwa_monitor.messages import Message, Number
+from rwa_monitor.monitor.trends import FrictionEstimate
 
 LevelWord = Literal["normal", "watch", "warning", "distress", "critical"]
 PhaseWord = Literal["quiet", "active", "acknowledged", "returned"]
@@ -94,17 +95,10 @@ class RetirementEvent(Message):
         return self.event == "put_aside"
 
 
-class EstimateRecord(Message):
-    """One estimate of one window, with its nominal range."""
+class EstimateRecord(FrictionEstimate):
+    """One estimate of one window, with its nominal range and what was diagnosed of it."""
 
     name: str
-    window_start_ns: int
-    window_end_ns: int
-    value: Number | None
-    std: Number | None
-    nominal_low: Number | None
-    nominal_high: Number | None
-    unit: str
     probability: Annotated[float, Field(ge=0, le=1)]
     severity: Number | None
     active: bool

@@ -175,4 +175,4 @@ def _last(session: Session, spacecraft: str, wheel: str) -> RetirementEvent | No
 
 
 def _event(row: WheelEventRow) -> RetirementEvent:
-    return RetirementEvent.model_validate({name: getattr(row, name) for name in RetirementEvent.model_fields})
+    return RetirementEvent.model_validate(row, from_attributes=True)

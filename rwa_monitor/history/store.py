@@ -337,10 +337,7 @@ class History:
         )
         with self._database.session() as session:
             rows = session.scalars(wanted).all()
-            return [
-                EstimateRecord(**{name: getattr(row, name) for name in EstimateRecord.model_fields})
-                for row in reversed(rows)
-            ]
+            return [EstimateRecord.model_validate(row, from_attributes=True) for row in reversed(rows)]
 
     def discrepancy(self, spacecraft: str, wheel: str) -> bytes | None:
         """Return the latest discrepancy report of a wheel, as JSON; None where there is none."""
@@ -474,16 +471,10 @@ def _reason(diagnosis: Diagnosis, name: str) -> str:
 def _estimates(diagnosis: Diagnosis) -> Iterator[dict[str, Any]]:
     stds = {"dry": diagnosis.friction.base_dry.std, "viscous": diagnosis.friction.viscous.std}
     for name, anomaly in diagnosis.anomalies.items():
-        yield {
+        yield anomaly.model_dump(exclude={"estimate", "severity_std"}) | {
             "name": name,
             "window_start_ns": diagnosis.window_start_ns,
             "window_end_ns": diagnosis.window_end_ns,
             "value": anomaly.estimate,
             "std": stds.get(name),
-            "nominal_low": anomaly.nominal_low,
-            "nominal_high": anomaly.nominal_high,
-            "unit": anomaly.unit,
-            "probability": anomaly.probability,
-            "severity": anomaly.severity,
-            "active": anomaly.active,
         }

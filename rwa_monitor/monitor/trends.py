@@ -10,13 +10,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Final, Protocol, Self
+from typing import Any, Final, Self
 
 import numpy as np
 
 from rwa_monitor.diagnosis.explanation import quantity, title
 from rwa_monitor.diagnosis.trend import Reach, Trend, find_trend
-from rwa_monitor.messages import Diagnosis
+from rwa_monitor.messages import Diagnosis, Message, Number
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, SECONDS_PER_DAY, SECONDS_PER_HOUR
 
 SHORT_S: Final = 2.0 * SECONDS_PER_DAY  # below, a time is said in hours
@@ -24,35 +24,15 @@ DRAWN: Final = 60  # points of the line in plain content
 SMALLEST_P: Final = 1e-9  # below, a p-value is only said to be smaller: it rests on Gaussian tails
 
 
-class Estimate(Protocol):
-    """One coefficient in one window, as a row of the history has it: SI units, None where it is not known."""
-
-    @property
-    def window_start_ns(self) -> int: ...
-    @property
-    def window_end_ns(self) -> int: ...
-    @property
-    def value(self) -> float | None: ...
-    @property
-    def std(self) -> float | None: ...
-    @property
-    def nominal_low(self) -> float | None: ...
-    @property
-    def nominal_high(self) -> float | None: ...
-    @property
-    def unit(self) -> str: ...
-
-
-@dataclass(frozen=True, slots=True)
-class FrictionEstimate:
-    """One coefficient in one window; see `Estimate`."""
+class FrictionEstimate(Message):
+    """One coefficient in one window: SI units, None where it is not known."""
 
     window_start_ns: int
     window_end_ns: int
-    value: float | None
-    std: float | None
-    nominal_low: float | None
-    nominal_high: float | None
+    value: Number | None
+    std: Number | None
+    nominal_low: Number | None
+    nominal_high: Number | None
     unit: str
 
 
@@ -66,13 +46,19 @@ class WindowFriction:
     @classmethod
     def of(cls, diagnosis: Diagnosis) -> Self:
         """Return the friction of a diagnosis."""
-        start, end, friction = diagnosis.window_start_ns, diagnosis.window_end_ns, diagnosis.friction
         by_name = {}
-        for name, quantity_ in (("dry", friction.base_dry), ("viscous", friction.viscous)):
+        for name, quantity_ in (("dry", diagnosis.friction.base_dry), ("viscous", diagnosis.friction.viscous)):
             known = diagnosis.anomalies.get(name)
-            low, high = (known.nominal_low, known.nominal_high) if known else (None, None)
-            by_name[name] = FrictionEstimate(start, end, quantity_.value, quantity_.std, low, high, quantity_.unit)
-        return cls(start, by_name)
+            by_name[name] = FrictionEstimate(
+                window_start_ns=diagnosis.window_start_ns,
+                window_end_ns=diagnosis.window_end_ns,
+                value=quantity_.value,
+                std=quantity_.std,
+                nominal_low=known.nominal_low if known else None,
+                nominal_high=known.nominal_high if known else None,
+                unit=quantity_.unit,
+            )
+        return cls(diagnosis.window_start_ns, by_name)
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,7 +141,9 @@ class CoefficientTrend:
         }
 
 
-def coefficient_trend(name: str, estimates: Sequence[Estimate], limit: float | None = None) -> CoefficientTrend | None:
+def coefficient_trend(
+    name: str, estimates: Sequence[FrictionEstimate], limit: float | None = None
+) -> CoefficientTrend | None:
     """Find the trend of one coefficient of one wheel.
 
     Parameters

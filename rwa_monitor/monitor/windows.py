@@ -275,9 +275,7 @@ class Windows:
             gathered=[GatheredState.of(window.accumulator.gathered()) for window in self._open],
         )
 
-    def resume(
-        self, slots: SlotsState, screen: ScreenState | None, effects: EffectsState, windows: WindowsState
-    ) -> None:
+    def resume(self, slots: SlotsState, screen: ScreenState, effects: EffectsState, windows: WindowsState) -> None:
         """Go on from the states of other windows of the same wheel, friction from the same source.
 
         Raises
@@ -292,29 +290,20 @@ class Windows:
             and len(effects.memories) == len(self.friction.memories)
             and slots.begin <= min([windows.done, *windows.open])
             and windows.done <= slots.end
-            and (windows.gathered is None or len(windows.gathered) == len(windows.open))
+            and len(windows.gathered) == len(windows.open)
         )
         if not fits:
             raise InputError("checkpoint", f"does not fit the wheel {self.wheel.name}")
         slots.restore(self.ring)
-        if screen is not None:
-            screen.restore(self.screen)
-        else:  # of an older release, which did not screen
-            self.screen.done = windows.done
+        screen.restore(self.screen)
         self.friction.angle_rad = effects.angle_rad
         self.friction.last_speed_rad_s = effects.last_speed_rad_s
-        if effects.friction is not None:
-            self.friction.channel = effects.friction.channel()
+        self.friction.channel = effects.friction.channel()
         self.friction.memories = [None if m is None else np.array(m, dtype=np.float64) for m in effects.memories]
         self._done, self._next_start, self._last_end = windows.done, windows.next_start, windows.last_end
-        for place, start in enumerate(windows.open):
+        for start, gathered in zip(windows.open, windows.gathered, strict=True):
             accumulator = WindowAccumulator(self.wheel, self.method)
-            if windows.gathered is not None:
-                accumulator.resume(windows.gathered[place].gathered())
-            else:
-                speed = slots.read("speed_rad_s", start, self._done)
-                friction = slots.read("torque_Nm", start, self._done)
-                accumulator.append(speed, friction, np.isfinite(speed) & np.isfinite(friction))
+            accumulator.resume(gathered.gathered())
             self._open.append(_OpenWindow(start, accumulator))
         self._find_border()
 

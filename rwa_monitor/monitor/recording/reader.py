@@ -21,7 +21,7 @@ from errno import EIO
 from io import SEEK_END, BytesIO, FileIO
 from operator import index
 from pathlib import Path
-from typing import Any, Final, NamedTuple, Protocol, SupportsIndex, overload
+from typing import Any, BinaryIO, Final, NamedTuple, Protocol, SupportsIndex, overload
 
 import zstandard
 from mcap.data_stream import ReadDataStream
@@ -50,6 +50,7 @@ _HEAD_BYTES: Final = 9  # opcode and length
 _FOOTER_BYTES: Final = _HEAD_BYTES + 8 + 8 + 4
 _COMPRESSION_OFFSET: Final = _HEAD_BYTES + 8 + 8 + 8 + 4  # of the compression's name in a chunk record
 _CHUNK_HEAD: Final = struct.Struct("<BQQQQI")  # opcode, length, first and last time, size and checksum when unpacked
+_CHUNK_SPAN: Final = struct.Struct("<QQ")  # first and last time of a chunk, behind its head
 _ATTACHMENT_NAME: Final = 8 + 8  # where the name of an attachment begins, with its length, after two times
 _RECORD_HEAD: Final = struct.Struct("<BQ")  # opcode and length
 _MESSAGE_HEAD: Final = struct.Struct("<HIQQ")  # channel, sequence, log and publish time
@@ -462,50 +463,14 @@ def _believable(chunk: Chunk) -> bool:
     return chunk.compression == ""
 
 
-def time_span(path: Path) -> tuple[int, int] | None:
-    """Return the first and the last time [ns, the wheels' clocks] in a recording, None where it tells none.
-
-    From the heads of its chunks alone, which no checksum guards: to show, and for nothing else. What a recording holds
-    before the first sample bears no time (0) and does not count.
+def _heads(path: Path) -> Iterator[tuple[int, int, BinaryIO]]:
+    """Yield opcode and length of each record before the end of the data, and the file, which stands behind the head.
 
     Raises
     ------
     InputError
         If the file cannot be read.
     """
-    first_ns: int | None = None
-    last_ns = 0
-    try:
-        with path.open("rb") as file:
-            size = file.seek(0, SEEK_END)
-            position = len(MCAP0_MAGIC)
-            for _ in range(MAX_RECORDS):
-                file.seek(position)
-                head = file.read(_CHUNK_HEAD.size)
-                if len(head) < _CHUNK_HEAD.size:
-                    break
-                opcode, length, start_ns, end_ns, *_ = _CHUNK_HEAD.unpack(head)
-                position += _HEAD_BYTES + length
-                if opcode == Opcode.DATA_END or position > size:
-                    break
-                if opcode == Opcode.CHUNK and end_ns:
-                    first_ns = first_ns or start_ns or end_ns
-                    last_ns = max(last_ns, end_ns)
-    except OSError as error:
-        raise unreadable(path, error) from error
-    return None if first_ns is None else (first_ns, last_ns)
-
-
-def last_settings(path: Path) -> dict[str, Any]:
-    """Return the settings that a recording was given last, empty where it tells none; all else is passed over unread.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read.
-    """
-    recording = Recording(path)
-    named = len(SETTINGS_ATTACHMENT).to_bytes(4, "little") + SETTINGS_ATTACHMENT.encode()
     try:
         with path.open("rb") as file:
             size = file.seek(0, SEEK_END)
@@ -519,13 +484,49 @@ def last_settings(path: Path) -> dict[str, Any]:
                 position += _HEAD_BYTES + length
                 if opcode == Opcode.DATA_END or position > size:
                     break
-                if opcode != Opcode.ATTACHMENT or length > MAX_JSON_BYTES:
-                    continue
-                begin = file.read(_ATTACHMENT_NAME + len(named))
-                if begin[_ATTACHMENT_NAME:] == named:
-                    content = begin + file.read(length - len(begin))
-                    if attachment := _believed_attachment(content):
-                        recording.attachments[SETTINGS_ATTACHMENT] = attachment.data
+                yield opcode, length, file
     except OSError as error:
         raise unreadable(path, error) from error
+
+
+def time_span(path: Path) -> tuple[int, int] | None:
+    """Return the first and the last time [ns, the wheels' clocks] in a recording, None where it has none.
+
+    From the heads of its chunks alone, which no checksum guards: to show, and for nothing else. What a recording holds
+    before the first sample bears no time (0) and does not count.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read.
+    """
+    first_ns: int | None = None
+    last_ns = 0
+    for opcode, length, file in _heads(path):
+        if opcode == Opcode.CHUNK and length >= _CHUNK_SPAN.size:
+            start_ns, end_ns = _CHUNK_SPAN.unpack(file.read(_CHUNK_SPAN.size))
+            if end_ns:
+                first_ns = first_ns or start_ns or end_ns
+                last_ns = max(last_ns, end_ns)
+    return None if first_ns is None else (first_ns, last_ns)
+
+
+def last_settings(path: Path) -> dict[str, Any]:
+    """Return the settings that a recording was given last, empty where it has none; all else is passed over unread.
+
+    Raises
+    ------
+    InputError
+        If the file cannot be read.
+    """
+    recording = Recording(path)
+    named = len(SETTINGS_ATTACHMENT).to_bytes(4, "little") + SETTINGS_ATTACHMENT.encode()
+    for opcode, length, file in _heads(path):
+        if opcode != Opcode.ATTACHMENT or length > MAX_JSON_BYTES:
+            continue
+        begin = file.read(_ATTACHMENT_NAME + len(named))
+        if begin[_ATTACHMENT_NAME:] == named:
+            content = begin + file.read(length - len(begin))
+            if attachment := _believed_attachment(content):
+                recording.attachments[SETTINGS_ATTACHMENT] = attachment.data
     return recording.settings() if recording.attachments else {}

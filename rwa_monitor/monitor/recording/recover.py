@@ -7,10 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
-from mcap.writer import CompressionType, Writer
-
 from rwa_monitor.errors import InputError
-from rwa_monitor.messages import KEY_PREFIX, MESSAGES, SamplesMessage, dump_json
+from rwa_monitor.messages import KEY_PREFIX, SamplesMessage, dump_json
 from rwa_monitor.monitor.recording.reader import (
     CHANNELS_ATTACHMENT,
     Attached,
@@ -18,8 +16,7 @@ from rwa_monitor.monitor.recording.reader import (
     RecordedMessage,
     Recording,
 )
-from rwa_monitor.monitor.recording.writer import CHUNK_BYTES, PROFILE
-from rwa_monitor.version import SOFTWARE
+from rwa_monitor.monitor.recording.writer import PROFILE, TopicWriter, message_schemas
 from rwa_monitor.words import counted, is_or_are, time_text
 
 RECOVERED_ATTACHMENT: Final = "recovered.json"
@@ -59,7 +56,7 @@ def recover(source: Path, target: Path) -> Recovery:
     try:
         with target.open("xb") as file:
             try:
-                copy = _Copy(Writer(file, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD))
+                copy = _Copy(TopicWriter(file, message_schemas(), PROFILE))
                 for part in passing.parts():
                     copy.add(part)
             except InputError:
@@ -116,15 +113,10 @@ class _Span:
 class _Copy:
     """Writes what is saved, and keeps in mind how many messages, and which time of each wheel."""
 
-    def __init__(self, writer: Writer) -> None:
+    def __init__(self, writer: TopicWriter) -> None:
         self.messages = 0
         self.spans: dict[str, _Span] = {}
         self._writer = writer
-        self._known = {message.schema_name(): dump_json(message.json_schema()) for message in MESSAGES}
-        self._schemas: dict[str, int] = {"": 0}
-        self._channels: dict[tuple[str, str], int] = {}
-        self._sequences: dict[int, int] = {}
-        writer.start(profile=PROFILE, library=SOFTWARE)
 
     def add(self, part: Attached | RecordedMessage) -> None:
         """Write an attachment or a message."""
@@ -134,17 +126,7 @@ class _Copy:
             self._attach(part.name, part.data)
 
     def _add_message(self, message: RecordedMessage) -> None:
-        if message.schema not in self._schemas:
-            known = self._known.get(message.schema)
-            encoding = "" if known is None else "jsonschema"
-            self._schemas[message.schema] = self._writer.register_schema(message.schema, encoding, known or b"")
-        place = (message.topic, message.schema)
-        if place not in self._channels:
-            self._channels[place] = self._writer.register_channel(message.topic, "json", self._schemas[message.schema])
-        channel = self._channels[place]
-        sequence = self._sequences.get(channel, 0)
-        self._sequences[channel] = sequence + 1
-        self._writer.add_message(channel, message.log_time, message.data, message.publish_time, sequence)
+        self._writer.write(message.topic, message.schema, message.data, message.log_time, message.publish_time)
         self.messages += 1
         if message.schema == SamplesMessage.schema_name() and message.topic.endswith(f"/{SamplesMessage.kind}"):
             self._see(message)
@@ -158,9 +140,9 @@ class _Copy:
         span.add(message.sequence, times_ns[0], times_ns[-1])
 
     def _attach(self, name: str, data: bytes) -> None:
-        self._writer.add_attachment(0, 0, name, "application/octet-stream", data)
+        self._writer.mcap.add_attachment(0, 0, name, "application/octet-stream", data)
 
     def finish(self, source: str, lost: list[str]) -> None:
         """Write what the file was made from and what was lost, and the file's end."""
         self._attach(RECOVERED_ATTACHMENT, dump_json({"source": source, "lost": lost}))
-        self._writer.finish()  # type: ignore[no-untyped-call]
+        self._writer.finish()
