@@ -29,7 +29,7 @@ from rwa_monitor.messages import SamplesMessage, samples_json
 from rwa_monitor.monitor import windows
 from rwa_monitor.monitor.core import WheelCore
 from rwa_monitor.monitor.ingest.sequencer import Sequencer
-from rwa_monitor.monitor.ingest.slot_assignment import OrderGuard
+from rwa_monitor.monitor.ingest.slot_assignment import SlotAssignment
 from rwa_monitor.monitor.monitor import Clock, Monitor, RunOptions
 from rwa_monitor.monitor.recording.recorder import Recorder
 from rwa_monitor.simulation.datasets import generate
@@ -45,7 +45,7 @@ STAGES: dict[str, tuple[Any, str]] = {
     "lists to arrays": (SamplesMessage, "samples"),
     "record the message: MCAP, zstd": (Recorder, "input"),
     "sequencer": (Sequencer, "put"),
-    "order guard": (OrderGuard, "next_piece"),
+    "order guard": (SlotAssignment, "next_piece"),
     "ring buffer": (RingBuffer, "extend"),
     "screen": (Screen, "run"),
     "friction": (FrictionSource, "friction"),

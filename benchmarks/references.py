@@ -29,7 +29,7 @@ from rwa_monitor.monitor.monitor import Clock, Monitor, RunOptions
 from rwa_monitor.monitor.recording.chain import recordings_of
 from rwa_monitor.monitor.recording.reader import read_recording
 from rwa_monitor.monitor.recording.recorder import Recorder
-from rwa_monitor.monitor.state_recovery import read_past
+from rwa_monitor.monitor.state_recovery import recover_state
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, Samples
 from rwa_monitor.simulation.record import simulate
 from rwa_monitor.simulation.scenario import Scenario
@@ -230,7 +230,7 @@ def _as_telemetry(samples: Samples) -> Samples:
 
 
 def _run(options: RunOptions, folder: Path, messages: Messages, clock: Clock, *, killed: bool) -> None:
-    past = read_past(folder, options.setup(), Event(), lambda _: None)
+    past = recover_state(folder, options.setup(), Event(), lambda _: None)
     recorder = Recorder(
         folder,
         wheel_toml=options.wheel.to_toml(),

@@ -32,7 +32,7 @@ from rwa_monitor.monitor.publisher import SamplesPublisher
 from rwa_monitor.monitor.recording.chain import RECORDING_SUFFIX, recordings_of
 from rwa_monitor.monitor.recording.reader import read_recording
 from rwa_monitor.monitor.recording.recorder import REFUSED, Recorder
-from rwa_monitor.monitor.state_recovery import Past
+from rwa_monitor.monitor.state_recovery import RecoveredState
 from rwa_monitor.samples import Samples
 from rwa_monitor.simulation.record import simulate
 from rwa_monitor.simulation.scenario import Scenario
@@ -241,7 +241,7 @@ def monitor_pipe(endpoint: str, folder: Path, messages: int) -> PipeRate:
     with open_session(options.bus) as session, MonitorBus(session, Inbox()) as bus:
         said: list[str] = []
         monitor = Monitor(options, bus, recorder, said.append, clock)
-        monitor.begin(Past())
+        monitor.begin(RecoveredState())
         bus.subscribe(options.wheels)
         bus.offer_health()
         left = messages

@@ -81,7 +81,7 @@ def command(duration: float, no_browser: bool, port: int | None, seed: int, reco
         wheel=satellite.wheel,
         model=built_in_model(),
         record=record,
-        tell_verdicts=False,  # the view has a line for each window
+        log_verdicts=False,  # the view has a line for each window
     )
     with (
         stop_on_signals() as stop,
@@ -93,7 +93,7 @@ def command(duration: float, no_browser: bool, port: int | None, seed: int, reco
         served = _serve_page(page, session, record, port, satellite, no_browser=no_browser)
         view = DemoView(session, spacecraft, satellite.start_ns)
         ended = Event()
-        monitor = workers.submit(run, options, ended, session=session, say=log)
+        monitor = workers.submit(run, options, ended, session=session, log=log)
         sender = workers.submit(
             publish, satellite.telemetry, session, speed=satellite.speed, batch_samples=BATCH_SAMPLES, stop=ended
         )

@@ -103,4 +103,4 @@ def command(
         shard=shard,
     )
     with stop_on_signals() as stop:
-        run(options, stop, say=log, supervisor=Supervisor(os.environ, alive))
+        run(options, stop, log=log, supervisor=Supervisor(os.environ, alive))

@@ -200,7 +200,7 @@ class Api:
         known = self.sources.fleet.wheel(*name)
         assert known is not None  # as looked up above
         with self.sources.fleet.lock:
-            samples, jumps = known.trace.message(), [entry.payload for entry in known.provisional]
+            samples, jumps = known.decimated.message(), [entry.payload for entry in known.provisional]
             curves = [*known.curves]
             so_far = known.open_window.evidence_so_far(known.diagnosis, known.constants)
             found = known.latest.get(Discrepancy.kind)

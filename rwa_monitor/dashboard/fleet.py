@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from threading import Lock
 from typing import Final, Literal
 
-from rwa_monitor.dashboard.telemetry import DerivedFriction, Evidence, OpenWindow, Rhythm, Trace
+from rwa_monitor.dashboard.telemetry import DecimatedSamples, DerivedFriction, Evidence, OpenWindow, Rhythm
 from rwa_monitor.messages import Changepoints, Diagnosis, Discrepancy, Message, Status, dump_json, key_of
 from rwa_monitor.monitor.wheel_set import WheelSet
 from rwa_monitor.samples import Samples
@@ -32,7 +32,7 @@ class Received:
     """A message in JSON, its key, and when it was received [ns, this machine's clock; None: from the history].
 
     `beside` is what the dashboard adds, as JSON: to a status, when samples came last (`Rhythm`); to a diagnosis, what
-    earlier windows say (`Course`). `brief` is what of it goes to pages that do not look at this wheel, "" for all.
+    earlier windows show (`VerdictHistory`). `brief` is the part for pages that do not look at this wheel, "" for all.
     """
 
     key: str
@@ -54,7 +54,7 @@ class Received:
 
 
 @dataclass(slots=True)
-class Course:
+class VerdictHistory:
     """What earlier windows of a wheel say beside the latest one.
 
     Attributes
@@ -115,10 +115,10 @@ class Wheel:
     derived: DerivedFriction
     latest: dict[str, Received] = field(default_factory=dict)
     provisional: list[Received] = field(default_factory=list)
-    trace: Trace = field(default_factory=Trace)
+    decimated: DecimatedSamples = field(default_factory=DecimatedSamples)
     open_window: OpenWindow = field(default_factory=OpenWindow)
     rhythm: Rhythm = field(default_factory=Rhythm)
-    course: Course = field(default_factory=Course)
+    verdicts: VerdictHistory = field(default_factory=VerdictHistory)
     diagnosis: Diagnosis | None = None
     status: Status | None = None
     curves: deque[bytes] = field(default_factory=lambda: deque(maxlen=SHOWN_WINDOWS))
@@ -157,7 +157,7 @@ class Fleet:
                 return None
             constants = self.constants.of(spacecraft, wheel)
             known = self._wheels.setdefault((spacecraft, wheel), Wheel(DerivedFriction(constants)))
-            known.course.extend(past)
+            known.verdicts.extend(past)
             return known
 
     def names(self) -> list[tuple[str, str]]:
@@ -184,7 +184,7 @@ class Fleet:
                 case Status():
                     wheel.status = message
                     wall_ns = received.wall_ns or 0
-                    wheel.rhythm.hear_status(message.last_sample_ns, wall_ns)
+                    wheel.rhythm.take_status(message.last_sample_ns, wall_ns)
                     rhythm = wheel.rhythm.to_json()
                     pulse = b'{"heard_wall_ns":%d,"window_fill":%.4f,"telemetry":%b,"refused":%b}' % (
                         wall_ns,
@@ -197,8 +197,8 @@ class Fleet:
                 case Changepoints():
                     wheel.provisional = [*wheel.provisional, received][-MAX_PROVISIONAL:]
                 case Diagnosis():
-                    wheel.course.extend([message])
-                    received = replace(received, beside=wheel.course.to_json())
+                    wheel.verdicts.extend([message])
+                    received = replace(received, beside=wheel.verdicts.to_json())
                     return received, self._close(wheel, message, received)
             return received, None
 
@@ -207,7 +207,7 @@ class Fleet:
         wheel.diagnosis = window
         wheel.provisional.clear()
         # The picture spans this window and as much before it.
-        wheel.trace.keep_from(2 * window.window_start_ns - window.window_end_ns)
+        wheel.decimated.keep_from(2 * window.window_start_ns - window.window_end_ns)
         curve = wheel.open_window.evidence(window, wheel.constants)
         before = wheel.open_window.count
         # Windows may overlap: what the next one holds is kept.
@@ -227,7 +227,7 @@ class Fleet:
         The open windows' samples are kept while there is room for them; one that a page looks at goes before others.
         """
         with self.lock:
-            wheel.rhythm.hear(samples.time_ns, wall_ns)
+            wheel.rhythm.take_samples(samples.time_ns, wall_ns)
             known = wheel.derived.add(samples)
             before = wheel.open_window.count
             if self._open_samples + len(known) <= MAX_OPEN_SAMPLES or watched:
@@ -237,7 +237,7 @@ class Fleet:
             if wheel.open_window.count > MAX_OPEN_SAMPLES:
                 wheel.open_window.clear()  # a wheel that is never diagnosed
             self._open_samples += wheel.open_window.count - before
-            return wheel.trace.add(known)
+            return wheel.decimated.add(known)
 
     def snapshot(self) -> list[Received]:
         """Return the latest diagnosis and status of every wheel, for a page that opens."""

@@ -8,7 +8,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Final
 
-from rwa_monitor.dashboard.fleet import Course, Received
+from rwa_monitor.dashboard.fleet import Received, VerdictHistory
 from rwa_monitor.dashboard.telemetry import DerivedFriction, Evidence, OpenWindow, samples_of, thinned_json
 from rwa_monitor.errors import InputError
 from rwa_monitor.history.store import History
@@ -127,7 +127,7 @@ class _Replay:
                 self._counts[message.topic] = self._counts.get(message.topic, 0) + known
         self._phases: dict[str, int] = dict.fromkeys(self._counts, 0)
         self._derived = {topic: DerivedFriction(self.wheels.of(*split_key(topic)[:2])) for topic in self._counts}
-        self._courses: dict[str, Course] = {}
+        self._verdicts: dict[str, VerdictHistory] = {}
         self._open = {topic: OpenWindow() for topic in self._counts}
 
     def entries(self) -> Iterator[bytes]:
@@ -157,7 +157,7 @@ class _Replay:
     def _diagnosis(self, message: RecordedMessage) -> Iterator[bytes]:
         spacecraft, wheel, _ = split_key(message.topic)
         window = Diagnosis.parse(message.data, f"{self.recording.path.name}: {message.topic}")
-        course = self._courses.setdefault(message.topic, Course())
+        course = self._verdicts.setdefault(message.topic, VerdictHistory())
         course.extend([window])
         yield _entry(message, message.topic, window.to_json(), course.to_json())
         held = self._open.get(key_of(SamplesMessage, spacecraft, wheel))

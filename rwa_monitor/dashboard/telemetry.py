@@ -175,7 +175,7 @@ class Rhythm:
         self._last_sample_ns: int | None = None
         self._intervals: deque[float] = deque(maxlen=RHYTHMS)
 
-    def hear(self, time_ns: IntArray, wall_ns: int) -> None:
+    def take_samples(self, time_ns: IntArray, wall_ns: int) -> None:
         """Note a message of samples."""
         self._span_s = float(time_ns[-1] - time_ns[0]) / NANOSECONDS_PER_SECOND
         if self.wall_ns is not None:
@@ -184,7 +184,7 @@ class Rhythm:
                 self._intervals.append(interval_s)
         self.wall_ns = wall_ns
 
-    def hear_status(self, last_sample_ns: int | None, wall_ns: int) -> None:
+    def take_status(self, last_sample_ns: int | None, wall_ns: int) -> None:
         """Note what the monitor says came last: where its samples are not heard, its progress tells of them.
 
         The first one begins the wait, for it does not tell how old what it knows is.
@@ -212,7 +212,7 @@ class Rhythm:
 MAX_POINTS: Final = 6_000  # a screen is some 1,500 pixels wide, and a picture spans up to two windows
 
 
-class Trace:
+class DecimatedSamples:
     """The latest samples of one wheel, every `stride`-th of them; the stride doubles where they span too long a time.
 
     Samples are picked, not averaged: noise looks as it is. What lies before `keep_from` may be dropped.

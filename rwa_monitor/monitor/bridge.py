@@ -148,7 +148,7 @@ def run_bridge(
     bridge: Bridge,
     receiver: socket.socket,
     stop: Event,
-    say: Callable[[str], None],
+    log: Callable[[str], None],
     look: Callable[[float], None] = lambda _: None,
 ) -> None:
     """Hand on what a socket receives until told to stop; what is left out is said, each line once.
@@ -160,7 +160,7 @@ def run_bridge(
     def tell() -> None:
         for line in bridge.news():
             if line not in said:
-                say(line)
+                log(line)
                 said.add(line)
 
     next_news_s = 0.0

@@ -362,12 +362,12 @@ class BusNews:
     ----------
     watch
         Looks at the connections.
-    say
+    log
         Takes a line of talk.
     """
 
-    def __init__(self, watch: BusWatch, say: Callable[[str], None]) -> None:
-        self._watch, self._say = watch, say
+    def __init__(self, watch: BusWatch, log: Callable[[str], None]) -> None:
+        self._watch, self._log = watch, log
         self._told = ""
         self._due_s = 0.0
 
@@ -378,7 +378,7 @@ class BusNews:
         self._due_s = now_s + LOOK_PERIOD_S
         trouble = self._watch.trouble()
         if trouble != self._told:
-            self._say(trouble or "connected to the bus again")
+            self._log(trouble or "connected to the bus again")
         self._told = trouble
 
 

@@ -32,7 +32,7 @@ from rwa_monitor.monitor.events import (
     WindowDiagnosed,
 )
 from rwa_monitor.monitor.ingest.sequencer import Batch, Counts, Sequencer
-from rwa_monitor.monitor.ingest.slot_assignment import PIECE_SLOTS, OrderGuard, Rows
+from rwa_monitor.monitor.ingest.slot_assignment import PIECE_SLOTS, Rows, SlotAssignment
 from rwa_monitor.monitor.settings_check import SettingsCheck
 from rwa_monitor.monitor.windows import Windows, forget_positions
 from rwa_monitor.samples import FloatArray, IntArray, Samples
@@ -78,7 +78,7 @@ class WheelCore:
         self._windows = Windows(wheel, model, method, CarriedState.empty() if carried is None else carried, self.counts)
         limits, most_torque_Nm = wheel.limits, wheel.max_motor_torque_Nm
         self._sequencer = Sequencer(self.counts)
-        self._guard = OrderGuard(wheel.period_ns, wheel.window.samples, limits, most_torque_Nm, self.counts)
+        self._guard = SlotAssignment(wheel.period_ns, wheel.window.samples, limits, most_torque_Nm, self.counts)
         self._source: Source | Literal[""] = ""  # the channel that friction comes from; the first message decides
         self._said_missing = False
         self._settings_check = SettingsCheck(wheel)

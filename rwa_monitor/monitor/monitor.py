@@ -34,7 +34,7 @@ from rwa_monitor.monitor.events import (
 from rwa_monitor.monitor.ingest.backfill import Arrival, Inbox
 from rwa_monitor.monitor.recording.recorder import MAX_FILE_BYTES, Checkpoints, Recorder
 from rwa_monitor.monitor.searches import Searches
-from rwa_monitor.monitor.state_recovery import Past, Setup
+from rwa_monitor.monitor.state_recovery import RecoveredState, Setup
 from rwa_monitor.monitor.wheel_set import WheelKey, WheelSet
 from rwa_monitor.version import SOFTWARE
 from rwa_monitor.wheel.wheel import Wheel, built_in_wheel
@@ -77,7 +77,7 @@ class RunOptions:
         (I, N): this process serves share I of N, 1 ≤ I ≤ N.
     status_period_s
         Wall-clock time from one status message to the next [s].
-    tell_verdicts
+    log_verdicts
         Whether each change of a verdict is said, too; where somebody else shows the diagnoses it would be said twice.
     """
 
@@ -92,7 +92,7 @@ class RunOptions:
     bus: BusOptions = field(default_factory=BusOptions)
     shard: tuple[int, int] = (1, 1)
     status_period_s: float = STATUS_PERIOD_S
-    tell_verdicts: bool = True
+    log_verdicts: bool = True
 
     def setup(self) -> Setup:
         """Return what diagnoses depend on."""
@@ -167,7 +167,7 @@ class Monitor:
         Where samples come from and messages go.
     recorder
         None to record nothing.
-    say
+    log
         Takes lines of talk.
     clock
         For flushing, status and how long things take; never for a diagnosis.
@@ -178,41 +178,41 @@ class Monitor:
         options: RunOptions,
         bus: Bus,
         recorder: Recorder | None,
-        say: Callable[[str], None],
+        log: Callable[[str], None],
         clock: Clock,
     ) -> None:
         self.options = options
         self.bus = bus
         self.recorder = recorder
-        self.say = say
+        self.log = log
         self.clock = clock
         self._served: dict[tuple[str, str], _Served] = {}
         self._setup = options.setup()
-        self.searches = Searches(self._setup.wheels, options.record, say)
+        self.searches = Searches(self._setup.wheels, options.record, log)
         self._model_sha256 = options.model.sha256() if options.model else ""
         self._tick_due_s = 0.0
         self._said: str = ""
 
-    def begin(self, past: Past, on_progress: Callable[[], None] = lambda: None) -> None:
+    def begin(self, recovered: RecoveredState, on_progress: Callable[[], None] = lambda: None) -> None:
         """Take over what an earlier run left behind, and begin the recording.
 
         Parameters
         ----------
-        past
+        recovered
             What was left behind.
         on_progress
             Called for each wheel whose state is written, for a supervisor that waits.
         """
-        for key, core in past.cores.items():
+        for key, core in recovered.cores.items():
             self._served[key] = _Served(core=core)
         if self.recorder is not None:
-            inherited = [(output.key, output.schema, output.payload, output.time_ns) for output in past.unrecorded]
-            if len(past.cores) >= MANY_WHEELS:  # some 6 ms each
-                self.say(f"beginning a recording with the state of {len(past.cores)} wheels")
+            inherited = [(output.key, output.schema, output.payload, output.time_ns) for output in recovered.unrecorded]
+            if len(recovered.cores) >= MANY_WHEELS:  # some 6 ms each
+                self.log(f"beginning a recording with the state of {len(recovered.cores)} wheels")
             self.recorder.begin(self._checkpoints(on_progress), self.clock.monotonic_s(), inherited)
             self._tell_recorder()
         health = {}
-        for output in (*past.diagnoses, *past.unrecorded):
+        for output in (*recovered.diagnoses, *recovered.unrecorded):
             self._publish(output)
             if output.message is Diagnosis:
                 health[output.key] = health_output(Diagnosis.parse(output.payload, output.key))
@@ -239,12 +239,12 @@ class Monitor:
     def close(self) -> None:
         """Write the last status of each wheel and the end of the recording."""
         windows = sum(served.windows for served in self._served.values())
-        self.say(f"stopped: {counted(windows, 'window')} of {counted(len(self._served), 'wheel')} diagnosed")
+        self.log(f"stopped: {counted(windows, 'window')} of {counted(len(self._served), 'wheel')} diagnosed")
         unused = [
             f"{key[0]}/{key[1]}" for key in self.options.own_wheels if self._is_ours(*key) and not self._heard(key)
         ]
         if unused:
-            self.say(f"wheel files that no wheel used: {', '.join(unused)}; are these the names on the bus?")
+            self.log(f"wheel files that no wheel used: {', '.join(unused)}; are these the names on the bus?")
         self.searches.close()
         for key, served in self._served.items():
             self._status(key, served, record=True)
@@ -289,7 +289,7 @@ class Monitor:
             self._refuse(key, payload, error)
             return True
         if served.core is None and self.options.own_wheels and (spacecraft, wheel) not in self.options.own_wheels:
-            self.say(f"{spacecraft}/{wheel}: has no wheel file of its own; it goes by {core.wheel.name}")
+            self.log(f"{spacecraft}/{wheel}: has no wheel file of its own; it goes by {core.wheel.name}")
         served.core = core
         if self.recorder is not None:
             self.recorder.input(key, SamplesMessage.schema_name(), payload, message.time_ns[-1])
@@ -315,7 +315,7 @@ class Monitor:
                 if (event.channel, event.hangs) in served.told:
                     continue
                 served.told.add((event.channel, event.hangs))
-            self.say(f"{spacecraft}/{wheel}: {trouble}")
+            self.log(f"{spacecraft}/{wheel}: {trouble}")
         outputs = outputs_of(events, spacecraft, wheel)
         closed = any(isinstance(event, WindowDiagnosed) for event in events)
         if self.recorder is not None:
@@ -339,9 +339,9 @@ class Monitor:
         """Say what a window amounts to where that is news; a line for each window of a fleet would hide it."""
         diagnosis = event.diagnosis
         verdict = (diagnosis.verdict, *(anomaly.name for anomaly in diagnosis.anomalies if anomaly.active))
-        if verdict != served.verdict and self.options.tell_verdicts:
+        if verdict != served.verdict and self.options.log_verdicts:
             until = time_text(event.end_ns)
-            self.say(f"{spacecraft}/{wheel}: window to {until}: {diagnosis.verdict}: {diagnosis.reason}")
+            self.log(f"{spacecraft}/{wheel}: window to {until}: {diagnosis.verdict}: {diagnosis.reason}")
         served.verdict = verdict
 
     def _refuse(self, key: str, payload: bytes, error: InputError) -> None:
@@ -359,7 +359,7 @@ class Monitor:
         if meant := misspelt(payload):
             text = f"{text}; {meant}"
         if served.last_error != text:
-            self.say(f"{spacecraft}/{wheel}: a message was refused: {text}")
+            self.log(f"{spacecraft}/{wheel}: a message was refused: {text}")
         served.last_error = text
 
     def _is_ours(self, spacecraft: str, wheel: str) -> bool:
@@ -481,5 +481,5 @@ class Monitor:
     def _say_once(self, text: str) -> None:
         """Say something, but not the same thing twice in a row."""
         if text != self._said:
-            self.say(text)
+            self.log(text)
         self._said = text

@@ -284,7 +284,7 @@ class _Chain:
             if on_message is not None:
                 on_message(gone_through)
 
-        rebuilt = state_recovery.run_passing(passing, Event(), count)
+        rebuilt = state_recovery.run_recording(passing, Event(), count)
         recording = passing.recording
         settings, setup = recording.settings(), state_recovery.Setup.of(recording)
         self._check_link(recording, settings)

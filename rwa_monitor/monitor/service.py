@@ -27,7 +27,7 @@ from rwa_monitor.monitor.bus import BusNews, BusWatch, MonitorBus, check_wheels,
 from rwa_monitor.monitor.ingest.backfill import Inbox
 from rwa_monitor.monitor.monitor import Clock, Monitor, RunOptions
 from rwa_monitor.monitor.recording.recorder import FolderLock, Recorder
-from rwa_monitor.monitor.state_recovery import Past, read_past
+from rwa_monitor.monitor.state_recovery import RecoveredState, recover_state
 from rwa_monitor.samples import SECONDS_PER_HOUR
 from rwa_monitor.wheel.wheel import Wheel
 
@@ -37,7 +37,7 @@ def run(
     stop: Event,
     *,
     session: zenoh.Session | None = None,
-    say: Callable[[str], None] = print,
+    log: Callable[[str], None] = print,
     supervisor: Supervisor | None = None,
 ) -> None:
     """Monitor until `stop` is set; returns within two seconds of that.
@@ -50,7 +50,7 @@ def run(
         Set it from a signal handler or another thread.
     session
         An open Zenoh session to use (the demo's embedded one); it is left open. None: opens and closes its own.
-    say
+    log
         Takes one line of talk for the user (stderr on the command line).
     supervisor
         Hears when the monitor is ready, alive and stopping; None: nobody does.
@@ -62,7 +62,7 @@ def run(
     RwaMonitorError
         If the bus cannot be reached.
     """
-    say = _unbreakable(say)
+    log = _unbreakable(log)
     supervisor = supervisor or Supervisor({})
     check_wheels(options.wheels)
     setup = options.setup()
@@ -77,26 +77,26 @@ def run(
             supervisor.starting(clock.monotonic_s())
 
         recorder: Recorder | None = None
-        past = Past()
+        recovered = RecoveredState()
         if options.record is not None:
-            past = read_past(options.record, setup, stop, say, starting)
+            recovered = recover_state(options.record, setup, stop, log, starting)
             if stop.is_set():
                 return
-            recorder = _recorder(options, options.record, past, clock)
+            recorder = _recorder(options, options.record, recovered, clock)
         if session is None:
             session = stack.enter_context(open_session(options.bus))
         bus = stack.enter_context(MonitorBus(session, Inbox()))
-        monitor = Monitor(options, bus, recorder, say, clock)
+        monitor = Monitor(options, bus, recorder, log, clock)
         stack.callback(monitor.close)
-        monitor.begin(past, starting)
-        del past  # what was published again needs no place for as long as the monitor runs
+        monitor.begin(recovered, starting)
+        del recovered  # what was published again needs no place for as long as the monitor runs
         bus.subscribe(options.wheels)
         bus.offer_health()
-        say(doing := f"monitoring {options.wheels}" + (f", recording in {options.record}" if options.record else ""))
-        if options.tell_verdicts and (wait := first_verdict([options.wheel, *options.own_wheels.values()])):
-            say(wait)
+        log(doing := f"monitoring {options.wheels}" + (f", recording in {options.record}" if options.record else ""))
+        if options.log_verdicts and (wait := first_verdict([options.wheel, *options.own_wheels.values()])):
+            log(wait)
         supervisor.ready(doing)
-        news = BusNews(BusWatch(session, endpoints(options.bus)), say)
+        news = BusNews(BusWatch(session, endpoints(options.bus)), log)
         while not stop.is_set():
             supervisor.alive(clock.monotonic_s())
             news.look(clock.monotonic_s())
@@ -104,7 +104,7 @@ def run(
         supervisor.stopping()
 
 
-def _recorder(options: RunOptions, folder: Path, past: Past, clock: Clock) -> Recorder:
+def _recorder(options: RunOptions, folder: Path, recovered: RecoveredState, clock: Clock) -> Recorder:
     """Return what records, in a folder, after what lies there."""
     return Recorder(
         folder,
@@ -112,19 +112,19 @@ def _recorder(options: RunOptions, folder: Path, past: Past, clock: Clock) -> Re
         own_wheels=options.setup().wheels.own_attachments(),
         model_json=options.model.to_json() if options.model else "",
         settings={**options.settings(), "build": build()},
-        predecessor=past.predecessor,
+        predecessor=recovered.predecessor,
         wall_ns=clock.wall_ns,
         max_file_bytes=options.max_file_bytes,
         max_total_bytes=options.max_record_bytes,
     )
 
 
-def _unbreakable(say: Callable[[str], None]) -> Callable[[str], None]:
+def _unbreakable(log: Callable[[str], None]) -> Callable[[str], None]:
     """Return a way to talk that does not end the monitor when nobody listens any more, or the log's disk is full."""
 
     def told(line: str) -> None:
         with suppress(OSError):  # what matters stands in `status` too
-            say(line)
+            log(line)
 
     return told
 

@@ -79,7 +79,7 @@ def _text(recording: Recording, name: str) -> str:
 
 
 @dataclass(slots=True)
-class Rebuilt:
+class RecordingRun:
     """A recording, run again.
 
     Attributes
@@ -100,7 +100,7 @@ class Rebuilt:
     spans_ns: dict[str, tuple[int, int]] = field(default_factory=dict)
 
 
-def _resume(path: Path, name: str, data: bytes, setup: Setup, rebuilt: Rebuilt) -> None:
+def _resume(path: Path, name: str, data: bytes, setup: Setup, rebuilt: RecordingRun) -> None:
     """Bring a core to where its checkpoint stands."""
     spacecraft, wheel = key_of_name(name.removeprefix(CHECKPOINT_PREFIX).removesuffix(".json"))
     checkpoint = Checkpoint.from_json(data, f"{path}: {name}")
@@ -109,12 +109,12 @@ def _resume(path: Path, name: str, data: bytes, setup: Setup, rebuilt: Rebuilt) 
     )
 
 
-def run_passing(
+def run_recording(
     passing: PassingRecording,
     stop: Event,
     on_progress: Callable[[Attached | RecordedMessage], None],
-    before: Rebuilt | None = None,
-) -> Rebuilt:
+    before: RecordingRun | None = None,
+) -> RecordingRun:
     """Run a recording while it is read, so that no more of it is in memory than the cores.
 
     Parameters
@@ -134,7 +134,7 @@ def run_passing(
     InputError
         If the recording cannot be read, or lacks what it was made with; if a checkpoint or an input is damaged.
     """
-    recording, rebuilt = passing.recording, Rebuilt(before.cores if before else {})
+    recording, rebuilt = passing.recording, RecordingRun(before.cores if before else {})
     setup: Setup | None = None
     kept_bytes = 0
     for part in passing.parts():
@@ -159,7 +159,7 @@ def run_passing(
     return rebuilt
 
 
-def _run_input(path: Path, recorded: RecordedMessage, setup: Setup, rebuilt: Rebuilt) -> None:
+def _run_input(path: Path, recorded: RecordedMessage, setup: Setup, rebuilt: RecordingRun) -> None:
     """Feed a message to its core where it is one of samples."""
     if recorded.schema != SamplesMessage.schema_name():
         return
@@ -193,7 +193,7 @@ MAX_LISTED: Final = 5  # names in one line of talk
 
 
 @dataclass(slots=True)
-class Past:
+class RecoveredState:
     """What the recordings of a folder tell.
 
     Attributes
@@ -214,13 +214,13 @@ class Past:
     diagnoses: list[Output] = field(default_factory=list)
 
 
-def read_past(
+def recover_state(
     folder: Path,
     setup: Setup,
     stop: Event,
-    say: Callable[[str], None],
+    log: Callable[[str], None],
     on_progress: Callable[[], None] = lambda: None,
-) -> Past:
+) -> RecoveredState:
     """Rebuild the cores from the last recording of a folder that can be used; incomplete when stopped.
 
     Parameters
@@ -231,42 +231,42 @@ def read_past(
         What the monitor goes on with.
     stop
         Ends it early when set.
-    say
+    log
         Takes lines of talk; a large fleet takes minutes, of which it hears every `TELL_S`.
     on_progress
         Called often, for a supervisor that waits.
     """
-    past = Past()
+    recovered = RecoveredState()
     paths = sorted(folder.glob(f"*{RECORDING_SUFFIX}"), reverse=True)
     for place, path in enumerate(paths):
         try:
-            files = _that_hold_all(paths[place:], say)
-            if past.predecessor is None:
-                past.predecessor = _predecessor(files)
-            ran = _run(files, stop, say, on_progress)
+            files = _that_hold_all(paths[place:], log)
+            if recovered.predecessor is None:
+                recovered.predecessor = _predecessor(files)
+            ran = _run(files, stop, log, on_progress)
             setup_then = Setup.of(ran[-1][0])
         except InputError as error:
-            if past.predecessor is None:
-                past.predecessor = predecessor_of(path)
-            say(f"{error}; going back to the recording before it")
+            if recovered.predecessor is None:
+                recovered.predecessor = predecessor_of(path)
+            log(f"{error}; going back to the recording before it")
             continue
         cores, inputs = ran[-1][1].cores, sum(rebuilt.inputs for _, rebuilt in ran)
-        past.cores = _same(cores, setup_then, setup)
-        if anew := sorted(f"{spacecraft}/{wheel}" for spacecraft, wheel in cores.keys() - past.cores.keys()):
+        recovered.cores = _same(cores, setup_then, setup)
+        if anew := sorted(f"{spacecraft}/{wheel}" for spacecraft, wheel in cores.keys() - recovered.cores.keys()):
             wheels = first_few(anew, MAX_LISTED)
-            say(f"{path} was made with another wheel file, model or method of {wheels}: begun anew")
-        past.diagnoses = _earlier_diagnoses(paths[place + len(files) :])
+            log(f"{path} was made with another wheel file, model or method of {wheels}: begun anew")
+        recovered.diagnoses = _earlier_diagnoses(paths[place + len(files) :])
         for recording, rebuilt in ran:
             for problem in recording.problems:
-                say(f"{recording.path}: {problem}")
-            past.unrecorded += _unrecorded(recording, rebuilt.outputs)
-            past.diagnoses += _diagnoses(recording)
-        say(f"going on from {path}: {counted(len(past.cores), 'wheel')}, {counted(inputs, 'message')}")
-        return past
-    return past
+                log(f"{recording.path}: {problem}")
+            recovered.unrecorded += _unrecorded(recording, rebuilt.outputs)
+            recovered.diagnoses += _diagnoses(recording)
+        log(f"going on from {path}: {counted(len(recovered.cores), 'wheel')}, {counted(inputs, 'message')}")
+        return recovered
+    return recovered
 
 
-def _that_hold_all(paths: Sequence[Path], say: Callable[[str], None]) -> list[Path]:
+def _that_hold_all(paths: Sequence[Path], log: Callable[[str], None]) -> list[Path]:
     """Return the recordings, in order, that hold the state of all wheels: the first of `paths`, and often it alone.
 
     A monitor that ended while it brought the wheels from one recording over into the next left two.
@@ -278,7 +278,7 @@ def _that_hold_all(paths: Sequence[Path], say: Callable[[str], None]) -> list[Pa
     before = (settings.get("predecessor") or {}).get("name")
     if len(paths) > 1 and paths[1].name == before:
         return [paths[1], last]
-    say(f"{last}: holds some wheels only, and {before}, which holds the others, is not there")
+    log(f"{last}: holds some wheels only, and {before}, which holds the others, is not there")
     return [last]
 
 
@@ -288,23 +288,23 @@ def _predecessor(files: Sequence[Path]) -> Predecessor:
 
 
 def _run(
-    files: Sequence[Path], stop: Event, say: Callable[[str], None], on_progress: Callable[[], None]
-) -> list[tuple[Recording, Rebuilt]]:
+    files: Sequence[Path], stop: Event, log: Callable[[str], None], on_progress: Callable[[], None]
+) -> list[tuple[Recording, RecordingRun]]:
     """Run recordings, each on the cores of the one before it."""
-    ran: list[tuple[Recording, Rebuilt]] = []
+    ran: list[tuple[Recording, RecordingRun]] = []
     for path in files:
         passing = PassingRecording(path)
-        look = _Teller(passing, say, on_progress).look
-        ran.append((passing.recording, run_passing(passing, stop, look, ran[-1][1] if ran else None)))
+        look = _Teller(passing, log, on_progress).look
+        ran.append((passing.recording, run_recording(passing, stop, look, ran[-1][1] if ran else None)))
     return ran
 
 
 class _Teller:
     """Says how far a long rebuilding has come."""
 
-    def __init__(self, passing: PassingRecording, say: Callable[[str], None], on_progress: Callable[[], None]) -> None:
+    def __init__(self, passing: PassingRecording, log: Callable[[str], None], on_progress: Callable[[], None]) -> None:
         self._passing = passing
-        self._say = say
+        self._log = log
         self._on_progress = on_progress
         self._due_s = time.monotonic() + TELL_S
 
@@ -313,7 +313,7 @@ class _Teller:
         self._on_progress()
         if time.monotonic() >= self._due_s:
             self._due_s = time.monotonic() + TELL_S
-            self._say(f"rebuilding the state from {self._passing.recording.path}: {self._passing.share:.0%} of it done")
+            self._log(f"rebuilding the state from {self._passing.recording.path}: {self._passing.share:.0%} of it done")
 
 
 def _same(cores: dict[tuple[str, str], WheelCore], before: Setup, now: Setup) -> dict[tuple[str, str], WheelCore]:

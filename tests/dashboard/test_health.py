@@ -46,7 +46,7 @@ def test_a_monitor_tells_the_health_at_each_close_and_the_last_one_to_who_asks(s
     talk: list[str] = []
     stop, names = Event(), ("wheel_1", "wheel_2")
     options = RunOptions(wheels="rwa/sat/*/samples", wheel=wheel, model=built_in_model())
-    monitor = Thread(target=run, args=(options, stop), kwargs={"session": session, "say": talk.append})
+    monitor = Thread(target=run, args=(options, stop), kwargs={"session": session, "log": talk.append})
     monitor.start()
     try:
         wait_for(lambda: any("monitoring" in line for line in talk), "the monitor")

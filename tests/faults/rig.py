@@ -90,7 +90,7 @@ def _plain_publisher(session: zenoh.Session, key: str) -> Any:
 def monitor_process(options: RunOptions, log: Path) -> None:
     _talk_into(log)
     with stop_on_signals() as stop:
-        run(options, stop, say=lambda line: print(line, flush=True))
+        run(options, stop, log=lambda line: print(line, flush=True))
 
 
 # ---- the link --------------------------------------------------------------------------------------------------------

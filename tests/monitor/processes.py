@@ -71,7 +71,7 @@ def monitor(session: zenoh.Session, run_options: RunOptions) -> Iterator[list[st
 
     def target() -> None:
         try:
-            run(run_options, stop, session=session, say=talk.append)
+            run(run_options, stop, session=session, log=talk.append)
         except BaseException as error:  # noqa: BLE001 - told to the test below
             failed.append(error)
 

@@ -13,7 +13,6 @@ import pytest
 from hypothesis import given, settings
 
 from rwa_monitor.errors import InputError
-from rwa_monitor.monitor.checkpoint import SlotsState
 from rwa_monitor.monitor.core import WheelCore, diagnose_samples
 from rwa_monitor.monitor.events import ChannelMissing, EpochStarted, SensorFault, WindowDiagnosed
 from rwa_monitor.samples import Samples
@@ -122,43 +121,17 @@ def test_what_is_carried_after_any_window_is_what_its_file_says() -> None:
     assert unseen > 3  # windows that did not show the base dry friction, whose value is carried with doubt
 
 
-def test_a_checkpoint_of_before_windows_kept_their_samples_is_understood() -> None:
+def test_a_damaged_checkpoint_is_refused() -> None:
     of_wheel, samples = case("given")
-    parts = list(pieces(samples, [1_500]))
     core = WheelCore(of_wheel, model())
-    run_core(core, parts[:1])
-    now = core.checkpoint()
-    # What such a checkpoint held: the values of all slots of the open windows, and no samples of the windows.
-    slots = SlotsState.of(core._windows.ring, now.slots.begin, now.slots.begin)
-    before = now.model_copy(
-        update={"slots": slots, "windows": now.windows.model_copy(update={"gathered": None}), "screen": now.screen}
-    )
-    assert len(slots.values["speed_rad_s"]) > len(now.slots.values["speed_rad_s"])
-    assert messages(resumed(before.to_json(), of_wheel), parts[1:]) == messages(core, parts[1:])
-
-
-def test_a_checkpoint_of_before_samples_were_written_as_bytes_is_understood_and_a_damaged_one_refused() -> None:
-    of_wheel, samples = case("given")
-    parts = list(pieces(samples, [1_500]))
-    core = WheelCore(of_wheel, model())
-    run_core(core, parts[:1])
+    run_core(core, list(pieces(samples, [1_500]))[:1])
     content = json.loads(core.checkpoint().to_json())
     (window,) = content["windows"]["gathered"]
-    (gathered,) = core.checkpoint().windows.gathered or ()
-    assert np.isnan(gathered.x).any()  # null, in such a file
-    listed = {
-        name: [None if np.isnan(value) else value for value in getattr(gathered, name).tolist()] for name in ("x", "z")
-    }
-
-    def read(samples: dict[str, object]) -> WheelCore:
-        windows = content["windows"] | {"gathered": [window | samples]}
-        return resumed(json.dumps(content | {"version": 1, "windows": windows}).encode(), of_wheel)
-
-    assert messages(read(listed), parts[1:]) == messages(core, parts[1:])
     endless = b64encode(np.array([np.inf]).tobytes()).decode()
-    for damaged in (window["x"][:-1], "AAAA", endless, "0.5", [0.1, "?"], [[0.1]], [10**400], {}, None):
+    for damaged in (window["x"][:-1], "AAAA", endless, "0.5", [0.1], {}, None):
+        windows = content["windows"] | {"gathered": [window | {"x": damaged}]}
         with pytest.raises(InputError, match=r"gathered.*x"):
-            read({"x": damaged})
+            resumed(json.dumps(content | {"windows": windows}).encode(), of_wheel)
 
 
 def test_a_checkpoint_keeps_the_messages_that_wait() -> None:

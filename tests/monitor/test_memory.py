@@ -18,7 +18,7 @@ from rwa_monitor.monitor.monitor import MAX_WHEELS, TICK_S, Clock, Monitor, RunO
 from rwa_monitor.monitor.recording.chain import recordings_of
 from rwa_monitor.monitor.recording.reader import MAX_FLEET_FILE_BYTES, read_recording
 from rwa_monitor.monitor.recording.recorder import FLUSH_PERIOD_S, MAX_FILE_AGE_S, Recorder
-from rwa_monitor.monitor.state_recovery import Past, read_past
+from rwa_monitor.monitor.state_recovery import RecoveredState, recover_state
 from rwa_monitor.wheel.wheel import Wheel
 from tests.monitor.support import model, telemetry, wheel
 
@@ -32,7 +32,7 @@ class Driven:
     def __init__(self, folder: Path, of_wheel: Wheel, bus: MonitorBus, max_file_bytes: int) -> None:
         self.now_s = 0.0
         clock = Clock(wall_ns=lambda: round(self.now_s * 1e9), monotonic_s=lambda: self.now_s)
-        options = RunOptions(wheel=of_wheel, model=model(), record=folder, tell_verdicts=False)
+        options = RunOptions(wheel=of_wheel, model=model(), record=folder, log_verdicts=False)
         recorder = Recorder(
             folder,
             wheel_toml=of_wheel.to_toml(),
@@ -43,7 +43,7 @@ class Driven:
             max_file_bytes=max_file_bytes,
         )
         self.monitor = Monitor(options, bus, recorder, lambda _: None, clock)
-        self.monitor.begin(Past())
+        self.monitor.begin(RecoveredState())
         self.sent_bytes = 0
 
     def send(self, wheels: int, messages: range) -> None:
@@ -120,7 +120,7 @@ def passing_of_a_restart(folder: Path, wheels: int) -> int:
         driver.send(wheels, range(MESSAGES, MESSAGES + 10))
     setup = RunOptions(wheel=wheel(SLOTS), model=model()).setup()
     with traced():
-        past = read_past(folder, setup, Event(), lambda _: None)
+        past = recover_state(folder, setup, Event(), lambda _: None)
         held, peak = tracemalloc.get_traced_memory()
     assert len(past.cores) == wheels
     return peak - held

@@ -27,7 +27,7 @@ from rwa_monitor.monitor.recording.chain import file_sha256, read_chain, recordi
 from rwa_monitor.monitor.recording.reader import last_settings
 from rwa_monitor.monitor.recording.recorder import MAX_FILE_AGE_S, Recorder
 from rwa_monitor.monitor.replay import replay
-from rwa_monitor.monitor.state_recovery import read_past
+from rwa_monitor.monitor.state_recovery import recover_state
 from tests.monitor.support import WINDOW, model, recorded, telemetry, wheel
 
 WHEELS: Final = ("wheel_1", "wheel_2", "wheel_3", "wheel_4")
@@ -70,8 +70,8 @@ class Run:
 
     def __post_init__(self) -> None:
         self.folder.mkdir(exist_ok=True)
-        options = RunOptions(wheel=wheel(), model=model(), record=self.folder, tell_verdicts=False)
-        past = read_past(self.folder, options.setup(), Event(), self.talk.append)
+        options = RunOptions(wheel=wheel(), model=model(), record=self.folder, log_verdicts=False)
+        past = recover_state(self.folder, options.setup(), Event(), self.talk.append)
         clock = Clock(wall_ns=lambda: round(self.now_s * 1e9), monotonic_s=lambda: self.now_s)
         self.recorder = Recorder(
             self.folder,

@@ -176,7 +176,7 @@ def test_live_search_is_published_recorded_and_verified(tmp_path: Path) -> None:
     options = RunOptions(wheel=small_wheel(), model=built_in_model(), record=tmp_path)
     with open_session(BusOptions()) as session:
         subscriber = session.declare_subscriber("rwa/sat/a/discrepancy", listen)
-        monitor = Thread(target=run, args=(options, stop), kwargs={"session": session, "say": lambda _: None})
+        monitor = Thread(target=run, args=(options, stop), kwargs={"session": session, "log": lambda _: None})
         monitor.start()
         publish({"rwa/sat/a/samples": telemetry(3)}, session, speed=float("inf"), batch_samples=250, stop=Event())
         heard_in_time = found.wait(LIMIT_S)

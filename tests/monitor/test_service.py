@@ -270,7 +270,7 @@ def test_a_folder_that_another_monitor_uses_is_refused(tmp_path: Path) -> None:
         monitor(session, options(record=tmp_path)),
         pytest.raises(InputError, match="another monitor"),
     ):
-        run(options(record=tmp_path), Event(), session=session, say=lambda _: None)
+        run(options(record=tmp_path), Event(), session=session, log=lambda _: None)
 
 
 # ---- in processes of their own, over TCP on loopback -----------------------------------------------------------------

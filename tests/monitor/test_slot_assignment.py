@@ -20,7 +20,7 @@ from rwa_monitor.monitor.ingest.sequencer import (
     PublisherChanged,
     PublisherConflict,
 )
-from rwa_monitor.monitor.ingest.slot_assignment import OrderGuard
+from rwa_monitor.monitor.ingest.slot_assignment import SlotAssignment
 from rwa_monitor.samples import Samples
 from rwa_monitor.slots import MAX_TIME_NS, MIN_TIME_NS, SlotGrid
 from rwa_monitor.wheel.wheel import Limits, Wheel
@@ -343,7 +343,7 @@ def test_messages_that_overtake_within_reach_are_put_right(keys: list[float]) ->
 )
 def test_slots_are_those_of_the_grid(origin_ns: int, period_ns: int, frontier: int, jitter: list[float]) -> None:
     """The compiled loop, against the grid's own arithmetic."""
-    guard = OrderGuard(period_ns, 100, Limits(), None, Counts())
+    guard = SlotAssignment(period_ns, 100, Limits(), None, Counts())
     grid = guard.grid = SlotGrid(origin_ns, period_ns)
     guard.frontier = frontier
     time_ns = origin_ns + (frontier + np.arange(len(jitter))) * period_ns + (np.array(jitter) * period_ns).astype(int)

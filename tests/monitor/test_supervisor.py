@@ -115,7 +115,7 @@ def test_signs_of_life_stop_when_the_core_stalls_although_the_process_lives(ear:
     options = RunOptions(wheel=wheel(), model=model(), status_period_s=0.05)
     with open_session(BusOptions()) as session:
         listener = Listener(session)
-        arguments: dict[str, Any] = {"session": session, "say": say, "supervisor": Supervisor(ear.environment)}
+        arguments: dict[str, Any] = {"session": session, "log": say, "supervisor": Supervisor(ear.environment)}
         thread = Thread(target=run, args=(options, stop), kwargs=arguments)
         thread.start()
         try:

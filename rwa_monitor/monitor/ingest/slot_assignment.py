@@ -95,7 +95,7 @@ class Piece(NamedTuple):
     waits: bool = False
 
 
-class OrderGuard:
+class SlotAssignment:
     """Gives samples their slots and counts what becomes of each.
 
     An epoch begins with two samples that agree: a sample more than a window away from the last one waits for the next.
