@@ -1,4 +1,4 @@
-"""What the dashboard knows of the fleet just now: the latest message of each kind of each wheel, in memory."""
+"""The state of the fleet just now: the latest message of each kind of each wheel, in memory."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ MAX_PROVISIONAL: Final = 200  # changepoints of a running window that are kept
 MAX_OPEN_SAMPLES: Final = 8_000_000  # of all open windows: 128 MB, 100 wheels with windows of 80,000 slots
 NOTICEABLE: Final = 0.1  # change of the severity from one window to the next that is worth an arrow
 ERRORS: Final = 2.0  # and in standard deviations of the change: less is scatter of the estimates
-REMEMBERED: Final = 50  # windows that a course is begun with
+REMEMBERED: Final = 50  # windows that a verdict history is begun with
 
 Change = Literal["worse", "better", "steady"]
 
@@ -55,7 +55,7 @@ class Received:
 
 @dataclass(slots=True)
 class VerdictHistory:
-    """What earlier windows of a wheel say beside the latest one.
+    """Since when a wheel has its present verdict, and whether it gets worse.
 
     Attributes
     ----------
@@ -150,14 +150,14 @@ class Fleet:
         with self.lock:
             return self._wheels.get((spacecraft, wheel))
 
-    def begin(self, spacecraft: str, wheel: str, past: list[Diagnosis]) -> Wheel | None:
-        """Return a wheel, known from now on with its past windows; None where there are too many."""
+    def begin(self, spacecraft: str, wheel: str, earlier: list[Diagnosis]) -> Wheel | None:
+        """Return a wheel, known from now on with its earlier windows; None where there are too many."""
         with self.lock:
             if len(self._wheels) >= MAX_WHEELS:
                 return None
             constants = self.constants.of(spacecraft, wheel)
             known = self._wheels.setdefault((spacecraft, wheel), Wheel(DerivedFriction(constants)))
-            known.verdicts.extend(past)
+            known.verdicts.extend(earlier)
             return known
 
     def names(self) -> list[tuple[str, str]]:
@@ -250,4 +250,4 @@ def _refused(status: Status) -> str | None:
     """Return why a wheel of which no message could be used has none; None where one was, or none has come."""
     if status.samples_received or not status.messages_rejected:
         return None
-    return status.last_error or "the monitor does not say why"
+    return status.last_error or "the monitor gives no reason"

@@ -1,4 +1,4 @@
-"""Serves what the bus says to Foxglove, live, through foxglove-sdk: the topics that `rwa-monitor foxglove` writes."""
+"""Serves the bus to Foxglove, live, through foxglove-sdk: the topics that `rwa-monitor foxglove` writes."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ BACKLOG: Final = 16_384  # messages that wait for a client that is slow; a batch
 
 
 class FoxgloveServer:
-    """Serves Foxglove on loopback; use it with `with`. It only tells: nothing that a client sends is used.
+    """Serves Foxglove on loopback; use it with `with`. It only sends: nothing from a client is used.
 
     Whoever subscribes to a topic gets its latest message at once, as a diagnosis comes every few minutes only.
 
@@ -119,7 +119,7 @@ class _Latest(ServerListener):
     def on_subscribe(self, client: Client, channel: ChannelView) -> None:
         """Send a topic's latest message again; called in the server's threads.
 
-        All of the topic's clients get it: the SDK does not tell which is which. For a value that changes nothing; a
+        All of the topic's clients get it: the SDK does not name the new one. For a value that changes nothing; a
         line of the log would stand there twice, and is left out.
         """
         del client

@@ -102,7 +102,7 @@ class _Metrics(Collector):
         self.slots = _counter("rwa_monitor_slots_missed_total", "Slots of the wheel that no sample came for.")
         self.messages = _counter("rwa_monitor_messages_total", "Messages that were of no use, and why.", "outcome")
         self.windows = _counter("rwa_monitor_windows_total", "Windows of the wheel that were diagnosed.")
-        about = "Open alarms by level, and whether somebody has acknowledged them."
+        about = "Open alarms by level, and whether they are acknowledged."
         self.alarms = GaugeMetricFamily("rwa_alarms", about, labels=("level", "phase"))
         self.pages = GaugeMetricFamily("rwa_dashboard_pages", "Pages that are open.")
         about = "Always 1; the labels name what runs."

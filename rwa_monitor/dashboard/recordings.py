@@ -89,7 +89,7 @@ def replay_json(folder: Path | None, name: str) -> bytes:
         raise InputError(name, f"is larger than {MAX_REPLAY_BYTES} bytes")
     recording = read_recording(path)
     entries = list(_Replay(recording).entries())
-    # Reading stops at what is damaged; the page says so.
+    # Reading stops at what is damaged; the page shows it.
     problems = dump_json(recording.problems)
     return b'{"problems":' + problems + b',"entries":[' + b",".join(entries) + b"]}"
 
@@ -109,7 +109,7 @@ def latest_wheels(folder: Path | None) -> WheelSet | None:
                 recording = read_recording(folder / entry.name)
                 if COMMON in recording.attachments:
                     return wheels_of(recording)
-            except InputError:  # damaged: an earlier one tells as well
+            except InputError:  # damaged: an earlier one serves as well
                 continue
     return None
 
@@ -157,9 +157,9 @@ class _Replay:
     def _diagnosis(self, message: RecordedMessage) -> Iterator[bytes]:
         spacecraft, wheel, _ = split_key(message.topic)
         window = Diagnosis.parse(message.data, f"{self.recording.path.name}: {message.topic}")
-        course = self._verdicts.setdefault(message.topic, VerdictHistory())
-        course.extend([window])
-        yield _entry(message, message.topic, window.to_json(), course.to_json())
+        verdicts = self._verdicts.setdefault(message.topic, VerdictHistory())
+        verdicts.extend([window])
+        yield _entry(message, message.topic, window.to_json(), verdicts.to_json())
         held = self._open.get(key_of(SamplesMessage, spacecraft, wheel))
         constants = self.wheels.of(spacecraft, wheel)
         curve = held.evidence(window, constants) if held else None

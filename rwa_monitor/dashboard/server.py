@@ -158,12 +158,12 @@ def _foxglove(session: zenoh.Session, options: DashboardOptions) -> FoxgloveServ
         from rwa_monitor.dashboard.foxglove_server import FoxgloveServer  # noqa: PLC0415 - an extra of its own
     except ImportError as error:
         raise RwaMonitorError(f"{error.name} is missing: pip install 'rwa-monitor[foxglove]'") from error
-    assert options.foxglove is not None  # else nobody asks
+    assert options.foxglove is not None  # else it is not started
     return FoxgloveServer(session, options.listen_to, options.foxglove)
 
 
 def _socket(port: int | None) -> socket.socket:
-    # Only of a socket that says that it is TCP does asyncio send small answers at once (TCP_NODELAY), not after 40 ms.
+    # Only of a socket that is declared as TCP does asyncio send small answers at once (TCP_NODELAY), not after 40 ms.
     listening = socket.socket(socket.AF_INET, socket.SOCK_STREAM, socket.IPPROTO_TCP)
     listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
     try:

@@ -96,7 +96,7 @@ class OpenWindow:
     count: int = 0
 
     def add(self, samples: Samples) -> None:
-        """Keep samples; those without friction say nothing here."""
+        """Keep samples; those without friction do not count here."""
         if samples.friction_torque_Nm is not None and len(samples):
             self._time_ns.append(samples.time_ns)
             self._speed.append(samples.speed_rad_s.astype(np.float32))
@@ -185,9 +185,9 @@ class Rhythm:
         self.wall_ns = wall_ns
 
     def take_status(self, last_sample_ns: int | None, wall_ns: int) -> None:
-        """Note what the monitor says came last: where its samples are not heard, its progress tells of them.
+        """Note the latest sample of a status: where no samples are received, its progress stands for them.
 
-        The first one begins the wait, for it does not tell how old what it knows is.
+        The first one begins the wait, as it does not show how old its sample is.
         """
         goes_on = last_sample_ns is not None and last_sample_ns != self._last_sample_ns
         if self.wall_ns is None or (goes_on and not self._intervals):
@@ -252,7 +252,7 @@ class DecimatedSamples:
         self._time_ns, self._speed, self._friction = self._time_ns[::2], self._speed[::2], self._friction[::2]
 
     def message(self) -> bytes:
-        """Return the trace as the JSON of a `SamplesMessage`, "null" where it is empty."""
+        """Return the samples as the JSON of a `SamplesMessage`, "null" where it is empty."""
         return thinned_json(Samples(self._time_ns, self._speed, self._friction)) if self._time_ns.size else b"null"
 
 

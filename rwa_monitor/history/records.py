@@ -32,7 +32,7 @@ class AlarmLine(Message):
 class AlarmRecord(Message):
     """One alarm from its rise to its end; `closed_ns` is null while it is open, `advice` what to do about it.
 
-    Until `shelved_until_wall_ns`, on this machine's clock, somebody has set it aside.
+    Until `shelved_until_wall_ns`, on this machine's clock, it is shelved.
     """
 
     id: int

@@ -1,4 +1,4 @@
-"""The history on a database: takes diagnoses in, runs the alarms over them, and tells what it knows.
+"""The history on a database: takes diagnoses in, runs the alarms over them, and gives records of both.
 
 A window is taken in once, whether it comes live, again after a restart, or from an imported recording; what it means
 for the alarms is written in the same transaction.
@@ -165,7 +165,7 @@ class History:
             return _changed(session)
 
     def _is_past_keeping(self, session: Session, diagnosis: Diagnosis) -> bool:
-        """Tell whether a window is older than the policy keeps any: of an old recording that is imported again."""
+        """Return whether a window is older than the policy keeps any: of an old recording that is imported again."""
         newest = select(func.max(EstimateRow.window_end_ns)).filter_by(
             spacecraft=diagnosis.spacecraft, wheel=diagnosis.wheel
         )
@@ -213,12 +213,12 @@ class History:
                 row.reason = reason
                 if row.shelved_until_wall_ns is not None:
                     row.shelved_until_wall_ns = None
-                    self._tell(session, row, AlarmEvent(EventKind.UNSHELVED, happened.level, happened.time_ns))
-            self._tell(session, row, happened)
+                    self._log(session, row, AlarmEvent(EventKind.UNSHELVED, happened.level, happened.time_ns))
+            self._log(session, row, happened)
         if row is not None:
             _write(row, state, after, observation.time_ns)
 
-    def _tell(self, session: Session, row: AlarmRow, happened: AlarmEvent, person: str = "", note: str = "") -> None:
+    def _log(self, session: Session, row: AlarmRow, happened: AlarmEvent, person: str = "", note: str = "") -> None:
         session.info.setdefault(CHANGED, set()).add(row.id)
         session.add(
             AlarmEventRow(
@@ -250,13 +250,13 @@ class History:
                 raise InputError(f"alarm {alarm_id}", "is acknowledged already")
             for happened in events:
                 by_person = (person, note) if happened.kind == EventKind.ACKNOWLEDGED else ("", "")
-                self._tell(session, row, happened, *by_person)
+                self._log(session, row, happened, *by_person)
             _write(row, state, after, state.last_window_ns)
             session.flush()
             return _records(session, [row])[0]
 
     def shelve(self, alarm_id: int, person: str, seconds: float, note: str = "") -> AlarmRecord:
-        """Set an open alarm aside for a while; 0 s brings it back. It comes back by itself when it gets worse.
+        """Shelve an open alarm for a while; 0 s ends it, and so does an alarm that gets worse.
 
         Raises
         ------
@@ -273,7 +273,7 @@ class History:
             kind = EventKind.SHELVED if seconds else EventKind.UNSHELVED
             until_ns = self._wall_ns() + int(seconds * NANOSECONDS_PER_SECOND)
             row.shelved_until_wall_ns = until_ns if seconds else None
-            self._tell(session, row, AlarmEvent(kind, Level(row.level), state.last_window_ns), person, note)
+            self._log(session, row, AlarmEvent(kind, Level(row.level), state.last_window_ns), person, note)
             session.flush()
             return _records(session, [row])[0]
 
@@ -285,7 +285,7 @@ class History:
         return row, state
 
     def prune(self) -> int:
-        """Remove what is older than the policy says; returns the number of diagnoses removed."""
+        """Remove what is older than the policy keeps; returns the number of diagnoses removed."""
         with self._database.session() as session:
             return prune(session, self.retention)
 
@@ -296,7 +296,7 @@ class History:
     # ---- out -----------------------------------------------------------------------------------------------------
 
     def wheels(self) -> list[tuple[str, str]]:
-        """Return spacecraft and wheel of everything the history knows, sorted."""
+        """Return spacecraft and wheel of everything in the history, sorted."""
         with self._database.session() as session:
             pairs = session.execute(select(DiagnosisRow.spacecraft, DiagnosisRow.wheel).distinct()).all()
             return sorted((spacecraft, wheel) for spacecraft, wheel in pairs)
@@ -346,7 +346,7 @@ class History:
             return None if row is None else row.message.encode()
 
     def monitors(self) -> dict[tuple[str, str], bool]:
-        """Return spacecraft and name of wheels whose monitor was ever heard; True where it is known to be silent."""
+        """Return spacecraft and name of wheels that ever had a monitor; True where it is known to be silent."""
         states = select(AlarmStateRow.spacecraft, AlarmStateRow.wheel, AlarmRow.level).outerjoin(
             AlarmRow, AlarmRow.id == AlarmStateRow.alarm_id
         )

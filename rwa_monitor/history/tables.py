@@ -17,7 +17,7 @@ REVISION: Final = 1  # of all tables; a change of one raises it, and brings a mi
 class Table(DeclarativeBase):
     """Base of all tables."""
 
-    type_annotation_map = {int: BigInteger, str: Text}  # noqa: RUF012 - SQLAlchemy's own way to say it
+    type_annotation_map = {int: BigInteger, str: Text}  # noqa: RUF012 - SQLAlchemy's own way
 
 
 class RevisionRow(Table):

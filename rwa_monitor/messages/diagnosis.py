@@ -65,7 +65,7 @@ class AttributedChangepoint(Message):
 
 
 class Residuals(Message):
-    """How well the friction model fits the window; null where too few samples tell."""
+    """How well the friction model fits the window; null where the samples are too few."""
 
     rmse_Nm: Number | None
     excess_rmse_Nm: Number | None

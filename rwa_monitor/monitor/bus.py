@@ -1,4 +1,4 @@
-"""The Zenoh bus with secure defaults: nothing listens and nothing is searched for unless told.
+"""The Zenoh bus with secure defaults: nothing listens and nothing is searched for by default.
 
 Callbacks run in threads beside Zenoh's and only append to a bounded inbox; one thread of ours takes from it. When the
 inbox is full, a callback waits for room, so that reliable publishers slow down to our pace and nothing is lost. If
@@ -29,16 +29,16 @@ from rwa_monitor.monitor.ingest.backfill import Arrival, Backfill, Inbox, arriva
 from rwa_monitor.telemetry.files import read_text
 
 MAX_QUERIES: Final = 1_000  # questions that wait for an answer; more are left to time out
-# Of each publisher, at a start. It must be said: without a number the first live message ends Zenoh's wait for the
+# Of each publisher, at a start. It must be set: without a number the first live message ends Zenoh's wait for the
 # history, and all of the history is thrown away as older (seen in 1 of 8 starts while messages flow, Zenoh 1.10).
 MAX_HISTORY: Final = 1_000_000
 OUTPUT_HISTORY: Final = 100  # diagnoses, changepoints and so on of each wheel that a late subscriber gets
-OUTPUT_HEARTBEAT_S: Final = 1.0  # diagnoses go on telling their last number, what is less important tells it once
+OUTPUT_HEARTBEAT_S: Final = 1.0  # diagnoses repeat their last number, what is less important sends it once
 MAX_CONFIG_BYTES: Final = 1_000_000
 ALL_SAMPLES: Final = "rwa/*/*/samples"  # spacecraft, wheel
 MAX_CONFIG_DEPTH: Final = 64  # Zenoh's own has 8 levels; its parser overflows the stack at some ten thousand
 
-# What Zenoh does unless told, and what we do instead. What a configuration file says otherwise than Zenoh's own default
+# What Zenoh does by default, and what we do instead. What a configuration file sets otherwise than Zenoh's own default
 # counts; shared memory and plug-ins stay off in any case.
 _SECURE: Final[tuple[tuple[str, Any], ...]] = (
     ("listen/endpoints", []),
@@ -68,12 +68,12 @@ class BusOptions:
     Attributes
     ----------
     mode
-        -m: peer, client or router. Unless told, what only connects is a client where somebody answers: peers behind a
-        router do not hear each other. Where nobody answers yet it is a peer, which waits for whoever comes.
+        -m: peer, client or router. By default, what only connects is a client where a router answers: peers behind a
+        router do not reach each other. Where none answers yet it is a peer, which waits for one.
     connect, listen
         -e, -l: endpoints such as "tcp/127.0.0.1:7447". Neither: embedded, the process talks to itself without a socket.
     config
-        -c: a Zenoh configuration file; the other options change what it says.
+        -c: a Zenoh configuration file; the other options change its settings.
     no_multicast_scouting
         Accepted because every Zenoh tool has it; scouting is off anyway unless the file turns it on.
     """
@@ -124,7 +124,7 @@ def session_config(options: BusOptions) -> zenoh.Config:
 
 
 def _plain(error: zenoh.ZError) -> str:
-    """Return what Zenoh says without the places of its sources."""
+    """Return what Zenoh reports without the places of its sources."""
     return re.sub(r" at /\S+\.rs:\d+\.?", "", str(error))
 
 
@@ -161,7 +161,7 @@ def open_session(options: BusOptions) -> zenoh.Session:
     zenoh.init_log_from_env_or("error")
     if _only_connects(options):
         as_client = session_config(replace(options, mode="client"))
-        with suppress(zenoh.ZError):  # nobody answers: as a peer it can wait
+        with suppress(zenoh.ZError):  # none answers: as a peer it can wait
             return zenoh.open(as_client)
     try:
         return zenoh.open(config)
@@ -171,7 +171,7 @@ def open_session(options: BusOptions) -> zenoh.Session:
 
 
 def _only_connects(options: BusOptions) -> bool:
-    """Tell whether nobody said which role a session has that connects and does not listen."""
+    """Return whether a session only connects, and its role is not set."""
     return options.mode is None and options.config is None and bool(options.connect) and not options.listen
 
 
@@ -212,7 +212,7 @@ class MonitorBus:
         self._open = True  # callbacks go on after undeclare(): they look here
         self._declared: list[Any] = []
         self._publishers: dict[str, Any] = {}
-        self._told: dict[str, Any] = {}  # when each wheel's health was published
+        self._reported: dict[str, Any] = {}  # when each wheel's health was published
 
     def __enter__(self) -> Self:
         """Enter; nothing is declared yet."""
@@ -282,9 +282,9 @@ class MonitorBus:
                     publisher_detection=True,
                 )
         if message.kind == "health":
-            # A dashboard tells the same wheel's health when an alarm changes: the asker shall get the later of both.
-            self._told[key] = self.session.new_timestamp()
-            self._publishers[key].put(payload, timestamp=self._told[key])
+            # A dashboard publishes the same wheel's health when an alarm changes: a query shall get the later of both.
+            self._reported[key] = self.session.new_timestamp()
+            self._publishers[key].put(payload, timestamp=self._reported[key])
         else:
             self._publishers[key].put(payload)
 
@@ -294,7 +294,7 @@ class MonitorBus:
             query = self.queries.popleft()
             for key, payload in latest().items():
                 if query.key_expr.intersects(zenoh.KeyExpr(key)):
-                    query.reply(key, payload, encoding=encoding, timestamp=self._told.get(key))
+                    query.reply(key, payload, encoding=encoding, timestamp=self._reported.get(key))
             query.drop()  # type: ignore[no-untyped-call]
 
     def close(self) -> None:
@@ -328,14 +328,14 @@ LOOK_PERIOD_S: Final = 1.0  # between two looks at the connections
 
 
 class BusWatch:
-    """Looks at the connections of a session that was told to connect somewhere.
+    """Looks at the connections of a session that should connect somewhere.
 
     Parameters
     ----------
     session
         An open session.
     connect
-        Endpoints that it was told to connect to; a session that only listens, or is embedded, must reach nobody.
+        Endpoints that it should connect to; empty where it only listens, or is embedded.
     """
 
     def __init__(self, session: zenoh.Session, connect: Sequence[str]) -> None:
@@ -356,30 +356,30 @@ class BusWatch:
 
 
 class BusNews:
-    """Says once that the bus is gone, and once that it is there again.
+    """Logs once that the bus is gone, and once that it is there again.
 
     Parameters
     ----------
     watch
         Looks at the connections.
     log
-        Takes a line of talk.
+        Takes a line of the log.
     """
 
     def __init__(self, watch: BusWatch, log: Callable[[str], None]) -> None:
         self._watch, self._log = watch, log
-        self._told = ""
+        self._reported = ""
         self._due_s = 0.0
 
     def look(self, now_s: float) -> None:
-        """Look whether it is time to, and say what changed."""
+        """Look whether it is time to, and log what changed."""
         if now_s < self._due_s:
             return
         self._due_s = now_s + LOOK_PERIOD_S
         trouble = self._watch.trouble()
-        if trouble != self._told:
+        if trouble != self._reported:
             self._log(trouble or "connected to the bus again")
-        self._told = trouble
+        self._reported = trouble
 
 
 # ---- a subscription with a thread of its own -------------------------------------------------------------------------

@@ -1,4 +1,4 @@
-"""A checkpoint: everything a wheel's monitor core knows, as JSON, so that another one can go on from there.
+"""A checkpoint: the whole state of a wheel's monitor core, as JSON, so that another one can go on from there.
 
 Every recording begins with one checkpoint for each wheel: a recording alone is enough to replay it, and after a crash
 the last one is enough to go on. Floats are written in full; a core that was resumed gives the same bits. The samples of
@@ -51,14 +51,16 @@ class HeldBatch(_Part):
 
 
 class SequencerState(_Part):
-    """State of `sequencer.Sequencer`."""
+    """State of `sequencer.Sequencer`; in the file a takeover is called a challenge."""
+
+    model_config = ConfigDict(populate_by_name=True)
 
     current: str | None
     expected: Slot | None
     held: list[HeldBatch]
     skipped: list[Slot]
-    challenge: list[HeldBatch]
-    challenge_doubtful: bool
+    takeover: list[HeldBatch] = Field(alias="challenge")
+    takeover_uncertain: bool = Field(alias="challenge_doubtful")
     largest: Slot
     replaced: list[str]
     latest_ns: int | None
@@ -155,11 +157,11 @@ class ScreenState(_Part):
 
     @classmethod
     def of(cls, screen: Screen) -> Self:
-        """Keep what the screen remembers of the slots so far."""
+        """Keep the state of the sensor validation."""
         return cls(done=screen.done, speed=ChannelState.of(screen.speed), torque=ChannelState.of(screen.torque))
 
     def restore(self, screen: Screen) -> None:
-        """Let a screen of the same wheel go on from here."""
+        """Let the sensor validation of the same wheel go on from here."""
         screen.done, screen.speed, screen.torque = self.done, self.speed.channel(), self.torque.channel()
 
 
@@ -222,7 +224,7 @@ class WindowsState(_Part):
 
 
 class Checkpoint(_Part):
-    """Everything a `core.WheelCore` knows besides its wheel, its model and its method."""
+    """The whole state of a `core.WheelCore` besides its wheel, its model and its method."""
 
     version: Annotated[int, Field(ge=CHECKPOINT_VERSION, le=CHECKPOINT_VERSION)] = CHECKPOINT_VERSION
     source: Source | Literal[""]
@@ -240,7 +242,9 @@ class Checkpoint(_Part):
 
     def to_json(self) -> bytes:
         """Write the checkpoint; the same state always gives the same bytes."""
-        return self.model_dump_json().encode()  # every number is finite; json.dumps takes thirteen times as long
+        return self.model_dump_json(
+            by_alias=True
+        ).encode()  # every number is finite; json.dumps takes thirteen times as long
 
     @classmethod
     def from_json(cls, data: bytes, source: str) -> Self:

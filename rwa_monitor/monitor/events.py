@@ -78,7 +78,7 @@ class WindowDiagnosed:
     partial
         True where samples or an epoch ended before the window was full.
     diagnosis
-        What it says.
+        Of the window.
     carried
         The wheel's state after it.
     """
@@ -135,7 +135,7 @@ class SensorFault:
 
 @dataclass(frozen=True, slots=True)
 class SamplePeriodDiffers:
-    """The samples come in other steps than the wheel file says.
+    """The samples come in other steps than the wheel file has.
 
     Attributes
     ----------
@@ -209,7 +209,7 @@ class Output:
 
 
 def outputs_of(events: Iterable[Event], spacecraft: str, wheel: str) -> list[Output]:
-    """Return what the monitor says about events of a wheel, in order."""
+    """Return the outputs for events of a wheel, in order."""
     outputs: list[Output] = []
     for event in events:
         if isinstance(event, ProvisionalChangepoint):
@@ -270,7 +270,7 @@ def health_output(diagnosis: Diagnosis) -> Output:
 
 
 def trouble_in(event: Event) -> str | None:
-    """Return, in words, what an operator should hear about an event, None where all is well."""
+    """Return, in words, what an operator should read about an event, None where all is well."""
     if isinstance(event, EpochStarted) and event.step_ns:
         step_s = event.step_ns / NANOSECONDS_PER_SECOND
         return (

@@ -78,7 +78,7 @@ class RunOptions:
     status_period_s
         Wall-clock time from one status message to the next [s].
     log_verdicts
-        Whether each change of a verdict is said, too; where somebody else shows the diagnoses it would be said twice.
+        Whether each change of a verdict is logged, too; not where another view shows the diagnoses.
     """
 
     wheels: str = "rwa/*/*/samples"
@@ -114,11 +114,11 @@ class _Served:
     last_sample_ns: int | None = None
     publisher: str = ""
     diagnosis: Output | None = None
-    verdict: tuple[str, ...] = ()  # and what is anomalous, as it was told last
+    verdict: tuple[str, ...] = ()  # and what is anomalous, as it was logged last
     health: Output | None = None
     windows: int = 0
     diagnosis_s: float | None = None
-    told: set[tuple[str, bool]] = field(default_factory=set)  # sensor faults of this window
+    reported: set[tuple[str, bool]] = field(default_factory=set)  # sensor faults of this window
     status_due_s: float = 0.0
     status_recorded_s: float = float("-inf")
 
@@ -168,7 +168,7 @@ class Monitor:
     recorder
         None to record nothing.
     log
-        Takes lines of talk.
+        Takes lines of the log.
     clock
         For flushing, status and how long things take; never for a diagnosis.
     """
@@ -191,7 +191,7 @@ class Monitor:
         self.searches = Searches(self._setup.wheels, options.record, log)
         self._model_sha256 = options.model.sha256() if options.model else ""
         self._tick_due_s = 0.0
-        self._said: str = ""
+        self._logged: str = ""
 
     def begin(self, recovered: RecoveredState, on_progress: Callable[[], None] = lambda: None) -> None:
         """Take over what an earlier run left behind, and begin the recording.
@@ -210,7 +210,7 @@ class Monitor:
             if len(recovered.cores) >= MANY_WHEELS:  # some 6 ms each
                 self.log(f"beginning a recording with the state of {len(recovered.cores)} wheels")
             self.recorder.begin(self._checkpoints(on_progress), self.clock.monotonic_s(), inherited)
-            self._tell_recorder()
+            self._log_recorder()
         health = {}
         for output in (*recovered.diagnoses, *recovered.unrecorded):
             self._publish(output)
@@ -241,7 +241,9 @@ class Monitor:
         windows = sum(served.windows for served in self._served.values())
         self.log(f"stopped: {counted(windows, 'window')} of {counted(len(self._served), 'wheel')} diagnosed")
         unused = [
-            f"{key[0]}/{key[1]}" for key in self.options.own_wheels if self._is_ours(*key) and not self._heard(key)
+            f"{key[0]}/{key[1]}"
+            for key in self.options.own_wheels
+            if self._is_ours(*key) and not self._has_samples(key)
         ]
         if unused:
             self.log(f"wheel files that no wheel used: {', '.join(unused)}; are these the names on the bus?")
@@ -251,7 +253,7 @@ class Monitor:
         if self.recorder is not None:
             self.recorder.close(self.clock.monotonic_s())
 
-    def _heard(self, key: tuple[str, str]) -> bool:
+    def _has_samples(self, key: tuple[str, str]) -> bool:
         """Return whether samples of a wheel have come, in this run or before it."""
         return key in self._served and self._served[key].core is not None
 
@@ -304,7 +306,7 @@ class Monitor:
         return True
 
     def _handle(self, served: _Served, spacecraft: str, wheel: str, events: Iterable[Event]) -> None:
-        """Record what the core says, bring a diagnosis to the disk, then publish."""
+        """Record what the core reports, bring a diagnosis to the disk, then publish."""
         events = list(events)
         for event in events:
             trouble = trouble_in(event)
@@ -312,9 +314,9 @@ class Monitor:
                 continue
             served.last_error = trouble
             if isinstance(event, SensorFault):  # a broken sensor may give thousands in a window
-                if (event.channel, event.hangs) in served.told:
+                if (event.channel, event.hangs) in served.reported:
                     continue
-                served.told.add((event.channel, event.hangs))
+                served.reported.add((event.channel, event.hangs))
             self.log(f"{spacecraft}/{wheel}: {trouble}")
         outputs = outputs_of(events, spacecraft, wheel)
         closed = any(isinstance(event, WindowDiagnosed) for event in events)
@@ -326,17 +328,17 @@ class Monitor:
         for output in outputs:
             self._publish(output)
         if closed:
-            served.told.clear()
+            served.reported.clear()
             served.windows += sum(isinstance(event, WindowDiagnosed) for event in events)
             self._status((spacecraft, wheel), served, record=True)
         for event in events:
             if isinstance(event, WindowDiagnosed):
-                self._tell_verdict(served, spacecraft, wheel, event)
+                self._log_verdict(served, spacecraft, wheel, event)
             if isinstance(event, WindowDiagnosed) and not event.partial:
                 self.searches.take_diagnosis(spacecraft, wheel, adequate=event.diagnosis.model_adequate)
 
-    def _tell_verdict(self, served: _Served, spacecraft: str, wheel: str, event: WindowDiagnosed) -> None:
-        """Say what a window amounts to where that is news; a line for each window of a fleet would hide it."""
+    def _log_verdict(self, served: _Served, spacecraft: str, wheel: str, event: WindowDiagnosed) -> None:
+        """Log what a window amounts to where that is news; a line for each window of a fleet would hide it."""
         diagnosis = event.diagnosis
         verdict = (diagnosis.verdict, *(anomaly.name for anomaly in diagnosis.anomalies if anomaly.active))
         if verdict != served.verdict and self.options.log_verdicts:
@@ -352,7 +354,7 @@ class Monitor:
             spacecraft, wheel, _ = split_key(key)
             served = self._serve(spacecraft, wheel)
         except InputError:
-            self._say_once(f"a message was refused: {error}")
+            self._log_once(f"a message was refused: {error}")
             return
         served.messages_rejected += 1
         text = ": ".join(part for part in (error.place, error.reason) if part)
@@ -389,12 +391,12 @@ class Monitor:
         try:
             self.bus.publish(output.key, output.message, output.payload)
         except zenoh.ZError as error:
-            self._say_once(f"cannot publish: {error}")
+            self._log_once(f"cannot publish: {error}")
 
     def _tick(self, now_s: float) -> None:
         if self.recorder is not None:
             self.recorder.tend(now_s, self._checkpoints, busy=self.bus.waiting() > BUSY_MESSAGES)
-            self._tell_recorder()
+            self._log_recorder()
         for found in self.searches.poll():
             if self.recorder is not None:
                 self.recorder.output(found.key, found.schema, found.payload, found.time_ns)
@@ -425,7 +427,7 @@ class Monitor:
             dropped = counted(self.bus.inbox.dropped, "message")
             last_error = f"dropped {dropped}: they come faster than they can be diagnosed"
         counts = core.counts if core else None
-        # Publishers that number their messages show a gap in any case; of others only the bus knows what it lost.
+        # Publishers that number their messages show a gap in any case; of others only the bus counts what it lost.
         missed_by_bus = self.bus.missed.get(key_of(SamplesMessage, spacecraft, wheel), 0)
         if missed_by_bus and last_error is None:
             last_error = f"the bus lost {counted(missed_by_bus, 'message')}, which their publisher no longer has"
@@ -474,12 +476,12 @@ class Monitor:
             if served.core is not None
         }
 
-    def _tell_recorder(self) -> None:
+    def _log_recorder(self) -> None:
         if self.recorder is not None and self.recorder.error:
-            self._say_once(self.recorder.error)
+            self._log_once(self.recorder.error)
 
-    def _say_once(self, text: str) -> None:
-        """Say something, but not the same thing twice in a row."""
-        if text != self._said:
+    def _log_once(self, text: str) -> None:
+        """Log something, but not the same thing twice in a row."""
+        if text != self._logged:
             self.log(text)
-        self._said = text
+        self._logged = text

@@ -18,7 +18,7 @@ from rwa_monitor.monitor.recording.chain import recorded_inputs
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, Samples
 
 HISTORY_MESSAGES: Final = 8_192  # 3 days of one wheel at 8 Hz in messages of 256; some 120 MB if all are kept
-# How often a publisher tells the number of its last message. Zenoh's other way tells it once after each message: lost
+# How often a publisher sends the number of its last message. Zenoh's other way sends it once after each message: lost
 # when that one message is (an outage, a subscriber about to join), and with it the end of the stream until the next.
 HEARTBEAT_S: Final = 1.0
 LINGER_S: Final = 1.0  # closing right after the last message may lose it: `put` hands it over before it is sent
@@ -68,7 +68,7 @@ class SamplesSink(Protocol):
 
 
 class SamplesPublisher:
-    """Numbers one wheel's samples and publishes them reliably, under a random name unless told."""
+    """Numbers one wheel's samples and publishes them reliably, under a random name by default."""
 
     def __init__(self, session: zenoh.Session, key: str, name: str | None = None) -> None:
         self.name = secrets.token_hex(8) if name is None else name

@@ -238,7 +238,7 @@ def replay(
     """Re-run the core on a recording (a file, a folder as a chain, or several files) and compare with what it holds.
 
     Exit codes on the command line: with --verify 1 unless `report.equal`; with --exact also unless
-    `report.bytes_equal`; 3 where `report.unreadable` says something and the rest agrees.
+    `report.bytes_equal`; 3 where `report.unreadable` is not empty and the rest agrees.
 
     Parameters
     ----------
@@ -262,7 +262,7 @@ def replay(
 
 @dataclass(slots=True)
 class _Chain:
-    """Runs recordings one after the other and gathers what they say, from a time on."""
+    """Runs recordings one after the other and gathers their outputs, from a time on."""
 
     from_ns: int | None = None
     files: list[Path] = field(default_factory=list)
@@ -284,19 +284,19 @@ class _Chain:
             if on_message is not None:
                 on_message(gone_through)
 
-        rebuilt = state_recovery.run_recording(passing, Event(), count)
+        run = state_recovery.run_recording(passing, Event(), count)
         recording = passing.recording
         settings, setup = recording.settings(), state_recovery.Setup.of(recording)
         self._check_link(recording, settings)
         self.unreadable += [f"{recording.path}: {problem}" for problem in recording.problems]
         self.messages += [
             (output.key, output.payload)
-            for output in rebuilt.outputs
+            for output in run.outputs
             if output.message is not None and (self.from_ns is None or output.time_ns >= self.from_ns)
         ]
 
         inherited, own = _split(recording, state_recovery.inherited_counts(settings))
-        replayed: list[Comparable] = [(output.key, output.schema, output.payload) for output in rebuilt.outputs]
+        replayed: list[Comparable] = [(output.key, output.schema, output.payload) for output in run.outputs]
         if settings.get("checkpoints") == SOME_CHECKPOINTS:  # it was begun while the file before was being written
             self._note(recording, "holds the wheels that had come over from the file before it when the monitor ended")
         elif self.files and inherited:
@@ -311,10 +311,10 @@ class _Chain:
             self.owed += lost
         self.comparison.add_all(compare(own, replayed))
 
-        self.spans_ns.append(rebuilt.spans_ns)
+        self.spans_ns.append(run.spans_ns)
         self._search_again(recording, setup.wheels)
         if not any(schema == Diagnosis.schema_name() for _, schema, _ in (*own, *inherited)):
-            self._note(recording, f"holds no closed window ({counted(rebuilt.inputs, 'message')} of samples)")
+            self._note(recording, f"holds no closed window ({counted(run.inputs, 'message')} of samples)")
         self.files.append(recording.path)
 
     def _search_again(self, recording: Recording, wheels: WheelSet) -> None:
@@ -355,23 +355,23 @@ class _Chain:
 
     def _check_link(self, recording: Recording, settings: dict[str, Any]) -> None:
         """Check that a recording names what it goes on from, and that this is as it was then."""
-        told = settings.get("predecessor")
-        if not isinstance(told, dict):
+        named = settings.get("predecessor")
+        if not isinstance(named, dict):
             if self.files:
                 self._note(recording, f"names no predecessor, {self.files[-1].name} comes before it")
             return
         before = list(self.files)
         if not before:
-            self._note(recording, f"goes on from {told.get('name', '')}, which is not replayed")
-        while isinstance(told, dict) and before:
-            path, name = before.pop(), str(told.get("name", ""))
+            self._note(recording, f"goes on from {named.get('name', '')}, which is not replayed")
+        while isinstance(named, dict) and before:
+            path, name = before.pop(), str(named.get("name", ""))
             if path.name != name:
                 self.broken.append(f"{recording.path}: goes on from {name}, but {path.name} comes before it")
-            elif told.get("sha256", "") is None:
-                self._note(recording, f"was begun while {name} was written, and does not say its hash")
-            elif told.get("sha256") != file_sha256(path):
+            elif named.get("sha256", "") is None:
+                self._note(recording, f"was begun while {name} was written, and does not hold its hash")
+            elif named.get("sha256") != file_sha256(path):
                 self.broken.append(f"{path}: is not the file that {recording.path.name} goes on from")
-            told = told.get("rest")
+            named = named.get("rest")
 
     def _note(self, recording: Recording, text: str) -> None:
         self.notes.append(f"{recording.path}: {text}")

@@ -138,7 +138,7 @@ class Searches:
     folder
         Where reports are written, `discrepancy/{spacecraft}/{wheel}/` below it; None for nowhere.
     log
-        Takes lines of talk.
+        Takes lines of the log.
     """
 
     def __init__(self, wheels: WheelSet, folder: Path | None, log: Callable[[str], None]) -> None:
@@ -224,7 +224,7 @@ class Searches:
         finally:
             childs_end.close()
         self._process, self._connection = process, connection
-        # A window of samples is more than a pipe holds, and the child takes a second until it reads: nobody waits.
+        # A window of samples is more than a pipe holds, and the child takes a second until it reads: a thread waits.
         self._handing_over = Thread(target=_hand_over, args=(connection, job), name=HAND_OVER, daemon=True)
         self._handing_over.start()
 
@@ -232,7 +232,7 @@ class Searches:
         if self._process is not None:
             self._process.join(END_S)
             self._process = None
-        if self._handing_over is not None:  # nobody takes anything any more
+        if self._handing_over is not None:  # the child takes nothing any more
             self._handing_over.join(END_S)
             self._handing_over = None
         if self._connection is not None:

@@ -1,10 +1,10 @@
-"""The live monitor: `run` subscribes to samples, diagnoses, publishes and records until it is told to stop.
+"""The live monitor: `run` subscribes to samples, diagnoses, publishes and records until it is stopped.
 
 One thread does everything in order: take a message from the inbox, record it, feed the wheel's core, record what the
-core says, bring a diagnosis to the disk, publish. Other threads only fill the inbox (`bus.Inbox`): when it is full,
+core reports, bring a diagnosis to the disk, publish. Other threads only fill the inbox (`bus.Inbox`): when it is full,
 reliable publishers are slowed down to our pace, and what may be dropped in the end is counted and shown in `status`.
 
-After a crash the cores are rebuilt from the last recording, and what came in between is taken from the publishers'
+After a crash the state is recovered from the last recording, and what came in between is taken from the publishers'
 history (`backfill`). A diagnosis that had not reached the disk is made again, byte for byte, and stands in the new
 recording; those of the last recordings are published again in any case.
 """
@@ -51,9 +51,9 @@ def run(
     session
         An open Zenoh session to use (the demo's embedded one); it is left open. None: opens and closes its own.
     log
-        Takes one line of talk for the user (stderr on the command line).
+        Takes one line of the log (stderr on the command line).
     supervisor
-        Hears when the monitor is ready, alive and stopping; None: nobody does.
+        Gets notice when the monitor is ready, alive and stopping; None: there is none.
 
     Raises
     ------
@@ -67,7 +67,7 @@ def run(
     check_wheels(options.wheels)
     setup = options.setup()
     for key in ("", ""), *options.own_wheels:
-        setup.new_core(*key)  # a wheel that cannot be served is told at once
+        setup.new_core(*key)  # a wheel that cannot be served is refused at once
     with ExitStack() as stack:
         if options.record is not None:
             stack.enter_context(FolderLock(options.record))
@@ -120,13 +120,13 @@ def _recorder(options: RunOptions, folder: Path, recovered: RecoveredState, cloc
 
 
 def _unbreakable(log: Callable[[str], None]) -> Callable[[str], None]:
-    """Return a way to talk that does not end the monitor when nobody listens any more, or the log's disk is full."""
+    """Return a log that does not end the monitor when its reader has gone, or its disk is full."""
 
-    def told(line: str) -> None:
+    def logged(line: str) -> None:
         with suppress(OSError):  # what matters stands in `status` too
             log(line)
 
-    return told
+    return logged
 
 
 # ---- the supervisor of the process -----------------------------------------------------------------------------------
@@ -141,9 +141,9 @@ START_SILENCE_S: Final = 60.0  # that a start may take without going on
 class Supervisor:
     """The supervisor of this process, in the protocol of systemd (sd_notify(3)); does nothing where there is none.
 
-    A supervisor that speaks it names a datagram socket in NOTIFY_SOCKET and the longest silence in WATCHDOG_USEC. The
-    sign of life is sent by the thread that diagnoses, between two messages: it stops when that thread stalls, even if
-    the rest of the process goes on, and the supervisor then restarts the service, which goes on from its recording.
+    A supervisor names a datagram socket in NOTIFY_SOCKET and the longest silence in WATCHDOG_USEC. The sign of life is
+    sent by the thread that diagnoses, between two messages: it stops when that thread stalls, even if the rest of the
+    process goes on, and the supervisor then restarts the service, which goes on from its recording.
 
     A container's supervisor listens to no socket but runs a command inside, the health check: for it the time of a file
     shows when the last sign of life was.
@@ -158,7 +158,7 @@ class Supervisor:
     Attributes
     ----------
     period_s
-        Between two signs of life; None where nobody waits for them.
+        Between two signs of life; None where none are expected.
     """
 
     def __init__(self, environment: Mapping[str, str], alive: Path | None = None) -> None:
@@ -177,13 +177,13 @@ class Supervisor:
         self._start_due_s = float("-inf")
 
     def starting(self, now_s: float) -> None:
-        """Say that the start goes on, where that is due, so that a long one is waited for; call it often."""
+        """Report that the start goes on, where that is due, so that a long one is waited for; call it often."""
         if now_s >= self._start_due_s:
             self._start_due_s = now_s + FILE_PERIOD_S
             self._send(f"EXTEND_TIMEOUT_USEC={START_SILENCE_S * MICROSECONDS:.0f}")
 
     def ready(self, status: str) -> None:
-        """Say that the service has begun, and what it does; raises InputError if the file cannot be made."""
+        """Report that the service has begun, and what it does; raises InputError if the file cannot be made."""
         if self._alive is not None:
             try:
                 self._alive.touch()
@@ -201,7 +201,7 @@ class Supervisor:
                     self._alive.touch()
 
     def stopping(self) -> None:
-        """Say that the service ends, on purpose."""
+        """Report that the service ends, on purpose."""
         self._send("STOPPING=1")
 
     def _send(self, text: str) -> None:
@@ -217,11 +217,11 @@ class Supervisor:
 # ---- the wait for the first verdict ----------------------------------------------------------------------------------
 
 
-SOON_H: Final = 1.0  # whoever starts a monitor waits so long without being told to
+SOON_H: Final = 1.0  # whoever starts a monitor expects to wait so long
 
 
 def first_verdict(wheels: Sequence[Wheel]) -> str:
-    """Say after how much telemetry some wheels, at least one, have their first verdict; "" where that is soon.
+    """Return after how much telemetry wheels, at least one, have their first verdict, in words; "" where that is soon.
 
     A window gives one when it is full.
     """

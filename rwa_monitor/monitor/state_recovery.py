@@ -87,7 +87,7 @@ class RecordingRun:
     cores
         By (spacecraft, wheel), as they stand after the last input.
     outputs
-        What the monitor says about the inputs, changepoints and diagnoses, in order.
+        The outputs for the inputs, changepoints and diagnoses, in order.
     inputs
         Messages of samples processed.
     spans_ns
@@ -100,11 +100,11 @@ class RecordingRun:
     spans_ns: dict[str, tuple[int, int]] = field(default_factory=dict)
 
 
-def _resume(path: Path, name: str, data: bytes, setup: Setup, rebuilt: RecordingRun) -> None:
+def _resume(path: Path, name: str, data: bytes, setup: Setup, run: RecordingRun) -> None:
     """Bring a core to where its checkpoint stands."""
     spacecraft, wheel = key_of_name(name.removeprefix(CHECKPOINT_PREFIX).removesuffix(".json"))
     checkpoint = Checkpoint.from_json(data, f"{path}: {name}")
-    rebuilt.cores[spacecraft, wheel] = WheelCore.resume(
+    run.cores[spacecraft, wheel] = WheelCore.resume(
         checkpoint, setup.wheels.of(spacecraft, wheel), setup.model, method=setup.method
     )
 
@@ -134,7 +134,7 @@ def run_recording(
     InputError
         If the recording cannot be read, or lacks what it was made with; if a checkpoint or an input is damaged.
     """
-    recording, rebuilt = passing.recording, RecordingRun(before.cores if before else {})
+    recording, run = passing.recording, RecordingRun(before.cores if before else {})
     setup: Setup | None = None
     kept_bytes = 0
     for part in passing.parts():
@@ -146,32 +146,32 @@ def run_recording(
         # The recorder writes what a recording was made with before all else.
         setup = setup or Setup.of(recording)
         if isinstance(part, Attached):
-            _resume(recording.path, part.name, part.data, setup, rebuilt)
+            _resume(recording.path, part.name, part.data, setup, run)
         else:
-            _run_input(recording.path, part, setup, rebuilt)
+            _run_input(recording.path, part, setup, run)
             if part.schema in KEPT_SCHEMAS:
                 kept_bytes += len(part.data)
                 if kept_bytes > MAX_KEPT_BYTES:
-                    reason = f"holds more than {MAX_KEPT_BYTES:,} bytes of what a monitor says"
+                    reason = f"holds more than {MAX_KEPT_BYTES:,} bytes of outputs"
                     raise InputError(str(recording.path), reason)
                 recording.messages.append(part)
         on_progress(part)
-    return rebuilt
+    return run
 
 
-def _run_input(path: Path, recorded: RecordedMessage, setup: Setup, rebuilt: RecordingRun) -> None:
+def _run_input(path: Path, recorded: RecordedMessage, setup: Setup, run: RecordingRun) -> None:
     """Feed a message to its core where it is one of samples."""
     if recorded.schema != SamplesMessage.schema_name():
         return
     spacecraft, wheel, _ = split_key(recorded.topic)
     message = SamplesMessage.parse(recorded.data, f"{path}: {recorded.topic}")
-    if (spacecraft, wheel) not in rebuilt.cores:
-        rebuilt.cores[spacecraft, wheel] = setup.new_core(spacecraft, wheel)
-    events = rebuilt.cores[spacecraft, wheel].feed(message.samples(), message.publisher, message.batch)
-    rebuilt.inputs += 1
-    first_ns, last_ns = rebuilt.spans_ns.get(recorded.topic, (message.time_ns[0], message.time_ns[0]))
-    rebuilt.spans_ns[recorded.topic] = min(first_ns, *message.time_ns), max(last_ns, *message.time_ns)
-    rebuilt.outputs += [output for output in outputs_of(events, spacecraft, wheel) if output.schema in COMPARED_SCHEMAS]
+    if (spacecraft, wheel) not in run.cores:
+        run.cores[spacecraft, wheel] = setup.new_core(spacecraft, wheel)
+    events = run.cores[spacecraft, wheel].feed(message.samples(), message.publisher, message.batch)
+    run.inputs += 1
+    first_ns, last_ns = run.spans_ns.get(recorded.topic, (message.time_ns[0], message.time_ns[0]))
+    run.spans_ns[recorded.topic] = min(first_ns, *message.time_ns), max(last_ns, *message.time_ns)
+    run.outputs += [output for output in outputs_of(events, spacecraft, wheel) if output.schema in COMPARED_SCHEMAS]
 
 
 def inherited_counts(settings: dict[str, Any]) -> dict[str, int]:
@@ -188,13 +188,13 @@ def inherited_counts(settings: dict[str, Any]) -> dict[str, int]:
 # How far back diagnoses are published again at a start: an outage may have begun before several crashes.
 REPEATED_FILES: Final = 16
 REPEATED_BYTES: Final = 64 * 2**20
-TELL_S: Final = 5.0  # between two words about how far the rebuilding has come
-MAX_LISTED: Final = 5  # names in one line of talk
+PROGRESS_S: Final = 5.0  # between two lines on the progress of a recovery
+MAX_LISTED: Final = 5  # names in one line of the log
 
 
 @dataclass(slots=True)
 class RecoveredState:
-    """What the recordings of a folder tell.
+    """The state that the recordings of a folder hold.
 
     Attributes
     ----------
@@ -205,7 +205,7 @@ class RecoveredState:
     unrecorded
         Outputs of its inputs that had not reached the disk.
     diagnoses
-        On the disk, of the last recordings, in order: the bus may not have heard them, and a late subscriber asks.
+        On the disk, of the last recordings, in order: they may not have reached the bus, and a late subscriber asks.
     """
 
     predecessor: Predecessor | None = None
@@ -221,7 +221,7 @@ def recover_state(
     log: Callable[[str], None],
     on_progress: Callable[[], None] = lambda: None,
 ) -> RecoveredState:
-    """Rebuild the cores from the last recording of a folder that can be used; incomplete when stopped.
+    """Recover the cores from the last recording of a folder that can be used; incomplete when stopped.
 
     Parameters
     ----------
@@ -232,7 +232,7 @@ def recover_state(
     stop
         Ends it early when set.
     log
-        Takes lines of talk; a large fleet takes minutes, of which it hears every `TELL_S`.
+        Takes lines of the log; a large fleet takes minutes, with a line every `PROGRESS_S`.
     on_progress
         Called often, for a supervisor that waits.
     """
@@ -250,16 +250,16 @@ def recover_state(
                 recovered.predecessor = predecessor_of(path)
             log(f"{error}; going back to the recording before it")
             continue
-        cores, inputs = ran[-1][1].cores, sum(rebuilt.inputs for _, rebuilt in ran)
+        cores, inputs = ran[-1][1].cores, sum(run.inputs for _, run in ran)
         recovered.cores = _same(cores, setup_then, setup)
         if anew := sorted(f"{spacecraft}/{wheel}" for spacecraft, wheel in cores.keys() - recovered.cores.keys()):
             wheels = first_few(anew, MAX_LISTED)
             log(f"{path} was made with another wheel file, model or method of {wheels}: begun anew")
         recovered.diagnoses = _earlier_diagnoses(paths[place + len(files) :])
-        for recording, rebuilt in ran:
+        for recording, run in ran:
             for problem in recording.problems:
                 log(f"{recording.path}: {problem}")
-            recovered.unrecorded += _unrecorded(recording, rebuilt.outputs)
+            recovered.unrecorded += _unrecorded(recording, run.outputs)
             recovered.diagnoses += _diagnoses(recording)
         log(f"going on from {path}: {counted(len(recovered.cores), 'wheel')}, {counted(inputs, 'message')}")
         return recovered
@@ -294,26 +294,26 @@ def _run(
     ran: list[tuple[Recording, RecordingRun]] = []
     for path in files:
         passing = PassingRecording(path)
-        look = _Teller(passing, log, on_progress).look
+        look = _Progress(passing, log, on_progress).look
         ran.append((passing.recording, run_recording(passing, stop, look, ran[-1][1] if ran else None)))
     return ran
 
 
-class _Teller:
-    """Says how far a long rebuilding has come."""
+class _Progress:
+    """Logs the progress of a long recovery."""
 
     def __init__(self, passing: PassingRecording, log: Callable[[str], None], on_progress: Callable[[], None]) -> None:
         self._passing = passing
         self._log = log
         self._on_progress = on_progress
-        self._due_s = time.monotonic() + TELL_S
+        self._due_s = time.monotonic() + PROGRESS_S
 
     def look(self, _part: object) -> None:
-        """Say it where it is due."""
+        """Log it where it is due."""
         self._on_progress()
         if time.monotonic() >= self._due_s:
-            self._due_s = time.monotonic() + TELL_S
-            self._log(f"rebuilding the state from {self._passing.recording.path}: {self._passing.share:.0%} of it done")
+            self._due_s = time.monotonic() + PROGRESS_S
+            self._log(f"recovering the state from {self._passing.recording.path}: {self._passing.share:.0%} of it done")
 
 
 def _same(cores: dict[tuple[str, str], WheelCore], before: Setup, now: Setup) -> dict[tuple[str, str], WheelCore]:
@@ -324,8 +324,7 @@ def _same(cores: dict[tuple[str, str], WheelCore], before: Setup, now: Setup) ->
 def _unrecorded(recording: Recording, outputs: list[Output]) -> list[Output]:
     """Return the outputs that the recording does not hold.
 
-    These are those after the last one that it does, by topic; where something in the middle is damaged they are told by
-    their content.
+    These are those after the last one that it does, by topic; where something in the middle is damaged, by content.
     """
     if recording.problems:
         present = {(message.topic, message.data) for message in recording.messages}
@@ -355,7 +354,7 @@ def _earlier_diagnoses(paths: Sequence[Path]) -> list[Output]:
             if size > REPEATED_BYTES:
                 break
             found = [*_diagnoses_in(path), *found]
-        except (OSError, InputError):  # a damaged file was or will be told of by a replay; here it only repeats less
+        except (OSError, InputError):  # a replay reports a damaged file; here it only repeats less
             break
     return found
 

@@ -1,4 +1,4 @@
-"""The course of a wheel's friction over many windows, from its diagnoses or a history: trend, words, plain content.
+"""The trend of a wheel's friction over many windows, from its diagnoses or a history: as a value, in words, as JSON.
 
     for trend in wheel_trends(diagnoses).values():
         print(trend.sentence())
@@ -19,9 +19,9 @@ from rwa_monitor.diagnosis.trend import Reach, Trend, find_trend
 from rwa_monitor.messages import Diagnosis, Message, Number
 from rwa_monitor.samples import NANOSECONDS_PER_SECOND, SECONDS_PER_DAY, SECONDS_PER_HOUR
 
-SHORT_S: Final = 2.0 * SECONDS_PER_DAY  # below, a time is said in hours
+SHORT_S: Final = 2.0 * SECONDS_PER_DAY  # below, a time is given in hours
 DRAWN: Final = 60  # points of the line in plain content
-SMALLEST_P: Final = 1e-9  # below, a p-value is only said to be smaller: it rests on Gaussian tails
+SMALLEST_P: Final = 1e-9  # below, a p-value is only given as smaller: it rests on Gaussian tails
 
 
 class FrictionEstimate(Message):
@@ -91,14 +91,14 @@ class CoefficientTrend:
         return self.first_ns + round(time_s * NANOSECONDS_PER_SECOND) if np.isfinite(time_s) else None
 
     def sentence(self) -> str:
-        """Say in one sentence what the trend is and when it reaches the limit."""
+        """Return in one sentence what the trend is and when it reaches the limit."""
         found, name = self.trend, title(self.name)
         p = f"p < {SMALLEST_P:.0e}" if found.p_value < SMALLEST_P else f"p = {found.p_value:.2g}"
         if not found.present:
             return f"No trend of {name} in {found.windows} windows ({p})."
         per_day, std = (quantity(x * SECONDS_PER_DAY, self.unit) for x in (abs(found.slope), found.slope_std))
-        course = f"{name} {'grows' if found.slope > 0 else 'falls'} by {per_day} a day (± {std}, {p})"
-        return f"{course[0].upper()}{course[1:]}{self._when()}."
+        sentence = f"{name} {'grows' if found.slope > 0 else 'falls'} by {per_day} a day (± {std}, {p})"
+        return f"{sentence[0].upper()}{sentence[1:]}{self._when()}."
 
     def _when(self) -> str:
         if self.limit is None or self.reach is None:
@@ -164,7 +164,7 @@ def coefficient_trend(
     first_ns, last = estimates[0].window_start_ns, estimates[-1]
     # Whole nanoseconds first: as floats, times since 1970 would be good to a quarter of a microsecond only.
     middle_s = [(e.window_start_ns + e.window_end_ns - 2 * first_ns) / 2 / NANOSECONDS_PER_SECOND for e in estimates]
-    # A window that claims to be exact tells nothing, as one that knows nothing.
+    # A window that claims to be exact counts for nothing, as one without a value.
     std = [e.std if e.std is not None and e.std > 0 else np.nan for e in estimates]
     value = [np.nan if e.value is None else e.value for e in estimates]
     trend = find_trend(np.array(middle_s), np.array(value), np.array(std))

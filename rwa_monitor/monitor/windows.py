@@ -1,6 +1,6 @@
 """From the slots of one wheel to the diagnoses of its windows: the second half of the monitor core.
 
-    ring buffer → screen → friction less known effects → open windows → diagnosis
+    ring buffer → sensor validation → friction less known effects → open windows → diagnosis
 
 Pure, as the core is. Work is done in blocks that end at fixed slots of the grid, at most a few slots behind the newest.
 """
@@ -37,7 +37,7 @@ from rwa_monitor.telemetry.ring_buffer import RingBuffer
 from rwa_monitor.telemetry.sensor_validation import LAG_SLOTS, TORQUE, Fault, Screen, friction_limit, speed_limit
 from rwa_monitor.wheel.wheel import Wheel
 
-MAX_OPEN_WINDOWS: Final = 64  # windows that may overlap; a smaller hop would cost memory without telling more
+MAX_OPEN_WINDOWS: Final = 64  # windows that may overlap; a smaller hop would cost memory without more information
 _THERE: Final = np.ones(4096, dtype=np.bool_)  # slots of a message, all there
 
 
@@ -50,7 +50,7 @@ class _OpenWindow:
 
 
 class Windows:
-    """The slots of one wheel, the windows that are open over them, and what those that were closed have told.
+    """The slots of one wheel, the windows that are open over them, and the state carried over from the closed ones.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ class Windows:
     Attributes
     ----------
     carried
-        What the windows closed so far tell the next one.
+        The state that the windows closed so far hand to the next one.
     ring, screen, friction
         What the slots go through, anew for each source of friction.
     grid
@@ -176,7 +176,7 @@ class Windows:
         return first + (slot - first) // self._hop * self._hop if slot >= first else 0
 
     def _window_complete(self, *, to_the_end: bool) -> bool:
-        """Tell whether the oldest window is full and a sample beyond it, and beyond the stencil, has come."""
+        """Return whether the oldest window is full and a sample beyond it, and beyond the stencil, has come."""
         end = self._open[0].start + self._samples
         return end <= self._done and (to_the_end or end + self.friction.reach < self.ring.end)
 
@@ -191,14 +191,14 @@ class Windows:
         events = self._told(masked, faults) if masked or faults else []
         if not confirmed or not confirmed[0]:
             return events
-        # Where windows overlap, the first one to hold a slot tells of it.
+        # Where windows overlap, the first one to hold a slot reports it.
         first = self._open[0].start
         return events + [
             self._provisional(first, jump) for jump in confirmed[0] if first + jump.index >= self._last_end
         ]
 
     def _told(self, masked: int, faults: list[Fault]) -> list[Event]:
-        """Count slots that were taken as good and are masked now, and tell why."""
+        """Count slots that were taken as good and are masked now, and return why."""
         self.counts.used -= masked
         self.counts.masked += masked
         return [
@@ -252,7 +252,7 @@ class Windows:
         return SlotsState.of(self.ring, needed - around, self._done - around)
 
     def screen_state(self) -> ScreenState:
-        """Return what the screen remembers."""
+        """Return the state of the sensor validation."""
         return ScreenState.of(self.screen)
 
     def effects_state(self) -> EffectsState:

@@ -1,11 +1,11 @@
 """What Foxglove shows of a wheel: the messages of the bus as they are, and what its panels need beside them.
 
-Samples come in arrays, a plot wants one message for each: {key}/telemetry. Jumps lie before the message that tells of
+Samples come in arrays, a plot wants one message for each: {key}/telemetry. Jumps lie before the message that reports
 them: {key}/jump has them at their own time. The parts of friction are a map in the diagnosis: each is a topic here,
-{key}/part/{name}. What an operator should hear is a line of {key}/log, in Foxglove's own
+{key}/part/{name}. What an operator should read is a line of {key}/log, in Foxglove's own
 schema for its log panel. All times are the wheel's own clock.
 
-Recordings keep the published schemas. Foxglove's reader of JSON Schema knows objects, arrays and plain types, but no
+Recordings keep the published schemas. Foxglove's reader of JSON Schema takes objects, arrays and plain types, but no
 $ref, no anyOf and no maps (foxglove/studio, packages/mcap-support/src/parseJsonSchema.ts), and refuses a topic whose
 schema has them: here topics carry what of their schema it understands. The messages themselves are the same bytes.
 """
@@ -245,7 +245,7 @@ TITLES: Final = {
     "bearing_temperature_degC": "bearing temperature [°C]",
 }
 PLAIN_TOPIC: Final = re.compile(r"[\w/-]+", re.ASCII)
-# A colour for each part that colour-blind people can tell apart (Okabe and Ito 2008).
+# A colour for each part that colour-blind people can distinguish (Okabe and Ito 2008).
 COLOURS: Final = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00")
 
 

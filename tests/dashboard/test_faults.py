@@ -102,7 +102,7 @@ def test_a_monitor_that_is_killed_leaves_stale_wheels_and_an_alarm_until_it_is_b
 
         listener = Listener(session)
 
-        # The monitor is there some seconds after its start; who sends without a history is not heard before.
+        # The monitor is there some seconds after its start; what is sent without a history before that is lost.
         def speaks() -> bool:
             session.put("rwa/sat/wheel_1/samples", batch)
             return bool(listener.kind("status"))
@@ -127,7 +127,7 @@ def test_a_monitor_that_is_killed_leaves_stale_wheels_and_an_alarm_until_it_is_b
             expect(page.get_by_text("✓ reporting")).to_be_visible()
             assert monitor_alarm(running.address) is None
             process.send_signal(signal.SIGKILL)
-            expect(page.locator(".stale-note")).to_contain_text("stale: monitor heard")
+            expect(page.locator(".stale-note")).to_contain_text("stale: monitor reported")
             expect(page.get_by_text("✓ reporting")).to_have_count(0)
             page.goto(f"{running.address}#/")
             expect(page.locator(".wheel")).to_contain_text("◌ stale")
@@ -193,7 +193,7 @@ def test_telemetry_of_one_wheel_that_stops_is_not_shown_as_current(
         wait_for(back, "the telemetry that is back")
 
 
-def test_a_bus_that_is_gone_is_said_until_it_is_back(chromium: Any, tmp_path: Path) -> None:
+def test_a_bus_that_is_gone_is_reported_until_it_is_back(chromium: Any, tmp_path: Path) -> None:
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     with ExitStack() as stack, opened(chromium, complaint="") as page:
         first = stack.enter_context(script(ROUTER, endpoint))
@@ -208,7 +208,7 @@ def test_a_bus_that_is_gone_is_said_until_it_is_back(chromium: Any, tmp_path: Pa
             expect(page.locator("#banner")).to_be_hidden()
 
 
-def test_a_locked_database_is_said_and_what_came_meanwhile_is_stored(
+def test_a_locked_database_is_reported_and_what_came_meanwhile_is_stored(
     chromium: Any, session: zenoh.Session, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("rwa_monitor.history.database.BUSY_TIMEOUT_S", 0.2)
@@ -258,7 +258,9 @@ def test_a_database_that_is_removed_comes_back_with_what_was_acknowledged(
         assert [line.person for alarm in history.alarms() for line in alarm.trail] == ["", "Ann"]
 
 
-def test_a_server_that_is_gone_is_said_and_found_again(chromium: Any, session: zenoh.Session, tmp_path: Path) -> None:
+def test_a_server_that_is_gone_is_reported_and_found_again(
+    chromium: Any, session: zenoh.Session, tmp_path: Path
+) -> None:
     options = DashboardOptions(free_port(), tmp_path, token="right")
     with opened(chromium, complaint="") as page:
         with serve(options, session) as running:
@@ -275,7 +277,7 @@ def test_a_server_that_is_gone_is_said_and_found_again(chromium: Any, session: z
             expect(page.locator(".stale-note")).to_contain_text("stale, from the history")
 
 
-def test_a_wrong_token_is_said_and_can_be_mended_on_the_page(
+def test_a_wrong_token_is_reported_and_can_be_mended_on_the_page(
     chromium: Any, session: zenoh.Session, tmp_path: Path
 ) -> None:
     with (
@@ -292,7 +294,7 @@ def test_a_wrong_token_is_said_and_can_be_mended_on_the_page(
         expect(page.get_by_text("Acknowledged by Ann")).to_be_visible()
 
 
-def test_a_recording_that_is_cut_off_shows_what_is_left_and_says_so(
+def test_a_recording_that_is_cut_off_shows_what_is_left_and_why(
     chromium: Any, session: zenoh.Session, tmp_path: Path
 ) -> None:
     data = RECORDING.read_bytes()
@@ -308,7 +310,7 @@ def test_a_recording_that_is_cut_off_shows_what_is_left_and_says_so(
         expect(page.get_by_role("alert").filter(has_text="cannot be opened")).to_contain_text("is no MCAP file")
 
 
-def test_the_feed_says_what_is_wrong_in_its_beat(session: zenoh.Session, tmp_path: Path) -> None:
+def test_the_feed_reports_what_is_wrong_in_its_beat(session: zenoh.Session, tmp_path: Path) -> None:
     from websockets.sync.client import connect
 
     options = DashboardOptions(0, tmp_path, connect=("tcp/127.0.0.1:9",))

@@ -130,7 +130,7 @@ def test_an_alarm_is_a_line_of_the_log(session: zenoh.Session, tmp_path: Path) -
         assert line["level"] == LogLevel.WARNING
 
 
-def test_a_monitor_that_is_not_heard_is_a_line_of_the_log(session: zenoh.Session, tmp_path: Path) -> None:
+def test_a_monitor_that_does_not_report_is_a_line_of_the_log(session: zenoh.Session, tmp_path: Path) -> None:
     with foxglove_client(session, tmp_path, silent_s=1.0) as client:
         send_windows(session, "wheel_1", failing=False, windows=1)
         log = client.channels_of("rwa/sat/wheel_1/log")["rwa/sat/wheel_1/log"]
@@ -159,7 +159,7 @@ def test_it_is_on_loopback_only_and_takes_nothing(session: zenoh.Session, tmp_pa
             socket.create_connection(("127.0.0.2", client.connection.remote_address[1]), timeout=WAIT_S)
 
 
-def test_a_port_that_is_taken_is_said(session: zenoh.Session, tmp_path: Path) -> None:
+def test_a_port_that_is_taken_is_reported(session: zenoh.Session, tmp_path: Path) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
         with (
@@ -169,7 +169,7 @@ def test_a_port_that_is_taken_is_said(session: zenoh.Session, tmp_path: Path) ->
             pass
 
 
-def test_a_missing_sdk_is_said(session: zenoh.Session, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_missing_sdk_is_reported(session: zenoh.Session, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.delitem(sys.modules, "rwa_monitor.dashboard.foxglove_server", raising=False)
     monkeypatch.setitem(sys.modules, "foxglove", None)  # as Python itself marks what cannot be imported
     with (

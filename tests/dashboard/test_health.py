@@ -37,7 +37,9 @@ def asked(session: zenoh.Session, key: str = "rwa/**/health") -> dict[str, Healt
     return {key: Health.parse(reply.payload.to_bytes(), key) for key, reply in zip(keys, replies, strict=True)}
 
 
-def test_a_monitor_tells_the_health_at_each_close_and_the_last_one_to_who_asks(session: zenoh.Session) -> None:
+def test_a_monitor_publishes_the_health_at_each_close_and_answers_queries_with_the_last_one(
+    session: zenoh.Session,
+) -> None:
     heard: list[tuple[str, bytes]] = []
     subscriber: Any = session.declare_subscriber(
         "rwa/sat/*/*", lambda sample: heard.append((str(sample.key_expr), sample.payload.to_bytes()))
@@ -72,7 +74,7 @@ def test_a_monitor_tells_the_health_at_each_close_and_the_last_one_to_who_asks(s
         subscriber.undeclare()
 
 
-def test_a_dashboard_tells_the_health_at_each_change_of_an_alarm(session: zenoh.Session, tmp_path: Path) -> None:
+def test_a_dashboard_publishes_the_health_at_each_change_of_an_alarm(session: zenoh.Session, tmp_path: Path) -> None:
     heard: list[Health] = []
     subscriber: Any = session.declare_subscriber(
         "rwa/sat/*/health", lambda sample: heard.append(Health.parse(sample.payload.to_bytes(), "heard"))
@@ -96,7 +98,7 @@ def test_a_dashboard_tells_the_health_at_each_change_of_an_alarm(session: zenoh.
         subscriber.undeclare()
 
 
-def test_who_asks_gets_the_later_of_what_monitor_and_dashboard_know(session: zenoh.Session, tmp_path: Path) -> None:
+def test_a_query_gets_the_later_health_of_monitor_and_dashboard(session: zenoh.Session, tmp_path: Path) -> None:
     from rwa_monitor.monitor.bus import MonitorBus
     from rwa_monitor.monitor.ingest.backfill import Inbox
 

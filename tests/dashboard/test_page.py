@@ -271,7 +271,7 @@ def test_what_is_written_and_pressed_stays_while_the_alarm_changes(
 
 
 @pytest.mark.browser
-def test_a_wheel_of_which_all_messages_are_refused_says_why(
+def test_a_wheel_of_which_all_messages_are_refused_shows_why(
     chromium: Any, session: zenoh.Session, tmp_path: Path
 ) -> None:
     why = "time_ns: Field required"
@@ -295,7 +295,7 @@ def test_empty_and_loading_states_are_drawn(chromium: Any, session: zenoh.Sessio
     with serve(DashboardOptions(0, tmp_path), session) as running, opened(chromium, complaint="") as page:
         page.route("**/api/recordings", lambda route: (page.wait_for_timeout(300), route.continue_()))
         page.goto(running.address)
-        expect(page.get_by_text("No wheel has been heard yet.")).to_be_visible()
+        expect(page.get_by_text("No wheel has reported yet.")).to_be_visible()
         page.goto(f"{running.address}#/alarms")
         expect(page.get_by_text("No alarm so far.")).to_be_visible()
         page.goto(f"{running.address}#/recordings")

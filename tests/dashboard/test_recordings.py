@@ -60,7 +60,7 @@ def test_only_recordings_of_the_folder_are_opened(tmp_path: Path) -> None:
         replay_json(RECORDING.parent, "../pyproject.toml")
 
 
-def test_the_list_tells_which_time_a_recording_covers(tmp_path: Path) -> None:
+def test_the_list_shows_which_time_a_recording_covers(tmp_path: Path) -> None:
     data = RECORDING.read_bytes()
     (tmp_path / "whole.mcap").write_bytes(data)
     (tmp_path / "cut.mcap").write_bytes(data[: len(data) * 2 // 3])

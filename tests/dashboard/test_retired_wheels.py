@@ -131,7 +131,7 @@ def test_an_event_that_is_not_written_yet_goes_before_what_is_written(tmp_path: 
 
 
 @pytest.mark.processes
-def test_nobody_is_alarmed_by_the_metrics_of_a_retired_wheel(session: zenoh.Session, tmp_path: Path) -> None:
+def test_a_retired_wheel_has_no_metrics(session: zenoh.Session, tmp_path: Path) -> None:
     def text() -> str:
         with urllib.request.urlopen(running.address + "metrics") as answer:
             return str(answer.read().decode())

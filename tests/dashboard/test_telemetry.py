@@ -123,7 +123,7 @@ def test_what_is_read_out_of_a_memory_is_no_rhythm() -> None:
     assert rhythm.stale_after_s == pytest.approx(96.0)
 
 
-def test_a_monitors_progress_stands_for_samples_that_are_not_heard() -> None:
+def test_a_monitors_progress_stands_for_samples_that_are_not_received() -> None:
     rhythm = Rhythm()
     assert rhythm.wall_ns is None
     rhythm.take_status(5, 100)
@@ -134,7 +134,7 @@ def test_a_monitors_progress_stands_for_samples_that_are_not_heard() -> None:
     assert rhythm.wall_ns == 300
 
 
-def test_a_course_says_since_when_and_where_it_goes() -> None:
+def test_a_verdict_history_has_its_beginning_and_its_change() -> None:
     course = VerdictHistory()
     course.extend(diagnosis(n) for n in range(3))
     assert (course.since_ns, course.windows, course.change) == (START_NS, 3, None)

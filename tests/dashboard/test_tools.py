@@ -81,7 +81,7 @@ def scraped(session: zenoh.Session, tmp_path: Path) -> Iterator[dict[str, dict[s
         yield parse(text())
 
 
-def test_the_metrics_are_in_prometheus_format_and_tell_what_is_known(scraped: dict[str, dict[str, Any]]) -> None:
+def test_the_metrics_are_in_prometheus_format_and_hold_what_is_known(scraped: dict[str, dict[str, Any]]) -> None:
     assert sum(scraped["rwa_wheel_verdict"]["values"]) == 2
     assert sorted(scraped["rwa_wheel_severity"]["values"]) == [0.0, 1.0]
     assert scraped["rwa_monitor_slots_missed_total"]["values"] == [2.0, 2.0]

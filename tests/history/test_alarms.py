@@ -64,7 +64,7 @@ def test_it_clears_only_when_normal_and_acknowledged(deeds: list[object], policy
 
 
 @given(DEEDS, POLICIES)
-def test_nobody_is_said_to_have_seen_what_is_worse_than_what_they_saw(deeds: list[object], policy: Policy) -> None:
+def test_what_is_worse_than_what_was_acknowledged_is_not_acknowledged(deeds: list[object], policy: Policy) -> None:
     for _, _, after, _ in play(deeds, policy):
         if after.phase == Phase.ACKNOWLEDGED:
             assert after.level <= after.acknowledged_level
@@ -83,7 +83,7 @@ def test_a_window_that_decides_nothing_because_its_model_does_not_fit_raises_the
     assert observe(window.model_copy(update={"model_adequate": True}), Policy()) == {}
 
 
-def test_a_severity_in_doubt_counts_as_far_as_it_is_certain() -> None:
+def test_an_uncertain_severity_counts_as_far_as_it_is_certain() -> None:
     window = diagnosis(0, severity=2.0)
     assert observe(window, Policy())["viscous"].level == Level.DISTRESS
     doubtful = window.anomalies["viscous"].model_copy(update={"severity_std": 1.7})

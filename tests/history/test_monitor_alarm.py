@@ -1,4 +1,4 @@
-"""The alarm of a monitor that is not heard, in the history: as every other, but by words of it instead of windows."""
+"""The alarm of a monitor that does not report, in the history: as every other, but by its reports, not by windows."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def test_the_alarm_goes_the_way_of_every_other(place: Path | str) -> None:
         assert history.monitors() == {("sat", "wheel_1"): False}
 
 
-def test_one_that_nobody_has_acknowledged_stays_and_comes_again(place: Path | str) -> None:
+def test_one_that_is_not_acknowledged_stays_and_comes_again(place: Path | str) -> None:
     with History(place) as history:
         history.add(diagnosis(0))
         history.take_monitors([REPORTING])

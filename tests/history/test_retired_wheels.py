@@ -34,7 +34,7 @@ def test_a_wheel_is_retired_and_back_and_every_event_is_kept(place: Path | str) 
         assert history.windows("sat", "wheel_1") == [diagnosis(0), diagnosis(1)]  # nothing of the wheel is removed
 
 
-def test_a_wheel_whose_alarm_nobody_has_seen_is_not_retired(place: Path | str) -> None:
+def test_a_wheel_with_an_alarm_to_acknowledge_is_not_retired(place: Path | str) -> None:
     with History(place) as history:
         history.add_all([diagnosis(n, severity=1.0) for n in range(2)])
         with pytest.raises(InputError, match="alarms to acknowledge first: viscous"):
@@ -45,6 +45,6 @@ def test_a_wheel_whose_alarm_nobody_has_seen_is_not_retired(place: Path | str) -
 
 
 @pytest.mark.parametrize("person", ["", "  ", "n" * 101])
-def test_nobody_retires_a_wheel_without_a_name(person: str) -> None:
+def test_a_wheel_is_not_retired_without_a_name(person: str) -> None:
     with History(None) as history, pytest.raises(InputError, match="name"):
         history.retired.retire("sat", "wheel_1", person)

@@ -25,7 +25,7 @@ def next_deed(feed: ClientConnection) -> str:
                 return str(entry["message"]["event"])
 
 
-def test_a_wheel_that_is_put_aside_on_one_leaves_the_list_of_the_other(new_database: str) -> None:
+def test_a_wheel_that_is_retired_on_one_leaves_the_list_of_the_other(new_database: str) -> None:
     with History(new_database) as history:
         history.add_all([diagnosis(n, wheel="wheel_1") for n in range(2)])
     options = DashboardOptions(0, token="right", history=new_database)

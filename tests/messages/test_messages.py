@@ -66,7 +66,7 @@ def test_every_field_of_the_design_is_required(message: type[messages.Message], 
     assert fields <= set(message.json_schema()["required"])
 
 
-def test_what_the_monitor_says_fits_the_schemas() -> None:
+def test_what_the_monitor_publishes_fits_the_schemas() -> None:
     from rwa_monitor.monitor.core import WheelCore
     from tests.monitor.support import model
 

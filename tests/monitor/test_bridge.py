@@ -123,7 +123,7 @@ def test_an_address_is_read() -> None:
     assert UdpAddress.parse("0.0.0.0:7", "--udp") == UdpAddress("0.0.0.0", 7)
 
 
-def test_an_address_that_is_taken_or_is_none_is_told() -> None:
+def test_an_address_that_is_taken_or_is_none_is_reported() -> None:
     address = free_udp()
     with listening(address), pytest.raises(RwaMonitorError, match="cannot be listened on"), listening(address):
         pass

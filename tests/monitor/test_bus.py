@@ -27,7 +27,7 @@ def setting(options: BusOptions, key: str) -> object:
     return json.loads(session_config(options).get_json(key))
 
 
-def test_nothing_listens_and_nothing_is_searched_for_unless_told() -> None:
+def test_nothing_listens_and_nothing_is_searched_for_by_default() -> None:
     options = BusOptions()
     assert setting(options, "mode") == "peer"
     assert setting(options, "listen/endpoints") == []
@@ -39,7 +39,7 @@ def test_nothing_listens_and_nothing_is_searched_for_unless_told() -> None:
         assert session.info.links() == []
 
 
-def test_options_and_a_configuration_file_are_heard(tmp_path: Path) -> None:
+def test_options_and_a_configuration_file_count(tmp_path: Path) -> None:
     file = tmp_path / "zenoh.json5"
     file.write_text(
         '{ mode: "client", connect: { endpoints: ["tcp/127.0.0.1:1"] }, scouting: { multicast: { enabled: true } } }'
@@ -63,14 +63,14 @@ def test_options_and_a_configuration_file_are_heard(tmp_path: Path) -> None:
         (BusOptions(config=Path("does-not-exist.json5")), "does-not-exist.json5"),
     ],
 )
-def test_a_wrong_option_is_told(options: BusOptions, source: str) -> None:
+def test_a_wrong_option_is_reported(options: BusOptions, source: str) -> None:
     with pytest.raises(InputError) as caught:
         open_session(options)
     assert caught.value.source == source
     assert "\n" not in str(caught.value)
 
 
-def test_a_bus_that_cannot_be_reached_is_told() -> None:
+def test_a_bus_that_cannot_be_reached_is_reported() -> None:
     with pytest.raises(RwaMonitorError, match=r"127\.0\.0\.1:1"):
         open_session(BusOptions(mode="client", connect=("tcp/127.0.0.1:1",)))
 
@@ -135,7 +135,7 @@ def answer(question: Question, *found: Arrival) -> None:
     question[3]()
 
 
-def test_a_publisher_that_is_heard_late_is_asked_for_what_it_sent_before_and_others_pass() -> None:
+def test_a_publisher_that_appears_late_is_asked_for_what_it_sent_before_and_others_pass() -> None:
     history, backfill = asking()
     late, other = arrivals("late", range(8)), arrivals("other", range(2))
     assert drained(backfill, deque([late[5], other[0], late[6], other[1]])) == other
@@ -346,7 +346,7 @@ def hears(listening: zenoh.Session, sending: zenoh.Session) -> bool:
 
 
 @pytest.mark.parametrize("mode", ["router", "peer"])
-def test_those_who_only_connect_hear_each_other_through_whoever_listens(mode: Literal["router", "peer"]) -> None:
+def test_those_who_only_connect_reach_each_other_through_whoever_listens(mode: Literal["router", "peer"]) -> None:
     """As peers behind a router they would be silently deaf to each other."""
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     only_connected = BusOptions(connect=(endpoint,))

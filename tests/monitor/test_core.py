@@ -109,7 +109,7 @@ def test_a_core_resumed_from_a_checkpoint_gives_the_same_bytes(kind: str, cuts: 
     assert said([*events, *core.finish()]) == whole(kind)
 
 
-def test_what_is_carried_after_any_window_is_what_its_file_says() -> None:
+def test_what_is_carried_after_any_window_is_what_its_file_holds() -> None:
     """Otherwise a core that was resumed diagnoses from other numbers: those of the file have 12 digits."""
     unseen = 0
     for seed in range(3):
@@ -165,7 +165,7 @@ def test_a_checkpoint_of_another_wheel_is_refused() -> None:
     with pytest.raises(InputError, match="does not fit"):
         resumed(core.checkpoint().to_json(), wheel())
     with pytest.raises(InputError, match="counts"):
-        resumed(b'{"version":1,"source":"","said_missing":false}', wheel())
+        resumed(b'{"version":2,"source":"","said_missing":false}', wheel())
 
 
 # ---- when windows close ----------------------------------------------------------------------------------------------
@@ -270,7 +270,7 @@ def test_motor_torque_serves_as_well_as_current() -> None:
     assert said(list(diagnose_samples(torque, wheel(), model()))) == plain
 
 
-def test_a_message_that_lacks_the_channel_is_masked_and_told_once() -> None:
+def test_a_message_that_lacks_the_channel_is_masked_and_reported_once() -> None:
     samples = telemetry(300)
     bare = Samples(samples.time_ns, samples.speed_rad_s, motor_current_A=samples.motor_current_A)
     core = WheelCore(wheel(), model())

@@ -83,7 +83,7 @@ def case(kind: str, seed: int) -> tuple[Wheel, Samples, list[tuple[str, bytes]],
     restarts=st.sets(st.integers(0, 40), max_size=4),
 )
 @example(seed=50_230, cuts=[3_019], restarts=set())  # derived friction that stands out at the end of a block
-def test_disordered_telemetry_says_the_same_in_any_messages(
+def test_disordered_telemetry_gives_the_same_in_any_messages(
     kind: str, seed: int, cuts: list[int], restarts: set[int]
 ) -> None:
     of_wheel, samples, whole, counts = case(kind, seed)
@@ -98,7 +98,7 @@ def test_disordered_telemetry_says_the_same_in_any_messages(
 
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("size", [1, 64, 256])
-def test_disordered_telemetry_says_the_same_in_messages_of_one_size(kind: str, size: int) -> None:
+def test_disordered_telemetry_gives_the_same_in_messages_of_one_size(kind: str, size: int) -> None:
     of_wheel, samples, whole, counts = case(kind, 50_100)
     core, events = WheelCore(of_wheel, model()), []
     for start in range(0, len(samples), size):

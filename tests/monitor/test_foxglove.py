@@ -84,7 +84,7 @@ def test_every_panel_of_the_layout_stands_somewhere(written: tuple[Path, Topics,
     assert panels_in(tabs[0]["layout"]) == drawn["configById"].keys() - {drawn["layout"]}
 
 
-def test_what_the_recording_says_is_there_byte_for_byte(written: tuple[Path, Topics, Any]) -> None:
+def test_what_the_recording_holds_is_there_byte_for_byte(written: tuple[Path, Topics, Any]) -> None:
     source, topics, _ = written
     recorded = [message for path in sorted(source.iterdir()) for message in read_recording(path).messages]
     for kind in ("samples", "diagnosis", "health", "changepoints", "status"):

@@ -208,7 +208,7 @@ DISK_FULL = """
 """
 
 
-def test_a_failing_disk_is_told_survived_and_used_again_when_it_works(tmp_path: Path) -> None:
+def test_a_failing_disk_is_reported_survived_and_used_again_when_it_works(tmp_path: Path) -> None:
     result = subprocess.run(
         [sys.executable, "-c", textwrap.dedent(DISK_FULL), str(tmp_path)],
         capture_output=True,

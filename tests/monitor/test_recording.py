@@ -44,7 +44,7 @@ def test_log_times_never_go_back(tmp_path: Path) -> None:
     assert [message.log_time for message in read_recording(path).messages] == [100, 100, 100, 200]
 
 
-def test_every_cut_gives_true_messages_in_order_and_says_what_is_lost(whole: tuple[Path, list[bytes]]) -> None:
+def test_every_cut_gives_true_messages_in_order_and_reports_what_is_lost(whole: tuple[Path, list[bytes]]) -> None:
     path, payloads = whole
     data = path.read_bytes()
     cut = path.with_name("cut.mcap")

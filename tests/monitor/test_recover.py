@@ -99,7 +99,7 @@ def test_recover_on_every_flipped_byte_of_a_small_file_gives_only_true_messages(
         target.unlink()
 
 
-def test_recover_says_nothing_is_lost_when_nothing_is(whole: tuple[Path, list[bytes]]) -> None:
+def test_recover_reports_nothing_lost_when_nothing_is(whole: tuple[Path, list[bytes]]) -> None:
     path, payloads = whole
     recovery = recover(path, path.with_name("copy.mcap"))
     assert (recovery.messages, recovery.lost) == (len(payloads), ())
@@ -147,7 +147,7 @@ def test_recover_leaves_nothing_behind_of_what_is_no_recording(tmp_path: Path) -
     assert not target.exists()
 
 
-def test_recover_tells_the_time_that_is_saved_and_lost(tmp_path: Path) -> None:
+def test_recover_reports_the_time_that_is_saved_and_lost(tmp_path: Path) -> None:
     path, saved, again = tmp_path / "holes.mcap", tmp_path / "saved.mcap", tmp_path / "again.mcap"
     wheels = ("rwa/sat/wheel_1/samples", "rwa/sat/wheel_2/samples")
     writer = RecordingWriter(path, {}, lambda: 4)

@@ -100,7 +100,9 @@ def test_an_adequate_window_in_between_starts_again(searches: Searches) -> None:
     assert searches.poll() == []
 
 
-def test_samples_that_cannot_be_searched_are_told_and_nothing_is_published(searches: Searches, said: list[str]) -> None:
+def test_samples_that_cannot_be_searched_are_reported_and_nothing_is_published(
+    searches: Searches, said: list[str]
+) -> None:
     searches.take_diagnosis("sat", "a", adequate=False)
     few = Samples(np.arange(5) * 125_000_000, np.full(5, 100.0), np.full(5, 1e-3))
     searches.take_input("sat", "a", samples_json(few, "p", 0))
@@ -121,14 +123,14 @@ def begun(searches: Searches, copies: int = 1) -> BaseProcess:
     return child
 
 
-def test_nobody_waits_until_the_process_takes_its_samples(searches: Searches) -> None:
+def test_the_monitor_does_not_wait_until_the_process_takes_its_samples(searches: Searches) -> None:
     begun(searches, copies=20)  # more than a pipe holds: its process takes them when it has imported what it needs
     assert [thread.name for thread in threading.enumerate()].count(HAND_OVER) == 1
     searches.close()
     wait_for(lambda: HAND_OVER not in {thread.name for thread in threading.enumerate()}, "the thread to end")
 
 
-def test_where_no_process_can_be_started_that_is_said_and_the_next_one_is_tried(
+def test_where_no_process_can_be_started_that_is_reported_and_the_next_one_is_tried(
     searches: Searches, said: list[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def refused(_: object) -> None:
@@ -152,7 +154,7 @@ def test_close_ends_a_running_search_at_once(searches: Searches) -> None:
     assert child.exitcode == -signal.SIGKILL  # it was not waited for until it had its answer
 
 
-def test_a_search_whose_process_is_killed_is_told(searches: Searches, said: list[str]) -> None:
+def test_a_search_whose_process_is_killed_is_reported(searches: Searches, said: list[str]) -> None:
     begun(searches).kill()  # as the system does where memory is short
     wait_for(lambda: searches.poll() == [] and "ended without an answer" in said[-1], "the word that it has ended")
     assert said[-1] == "a discrepancy search ended without an answer (exit code -9)"

@@ -64,7 +64,7 @@ def statuses(listener: Listener) -> dict[str, dict[str, Any]]:
 # ---- in one process, on an embedded bus ------------------------------------------------------------------------------
 
 
-def test_an_embedded_monitor_says_what_the_batch_says_and_its_recording_replays(
+def test_an_embedded_monitor_gives_the_diagnoses_of_the_batch_and_its_recording_replays(
     session: zenoh.Session, listener: Listener, tmp_path: Path
 ) -> None:
     telemetries = {f"rwa/sat/wheel_{n}/samples": spoiled(telemetry(3 * WINDOW, n), n) for n in (1, 2)}
@@ -94,7 +94,7 @@ def test_an_embedded_monitor_says_what_the_batch_says_and_its_recording_replays(
     assert {(one["software"], one["build"]) for one in settings} == {(SOFTWARE, build())}
 
 
-def test_a_bus_that_is_gone_is_told_once_and_so_is_its_return() -> None:
+def test_a_bus_that_is_gone_is_reported_once_and_so_is_its_return() -> None:
     endpoint = f"tcp/127.0.0.1:{free_port()}"
     bus = BusOptions(connect=(endpoint,))
     with open_session(bus) as session, monitor(session, options(bus=bus)) as talk:
@@ -160,7 +160,7 @@ def test_what_is_damaged_on_its_way_is_asked_for_again(
     assert replay(tmp_path).bytes_equal
 
 
-def test_who_always_writes_what_cannot_be_read_is_refused_and_holds_up_nobody(
+def test_who_always_writes_what_cannot_be_read_is_refused_and_holds_up_nothing(
     session: zenoh.Session, listener: Listener, tmp_path: Path
 ) -> None:
     samples = telemetry(WINDOW + 1)
@@ -179,7 +179,9 @@ def test_who_always_writes_what_cannot_be_read_is_refused_and_holds_up_nobody(
     assert refused == [b"\x91" * (start + 1) for start in range(0, len(samples), 50)]
 
 
-def test_a_sensor_that_jumps_again_and_again_is_told_once_a_window(session: zenoh.Session, listener: Listener) -> None:
+def test_a_sensor_that_jumps_again_and_again_is_reported_once_a_window(
+    session: zenoh.Session, listener: Listener
+) -> None:
     samples = telemetry(2 * WINDOW + 100)
     friction = samples.friction_torque_Nm.copy()
     friction[40::20] *= 40.0
@@ -192,7 +194,7 @@ def test_a_sensor_that_jumps_again_and_again_is_told_once_a_window(session: zeno
     assert 2 <= sum("stands out" in line for line in talk) <= 3
 
 
-def test_a_wild_time_is_not_told_as_that_of_the_latest_sample(session: zenoh.Session, listener: Listener) -> None:
+def test_a_wild_time_is_not_reported_as_that_of_the_latest_sample(session: zenoh.Session, listener: Listener) -> None:
     samples = telemetry(200)
     wild = Samples(np.array([1_801_000_000_000_000_000]), np.ones(1), np.ones(1))
     with monitor(session, options()):
@@ -204,7 +206,7 @@ def test_a_wild_time_is_not_told_as_that_of_the_latest_sample(session: zenoh.Ses
     assert listener.status()["last_sample_ns"] == int(samples.time_ns[-1])
 
 
-def test_a_wheel_that_cannot_be_served_is_told_in_its_status(session: zenoh.Session, listener: Listener) -> None:
+def test_a_wheel_that_cannot_be_served_is_reported_in_its_status(session: zenoh.Session, listener: Listener) -> None:
     samples = Samples(np.arange(50) * 125_000_000, np.ones(50))
     with monitor(session, options()) as talk:
         publish({KEY: samples}, session, speed=math.inf, batch_samples=10, linger_s=0.0)
@@ -232,7 +234,7 @@ def test_every_wheel_has_one_shard() -> None:
     assert sum(served) == len(names)
 
 
-def test_monitors_apart_by_their_keys_serve_each_wheel_once_and_none_that_is_nobody_s() -> None:
+def test_monitors_apart_by_their_keys_serve_each_wheel_once_and_no_other() -> None:
     samples = telemetry(WINDOW + 20)
     keys = ("rwa/one/*/samples", "rwa/two/*/samples", "rwa/three/w1/samples")
     names = [f"{spacecraft}/{wheel}" for spacecraft in ("one", "two", "three") for wheel in ("w1", "w2")]
@@ -277,7 +279,7 @@ def test_a_folder_that_another_monitor_uses_is_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.processes
-def test_two_processes_over_tcp_say_what_the_batch_says(tmp_path: Path, wheel_file: Path) -> None:
+def test_two_processes_over_tcp_give_the_diagnoses_of_the_batch(tmp_path: Path, wheel_file: Path) -> None:
     scenario, table, folder = tmp_path / "scenario.toml", tmp_path / "sent.parquet", tmp_path / "recordings"
     scenario.write_text(f"[scenario]\nduration_s = {(2 * WINDOW + 300) * 0.125}\n")
     same = ("--scenario", scenario, "--wheel", wheel_file, "--seed", "5")

@@ -12,9 +12,9 @@ from hypothesis import given, settings
 from rwa_monitor.monitor.core import WheelCore
 from rwa_monitor.monitor.events import EpochStarted, StraySamples, WindowDiagnosed
 from rwa_monitor.monitor.ingest.sequencer import (
-    CHALLENGE_MESSAGES,
-    DOUBT_FACTOR,
     HOLD_BACK_MESSAGES,
+    TAKEOVER_MESSAGES,
+    UNCERTAIN_FACTOR,
     Counts,
     MessagesMissed,
     PublisherChanged,
@@ -38,7 +38,7 @@ def new_core() -> WheelCore:
     return WheelCore(wheel(), None)
 
 
-def test_gaps_late_and_repeated_samples_are_told_apart() -> None:
+def test_gaps_late_and_repeated_samples_are_distinguished() -> None:
     core = new_core()
     core.feed(samples_at([0, 1, 2, 5, 6]))
     core.feed(samples_at([3]))  # passed and empty: late
@@ -96,7 +96,7 @@ def test_a_clock_step_of_more_than_a_window_begins_an_epoch(step: int) -> None:
 
 @pytest.mark.parametrize("size", [1, 3, 100])
 @pytest.mark.parametrize("wild", [-(2**55), 2**40, 2**60])
-def test_single_wild_times_are_rejected_and_told_however_samples_are_cut(size: int, wild: int) -> None:
+def test_single_wild_times_are_rejected_and_reported_however_samples_are_cut(size: int, wild: int) -> None:
     samples = telemetry(2 * WINDOW + 50)
     spoilt = samples[:]
     places = [0, 7, 8, 500, 1_501]
@@ -212,7 +212,7 @@ def test_the_end_releases_a_restarted_publisher_with_few_messages() -> None:
     core = new_core()
     for number, part in enumerate(parts):
         core.feed(part, "before" if number < 3 else "after", number if number < 3 else 0)
-    assert CHALLENGE_MESSAGES > 1
+    assert TAKEOVER_MESSAGES > 1
     assert core.counts.queued == 50
     core.finish()
     assert (core.counts.used, core.counts.queued) == (200, 0)
@@ -269,12 +269,12 @@ def test_two_publishers_that_send_in_bursts_are_not_mixed(sizes: tuple[int, int]
 
 
 def test_a_publisher_that_was_replaced_does_not_take_turns() -> None:
-    parts = batches(20 * CHALLENGE_MESSAGES)
+    parts = batches(20 * TAKEOVER_MESSAGES)
     core = new_core()
     events = core.feed(parts[0], "one", 0)
-    for number in range(1, CHALLENGE_MESSAGES + 1):
+    for number in range(1, TAKEOVER_MESSAGES + 1):
         events += core.feed(parts[number], "other", number)
-    for start in range(CHALLENGE_MESSAGES + 1, len(parts) - 8, 8):
+    for start in range(TAKEOVER_MESSAGES + 1, len(parts) - 8, 8):
         for number in range(start, start + 7):
             events += core.feed(parts[number], "one", number)
         events += core.feed(parts[start + 7], "other", start + 7)
@@ -285,7 +285,7 @@ def test_a_publisher_that_was_replaced_does_not_take_turns() -> None:
 
 
 def test_a_publisher_that_restarts_with_its_clock_set_back_is_taken_over_after_a_while() -> None:
-    parts = batches(2 * DOUBT_FACTOR * CHALLENGE_MESSAGES)
+    parts = batches(2 * UNCERTAIN_FACTOR * TAKEOVER_MESSAGES)
     core = new_core()
     for number in range(30, 60):
         core.feed(parts[number], "before", number - 30)

@@ -74,7 +74,7 @@ def ear(tmp_path: Path) -> Iterator[Ear]:
 
 
 @pytest.mark.processes
-def test_a_supervisor_hears_of_a_start_a_standstill_and_a_stop(
+def test_a_supervisor_gets_notice_of_a_start_a_standstill_and_a_stop(
     ear: Ear, wheel_file: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     for name, value in ear.environment.items():
@@ -161,7 +161,7 @@ def test_the_token_of_a_killed_monitor_goes(wheel_file: Path) -> None:
     assert heard == [zenoh.SampleKind.PUT, zenoh.SampleKind.DELETE]
 
 
-def test_nobody_to_tell_is_no_error(tmp_path: Path) -> None:
+def test_no_supervisor_is_no_error(tmp_path: Path) -> None:
     for environment in (
         {},
         {"NOTIFY_SOCKET": str(tmp_path / "nobody"), "WATCHDOG_USEC": "1000000"},
@@ -207,7 +207,7 @@ def taken(folder: Path) -> Iterator[None]:
 
 
 @pytest.mark.processes
-def test_a_supervisor_can_tell_what_to_repeat_from_what_to_mend(tmp_path: Path, wheel_file: Path) -> None:
+def test_a_supervisor_can_distinguish_what_to_repeat_from_what_to_mend(tmp_path: Path, wheel_file: Path) -> None:
     """Exit code 1: the world may be better next time. 2: somebody must change a file or an option first."""
     broken = tmp_path / "broken.toml"
     broken.write_text("[wheel]\nname = 1\n")

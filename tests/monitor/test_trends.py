@@ -64,7 +64,7 @@ def test_nothing_grows_on_wheels_that_lack_it(fleet: list[Course], name: str) ->
 
 
 @pytest.mark.parametrize(("wheel", "name"), [(1, "dry"), (2, "viscous")])
-def test_a_growth_is_found_and_its_limit_told_beforehand(fleet: list[Course], wheel: int, name: str) -> None:
+def test_a_growth_is_found_and_its_limit_predicted(fleet: list[Course], wheel: int, name: str) -> None:
     course, seen = fleet[wheel], 12
     truth = course.windows[0].telemetry.truth
     healthy = float((truth.base_dry_Nm if name == "dry" else truth.viscous_Nm_s_rad)[0])

@@ -104,7 +104,7 @@ def test_a_file_that_no_wheel_used_is_named(tmp_path: Path) -> None:
     assert "wheel files that no wheel used: sat/wheel_l; are these the names on the bus?" in talk
 
 
-def test_a_set_is_what_its_attachments_say() -> None:
+def test_a_set_is_what_its_attachments_hold() -> None:
     known = WheelSet(wheel(), {OWN: wheel(WINDOW // 2)})
     attachments = {COMMON: wheel().to_toml().encode(), **known.own_attachments()}
     assert sorted(attachments) == ["wheel.toml", "wheels/sat/wheel_2.toml"]

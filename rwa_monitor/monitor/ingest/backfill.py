@@ -10,7 +10,7 @@ by its batch number further on.
 
 After an outage, or a start of the monitor, that is so of all publishers of a fleet at once. Their answers, which may be
 whole histories, are not counted before they are here: so a few publishers are asked at a time, the others when those
-have answered, and nobody new while answers lie here that were not passed on.
+have answered, and no other while answers lie here that were not passed on.
 """
 
 from __future__ import annotations
@@ -39,8 +39,8 @@ MAX_SOURCES: Final = 10_000  # publishers that are remembered; one that is forgo
 class Arrival(NamedTuple):
     """A message that arrived: where it was published, its content, who published it, and as which of its messages.
 
-    `source` is zid/eid of the publisher in Zenoh, "" where it does not say; `number` counts from 0. `is_gap` marks what
-    is no message, but tells that all before `number` was sent: the inbox had no room for it. `again` marks what was
+    `source` is zid/eid of the publisher in Zenoh, "" where it is not named; `number` counts from 0. `is_gap` marks what
+    is no message, but marks that all before `number` was sent: the inbox had no room for it. `again` marks what was
     asked for once more because it could not be read.
     """
 
@@ -123,7 +123,7 @@ class Inbox:
             return lost
 
     def close(self) -> None:
-        """Let nobody wait any more."""
+        """End all waiting."""
         with self._room:
             self.patience_s = 0.0
             self._room.notify_all()
@@ -162,11 +162,11 @@ class _Gap:
             self.found_bytes += len(message.payload)
 
     def is_awaited(self, now_s: float) -> bool:
-        """Tell whether an answer is awaited."""
+        """Return whether an answer is awaited."""
         return self.asked_s is not None and self.answered_s is None and now_s < self.asked_s + TIMEOUT_S
 
     def is_closed(self) -> bool:
-        """Tell whether all that was missing was found."""
+        """Return whether all that was missing was found."""
         return len(self.found) >= self.before.number - self.first
 
 
@@ -323,7 +323,7 @@ class Backfill:
         if gap.unread is not None:
             found = {gap.first: found.get(gap.first, gap.unread)._replace(again=True)}
         lost = gap.before.number - gap.first - len(found)
-        if lost > 0 and gap.first > 0:  # what a publisher sent before we ever heard of it, nobody misses
+        if lost > 0 and gap.first > 0:  # what a publisher sent before its first message here does not count
             self.missed[gap.before.key] = self.missed.get(gap.before.key, 0) + lost
         for number in sorted(found):
             self._pass(found[number])

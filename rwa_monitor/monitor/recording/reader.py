@@ -1,8 +1,8 @@
 """Reads recordings: MCAP files in which every byte that is believed has passed its checksum.
 
-The mcap package's own readers check no CRC unless told to, skip those of attachments always, and give nothing of a file
+The mcap package's own readers check no CRC by default, skip those of attachments always, and give nothing of a file
 that was cut. This reader walks over the records itself (one byte opcode, eight bytes length, content), keeps what is
-whole, and says what is not.
+whole, and reports what is not.
 
 A file may be made to do harm: a few bytes that unpack to gigabytes, a million beginnings of chunks that are none. What
 it says of its sizes is compared with limits before anything is copied or unpacked, and so is the work on all of it; a
@@ -414,7 +414,7 @@ class _Walk:
         return len(self.data)
 
     def _is_chunk(self, start: int, stop: int) -> bool:
-        """Tell whether a whole chunk lies between two positions; looks at its head before it copies anything."""
+        """Return whether a whole chunk lies between two positions; looks at its head before it copies anything."""
         opcode, _, _, _, size, _ = _CHUNK_HEAD.unpack(self.data[start : start + _CHUNK_HEAD.size])
         data = start + _COMPRESSION_OFFSET + len(_ZSTD_NAME) + 8
         length = int.from_bytes(self.data[data - 8 : data], "little")
@@ -430,7 +430,7 @@ class _Walk:
 
 
 def _is_ignored(opcode: int, content: bytes) -> bool:
-    """Tell whether this is a record from which nothing is taken, as it has no checksum of its own.
+    """Return whether this is a record from which nothing is taken, as it has no checksum of its own.
 
     Its lengths must agree: a chunk whose opcode has a flipped bit must not pass for one, and be lost without a word.
     """
@@ -455,7 +455,7 @@ def _believed_attachment(content: bytes) -> Attachment | None:
 
 
 def _believable(chunk: Chunk) -> bool:
-    """Tell whether a chunk has a checksum, and a size that may be unpacked."""
+    """Return whether a chunk has a checksum, and a size that may be unpacked."""
     if chunk.uncompressed_crc == 0 or chunk.uncompressed_size > MAX_CHUNK_BYTES:
         return False
     if chunk.compression == "zstd":

@@ -2,7 +2,7 @@
 
 A recording carries the wheel, the model, all settings, the name and hash of its predecessor, and a checkpoint of every
 wheel at its beginning, as attachments. Its messages are, in this order: inputs as they came, before they are processed
-(those that were refused on the topic {key}/refused), then what the monitor said of them.
+(those that were refused on the topic {key}/refused), then the outputs for them.
 
 Log times are the wheels' own clock, so that two runs on the same inputs write the same messages: the time of the latest
 sample of the message, or that of the message before where this would go back (several wheels, a clock that stepped).
@@ -11,8 +11,8 @@ disk at least every second and at each closed window.
 
 When a recording is full the next one is begun, and the state of one wheel after the other is brought over while all go
 on: until a wheel's checkpoint stands in the new file, its messages go on into the one before. So the new file holds,
-of each wheel, a checkpoint before its first message, and is replayed by itself; only for as long as it says that it has
-the checkpoints of some wheels ("checkpoints" in settings.json), a monitor that is started needs the one before, too.
+of each wheel, a checkpoint before its first message, and is replayed by itself; only while it has the checkpoints of
+some wheels ("checkpoints" in settings.json), a monitor that is started needs the one before, too.
 Before a checkpoint is written, all that its state was made of is brought to the disk. When all wheels are there the
 file before is ended, and its hash is attached to the new one with the settings once more.
 
@@ -45,7 +45,7 @@ from rwa_monitor.telemetry.files import make_folder
 from rwa_monitor.version import SOFTWARE
 
 RECORDING_VERSION: Final = 1
-MAX_FILE_BYTES: Final = 32 * 2**20  # then the next file is begun; rebuilding from one takes some seconds
+MAX_FILE_BYTES: Final = 32 * 2**20  # then the next file is begun; state recovery from one takes some seconds
 MAX_FILE_AGE_S: Final = 24 * 3600.0
 MIN_FREE_BYTES: Final = 64 * 2**20  # left on the disk for others
 SCHEMAS_BYTES: Final = 32 * 2**10  # in every file
@@ -80,9 +80,9 @@ class Predecessor:
         return {self.name} | (self.rest.names() if self.rest else set())
 
     def to_settings(self) -> dict[str, Any]:
-        """Return what a recording says of it."""
-        told: dict[str, Any] = {"name": self.name, "sha256": self.sha256}
-        return told if self.rest is None else told | {"rest": self.rest.to_settings()}
+        """Return what a recording holds of it."""
+        named: dict[str, Any] = {"name": self.name, "sha256": self.sha256}
+        return named if self.rest is None else named | {"rest": self.rest.to_settings()}
 
 
 class Recorder:
@@ -202,7 +202,7 @@ class Recorder:
     def _settings_of(
         self, predecessor: Predecessor | None, which: str, inherited: Sequence[RecordedOutput] = ()
     ) -> bytes:
-        """Return what a recording says of itself."""
+        """Return the settings that a recording holds."""
         return dump_json(
             {
                 **self._settings,
@@ -226,7 +226,7 @@ class Recorder:
         self._write(f"{key}/{REFUSED}", REFUSED_SCHEMA, payload[:MAX_MESSAGE_BYTES], None)
 
     def output(self, key: str, schema: str, payload: bytes, time_ns: int | None) -> None:
-        """Record what the monitor says."""
+        """Record an output of the monitor."""
         self._write(key, schema, payload, time_ns)
 
     def sync(self, now_s: float) -> None:
@@ -293,7 +293,7 @@ class Recorder:
         assert self._writer is not None
         self._moved_s = now_s
         try:
-            # A state must not come to the disk before all that it was made of, nor what was said of it be lost.
+            # A state must not come to the disk before all that it was made of, nor its outputs be lost.
             self._ending.sync()
             moved = 0
             while self._left and moved < min(MOVED_BYTES, self._max_file_bytes):
@@ -311,7 +311,7 @@ class Recorder:
             self._fail(error, now_s)
 
     def _end(self, which: str) -> Predecessor | None:
-        """Close the file before, and let the new one say what it was; return that, None where there is none."""
+        """Close the file before, and write into the new one what it was; return that, None where there is none."""
         if self._ending is None or self._writer is None:
             return None
         self._ending.close()

@@ -45,7 +45,7 @@ def recover(source: Path, target: Path) -> Recovery:
     """Copy what `source` still holds into a whole recording `target`.
 
     Times, topics and bytes of messages and attachments stay as they are, and so does their order; of a large file only
-    a piece is in memory. The new file says in an attachment what it was made from and what was lost.
+    a piece is in memory. The new file holds in an attachment what it was made from and what was lost.
 
     Raises
     ------
@@ -70,7 +70,7 @@ def recover(source: Path, target: Path) -> Recovery:
         raise InputError(str(target), "exists already; nothing is overwritten", "--output") from error
     except OSError as error:
         raise InputError(str(target), f"cannot be written: {error.strerror}", "--output") from error
-    spans = (span.told(topic, passing.recording.finished) for topic, span in sorted(copy.spans.items()))
+    spans = (span.line(topic, passing.recording.finished) for topic, span in sorted(copy.spans.items()))
     return Recovery(copy.messages, tuple(lost), tuple(spans))
 
 
@@ -98,7 +98,7 @@ class _Span:
             self.holes.append(f"{counted(missing, 'message')} {between} {is_or_are(missing)} lost")
         self._next, self.end_ns = number + 1, end_ns
 
-    def told(self, topic: str, finished: bool) -> str:
+    def line(self, topic: str, finished: bool) -> str:
         """Return it as a line."""
         wheel = topic.removeprefix(f"{KEY_PREFIX}/").removesuffix(f"/{SamplesMessage.kind}")
         parts = [f"{wheel}: samples of {time_text(self.begin_ns)} to {time_text(self.end_ns)} are saved"]

@@ -5,7 +5,7 @@ import { signature } from "./signature.js";
 import { last } from "./store.js";
 
 const HOURS = [1, 8, 24, 168];
-const MONITOR = "monitor"; // the alarm of a monitor that is not heard: one process that died is one card
+const MONITOR = "monitor"; // the alarm of a monitor that does not report: one process that died is one card
 const TOGETHER_NS = 10e9;
 
 /** Whether an alarm is shelved, for now. */
@@ -83,10 +83,10 @@ function gathered(all) {
   return cards;
 }
 
-/** When an alarm rose: that of a monitor by the clock of the machine that did not hear it. */
+/** When an alarm rose: that of a monitor by the clock of the machine that missed it. */
 const raised = (alarm) => (alarm.name === MONITOR ? `Raised at ${utc(alarm.trail[0].wall_ns)}.` : `Raised with the window to ${wheelTime(alarm.raised_ns)}.`);
 
-/** What the latest window says of the alarm's part: the reason above keeps the figures of the window that raised it. */
+/** What the latest window shows of the alarm's part: the reason above keeps the figures of the window that raised it. */
 function latestFigures(alarm, latest) {
   const part = latest?.anomalies[alarm.name];
   if (!part) return null;

@@ -2,8 +2,8 @@
 import { h } from "./dom.js";
 import { number, quantity, wheelTime } from "./format.js";
 
-const VERDICT = { adequate: "✓ the friction model fits", inadequate: "▲ the friction model lacks something", untestable: "? this data cannot tell" };
-const UNIT_SUFFIX = /_(Nm|Nm_s_rad|rad_s2?|s|degC|A|V|kg_m2|per_.*)$/; // said again by the value's unit
+const VERDICT = { adequate: "✓ the friction model fits", inadequate: "▲ the friction model lacks something", untestable: "? not testable with this data" };
+const UNIT_SUFFIX = /_(Nm|Nm_s_rad|rad_s2?|s|degC|A|V|kg_m2|per_.*)$/; // repeated by the value's unit
 const words = (name) => name.replaceAll("_", " ");
 const title = (parameter) => words(parameter.replace(UNIT_SUFFIX, ""));
 const value = (one) => (one.unit === "-" || one.unit === "" ? number(one.value) : quantity(one.value, one.unit));
@@ -13,7 +13,7 @@ export function discrepancyReport(found) {
     h("p", { class: "soft" }, `From samples of ${wheelTime(found.start_ns)} to ${wheelTime(found.end_ns)}.`)];
   if (found.effects.length) {
     lines.push(h("div", { class: "scroll", tabindex: 0, role: "region", "aria-label": "Effects found" }, h("table", {},
-      h("thead", {}, h("tr", {}, ["effect", "parameters", "p-value", "cannot be told from", "what would tell"].map((text) => h("th", { scope: "col" }, text)))),
+      h("thead", {}, h("tr", {}, ["effect", "parameters", "p-value", "cannot be distinguished from", "what would distinguish them"].map((text) => h("th", { scope: "col" }, text)))),
       h("tbody", {}, found.effects.map((one) => h("tr", {},
         h("th", { scope: "row" }, words(one.name)),
         h("td", {}, Object.entries(one.parameters).map(([name, found]) => h("div", {}, `${title(name)} ${value(found)}${found.std === null ? "" : ` ± ${value({ ...found, value: found.std })}`}`))),

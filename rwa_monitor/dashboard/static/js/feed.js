@@ -1,4 +1,4 @@
-/** The live feed: one WebSocket, opened again by itself; says when it is gone. */
+/** The live feed: one WebSocket, opened again by itself; shows when it is gone. */
 const QUIET_MS = 4000; // the server beats every second
 const RETRY_MS = 1000;
 

@@ -50,7 +50,7 @@ export function retirementCard(store, wheel) {
 
   function refresh(state) {
     const aside = store.isRetired(wheel.name);
-    const known = wheel.diagnoses.length || wheel.heard !== null;
+    const known = wheel.diagnoses.length || wheel.reported !== null;
     element.hidden = !store.live || !known || (state === "live" && !aside);
     const now = JSON.stringify([element.hidden, store.retirements.get(wheel.name)]);
     if (element.hidden || now === drawn) return;

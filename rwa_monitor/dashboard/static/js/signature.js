@@ -2,7 +2,7 @@ import { ask } from "./ask.js";
 import { h } from "./dom.js";
 import { setToken, token } from "./token.js";
 
-/** Who changes something, and why: the fields for it, and what posts the change or says why it was refused. */
+/** Who changes something, and why: the fields for it, and what posts the change or shows why it was refused. */
 export function signature() {
   const name = h("input", { name: "name", placeholder: "your name", "aria-label": "Your name", required: true, maxlength: 100 });
   const note = h("input", { name: "note", placeholder: "note (optional)", "aria-label": "Note", maxlength: 2000 });

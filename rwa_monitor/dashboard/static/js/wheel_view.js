@@ -21,7 +21,7 @@ export function wheelView(store, name, base) {
   const retirement = retirementCard(store, wheel);
   const report = h("section", { class: "card", hidden: true });
   const notice = h("p", { class: "inconclusive", role: "status", hidden: true });
-  let drawn = "", reported = null, past = [], course = null;
+  let drawn = "", reported = null, earlier = [], course = null;
   let closed = false;
 
   if (store.live) backfill();
@@ -40,7 +40,7 @@ export function wheelView(store, name, base) {
       now.evidence.forEach((one) => store.addCurve(wheel, one));
       wheel.discrepancy ??= now.discrepancy;
       wheel.status ??= now.status;
-      past = records;
+      earlier = records;
       course = Object.fromEntries(trend.map((one) => [one.name, one]));
       drawn = "";
       notice.hidden = true;
@@ -73,9 +73,9 @@ export function wheelView(store, name, base) {
 
   /** The history's estimates, and those of the windows since. */
   function records() {
-    const known = past.length ? past[past.length - 1].window_end_ns : -1;
+    const known = earlier.length ? earlier[earlier.length - 1].window_end_ns : -1;
     const later = wheel.diagnoses.filter((one) => one.window_end_ns > known);
-    return [...past, ...later.flatMap((one) => Object.entries(one.anomalies).map(([part, found]) => ({ name: part, window_end_ns: one.window_end_ns, value: found.estimate, ...found })))];
+    return [...earlier, ...later.flatMap((one) => Object.entries(one.anomalies).map(([part, found]) => ({ name: part, window_end_ns: one.window_end_ns, value: found.estimate, ...found })))];
   }
 
   function drawHead(diagnosis, state) {
