@@ -5,10 +5,10 @@ from __future__ import annotations
 import math
 import secrets
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from threading import Event
-from typing import Any, Final, Protocol
+from typing import Any, Final, Protocol, TypeVar
 
 import zenoh
 from zenoh import ext
@@ -21,6 +21,7 @@ HISTORY_MESSAGES: Final = 8_192  # 3 days of one wheel at 8 Hz in messages of 25
 # How often a publisher sends the number of its last message. Zenoh's other way sends it once after each message: lost
 # when that one message is (an outage, a subscriber about to join), and with it the end of the stream until the next.
 HEARTBEAT_S: Final = 1.0
+Content = TypeVar("Content")
 LINGER_S: Final = 1.0  # closing right after the last message may lose it: `put` hands it over before it is sent
 
 
@@ -139,13 +140,8 @@ def send(
     stop = Event() if stop is None else stop
     sent = dict.fromkeys(telemetry, 0)
     first_ns = min((int(samples.time_ns[0]) for samples in telemetry.values() if len(samples)), default=0)
-    begin_s = time.monotonic()
     try:
-        for due_ns, key, batch in _batches(telemetry, batch_samples):
-            due_s = begin_s + (due_ns - first_ns) / NANOSECONDS_PER_SECOND / speed
-            wait_s = 0.0 if math.isinf(speed) else max(0.0, due_s - time.monotonic())
-            if stop.wait(wait_s):
-                break
+        for key, batch in _paced(_batches(telemetry, batch_samples), speed, stop, first_ns):
             sinks[key].put(batch)
             sent[key] += len(batch)
             if on_batch is not None:
@@ -155,6 +151,19 @@ def send(
         for sink in sinks.values():
             sink.close()
     return sum(sent.values())
+
+
+def _paced(
+    messages: Iterable[tuple[int, str, Content]], speed: float, stop: Event, first_ns: int | None = None
+) -> Iterator[tuple[str, Content]]:
+    """Yield key and content of messages when they are due; the pace begins with `first_ns`, or the first of them."""
+    begin_s = time.monotonic()
+    for due_ns, key, content in messages:
+        first_ns = due_ns if first_ns is None else first_ns
+        due_s = begin_s + (due_ns - first_ns) / NANOSECONDS_PER_SECOND / speed
+        if stop.wait(0.0 if math.isinf(speed) else max(0.0, due_s - time.monotonic())):
+            return
+        yield key, content
 
 
 def _batches(telemetry: Mapping[str, Samples], size: int) -> Iterator[tuple[int, str, Samples]]:
@@ -206,14 +215,8 @@ def replay_to_bus(
     stop = Event() if stop is None else stop
     publishers: dict[str, ReliablePublisher] = {}
     sent = 0
-    first_ns: int | None = None
-    begin_s = time.monotonic()
     try:
-        for time_ns, topic, payload in recorded_inputs(recordings, from_ns):
-            first_ns = time_ns if first_ns is None else first_ns
-            due_s = begin_s + (time_ns - first_ns) / NANOSECONDS_PER_SECOND / speed
-            if stop.wait(0.0 if math.isinf(speed) else max(0.0, due_s - time.monotonic())):
-                break
+        for topic, payload in _paced(recorded_inputs(recordings, from_ns), speed, stop):
             if topic not in publishers:
                 publishers[topic] = ReliablePublisher(session, topic)
             publishers[topic].put(payload)

@@ -25,6 +25,7 @@ from rwa_monitor.monitor.recording.reader import (
     Recording,
 )
 from rwa_monitor.monitor.searches import jobs_of, search_message
+from rwa_monitor.monitor.state_recovery import Comparable
 from rwa_monitor.monitor.wheel_set import WheelSet
 from rwa_monitor.words import counted
 
@@ -90,9 +91,6 @@ class Comparison:
         self.bytes_equal = False
         if len(self.differences) < MAX_DIFFERENCES:
             self.differences.append(difference)
-
-
-Comparable = tuple[str, str, bytes]  # topic, schema, JSON
 
 
 def compare(recorded: Sequence[Comparable], replayed: Sequence[Comparable]) -> Comparison:
@@ -295,7 +293,7 @@ class _Chain:
             if output.message is not None and (self.from_ns is None or output.time_ns >= self.from_ns)
         ]
 
-        inherited, own = _split(recording, state_recovery.inherited_counts(settings))
+        inherited, own = state_recovery.split_outputs(recording)
         replayed: list[Comparable] = [(output.key, output.schema, output.payload) for output in run.outputs]
         if settings.get("checkpoints") == SOME_CHECKPOINTS:  # it was begun while the file before was being written
             self._note(recording, "holds the wheels that had come over from the file before it when the monitor ended")
@@ -375,20 +373,3 @@ class _Chain:
 
     def _note(self, recording: Recording, text: str) -> None:
         self.notes.append(f"{recording.path}: {text}")
-
-
-def _split(recording: Recording, inherited: dict[str, int]) -> tuple[list[Comparable], list[Comparable]]:
-    """Return the compared messages of a recording: those for inputs of its predecessor, and its own."""
-    left = dict(inherited)
-    first: list[Comparable] = []
-    own: list[Comparable] = []
-    for message in recording.messages:
-        if message.schema not in state_recovery.COMPARED_SCHEMAS:
-            continue
-        entry = (message.topic, message.schema, message.data)
-        if left.get(message.topic, 0) > 0:
-            left[message.topic] -= 1
-            first.append(entry)
-        else:
-            own.append(entry)
-    return first, own

@@ -6,11 +6,12 @@ A replay runs single recordings; a monitor that starts goes on from those that a
 from __future__ import annotations
 
 import time
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from threading import Event
-from typing import Any, Final, get_args
+from typing import Final, get_args
 
 from rwa_monitor.changepoints.stage_results import Method
 from rwa_monitor.diagnosis.model import Model
@@ -36,6 +37,7 @@ from rwa_monitor.words import counted, first_few
 # What a replay must give again; health follows from the diagnosis, status has the wall clock in it.
 COMPARED_SCHEMAS: Final = (Changepoints.schema_name(), Diagnosis.schema_name(), CARRIED_SCHEMA)
 KEPT_SCHEMAS: Final = (*COMPARED_SCHEMAS, Discrepancy.schema_name())
+Comparable = tuple[str, str, bytes]  # topic, schema, JSON
 MAX_KEPT_BYTES: Final = 2**30  # of messages of these, of a recording
 
 
@@ -174,12 +176,20 @@ def _run_input(path: Path, recorded: RecordedMessage, setup: Setup, run: Recordi
     run.outputs += [output for output in outputs_of(events, spacecraft, wheel) if output.schema in COMPARED_SCHEMAS]
 
 
-def inherited_counts(settings: dict[str, Any]) -> dict[str, int]:
-    """Return how many outputs, by topic, a recording holds for inputs of its predecessor."""
-    inherited = settings.get("inherited", {})
-    if not isinstance(inherited, dict):
-        return {}
-    return {str(topic): int(count) for topic, count in inherited.items() if isinstance(count, int)}
+def split_outputs(recording: Recording) -> tuple[list[Comparable], list[Comparable]]:
+    """Return the compared outputs that a recording holds: those for inputs of its predecessor, and its own."""
+    inherited = recording.settings().get("inherited", {})
+    counts = inherited if isinstance(inherited, dict) else {}
+    left = {topic: count for topic, count in counts.items() if isinstance(count, int)}
+    first: list[Comparable] = []
+    own: list[Comparable] = []
+    for message in recording.messages:
+        if message.schema in COMPARED_SCHEMAS:
+            is_inherited = left.get(message.topic, 0) > 0
+            if is_inherited:
+                left[message.topic] -= 1
+            (first if is_inherited else own).append((message.topic, message.schema, message.data))
+    return first, own
 
 
 # ---- from the recordings of a folder ---------------------------------------------------------------------------------
@@ -329,15 +339,10 @@ def _unrecorded(recording: Recording, outputs: list[Output]) -> list[Output]:
     if recording.problems:
         present = {(message.topic, message.data) for message in recording.messages}
         return [output for output in outputs if (output.key, output.payload) not in present]
-    held: dict[str, int] = {}
-    for message in recording.messages:
-        if message.schema in COMPARED_SCHEMAS:
-            held[message.topic] = held.get(message.topic, 0) + 1
-    for topic, count in inherited_counts(recording.settings()).items():
-        held[topic] = held.get(topic, 0) - count
+    held = Counter(topic for topic, _, _ in split_outputs(recording)[1])
     missing = []
     for output in outputs:
-        if held.get(output.key, 0) > 0:
+        if held[output.key] > 0:
             held[output.key] -= 1
         else:
             missing.append(output)

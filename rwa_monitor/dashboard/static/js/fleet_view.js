@@ -102,7 +102,7 @@ export function fleetView(store, base) {
   return { element: h("div", {}, h("h1", {}, store.live ? "Fleet" : "Fleet in this recording"), h("div", { class: "row" }, field, summary), list, retired.element), refresh };
 }
 
-const LEAD = { live: "", silent: "Not reporting; last known state: ", starved: "No telemetry; last known state: ", recorded: "Last known state: ", unserved: "" };
+const LEAD = { live: "", silent: "Not reporting now; last known state: ", starved: "No telemetry now; last known state: ", recorded: "Last known state: ", unserved: "" };
 
 /** Why what is shown of a wheel is not its present, null where it is. */
 export function staleness(store, wheel, state) {
