@@ -117,8 +117,7 @@ def record_full_windows(folder: Path, samples: Samples, wheels: int) -> None:
     folder.mkdir()
     recorder = Recorder(
         folder,
-        wheel_toml=core.wheel.to_toml(),
-        model_json=built_in_model().to_json(),
+        attachments=options.setup().attachments(),
         settings=options.settings(),
         predecessor=None,
         wall_ns=time.time_ns,

@@ -88,8 +88,7 @@ def monitor_in(folder: Path) -> Monitor:
     options = RunOptions(model=built_in_model())
     recorder = Recorder(
         folder,
-        wheel_toml=options.wheel.to_toml(),
-        model_json=built_in_model().to_json(),
+        attachments=options.setup().attachments(),
         settings=options.settings(),
         predecessor=None,
         wall_ns=time.time_ns,

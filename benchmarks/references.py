@@ -233,8 +233,7 @@ def _run(options: RunOptions, folder: Path, messages: Messages, clock: Clock, *,
     past = recover_state(folder, options.setup(), Event(), lambda _: None)
     recorder = Recorder(
         folder,
-        wheel_toml=options.wheel.to_toml(),
-        model_json=options.model.to_json() if options.model else "",
+        attachments=options.setup().attachments(),
         settings=options.settings(),
         predecessor=past.predecessor,
         wall_ns=clock.wall_ns,

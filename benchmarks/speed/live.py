@@ -231,8 +231,7 @@ def monitor_pipe(endpoint: str, folder: Path, messages: int) -> PipeRate:
     clock = Clock()
     recorder = Recorder(
         folder,
-        wheel_toml=options.wheel.to_toml(),
-        model_json=built_in_model().to_json(),
+        attachments=options.setup().attachments(),
         settings=options.settings(),
         predecessor=None,
         wall_ns=clock.wall_ns,

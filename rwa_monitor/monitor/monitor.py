@@ -32,6 +32,7 @@ from rwa_monitor.monitor.events import (
     trouble_in,
 )
 from rwa_monitor.monitor.ingest.backfill import Arrival, Inbox
+from rwa_monitor.monitor.ingest.sequencer import Counts
 from rwa_monitor.monitor.recording.recorder import MAX_FILE_BYTES, Checkpoints, Recorder
 from rwa_monitor.monitor.searches import Searches
 from rwa_monitor.monitor.state_recovery import RecoveredState, Setup
@@ -44,6 +45,7 @@ IDLE_WAIT_S: Final = 0.1  # how long to wait for a message before looking at the
 TICK_S: Final = 0.05  # between two looks at what is due while messages flow
 BUSY_MESSAGES: Final = 100  # waiting: a tenth of a second's of a thousand wheels
 STATUS_RECORDED_S: Final = 10.0  # every status is published; one in this time is recorded
+SAMPLE_COUNTS: Final = ("received", "used", "masked", "late", "duplicate", "rejected", "queued")
 MAX_WHEELS: Final = 4_096  # of one process: 2.7 MB each with windows of 80,000 slots; `--shard` divides more
 MANY_WHEELS: Final = 100  # whose state takes seconds to write
 STATUS_PERIOD_S: Final = 1.0
@@ -294,7 +296,7 @@ class Monitor:
             self.log(f"{spacecraft}/{wheel}: has no wheel file of its own; it goes by {core.wheel.name}")
         served.core = core
         if self.recorder is not None:
-            self.recorder.input(key, SamplesMessage.schema_name(), payload, message.time_ns[-1])
+            self.recorder.write(key, SamplesMessage.schema_name(), payload, message.time_ns[-1])
         served.publisher = message.publisher
         self.searches.take_input(spacecraft, wheel, payload)
         begin_s = self.clock.monotonic_s()
@@ -322,7 +324,7 @@ class Monitor:
         closed = any(isinstance(event, WindowDiagnosed) for event in events)
         if self.recorder is not None:
             for output in outputs:
-                self.recorder.output(output.key, output.schema, output.payload, output.time_ns)
+                self.recorder.write(output.key, output.schema, output.payload, output.time_ns)
             if closed:
                 self.recorder.sync(self.clock.monotonic_s())
         for output in outputs:
@@ -399,7 +401,7 @@ class Monitor:
             self._log_recorder()
         for found in self.searches.poll():
             if self.recorder is not None:
-                self.recorder.output(found.key, found.schema, found.payload, found.time_ns)
+                self.recorder.write(found.key, found.schema, found.payload, found.time_ns)
             self._publish(found)
         self.bus.answer(Health.encoding(), self._latest_health)
         for key, served in self._served.items():
@@ -426,7 +428,7 @@ class Monitor:
         elif self.bus.inbox.dropped and last_error is None:
             dropped = counted(self.bus.inbox.dropped, "message")
             last_error = f"dropped {dropped}: they come faster than they can be diagnosed"
-        counts = core.counts if core else None
+        counts = core.counts if core else Counts()
         # Publishers that number their messages show a gap in any case; of others only the bus counts what it lost.
         missed_by_bus = self.bus.missed.get(key_of(SamplesMessage, spacecraft, wheel), 0)
         if missed_by_bus and last_error is None:
@@ -434,17 +436,11 @@ class Monitor:
         status = Status(
             spacecraft=spacecraft,
             wheel=wheel,
-            samples_received=counts.received if counts else 0,
-            samples_used=counts.used if counts else 0,
-            samples_masked=counts.masked if counts else 0,
-            samples_late=counts.late if counts else 0,
-            samples_duplicate=counts.duplicate if counts else 0,
-            samples_rejected=counts.rejected if counts else 0,
-            samples_queued=counts.queued if counts else 0,
-            slots_missed=counts.slots_missed if counts else 0,
+            **{f"samples_{name}": getattr(counts, name) for name in SAMPLE_COUNTS},
+            slots_missed=counts.slots_missed,
             messages_rejected=served.messages_rejected,
             messages_dropped=self.bus.inbox.dropped,
-            messages_missed=max(counts.messages_missed if counts else 0, missed_by_bus),
+            messages_missed=max(counts.messages_missed, missed_by_bus),
             queue_depth=self.bus.waiting(),
             window_fill=core.window_fill if core else 0.0,
             last_error=last_error,
@@ -460,7 +456,7 @@ class Monitor:
         topic = key_of(Status, spacecraft, wheel)
         payload = status.to_json()
         if record and self.recorder is not None:
-            self.recorder.output(topic, Status.schema_name(), payload, None)
+            self.recorder.write(topic, Status.schema_name(), payload, None)
         self._publish(Output(topic, Status, Status.schema_name(), payload, 0))
 
     def _checkpoints(self, on_progress: Callable[[], None] = lambda: None) -> Checkpoints:

@@ -108,9 +108,7 @@ def _recorder(options: RunOptions, folder: Path, recovered: RecoveredState, cloc
     """Return what records, in a folder, after what lies there."""
     return Recorder(
         folder,
-        wheel_toml=options.wheel.to_toml(),
-        own_wheels=options.setup().wheels.own_attachments(),
-        model_json=options.model.to_json() if options.model else "",
+        attachments=options.setup().attachments(),
         settings={**options.settings(), "build": build()},
         predecessor=recovered.predecessor,
         wall_ns=clock.wall_ns,

@@ -37,6 +37,7 @@ from rwa_monitor.words import counted, first_few
 # What a replay must give again; health follows from the diagnosis, status has the wall clock in it.
 COMPARED_SCHEMAS: Final = (Changepoints.schema_name(), Diagnosis.schema_name(), CARRIED_SCHEMA)
 KEPT_SCHEMAS: Final = (*COMPARED_SCHEMAS, Discrepancy.schema_name())
+MODEL: Final = "model.json"
 Comparable = tuple[str, str, bytes]  # topic, schema, JSON
 MAX_KEPT_BYTES: Final = 2**30  # of messages of these, of a recording
 
@@ -58,9 +59,13 @@ class Setup:
         if method is None or method not in get_args(Method):
             raise InputError(source, f"{method!r} is none of {', '.join(get_args(Method))}", "settings.json: method")
         wheels = WheelSet.of_attachments(recording.attachments, source)
-        model_text = _text(recording, "model.json")
-        model = Model.from_json(model_text, f"{source}: model.json") if model_text else None
+        model_text = _text(recording, MODEL)
+        model = Model.from_json(model_text, f"{source}: {MODEL}") if model_text else None
         return cls(wheels, model, method)
+
+    def attachments(self) -> dict[str, bytes]:
+        """Return the setup as attachments of a recording, by name, as `of` reads them."""
+        return {**self.wheels.attachments(), MODEL: self.model.to_json().encode() if self.model else b""}
 
     def new_core(self, spacecraft: str, wheel: str) -> WheelCore:
         """Return the core of a wheel of which nothing is known yet."""

@@ -35,8 +35,7 @@ class Driven:
         options = RunOptions(wheel=of_wheel, model=model(), record=folder, log_verdicts=False)
         recorder = Recorder(
             folder,
-            wheel_toml=of_wheel.to_toml(),
-            model_json=model().to_json(),
+            attachments=options.setup().attachments(),
             settings=options.settings(),
             predecessor=None,
             wall_ns=clock.wall_ns,

@@ -75,8 +75,7 @@ class Run:
         clock = Clock(wall_ns=lambda: round(self.now_s * 1e9), monotonic_s=lambda: self.now_s)
         self.recorder = Recorder(
             self.folder,
-            wheel_toml=wheel().to_toml(),
-            model_json=model().to_json(),
+            attachments=options.setup().attachments(),
             settings=options.settings(),
             predecessor=past.predecessor,
             wall_ns=clock.wall_ns,

@@ -106,7 +106,7 @@ def test_a_file_that_no_wheel_used_is_named(tmp_path: Path) -> None:
 
 def test_a_set_is_what_its_attachments_hold() -> None:
     known = WheelSet(wheel(), {OWN: wheel(WINDOW // 2)})
-    attachments = {COMMON: wheel().to_toml().encode(), **known.own_attachments()}
+    attachments = known.attachments()
     assert sorted(attachments) == ["wheel.toml", "wheels/sat/wheel_2.toml"]
     read = WheelSet.of_attachments(attachments | {"settings.json": b"{}"}, "here")
     assert (read.of(*OWN), read.of(*OTHER)) == (wheel(WINDOW // 2), wheel())

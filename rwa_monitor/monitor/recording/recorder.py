@@ -28,7 +28,6 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any, Final, Self
 
 from rwa_monitor.errors import InputError
@@ -92,10 +91,10 @@ class Recorder:
     ----------
     folder
         Made if it does not exist.
-    wheel_toml, model_json, settings
-        Attached to every file; `settings` gets the version, the software and the predecessor added.
-    own_wheels
-        Further attachments by name: the constants of single wheels.
+    attachments
+        Of every file, by name.
+    settings
+        Attached to every file, with the version, the software and the predecessor added.
     predecessor
         The last recording in the folder, None in an empty one.
     wall_ns
@@ -120,18 +119,16 @@ class Recorder:
         self,
         folder: Path,
         *,
-        wheel_toml: str,
-        model_json: str,
+        attachments: Mapping[str, bytes],
         settings: dict[str, Any],
         predecessor: Predecessor | None,
         wall_ns: Callable[[], int],
         max_file_bytes: int = MAX_FILE_BYTES,
         max_total_bytes: int | None = None,
-        own_wheels: Mapping[str, bytes] = MappingProxyType({}),
     ) -> None:
         self.folder = folder
         self.error = ""
-        self._attachments = {"wheel.toml": wheel_toml.encode(), **own_wheels, "model.json": model_json.encode()}
+        self._attachments = attachments
         self._settings = settings
         self._predecessor = predecessor
         self._wall_ns = wall_ns
@@ -214,20 +211,12 @@ class Recorder:
             }
         )
 
-    def input(self, key: str, schema: str, payload: bytes, time_ns: int) -> None:
-        """Record a message that is about to be processed."""
-        self._write(key, schema, payload, time_ns)
-
     def refused(self, key: str, payload: bytes) -> None:
         """Record a message that was refused, as it came (the first 8 MiB of it)."""
         if key not in self._refused_topics and len(self._refused_topics) >= MAX_REFUSED_TOPICS:
             key = "rwa"
         self._refused_topics.add(key)
-        self._write(f"{key}/{REFUSED}", REFUSED_SCHEMA, payload[:MAX_MESSAGE_BYTES], None)
-
-    def output(self, key: str, schema: str, payload: bytes, time_ns: int | None) -> None:
-        """Record an output of the monitor."""
-        self._write(key, schema, payload, time_ns)
+        self.write(f"{key}/{REFUSED}", REFUSED_SCHEMA, payload[:MAX_MESSAGE_BYTES], None)
 
     def sync(self, now_s: float) -> None:
         """Bring everything to the disk now."""
@@ -347,7 +336,8 @@ class Recorder:
         self._predecessor = predecessor_of(self._writer.path, rest)
         self._writer, self._ending, self._left = None, None, {}
 
-    def _write(self, topic: str, schema: str, payload: bytes, time_ns: int | None) -> None:
+    def write(self, topic: str, schema: str, payload: bytes, time_ns: int | None) -> None:
+        """Record a message: an input before it is processed, or an output; `time_ns` None where it has no time."""
         writer = self._writer
         if self._left and _wheel_of(topic) in self._left:
             writer = self._ending
