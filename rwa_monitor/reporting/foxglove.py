@@ -97,7 +97,7 @@ class Translator:
         self._wheels: dict[tuple[str, str], _Wheel] = {}
 
     def translate(self, key: str, payload: bytes) -> list[View]:
-        """Return what Foxglove shows of one message, nothing of a kind that it does not know.
+        """Return what Foxglove shows of one message, nothing of an unknown kind.
 
         Raises
         ------

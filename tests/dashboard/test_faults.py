@@ -1,4 +1,4 @@
-"""What can go wrong around the page, for real: it says what, recovers by itself, and nothing acknowledged is lost."""
+"""What can go wrong around the page, for real: it shows what, recovers by itself, and nothing acknowledged is lost."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ with zenoh.open(config):
 
 @contextmanager
 def script(text: str, argument: str) -> Iterator[subprocess.Popen[str]]:
-    """Run a script in another process until it is told to end, once it has said its first word."""
+    """Run a script in another process until it is ended, once it has printed its first line."""
     process = subprocess.Popen(
         [sys.executable, "-c", text, argument], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
     )
@@ -103,23 +103,23 @@ def test_a_monitor_that_is_killed_leaves_stale_wheels_and_an_alarm_until_it_is_b
         listener = Listener(session)
 
         # The monitor is there some seconds after its start; what is sent without a history before that is lost.
-        def speaks() -> bool:
+        def reports() -> bool:
             session.put("rwa/sat/wheel_1/samples", batch)
             return bool(listener.kind("status"))
 
         def send_until_heard() -> None:
-            def heard() -> bool:
+            def known() -> bool:
                 session.put("rwa/sat/wheel_1/samples", batch)
                 return "1 of 1 wheel reporting" in page.get_by_role("status").all_inner_texts()[-1]
 
-            wait_for(heard, "the monitor", START_S)
+            wait_for(known, "the monitor", START_S)
 
         def monitor_alarm(address: str) -> dict[str, Any] | None:
             found = [alarm for alarm in ask(address, "api/alarms")[1] if alarm["name"] == MONITOR_ALARM]
             return found[0] if found else None
 
         process = stack.enter_context(monitor(port))
-        wait_for(speaks, "the monitor", START_S)  # its start may take longer than it may then be silent
+        wait_for(reports, "the monitor", START_S)  # its start may take longer than it may then be silent
         with serve(options, session) as running:
             page.goto(running.address_with_token)
             send_until_heard()
@@ -247,7 +247,7 @@ def test_a_database_that_is_removed_comes_back_with_what_was_acknowledged(
         expect(page.get_by_text("Acknowledged by Ann")).to_be_visible()
         path.unlink()
         wait_for(path.exists, "the database")
-        # Where it cannot be put back, the page says so.
+        # Where it cannot be put back, the page shows it.
         put_in_the_way_of(path.parent)
         expect(page.locator("#banner")).to_contain_text("is gone, and cannot be put back")
         path.parent.unlink()
@@ -319,8 +319,8 @@ def test_the_feed_reports_what_is_wrong_in_its_beat(session: zenoh.Session, tmp_
         connect(running.address.replace("http", "ws") + "api/feed") as socket,
     ):
 
-        def told() -> list[str]:
+        def notes() -> list[str]:
             beats = [one for one in json.loads(socket.recv()) if one["key"] == "dashboard/beat"]
             return beats[-1]["message"]["notes"] if beats else []
 
-        assert "The bus is gone" in wait_for(told, "a note")[0]
+        assert "The bus is gone" in wait_for(notes, "a note")[0]

@@ -103,7 +103,7 @@ def test_a_monitor_that_died_while_no_dashboard_was_there_is_reported_and_a_late
         reporting(session, "wheel_1", last_sample_ns=START_NS),
         History(tmp_path / HISTORY_NAME) as history,
     ):
-        wait_for(history.monitors, "the monitor that is heard")
+        wait_for(history.monitors, "the monitor that reports")
     options = DashboardOptions(0, tmp_path, token="right", silent_s=3.0)
     with serve(options, session) as running:
         (alarm,) = wait_for(lambda: alarms(running.address), "the alarm")

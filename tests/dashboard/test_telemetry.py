@@ -135,25 +135,25 @@ def test_a_monitors_progress_stands_for_samples_that_are_not_received() -> None:
 
 
 def test_a_verdict_history_has_its_beginning_and_its_change() -> None:
-    course = VerdictHistory()
-    course.extend(diagnosis(n) for n in range(3))
-    assert (course.since_ns, course.windows, course.change) == (START_NS, 3, None)
-    course.extend([diagnosis(3, severity=0.5)])
-    assert (course.since_ns, course.windows, course.change) == (START_NS + 3 * WINDOW_NS, 1, None)
+    verdicts = VerdictHistory()
+    verdicts.extend(diagnosis(n) for n in range(3))
+    assert (verdicts.since_ns, verdicts.windows, verdicts.change) == (START_NS, 3, None)
+    verdicts.extend([diagnosis(3, severity=0.5)])
+    assert (verdicts.since_ns, verdicts.windows, verdicts.change) == (START_NS + 3 * WINDOW_NS, 1, None)
     changes = []
     for number, severity in enumerate((0.9, 0.95, 0.2), start=4):
-        course.extend([diagnosis(number, severity=severity)])
-        changes.append(course.change)
+        verdicts.extend([diagnosis(number, severity=severity)])
+        changes.append(verdicts.change)
     assert changes == ["worse", "steady", "better"]
-    course.extend([diagnosis(4, severity=3.0)])  # heard again
-    assert (course.windows, course.change) == (4, "better")
+    verdicts.extend([diagnosis(4, severity=3.0)])  # received again
+    assert (verdicts.windows, verdicts.change) == (4, "better")
 
 
 def test_a_course_takes_no_scatter_for_a_change() -> None:
     # Severities of 0.1 standard deviation: a change of two windows has 0.14.
-    course = VerdictHistory()
+    verdicts = VerdictHistory()
     changes = []
     for number, severity in enumerate((2.5, 2.25, 2.3, 2.7)):
-        course.extend([diagnosis(number, severity=severity)])
-        changes.append(course.change)
+        verdicts.extend([diagnosis(number, severity=severity)])
+        changes.append(verdicts.change)
     assert changes == [None, "steady", "steady", "worse"]

@@ -118,7 +118,7 @@ def test_labels_are_escaped_and_an_empty_fleet_has_metrics() -> None:
 
 
 class Listening(HTTPServer):
-    """Takes posts, and refuses as many of them first as it is told."""
+    """Takes posts, and refuses a number of them first."""
 
     def __init__(self, refusals: int) -> None:
         super().__init__(("127.0.0.1", 0), Handler)

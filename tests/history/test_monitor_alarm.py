@@ -27,7 +27,7 @@ def test_the_alarm_goes_the_way_of_every_other(place: Path | str) -> None:
         assert history.take_monitors([SILENT]) == [], "no second one"
     with History(place) as history:
         assert history.monitors() == {("sat", "wheel_1"): True}
-        history.add(diagnosis(0))  # a window, taken in late, says nothing of the monitor
+        history.add(diagnosis(0))  # a window, taken in late, shows nothing of the monitor
         (alarm,) = history.open_alarms("sat", "wheel_1")
         history.acknowledge(alarm.id, "Ann")
         with pytest.raises(InputError, match="acknowledged already"):

@@ -50,8 +50,8 @@ def test_what_was_acknowledged_is_kept_and_clears_when_normal(place: Path | str)
 
 
 def test_an_alarm_advises_what_to_do_at_its_level() -> None:
-    said = {advice(name, level) for name in ("dry", MODEL_ALARM) for level in Level}
-    assert len(said) == len(Level) + 1  # of the model, the same at each level but normal
+    advised = {advice(name, level) for name in ("dry", MODEL_ALARM) for level in Level}
+    assert len(advised) == len(Level) + 1  # of the model, the same at each level but normal
     assert advice("dry", Level.CRITICAL).startswith("Now")
     assert "do not extend" in advice(MODEL_ALARM, Level.WATCH)
 
@@ -193,9 +193,9 @@ def test_an_alarm_is_shelved_for_a_while_and_comes_back_when_it_gets_worse(place
         history.add_all([diagnosis(n, severity=4.0) for n in range(3, 5)])
         (alarm,) = history.alarms()
         assert (alarm.level, alarm.shelved_until_wall_ns) == ("critical", None)
-        deeds = [(line.event, line.person) for line in alarm.trail]
-        assert deeds[:4] == [("raised", ""), ("shelved", "Ann"), ("unshelved", "Ann"), ("shelved", "Ben")]
-        assert sorted(deeds[4:]) == [("escalated", ""), ("unshelved", "")]
+        events = [(line.event, line.person) for line in alarm.trail]
+        assert events[:4] == [("raised", ""), ("shelved", "Ann"), ("unshelved", "Ann"), ("shelved", "Ben")]
+        assert sorted(events[4:]) == [("escalated", ""), ("unshelved", "")]
         for wrong in ((1, "", 1.0), (2, "Ann", 1.0), (2**70, "Ann", 1.0), (1, "Ann", 1e9), (1, "Ann", float("nan"))):
             with pytest.raises(InputError):
                 history.shelve(*wrong)

@@ -17,8 +17,8 @@ from tests.history.support import diagnosis
 pytestmark = pytest.mark.processes
 
 
-def next_deed(feed: ClientConnection) -> str:
-    """Return what is said next about the list of wheels."""
+def next_event(feed: ClientConnection) -> str:
+    """Return the next event of the list of wheels."""
     while True:
         for entry in json.loads(feed.recv(timeout=WAIT_S)):
             if entry["key"] == "rwa/sat/wheel_1/aside":
@@ -37,8 +37,8 @@ def test_a_wheel_that_is_retired_on_one_leaves_the_list_of_the_other(new_databas
         connect(second.address.replace("http", "ws") + "api/feed") as feed_of_second,
     ):
         for feed in (feed_of_first, feed_of_second):
-            feed.recv(timeout=WAIT_S)  # what is so far; what changes from now on is told once
+            feed.recv(timeout=WAIT_S)  # what is so far; what changes from now on is sent once
         assert retire(first, "wheel_1")[0] == 200
-        assert next_deed(feed_of_second) == "put_aside"
+        assert next_event(feed_of_second) == "put_aside"
         assert retire(second, "wheel_1", aside=False)[0] == 200
-        assert [next_deed(feed_of_first), next_deed(feed_of_first)] == ["put_aside", "brought_back"]
+        assert [next_event(feed_of_first), next_event(feed_of_first)] == ["put_aside", "brought_back"]

@@ -80,7 +80,7 @@ def run_core(core: WheelCore, parts: Sequence[Samples], publisher: str = "p", fi
     return [event for number, part in enumerate(parts) for event in core.feed(part, publisher, first + number)]
 
 
-def said(events: Sequence[Event]) -> list[tuple[str, bytes]]:
+def messages_of(events: Sequence[Event]) -> list[tuple[str, bytes]]:
     """Return what the monitor publishes about events: (key, JSON)."""
     return [(output.key, output.payload) for output in outputs_of(events, "sat", "wheel_1")]
 
@@ -115,7 +115,7 @@ def batch_diagnoses(samples: Samples, of_wheel: Wheel, whole: bool = True) -> li
     """Return the diagnosis messages of a whole table, without the partial one where only whole ones are wanted."""
     core = WheelCore(of_wheel, model())
     events = core.feed(samples)
-    return diagnoses(said(events if whole else [*events, *core.finish()]))
+    return diagnoses(messages_of(events if whole else [*events, *core.finish()]))
 
 
 _RESERVED: list[socket.socket] = []

@@ -1,4 +1,4 @@
-"""The bus: secure defaults, a bounded inbox, options that are told when wrong."""
+"""The bus: secure defaults, a bounded inbox, options that are refused when wrong."""
 
 from __future__ import annotations
 
@@ -102,11 +102,11 @@ def test_a_full_inbox_slows_down_who_puts_and_loses_nothing() -> None:
     assert (taken, inbox.dropped) == (list(range(100)), 0)
 
 
-# ---- what was sent before the first message that was heard ----------------------------------------------------------
+# ---- what was sent before the first message that came ----------------------------------------------------------
 
 
 class History:
-    """Publishers whose history is asked for; answers when told to."""
+    """Publishers whose history is asked for; answers when the test lets it."""
 
     def __init__(self) -> None:
         self.asked: list[Question] = []
@@ -187,7 +187,7 @@ def test_what_waits_for_a_history_is_bounded() -> None:
 
 
 def fleet_of(publishers: int, kept: int) -> dict[str, list[Arrival]]:
-    """Return the messages of publishers that each keep some, and the one after them, which is heard first."""
+    """Return the messages of publishers that each keep some, and the one after them, which comes first."""
     return {f"publisher {number}": arrivals(f"publisher {number}", range(kept + 1)) for number in range(publishers)}
 
 
@@ -332,17 +332,17 @@ def test_a_bus_whose_inbox_overflows_gets_everything_in_the_end() -> None:
     assert bus.missed == {}
 
 
-def hears(listening: zenoh.Session, sending: zenoh.Session) -> bool:
-    """Send a message from one session, and tell whether it arrives at the other."""
-    heard: list[bytes] = []
+def reaches(listening: zenoh.Session, sending: zenoh.Session) -> bool:
+    """Send a message from one session, and return whether it arrives at the other."""
+    received: list[bytes] = []
     with (
-        listening.declare_subscriber("rwa/**", lambda sample: heard.append(sample.payload.to_bytes())),
+        listening.declare_subscriber("rwa/**", lambda sample: received.append(sample.payload.to_bytes())),
         sending.declare_publisher(KEY) as publisher,
     ):
         wait_for(lambda: bool(publisher.matching_status.matching), "a match")
         publisher.put(b"a message")
-        wait_for(lambda: bool(heard), "the message")
-    return heard == [b"a message"]
+        wait_for(lambda: bool(received), "the message")
+    return received == [b"a message"]
 
 
 @pytest.mark.parametrize("mode", ["router", "peer"])
@@ -355,7 +355,7 @@ def test_those_who_only_connect_reach_each_other_through_whoever_listens(mode: L
         open_session(only_connected) as one,
         open_session(only_connected) as other,
     ):
-        assert hears(one, other)
+        assert reaches(one, other)
 
 
 def test_who_only_connects_waits_for_whoever_comes_late() -> None:
@@ -364,4 +364,4 @@ def test_who_only_connects_waits_for_whoever_comes_late() -> None:
         open_session(BusOptions(connect=(endpoint,))) as early,
         open_session(BusOptions(mode="router", listen=(endpoint,))) as late,
     ):
-        assert hears(early, late)
+        assert reaches(early, late)

@@ -18,7 +18,7 @@ from rwa_monitor.monitor.events import ChannelMissing, EpochStarted, SensorFault
 from rwa_monitor.samples import Samples
 from rwa_monitor.switching.carried_state import CarriedState
 from rwa_monitor.wheel.wheel import Wheel
-from tests.monitor.support import WINDOW, model, pieces, resumed, run_core, said, spoiled, telemetry, wheel
+from tests.monitor.support import WINDOW, messages_of, model, pieces, resumed, run_core, spoiled, telemetry, wheel
 
 ROWS = 3_400
 # window, hop, effects, friction given: all ways in which a core works.
@@ -59,12 +59,12 @@ def broken(samples: Samples) -> Samples:
 
 
 def messages(core: WheelCore, parts: list[Samples]) -> list[tuple[str, bytes]]:
-    return said([*run_core(core, parts), *core.finish()])
+    return messages_of([*run_core(core, parts), *core.finish()])
 
 
 @cache
 def whole(kind: str) -> list[tuple[str, bytes]]:
-    """Return what a core says that gets everything at once."""
+    """Return the outputs of a core that gets everything at once."""
     of_wheel, samples = case(kind)
     return messages(WheelCore(of_wheel, model()), [samples])
 
@@ -106,7 +106,7 @@ def test_a_core_resumed_from_a_checkpoint_gives_the_same_bytes(kind: str, cuts: 
             core = resumed(data, of_wheel)
             assert core.checkpoint().to_json() == data
         events += core.feed(part, "p", number)
-    assert said([*events, *core.finish()]) == whole(kind)
+    assert messages_of([*events, *core.finish()]) == whole(kind)
 
 
 def test_what_is_carried_after_any_window_is_what_its_file_holds() -> None:
@@ -190,7 +190,7 @@ def test_a_window_of_derived_friction_waits_for_the_stencil() -> None:
     core = WheelCore(wheel(), model())
     assert closed(core.feed(samples[: WINDOW + 8])) == []
     (event,) = closed(core.feed(samples[WINDOW + 8 : WINDOW + 9]))
-    # The first slots have too few samples before them: a parabola through two less than 17 still tells enough.
+    # The first slots have too few samples before them: a parabola through two less than 17 is still enough.
     assert event.diagnosis.good == WINDOW - 6
 
 
@@ -242,8 +242,8 @@ def test_jitter_of_less_than_half_a_slot_does_not_matter() -> None:
     jitter = rng.integers(-50_000_000, 50_000_000, len(samples))
     jitter[0] = 0
     moved = Samples(samples.time_ns + jitter, samples.speed_rad_s, samples.friction_torque_Nm)
-    plain = said(list(diagnose_samples(samples, wheel(), model())))
-    assert said(list(diagnose_samples(moved, wheel(), model()))) == plain
+    plain = messages_of(list(diagnose_samples(samples, wheel(), model())))
+    assert messages_of(list(diagnose_samples(moved, wheel(), model()))) == plain
 
 
 # ---- what friction comes from ----------------------------------------------------------------------------------------
@@ -266,8 +266,8 @@ def test_motor_torque_serves_as_well_as_current() -> None:
     constant = wheel().torque_constant_Nm_A
     torque = Samples(samples.time_ns, samples.speed_rad_s, motor_torque_Nm=constant * samples.motor_current_A)
     current = Samples(samples.time_ns, samples.speed_rad_s, motor_current_A=samples.motor_current_A)
-    plain = said(list(diagnose_samples(current, wheel(), model())))
-    assert said(list(diagnose_samples(torque, wheel(), model()))) == plain
+    plain = messages_of(list(diagnose_samples(current, wheel(), model())))
+    assert messages_of(list(diagnose_samples(torque, wheel(), model()))) == plain
 
 
 def test_a_message_that_lacks_the_channel_is_masked_and_reported_once() -> None:

@@ -35,7 +35,7 @@ def topics_of(path: Path) -> Topics:
 
 
 def without_types(schema: dict[str, Any]) -> dict[str, Any]:
-    """Allow null for every plain type: Foxglove's schemas cannot say so."""
+    """Allow null for every plain type: Foxglove's schemas have no such type."""
     kind = schema.get("type")
     if kind == "object":
         fields = {name: without_types(value) for name, value in schema["properties"].items()}
@@ -88,8 +88,8 @@ def test_what_the_recording_holds_is_there_byte_for_byte(written: tuple[Path, To
     source, topics, _ = written
     recorded = [message for path in sorted(source.iterdir()) for message in read_recording(path).messages]
     for kind in ("samples", "diagnosis", "health", "changepoints", "status"):
-        told = [json.loads(message.data) for message in recorded if message.topic == f"{KEY}/{kind}"]
-        assert sorted(topics[f"{KEY}/{kind}"], key=repr) == sorted(told, key=repr)
+        recorded_content = [json.loads(message.data) for message in recorded if message.topic == f"{KEY}/{kind}"]
+        assert sorted(topics[f"{KEY}/{kind}"], key=repr) == sorted(recorded_content, key=repr)
     batches = topics[f"{KEY}/samples"]
     assert len(topics[f"{KEY}/telemetry"]) == sum(len(batch["time_ns"]) for batch in batches)
     first = topics[f"{KEY}/telemetry"][0]

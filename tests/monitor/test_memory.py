@@ -27,7 +27,7 @@ SLOTS, MESSAGES = 80_000, 60  # of a window that is open, and those that fill a 
 
 
 class Driven:
-    """A monitor that records, on a bus inside this process, and whose clock goes only when it is told to."""
+    """A monitor that records, on a bus inside this process, and whose clock goes only when it is set."""
 
     def __init__(self, folder: Path, of_wheel: Wheel, bus: MonitorBus, max_file_bytes: int) -> None:
         self.now_s = 0.0
@@ -46,7 +46,7 @@ class Driven:
         self.sent_bytes = 0
 
     def send(self, wheels: int, messages: range) -> None:
-        """Send messages of each wheel, simulated once and told on with later times."""
+        """Send messages of each wheel, simulated once and repeated with later times."""
         slots = 40 * MESSAGE
         for number in messages:
             turn, start = divmod(number * MESSAGE, slots)

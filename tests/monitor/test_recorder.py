@@ -179,7 +179,7 @@ DISK_FULL = """
     from rwa_monitor.monitor.recording.recorder import Recorder
 
     signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (60_000, resource.RLIM_INFINITY))  # the system says: file too large
+    resource.setrlimit(resource.RLIMIT_FSIZE, (60_000, resource.RLIM_INFINITY))  # the system refuses: file too large
     folder = Path(sys.argv[1])
     recorder = Recorder(folder, attachments={}, settings={}, predecessor=None, wall_ns=lambda: 1)
     recorder.begin({}, 0.0)

@@ -1,4 +1,4 @@
-"""Recover: what a cut or damaged recording still holds is saved, nothing false, and what is lost is told."""
+"""Recover: what a cut or damaged recording still holds is saved, nothing false, and what is lost is reported."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Samples that do not fit the wheel file: said once, whatever the cut into messages."""
+"""Samples that do not fit the wheel file: reported once, whatever the cut into messages."""
 
 from __future__ import annotations
 

@@ -24,7 +24,7 @@ from rwa_monitor.monitor.ingest.slot_assignment import SlotAssignment
 from rwa_monitor.samples import Samples
 from rwa_monitor.slots import MAX_TIME_NS, MIN_TIME_NS, SlotGrid
 from rwa_monitor.wheel.wheel import Limits, Wheel
-from tests.monitor.support import WINDOW, adds_up, said, telemetry, wheel
+from tests.monitor.support import WINDOW, adds_up, messages_of, telemetry, wheel
 
 PERIOD_NS = 125_000_000
 
@@ -78,7 +78,9 @@ def test_values_that_no_wheel_has_are_rejected_also_without_limits() -> None:
     core, clean = WheelCore(unlimited, None), WheelCore(unlimited, None)
     events = core.feed(wild)
     assert core.counts.rejected == 5
-    assert said(events) == said(clean.feed(samples[np.setdiff1d(np.arange(len(samples)), [5, 100, 101, 700, 2_000])]))
+    assert messages_of(events) == messages_of(
+        clean.feed(samples[np.setdiff1d(np.arange(len(samples)), [5, 100, 101, 700, 2_000])])
+    )
 
 
 @pytest.mark.parametrize("step", [WINDOW + 1, -WINDOW - 1, 50 * WINDOW, -3 * WINDOW])
@@ -104,11 +106,11 @@ def test_single_wild_times_are_rejected_and_reported_however_samples_are_cut(siz
     core, clean = WheelCore(wheel(), None), WheelCore(wheel(), None)
     events = [event for start in range(0, len(spoilt), size) for event in core.feed(spoilt[start : start + size])]
     expected = clean.feed(samples[np.setdiff1d(np.arange(len(samples)), places)])
-    told = sum(event.count for event in events if isinstance(event, StraySamples))
+    reported = sum(event.count for event in events if isinstance(event, StraySamples))
     assert core.counts.rejected == len(places)
-    assert told == sum(MIN_TIME_NS <= time_ns <= MAX_TIME_NS for time_ns in spoilt.time_ns[places])
+    assert reported == sum(MIN_TIME_NS <= time_ns <= MAX_TIME_NS for time_ns in spoilt.time_ns[places])
     assert sum(isinstance(event, EpochStarted) for event in events) == 1
-    assert said(events) == said(expected)
+    assert messages_of(events) == messages_of(expected)
     assert adds_up(core.counts)
 
 
@@ -330,7 +332,7 @@ def test_messages_that_overtake_within_reach_are_put_right(keys: list[float]) ->
     straight, mixed = new_core(), new_core()
     expected = [event for number, part in enumerate(parts) for event in straight.feed(part, "p", number)]
     got = [event for number in order for event in mixed.feed(parts[number], "p", number)]
-    assert said(got) == said(expected)
+    assert messages_of(got) == messages_of(expected)
     assert any(isinstance(event, WindowDiagnosed) for event in expected)
     assert mixed.counts == straight.counts
 

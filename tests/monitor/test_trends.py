@@ -134,5 +134,5 @@ def growing(step: float) -> list[FrictionEstimate]:
 def test_the_sentence_names_the_limit_and_its_time(step: float, limit: float | None, end: str) -> None:
     trend = coefficient_trend("dry", growing(step), limit)
     course = "grows" if step > 0 else "falls"
-    told = rf"Base dry friction {course} by 0\.24\d mN m a day \(± \S+ µN m, p < 1e-09\) and {end}"
-    assert re.fullmatch(told, trend.sentence()), trend.sentence()
+    expected = rf"Base dry friction {course} by 0\.24\d mN m a day \(± \S+ µN m, p < 1e-09\) and {end}"
+    assert re.fullmatch(expected, trend.sentence()), trend.sentence()

@@ -5,7 +5,7 @@ that was cut. This reader walks over the records itself (one byte opcode, eight 
 whole, and reports what is not.
 
 A file may be made to do harm: a few bytes that unpack to gigabytes, a million beginnings of chunks that are none. What
-it says of its sizes is compared with limits before anything is copied or unpacked, and so is the work on all of it; a
+it states of its sizes is compared with limits before anything is copied or unpacked, and so is the work on all of it; a
 file that exceeds a limit is refused.
 """
 

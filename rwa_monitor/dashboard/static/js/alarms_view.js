@@ -16,15 +16,15 @@ export function alarmsView(store) {
   const list = h("div", {});
   let drawn = "";
 
-  function refresh({ deed = false } = {}) {
+  function refresh({ changed = false } = {}) {
     const group = (alarm) => (alarm.closed_ns !== null ? 2 : shelved(alarm, store.now) || retired(alarm) ? 1 : 0);
     const all = [...store.alarms.values()].map((alarm) => ({ alarm, group: group(alarm) }));
     all.sort((a, b) => a.group - b.group || LEVELS.indexOf(b.alarm.level) - LEVELS.indexOf(a.alarm.level) || b.alarm.id - a.alarm.id);
     const cards = gathered(all);
     const now = JSON.stringify([all, all.map(({ alarm }) => latestOf(alarm)?.window_end_ns), store.connected]);
     if (now === drawn) return;
-    // While somebody writes, or presses a button, what is written and pressed stays; after a deed all is drawn.
-    if (!deed && list.querySelector("form :is(:focus, :active)")) return;
+    // While somebody writes, or presses a button, what is written and pressed stays; after a change all is drawn.
+    if (!changed && list.querySelector("form :is(:focus, :active)")) return;
     drawn = now;
     list.replaceChildren(...cards.map(({ alarms, group }) => card(alarms, group)));
     if (!all.length) list.replaceChildren(h("p", { class: "empty" }, store.connected ? "No alarm so far." : "Loading…"));
@@ -58,7 +58,7 @@ export function alarmsView(store) {
     const change = (what, done, extra) => who.post(alarms.map((one) => `/api/alarms/${one.id}/${what}`), extra, done, (content) => {
       store.alarms.set(content.id, content);
       store.worst = null;
-      refresh({ deed: true });
+      refresh({ changed: true });
     });
     const shelve = (seconds) => change("shelve", seconds ? "shelved" : "brought back", { seconds });
     return h("form", { onsubmit: (event) => { event.preventDefault(); if (alarm.phase !== "acknowledged") change("acknowledge", "acknowledged", {}); } }, who.fields,

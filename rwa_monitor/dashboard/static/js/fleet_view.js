@@ -89,7 +89,7 @@ export function fleetView(store, base) {
     const shown = diagnosis ? colour(diagnosis) : verdict;
     element.className = `wheel is-${shown}${stale ? " is-stale" : ""}`;
     parts.verdict.className = `verdict ${stale ? "silent" : shown}`;
-    parts.verdict.textContent = `${SIGN[verdict] ?? "…"} ${verdict}${diagnosis && shown !== verdict ? "\n? model misfit" : ""}${state === "unserved" ? "\n◌ not monitored" : stale ? "\n◌ stale" : ""}${wheel.course?.change ? `\n${ARROW[wheel.course.change]}` : ""}`;
+    parts.verdict.textContent = `${SIGN[verdict] ?? "…"} ${verdict}${diagnosis && shown !== verdict ? "\n? model misfit" : ""}${state === "unserved" ? "\n◌ not monitored" : stale ? "\n◌ stale" : ""}${wheel.verdicts?.change ? `\n${ARROW[wheel.verdicts.change]}` : ""}`;
     parts.reason.textContent = `${LEAD[state]}${diagnosis?.reason ?? firstWindow(wheel, state)}`;
     const alarm = store.worstAlarm(wheel.name);
     parts.alarm.replaceChildren(...(alarm ? [badge(alarm.level), " "] : []));
@@ -121,9 +121,9 @@ const fill = (wheel) => `window ${Math.round(100 * wheel.fill)} % full`;
 function since(wheel, diagnosis) {
   const active = Object.values(diagnosis.anomalies).filter((one) => one.active);
   const sure = active.length ? `probability ${percent(Math.max(...active.map((one) => one.probability)))}, severity ${number(worst(wheel))}` : "";
-  if (!wheel.course?.since_ns) return sure;
-  const windows = wheel.course.windows;
-  return `${sure ? `${sure}; ` : ""}${diagnosis.verdict} for ${counted(windows, "window")}, ${span((diagnosis.window_end_ns - wheel.course.since_ns) / 1e9)}`;
+  if (!wheel.verdicts?.since_ns) return sure;
+  const windows = wheel.verdicts.windows;
+  return `${sure ? `${sure}; ` : ""}${diagnosis.verdict} for ${counted(windows, "window")}, ${span((diagnosis.window_end_ns - wheel.verdicts.since_ns) / 1e9)}`;
 }
 
 function worst(wheel) {

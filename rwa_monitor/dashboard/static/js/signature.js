@@ -18,7 +18,7 @@ export function signature() {
       for (const path of paths) {
         const answer = await ask(path, { method: "POST", headers: { Authorization: `Bearer ${token()}`, "Content-Type": "application/json" }, body });
         problem.textContent = "";
-        note.value = ""; // it was of this deed
+        note.value = ""; // it was of this change
         name.blur();
         note.blur();
         then(answer);

@@ -19,7 +19,7 @@ export class Store {
   wheel(name) {
     if (!this.wheels.has(name)) {
       const [spacecraft, wheel] = name.split("/");
-      this.wheels.set(name, { name, spacecraft, wheel, version: 0, diagnoses: [], status: null, reported: null, fill: 0, telemetry: null, refused: null, course: null, discrepancy: null, curves: [], jumps: [], t: [], speed: [], friction: [] });
+      this.wheels.set(name, { name, spacecraft, wheel, version: 0, diagnoses: [], status: null, reported: null, fill: 0, telemetry: null, refused: null, verdicts: null, discrepancy: null, curves: [], jumps: [], t: [], speed: [], friction: [] });
     }
     return this.wheels.get(name);
   }
@@ -48,7 +48,7 @@ export class Store {
       this.report(wheel, entry.received_wall_ns, message.window_fill, entry.beside, refused);
     } else if (parts[3] === "diagnosis") {
       this.addDiagnosis(wheel, message);
-      if (entry.beside) wheel.course = entry.beside;
+      if (entry.beside) wheel.verdicts = entry.beside;
     } else if (parts[3] === "changepoints") wheel.jumps.push(...message.changepoints);
     else if (parts[3] === "samples") this.addSamples(wheel, message);
     else if (parts[3] === "evidence") this.addCurve(wheel, message);

@@ -21,7 +21,7 @@ export function wheelView(store, name, base) {
   const retirement = retirementCard(store, wheel);
   const report = h("section", { class: "card", hidden: true });
   const notice = h("p", { class: "inconclusive", role: "status", hidden: true });
-  let drawn = "", reported = null, earlier = [], course = null;
+  let drawn = "", reported = null, earlier = [], trendOf = null;
   let closed = false;
 
   if (store.live) backfill();
@@ -41,7 +41,7 @@ export function wheelView(store, name, base) {
       wheel.discrepancy ??= now.discrepancy;
       wheel.status ??= now.status;
       earlier = records;
-      course = Object.fromEntries(trend.map((one) => [one.name, one]));
+      trendOf = Object.fromEntries(trend.map((one) => [one.name, one]));
       drawn = "";
       notice.hidden = true;
       refresh();
@@ -67,7 +67,7 @@ export function wheelView(store, name, base) {
     if (diagnosis) {
       drawTable(diagnosis);
       split.refresh(systems);
-      trends.refresh(records(), course, Object.keys(diagnosis.anomalies));
+      trends.refresh(records(), trendOf, Object.keys(diagnosis.anomalies));
     }
   }
 
@@ -96,8 +96,8 @@ export function wheelView(store, name, base) {
   }
 
   function since(diagnosis) {
-    if (!wheel.course?.since_ns) return "";
-    const { windows, since_ns: begin } = wheel.course;
+    if (!wheel.verdicts?.since_ns) return "";
+    const { windows, since_ns: begin } = wheel.verdicts;
     return `; ${diagnosis.verdict} for ${counted(windows, "window")}, since ${wheelTime(begin)} (${span((diagnosis.window_end_ns - begin) / 1e9)})`;
   }
 
